@@ -1,0 +1,53 @@
+# Every target sets up what it needs in .venv by itself.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+FILE ?=
+SETUP := pyproject.toml constraints.txt
+
+.PHONY: demo serve test check format bench soak openapi clean
+.DEFAULT_GOAL := test
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or later is needed, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else None'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.run: $(SETUP) | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[service,plot]'
+	@touch $@
+
+$(VENV)/.dev: $(SETUP) | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[service,plot,dev]'
+	@touch $@ $(VENV)/.run
+
+demo: $(VENV)/.run
+	$(BIN)/python -m modalmotion_service.demo $(if $(FILE),"$(FILE)")
+
+serve: $(VENV)/.run
+	$(BIN)/modalmotion serve
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest -m "not soak"
+
+check: $(VENV)/.dev
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python -m modalmotion_service.openapi --check openapi/openapi.json
+
+format: $(VENV)/.dev
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+bench: $(VENV)/.dev
+	$(BIN)/python benchmarks/run.py
+
+soak: $(VENV)/.dev
+	$(BIN)/python -m pytest -m soak
+
+openapi: $(VENV)/.dev
+	$(BIN)/python -m modalmotion_service.openapi openapi/openapi.json
+
+clean:
+	rm -rf $(VENV) demo-output bench-output

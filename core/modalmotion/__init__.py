@@ -1,0 +1,1 @@
+"""Modal signatures and classes of nonrigid motion, from closed-form lattice modes."""

@@ -1,0 +1,145 @@
+"""Errors, each with its data and a remedy.
+
+::
+
+    ModalMotionError
+    ├── InputError (ValueError)         what came cannot be used as it is
+    │   ├── MalformedFileError          bytes that are no readable file of the format
+    │   ├── ShapeError                  arrays of the wrong shape, type or length
+    │   ├── NonFiniteError              NaN or infinity; names frame and vertex
+    │   ├── ConnectivityError           faces that name vertices that do not exist
+    │   ├── TopologyError               a surface without the asked natural coordinates
+    │   ├── ModeCountError              more modes than the surface can determine, or none
+    │   ├── ParameterError              an option outside its range
+    │   └── LimitError                  larger than a stated limit
+    └── StoreError                      results that cannot be kept or read back
+        ├── NotFoundError               nothing is kept under that id
+        └── CorruptFileError            a result file that does not read as written
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class ModalMotionError(Exception):
+    """Root of every error this package raises on purpose.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong and why it matters.
+    remedy : str
+        What to do about it.
+    frame, vertex : int, optional
+        Zero-based index of the frame and of the vertex (or node) at fault.
+    limit : str, optional
+        Name of the limit that was exceeded.
+    details : dict, optional
+        Further numbers and names, ready for JSON.
+    """
+
+    code: ClassVar[str] = "error"
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        remedy: str = "",
+        frame: int | None = None,
+        vertex: int | None = None,
+        limit: str | None = None,
+        details: dict[str, object] | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.message = message
+        self.remedy = remedy
+        self.frame = frame
+        self.vertex = vertex
+        self.limit = limit
+        self.details = details or {}
+
+    def __str__(self) -> str:
+        return f"{self.message} {self.remedy}".strip()
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # Errors cross process boundaries; the default forgets keyword arguments.
+        return _rebuild, (type(self), self.__dict__.copy())
+
+
+def _rebuild(kind: type[ModalMotionError], state: dict[str, object]) -> ModalMotionError:
+    error = kind(str(state["message"]))
+    error.__dict__.update(state)
+    return error
+
+
+class InputError(ModalMotionError, ValueError):
+    """What came cannot be used as it is."""
+
+    code = "invalid_input"
+
+
+class MalformedFileError(InputError):
+    """The bytes are no readable file of the stated format."""
+
+    code = "malformed_file"
+
+
+class ShapeError(InputError):
+    """An array has the wrong shape, type or length."""
+
+    code = "wrong_shape"
+
+
+class NonFiniteError(InputError):
+    """An array holds NaN or infinity."""
+
+    code = "non_finite"
+
+
+class ConnectivityError(InputError):
+    """A face names a vertex that does not exist."""
+
+    code = "bad_connectivity"
+
+
+class TopologyError(InputError):
+    """The surface has no natural coordinates of the asked topology."""
+
+    code = "unsupported_topology"
+
+
+class ModeCountError(InputError):
+    """More modes were asked for than the surface can determine, or none."""
+
+    code = "bad_mode_count"
+
+
+class ParameterError(InputError):
+    """An option lies outside its range."""
+
+    code = "bad_parameter"
+
+
+class LimitError(InputError):
+    """The input is larger than a stated limit."""
+
+    code = "limit_exceeded"
+
+
+class StoreError(ModalMotionError):
+    """A result cannot be kept or read back."""
+
+    code = "store_error"
+
+
+class NotFoundError(StoreError):
+    """Nothing is kept under that id."""
+
+    code = "not_found"
+
+
+class CorruptFileError(StoreError):
+    """A result file does not read as it was written."""
+
+    code = "corrupt_file"

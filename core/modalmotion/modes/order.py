@@ -1,0 +1,176 @@
+"""The fixed order of modes, and which counts of them are whole.
+
+The order is by physical wavenumber on a reference surface whose axis is 0.55 of its
+circumference, computed in integers. It depends on the topology alone, never on the number of
+nodes or on the eigenvalues of the surface at hand, so a label keeps its place everywhere.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ModeCountError, ParameterError, ShapeError
+from modalmotion.modes.label import ModeSet, half_periods
+from modalmotion.topology import CLOSED, End, Topology
+
+# Squared reciprocal reference lengths times 121, as integers: axis 11/20, circumference 1,
+# and 1/10 for a third axis (the thickness of a wall).
+_INVERSE_SQUARED_LENGTHS: Final = (400, 121, 12_100)
+
+_LARGEST_COUNT: Final = 10_000_000
+
+
+def lowest_modes(topology: Topology, n_modes: int, shape: tuple[int, ...] | None = None) -> ModeSet:
+    """First modes in the fixed order, chosen without building all of them.
+
+    Parameters
+    ----------
+    topology : Topology
+    n_modes : int
+        How many. Taken literally: see `whole_count` for counts that split no pair.
+    shape : tuple of int, optional
+        Nodes along each axis of a lattice, which has no modes beyond its Nyquist
+        wavenumber; without it the surface is a continuum and has as many as you like.
+
+    Raises
+    ------
+    ModeCountError
+        If `n_modes` is below 1, or above the number of modes of the lattice.
+    """
+    n_total = None if shape is None else _n_modes_of(topology, shape)
+    if n_modes < 1 or n_modes > _LARGEST_COUNT or (n_total is not None and n_modes > n_total):
+        most = _LARGEST_COUNT if n_total is None else n_total
+        raise ModeCountError(
+            f"{n_modes} modes were asked for; a {topology} "
+            f"{'' if shape is None else f'of {shape} nodes '}has 1 to {most}.",
+            remedy=f"Ask for 1 to {most} modes.",
+            details={"modes": n_modes, "most": most},
+        )
+    bound = 4.0 * max(_INVERSE_SQUARED_LENGTHS)
+    while True:
+        found, keys = _modes_within(topology, bound, shape)
+        # A whole level is needed so that ties are broken among all of its members.
+        if len(found) >= n_modes:
+            return found.take(np.lexsort(keys)[:n_modes])
+        bound *= 2.0 if len(found) > 1000 else 4.0
+
+
+def whole_count(topology: Topology, n_modes: int, shape: tuple[int, ...] | None = None) -> int:
+    """Smallest count from `n_modes` on that splits no cosine-sine pair.
+
+    A split pair would make a signature depend on where the angle starts.
+    """
+    modes = lowest_modes(topology, n_modes, shape)
+    if modes.is_sine[-1] or len(modes) == (shape is not None and _n_modes_of(topology, shape)):
+        return n_modes
+    more = lowest_modes(topology, n_modes + 1, shape)
+    return n_modes + int(more.is_sine[-1])
+
+
+def all_modes(topology: Topology, shape: tuple[int, ...]) -> ModeSet:
+    """Every mode of a lattice, in the fixed order: as many as it has nodes."""
+    return lowest_modes(topology, _n_modes_of(topology, shape), shape)
+
+
+def require_shape(topology: Topology, shape: tuple[int, ...]) -> None:
+    """Refuse a lattice shape that the topology has no closed form for.
+
+    Raises
+    ------
+    ShapeError
+        If the number of axes differs, an axis has no node, or the closed axis around a pole
+        has an odd number of nodes.
+    """
+    if len(shape) != topology.n_axes or min(shape, default=0) < 1:
+        raise ShapeError(
+            f"A {topology} lattice has {topology.n_axes} axes of at least one node, "
+            f"not the shape {tuple(shape)}.",
+            remedy="Give the number of nodes along each axis.",
+        )
+    for axis, ends in enumerate(topology.ends):
+        if End.POLE in ends and shape[axis + 1] % 2 == 1:
+            raise ShapeError(
+                f"Axis {axis + 1} runs around a pole and has {shape[axis + 1]} nodes: with an "
+                "odd number no node lies opposite another, and there is no closed form.",
+                remedy="Use an even number of nodes, or the cylinder.",
+                details={"axis": axis + 1, "nodes": shape[axis + 1]},
+            )
+
+
+def require_within_zone(modes: ModeSet, shape: tuple[int, ...]) -> None:
+    """Refuse modes beyond the lattice's Nyquist wavenumber: they would alias into low ones.
+
+    Raises
+    ------
+    ParameterError
+        Naming the first label at fault and the largest wavenumber the axis resolves.
+    """
+    for axis, (ends, n) in enumerate(zip(modes.topology.ends, shape, strict=True)):
+        p = modes.wavenumbers[:, axis]
+        least, most = (-((n - 1) // 2), n // 2) if ends == CLOSED else (0, n - 1)
+        beyond = np.flatnonzero((p < least) | (p > most))
+        if beyond.size:
+            raise ParameterError(
+                f"Mode {modes.labels[beyond[0]]} lies beyond what {n} nodes along axis {axis} "
+                f"resolve ({least} to {most}) and would alias into a lower mode.",
+                remedy="Ask for lower wavenumbers, or use more nodes.",
+                details={"axis": axis, "least": least, "most": most},
+            )
+
+
+def squared_keys(topology: Topology, wavenumbers: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Squared wavenumbers on the reference surface, times 121 (2 / pi)^2: integers, no ties lost."""
+    h = half_periods(topology, wavenumbers)
+    key = np.zeros(len(h), dtype=np.int64)
+    for axis, ends in enumerate(topology.ends):
+        # k = pi h / 2L on non-closed axes, 2 pi p / L on closed ones.
+        weight = _INVERSE_SQUARED_LENGTHS[axis] * (16 if ends == CLOSED else 1)
+        key += weight * h[:, axis] ** 2
+    return key
+
+
+def _n_modes_of(topology: Topology, shape: tuple[int, ...]) -> int:
+    require_shape(topology, shape)
+    product = 1
+    for n in shape:
+        product *= int(n)
+    return product
+
+
+def _modes_within(
+    topology: Topology, bound: float, shape: tuple[int, ...] | None
+) -> tuple[ModeSet, tuple[NDArray[np.int64], ...]]:
+    """All modes whose squared key is at most `bound`, with the keys that sort them."""
+    axes = []
+    for axis, ends in enumerate(topology.ends):
+        weight = _INVERSE_SQUARED_LENGTHS[axis] * (16 if ends == CLOSED else 4)
+        most = int((bound / weight) ** 0.5)
+        n = None if shape is None else shape[axis]
+        if ends == CLOSED:
+            high = most if n is None else min(most, n // 2)
+            low = most if n is None else min(most, (n - 1) // 2)
+            axes.append(np.arange(-low, high + 1, dtype=np.int64))
+        else:
+            high = most if n is None else min(most, n - 1)
+            axes.append(np.arange(high + 1, dtype=np.int64))
+    p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, topology.n_axes)
+    p = p[squared_keys(topology, p) <= bound]
+
+    # Of a wave vector and its opposite one is kept: the one whose first entry that differs
+    # from its own opposite is positive. Where none differs the sine is zero and is no mode.
+    sign = np.zeros(len(p), dtype=np.int64)
+    for axis in topology.closed_axes:
+        entry = np.sign(p[:, axis])
+        if shape is not None:
+            entry[2 * p[:, axis] == shape[axis]] = 0
+        sign = np.where(sign == 0, entry, sign)
+    p, is_pair = p[sign >= 0], sign[sign >= 0] > 0
+
+    wavenumbers = np.concatenate([p, p[is_pair]])
+    is_sine = np.concatenate([np.zeros(len(p), bool), np.ones(int(is_pair.sum()), bool)])
+    key = squared_keys(topology, wavenumbers)
+    ties = [column for q in wavenumbers.T[::-1] for column in ((q < 0).astype(np.int64), np.abs(q))]
+    return ModeSet(topology, wavenumbers, is_sine), (is_sine.astype(np.int64), *ties, key)

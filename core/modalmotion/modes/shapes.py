@@ -1,0 +1,73 @@
+"""Mode shapes and frequencies of a continuum, evaluated at natural coordinates."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.modes.label import ModeSet
+from modalmotion.topology import CLOSED, End
+
+
+def shapes_at(modes: ModeSet, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Evaluate mode shapes at natural coordinates.
+
+    Parameters
+    ----------
+    modes : ModeSet
+    coordinates : (vertices, axes) float64
+        s in [0, 1] on open and pole axes, theta in turns on closed ones.
+
+    Returns
+    -------
+    (vertices, modes) float64
+        Each with mean square 1 over the natural coordinates, whatever surface they map.
+        At a pole every mode that turns about it is zero.
+    """
+    shapes = np.full((len(coordinates), len(modes)), scales(modes))
+    phase = np.zeros_like(shapes)
+    for axis, ends in enumerate(modes.topology.ends):
+        x = coordinates[:, axis, None]
+        h = modes.half_periods[:, axis]
+        if ends == CLOSED:
+            phase += 2 * np.pi * h * x
+        else:
+            odd = modes.is_odd_at_pole[:, axis]
+            y = h * (np.pi / 2) * x
+            shapes *= np.where(odd, np.sin(y), np.cos(y))
+        if End.POLE in ends:
+            on_pole = x <= 0 if ends[1] != End.POLE else (x <= 0) | (x >= 1)
+            turns = modes.wavenumbers[:, axis + 1] != 0
+            shapes[on_pole & turns] = 0.0
+    if modes.topology.closed_axes:
+        shapes *= np.where(modes.is_sine, np.sin(phase), np.cos(phase))
+    return shapes
+
+
+def scales(modes: ModeSet) -> NDArray[np.float64]:
+    """Factors that give every shape mean square 1: sqrt 2 for each factor that is no constant."""
+    closed = list(modes.topology.closed_axes)
+    others = [i for i in range(modes.topology.n_axes) if i not in closed]
+    h = modes.half_periods
+    n_waves = (h[:, others] != 0).sum(axis=1) + (h[:, closed] != 0).any(axis=1)
+    return np.sqrt(2.0) ** n_waves
+
+
+def wavenumbers_on(modes: ModeSet, lengths: tuple[float, ...]) -> NDArray[np.float64]:
+    """Physical wavenumbers |k| on a surface with the given axis lengths.
+
+    Parameters
+    ----------
+    modes : ModeSet
+    lengths : tuple of float
+        Length along each axis (circumference on closed ones).
+
+    Returns
+    -------
+    (modes,) float64, rad per length unit
+    """
+    k_squared = np.zeros(len(modes))
+    for axis, ends in enumerate(modes.topology.ends):
+        half_turn = 2 * np.pi if ends == CLOSED else np.pi / 2
+        k_squared += (half_turn * modes.half_periods[:, axis] / lengths[axis]) ** 2
+    return np.sqrt(k_squared)

@@ -1,0 +1,138 @@
+"""Topologies: what the ends of each axis of a surface are joined to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from modalmotion.errors import TopologyError
+
+
+class End(StrEnum):
+    """What a chain of nodes meets at one of its two ends."""
+
+    OPEN = "open"
+    CLOSED = "closed"
+    POLE = "pole"
+
+
+Ends = tuple[End, End]
+
+OPEN: Final[Ends] = (End.OPEN, End.OPEN)
+CLOSED: Final[Ends] = (End.CLOSED, End.CLOSED)
+POLE_OPEN: Final[Ends] = (End.POLE, End.OPEN)
+POLE_POLE: Final[Ends] = (End.POLE, End.POLE)
+
+_AXIS_NAMES: Final[dict[Ends, str]] = {
+    OPEN: "open",
+    CLOSED: "closed",
+    POLE_OPEN: "pole-open",
+    POLE_POLE: "pole-pole",
+}
+
+
+@dataclass(frozen=True)
+class Topology:
+    """The tuple of ends of a surface's axes: a product of chains.
+
+    A pole axis closes up over the axis that follows it, which must be closed: its first
+    node at angle theta is joined to its first node at theta + pi.
+
+    Parameters
+    ----------
+    ends : tuple of (End, End)
+        Ends of each axis, one to three axes.
+
+    Raises
+    ------
+    TopologyError
+        If there are no or more than three axes, an axis mixes ends that cannot meet, or a
+        pole axis is not followed by a closed one.
+    """
+
+    ends: tuple[Ends, ...]
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.ends) <= 3:
+            raise TopologyError(
+                f"A topology has one to three axes, not {len(self.ends)}.",
+                remedy="Give one pair of ends for each axis.",
+            )
+        for axis, ends in enumerate(self.ends):
+            if ends not in _AXIS_NAMES:
+                raise TopologyError(
+                    f"Axis {axis} has the ends {ends[0]} and {ends[1]}, which cannot be joined.",
+                    remedy="Use open, closed, pole-open or pole-pole.",
+                )
+            if End.POLE in ends and self.ends[axis + 1 : axis + 2] != (CLOSED,):
+                raise TopologyError(
+                    f"Axis {axis} has a pole, but the axis after it is not closed.",
+                    remedy="Put the closed axis that runs around the pole right after it.",
+                )
+
+    @property
+    def n_axes(self) -> int:
+        """Number of axes."""
+        return len(self.ends)
+
+    @property
+    def closed_axes(self) -> tuple[int, ...]:
+        """Indices of the closed axes."""
+        return tuple(i for i, ends in enumerate(self.ends) if ends == CLOSED)
+
+    @property
+    def name(self) -> str:
+        """Common name where there is one ("cup"), else the ends ("open x open x closed")."""
+        return _NAMES.get(self.ends, " x ".join(_AXIS_NAMES[e] for e in self.ends))
+
+    def __str__(self) -> str:
+        return self.name
+
+    @staticmethod
+    def parse(text: str) -> Topology:
+        """Read a topology from its name or its ends.
+
+        Parameters
+        ----------
+        text : str
+            "cup", "closed curve", ..., or ends joined by " x " such as "pole-open x closed".
+            A note in parentheses is ignored.
+
+        Raises
+        ------
+        TopologyError
+            If the text names no topology.
+        """
+        word = text.split("(")[0].strip().lower().replace("_", " ")
+        for ends, name in _NAMES.items():
+            if word == name:
+                return Topology(ends)
+        axes = {name: ends for ends, name in _AXIS_NAMES.items()}
+        try:
+            return Topology(tuple(axes[part.strip()] for part in word.split(" x ")))
+        except KeyError:
+            raise TopologyError(
+                f"{text[:80]!r} names no topology.",
+                remedy=f"Use one of {', '.join(sorted(_NAMES.values()))}, or the ends of each "
+                "axis joined by ' x ', each open, closed, pole-open or pole-pole.",
+            ) from None
+
+
+OPEN_CURVE: Final = Topology((OPEN,))
+CLOSED_CURVE: Final = Topology((CLOSED,))
+PLANE: Final = Topology((OPEN, OPEN))
+CYLINDER: Final = Topology((OPEN, CLOSED))
+TORUS: Final = Topology((CLOSED, CLOSED))
+CUP: Final = Topology((POLE_OPEN, CLOSED))
+SPHERE: Final = Topology((POLE_POLE, CLOSED))
+
+_NAMES: Final[dict[tuple[Ends, ...], str]] = {
+    OPEN_CURVE.ends: "open curve",
+    CLOSED_CURVE.ends: "closed curve",
+    PLANE.ends: "plane",
+    CYLINDER.ends: "cylinder",
+    TORUS.ends: "torus",
+    CUP.ends: "cup",
+    SPHERE.ends: "sphere",
+}
