@@ -1,0 +1,292 @@
+"""The modal signature: everything an answer says of one sequence."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from importlib.metadata import version
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ModeCountError, ParameterError
+from modalmotion.fit import fit_sequence, make_basis
+from modalmotion.modes import ModeSet, lowest_modes, wavenumbers_on, whole_count
+from modalmotion.rigid import Rotations
+from modalmotion.sequence import MeshSequence
+from modalmotion.template import Weights, make_template
+from modalmotion.topology import Topology
+
+INTENDED_USE: Final = (
+    "Description of surface motion for research and tool development. Not a medical device; "
+    "not for diagnosis."
+)
+
+# Above this a signature is no longer compact, and a typing error is more likely.
+MOST_MODES: Final = 2000
+
+
+@dataclass(frozen=True)
+class SignatureParameters:
+    """What a signature is asked for.
+
+    Parameters
+    ----------
+    modes : int
+        Number of modes; each has three amplitudes a frame. Rounded up where a pair would be
+        split.
+    topology : str or None
+        Name of the topology, over what the sequence states.
+    grid : tuple of int or None
+        Lattice shape, over what the sequence states.
+    reference : int
+        Frame from which displacements are measured.
+    weights : Weights
+    remove_rotation : bool
+    wave_speed : float, length unit per s
+        c of w = c k, which frequencies and strain energy are stated with.
+    """
+
+    modes: int = 7
+    topology: str | None = None
+    grid: tuple[int, ...] | None = None
+    reference: int = 0
+    weights: Weights = Weights.AREA
+    remove_rotation: bool = True
+    wave_speed: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.modes <= MOST_MODES:
+            raise ModeCountError(
+                f"{self.modes} modes were asked for; a signature has 1 to {MOST_MODES}.",
+                remedy=f"Ask for 1 to {MOST_MODES} modes; 7 is the usual number.",
+                details={"modes": self.modes, "most": MOST_MODES},
+            )
+        if not (np.isfinite(self.wave_speed) and self.wave_speed > 0):
+            raise ParameterError(
+                f"The wave speed is {self.wave_speed}.", remedy="Use a finite speed above zero."
+            )
+
+    @cached_property
+    def key(self) -> str:
+        """Short name of this choice of parameters, for file names and ETags."""
+        text = json.dumps(asdict(self), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True, eq=False)
+class ModalSignature:
+    """Amplitude trajectory of a sequence, with its error and where it comes from.
+
+    Parameters
+    ----------
+    modes : ModeSet
+    amplitudes : (frames, modes, 3) float64, `unit`
+    angular_frequencies : (modes,) float64, rad per s
+        Continuum limit w = c k on `lengths`, with c = `wave_speed`.
+    rotations : Rotations
+        The rotation trajectory, removed before the fit.
+    rms_errors, p95_errors, max_errors : (frames,) float64, `unit`
+        Distances between vertices and their reconstruction in each frame; RMS and 95th
+        percentile are over the surface, the maximum over all vertices.
+    motion_rms : (frames,) float64, `unit`
+        RMS displacement from the reference: the error of no modes at all.
+    times : (frames,) float64, s, or None
+    unit : str or None
+    n_vertices : int
+    lengths : tuple of float, `unit`
+        Along each natural coordinate.
+    condition : float
+        Of the weighted shapes: how much of the data's precision the amplitudes may lose.
+    parameters : SignatureParameters
+        As asked; `modes` may have been rounded up.
+    sequence_id, template_id : str
+    notes : tuple of str
+        What was met on the way that a user should know.
+    provenance : dict
+        Versions of the software that made it.
+    """
+
+    modes: ModeSet
+    amplitudes: NDArray[np.float64]
+    angular_frequencies: NDArray[np.float64]
+    rotations: Rotations
+    rms_errors: NDArray[np.float64]
+    p95_errors: NDArray[np.float64]
+    max_errors: NDArray[np.float64]
+    motion_rms: NDArray[np.float64]
+    times: NDArray[np.float64] | None
+    unit: str | None
+    n_vertices: int
+    lengths: tuple[float, ...]
+    condition: float
+    parameters: SignatureParameters
+    sequence_id: str
+    template_id: str
+    notes: tuple[str, ...]
+    provenance: dict[str, str]
+
+    @property
+    def topology(self) -> Topology:
+        """Topology whose modes were fitted."""
+        return self.modes.topology
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.amplitudes)
+
+    @property
+    def rms_error(self) -> float:
+        """RMS error over all frames, `unit`."""
+        return _root_mean_square(self.rms_errors)
+
+    @property
+    def max_error(self) -> float:
+        """Largest error of any vertex in any frame, `unit`."""
+        return float(self.max_errors.max())
+
+    @property
+    def deformation_spectrum(self) -> NDArray[np.float64]:
+        """RMS amplitude of each mode over frames, directions added, (modes,) float64, `unit`."""
+        scale = np.abs(self.amplitudes).max(initial=0.0)
+        if scale == 0.0:
+            return np.zeros(len(self.modes))
+        squares = ((self.amplitudes / scale) ** 2).sum(axis=2).mean(axis=0)
+        spectrum: NDArray[np.float64] = scale * np.sqrt(squares)
+        return spectrum
+
+    @property
+    def strain_energy(self) -> NDArray[np.float64]:
+        """w^2 |a|^2 / 2 of each mode, per unit mass, (frames, modes) float64, `unit`^2 per s^2."""
+        energy: NDArray[np.float64] = (
+            0.5 * self.angular_frequencies**2 * (self.amplitudes**2).sum(axis=2)
+        )
+        return energy
+
+    @property
+    def compression(self) -> float:
+        """Coordinates over amplitudes of one frame, 3N / 3 modes, as in Nastar 1994."""
+        return self.n_vertices / len(self.modes)
+
+    @property
+    def compression_of_sequence(self) -> float:
+        """Numbers in the whole sequence over those to keep: amplitudes and the reference."""
+        coordinates = 3 * self.n_vertices
+        return self.n_frames * coordinates / (self.n_frames * 3 * len(self.modes) + coordinates)
+
+
+def modal_signature(
+    sequence: MeshSequence, parameters: SignatureParameters | None = None
+) -> ModalSignature:
+    """Fit closed-form modes to a sequence.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    parameters : SignatureParameters, optional
+        7 modes by default: 21 amplitudes a frame.
+
+    Returns
+    -------
+    ModalSignature
+
+    Raises
+    ------
+    TopologyError
+        If the surface has no natural coordinates.
+    ModeCountError
+        If it cannot tell that many modes apart.
+    ParameterError
+        If there is no such reference frame.
+
+    Notes
+    -----
+    Nastar, Vibration modes for nonrigid motion analysis in 3D images, INRIA 1994.
+    """
+    asked = SignatureParameters() if parameters is None else parameters
+    sequence = sequence.with_topology(
+        None if asked.topology is None else Topology.parse(asked.topology), asked.grid
+    )
+    template = make_template(sequence, reference=asked.reference, weights=asked.weights)
+    notes = [*_notes_on_sequence(sequence, asked.reference), *template.notes]
+    n_modes = whole_count(template.topology, asked.modes, sequence.grid)
+    if n_modes != asked.modes:
+        notes.append(
+            f"{asked.modes} modes would split a cosine-sine pair; {n_modes} were fitted "
+            f"({3 * n_modes} amplitudes a frame)."
+        )
+    modes = lowest_modes(template.topology, n_modes, sequence.grid)
+    basis = make_basis(template, modes)
+    fit = fit_sequence(
+        sequence,
+        template,
+        basis,
+        reference=asked.reference,
+        remove_rotation=asked.remove_rotation,
+    )
+    undetermined = np.flatnonzero(~fit.rotations.is_determined)
+    if undetermined.size:
+        notes.append(
+            f"The rotation is not determined in {undetermined.size} frames (first: frame "
+            f"{undetermined[0]}): the points span less than a plane or fit several rotations."
+        )
+    if not fit.motion_rms.any():
+        notes.append("Nothing moves: every frame equals the reference.")
+    lengths = template.lengths
+    finite = tuple(length if length > 0 else np.inf for length in lengths)
+    return ModalSignature(
+        modes=modes,
+        amplitudes=fit.amplitudes,
+        angular_frequencies=asked.wave_speed * wavenumbers_on(modes, finite),
+        rotations=fit.rotations,
+        rms_errors=fit.rms_errors,
+        p95_errors=fit.p95_errors,
+        max_errors=fit.max_errors,
+        motion_rms=fit.motion_rms,
+        times=sequence.times,
+        unit=sequence.unit,
+        n_vertices=sequence.n_vertices,
+        lengths=lengths,
+        condition=basis.condition,
+        parameters=asked,
+        sequence_id=sequence.id,
+        template_id=template.id,
+        notes=tuple(notes),
+        provenance=provenance(),
+    )
+
+
+def provenance() -> dict[str, str]:
+    """Versions of everything that takes part in a result."""
+    packages = ("modalmotion", "numpy", "scipy", "h5py")
+    return {**{name: version(name) for name in packages}, "python": platform.python_version()}
+
+
+def _notes_on_sequence(sequence: MeshSequence, reference: int) -> list[str]:
+    notes = []
+    if sequence.n_frames == 1:
+        notes.append("There is only one frame, so there is no motion to describe.")
+    if sequence.unit is None:
+        notes.append("The length unit is unknown; lengths are in the unit of the input.")
+    if sequence.vertices.dtype == np.float32:
+        positions = sequence.vertices[reference].astype(np.float64)
+        extent = float(np.ptp(positions, axis=0).max())
+        step = float(np.spacing(np.float32(np.abs(positions).max())))
+        if extent > 0 and step > 1e-5 * extent:
+            notes.append(
+                f"The coordinates are stored as float32 far from the origin: they are rounded "
+                f"to {step:.2g}, which no fit can undo. Store float64, or shift the origin."
+            )
+    return notes
+
+
+def _root_mean_square(values: NDArray[np.float64]) -> float:
+    largest = float(np.abs(values).max(initial=0.0))
+    if largest == 0.0:
+        return 0.0
+    return largest * float(np.sqrt(((values / largest) ** 2).mean()))
