@@ -59,6 +59,13 @@ class MeshSequence:
             if array is not None:
                 array.setflags(write=False)
 
+    def __repr__(self) -> str:
+        surface = "no topology" if self.topology is None else self.topology.name
+        return (
+            f"MeshSequence({self.n_frames} frames, {self.n_vertices} vertices, "
+            f"{len(self.faces)} faces, {surface}, unit {self.unit})"
+        )
+
     @property
     def n_frames(self) -> int:
         """Number of frames."""
@@ -98,6 +105,17 @@ class MeshSequence:
         if self.times is not None:
             digest.update(np.ascontiguousarray(self.times.astype("<f8")).data)
         return digest.hexdigest()
+
+    def with_unit(self, unit: str) -> MeshSequence:
+        """Return the same numbers, understood in another length unit.
+
+        Raises
+        ------
+        ParameterError
+            If the unit is none of `MM_PER_UNIT`.
+        """
+        _require_unit(unit)
+        return replace(self, unit=unit)
 
     def with_topology(
         self, topology: Topology | None, grid: tuple[int, ...] | None
@@ -152,11 +170,8 @@ def mesh_sequence(
             )
         grid = tuple(int(n) for n in shape)
     _require_grid(grid, topology, n_vertices)
-    if unit is not None and unit not in MM_PER_UNIT:
-        raise ParameterError(
-            f"The unit {unit[:20]!r} is not understood.",
-            remedy=f"Use one of {', '.join(MM_PER_UNIT)}, or leave it out if it is unknown.",
-        )
+    if unit is not None:
+        _require_unit(unit)
     return MeshSequence(
         vertices=positions,
         faces=require_faces([] if faces is None else faces, n_vertices),
@@ -165,6 +180,14 @@ def mesh_sequence(
         times=None if times is None else require_times(times, n_frames),
         unit=unit,
     )
+
+
+def _require_unit(unit: str) -> None:
+    if unit not in MM_PER_UNIT:
+        raise ParameterError(
+            f"The unit {unit[:20]!r} is not understood.",
+            remedy=f"Use one of {', '.join(MM_PER_UNIT)}, or leave it out if it is unknown.",
+        )
 
 
 def _require_grid(grid: tuple[int, ...] | None, topology: Topology | None, n_vertices: int) -> None:

@@ -209,9 +209,7 @@ def modal_signature(
     Nastar, Vibration modes for nonrigid motion analysis in 3D images, INRIA 1994.
     """
     asked = SignatureParameters() if parameters is None else parameters
-    sequence = sequence.with_topology(
-        None if asked.topology is None else Topology.parse(asked.topology), asked.grid
-    )
+    given, sequence = sequence, resolve_sequence(sequence, asked)
     template = make_template(sequence, reference=asked.reference, weights=asked.weights)
     notes = [*_notes_on_sequence(sequence, asked.reference), *template.notes]
     n_modes = whole_count(template.topology, asked.modes, sequence.grid)
@@ -254,11 +252,17 @@ def modal_signature(
         lengths=lengths,
         condition=basis.condition,
         parameters=asked,
-        sequence_id=sequence.id,
+        sequence_id=given.id,
         template_id=template.id,
         notes=tuple(notes),
         provenance=provenance(),
     )
+
+
+def resolve_sequence(sequence: MeshSequence, parameters: SignatureParameters) -> MeshSequence:
+    """Return the sequence with the topology and grid that the parameters state over its own."""
+    topology = None if parameters.topology is None else Topology.parse(parameters.topology)
+    return sequence.with_topology(topology, parameters.grid)
 
 
 def provenance() -> dict[str, str]:

@@ -1,0 +1,153 @@
+"""Commands that look at one sequence: signature and classify."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from modalmotion.cli.files import SequenceFile, read_sequence
+from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.template import Weights
+
+
+class _Grid(click.ParamType[tuple[int, ...]]):
+    name = "N,N'"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, ...]:
+        try:
+            return tuple(int(n) for n in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is no lattice shape; write it as 32,64.", param, ctx)
+
+
+@click.command()
+@click.argument("file", type=SequenceFile())
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="HDF5 file to write.")
+@click.option("--modes", default=7, show_default=True, help="Modes, 3 amplitudes a frame each.")
+@click.option("--topology", help="cup, cylinder, plane, ...; over what the file states.")
+@click.option("--grid", type=_Grid(), help="Lattice shape such as 32,64; over the file's own.")
+@click.option("--reference", default=0, show_default=True, help="Frame to measure from.")
+@click.option(
+    "--weights",
+    type=click.Choice([w.value for w in Weights]),
+    default=Weights.AREA.value,
+    show_default=True,
+    help="How much each vertex counts.",
+)
+@click.option("--keep-rotation", is_flag=True, help="Leave each frame's rotation in the motion.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Picture to write (PNG, SVG, PDF).")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def signature(
+    file: Path,
+    output: Path | None,
+    modes: int,
+    topology: str | None,
+    grid: tuple[int, ...] | None,
+    reference: int,
+    weights: str,
+    keep_rotation: bool,
+    plot: Path | None,
+    as_json: bool,
+) -> None:
+    """Fit the modal signature of the sequence in FILE."""
+    from modalmotion.store import signature_to_hdf5, write_atomic
+
+    sequence = read_sequence(file)
+    parameters = SignatureParameters(
+        modes=modes,
+        topology=topology,
+        grid=grid,
+        reference=reference,
+        weights=Weights(weights),
+        remove_rotation=not keep_rotation,
+    )
+    result = modal_signature(sequence, parameters)
+    if output is not None:
+        write_atomic(output, signature_to_hdf5(result))
+    if plot is not None:
+        from modalmotion.figures import systole_figure
+
+        systole_figure(sequence, result).savefig(plot)
+    click.echo(json.dumps(summary(result), indent=2) if as_json else _lines(result))
+    for path in (output, plot):
+        if path is not None:
+            click.echo(f"written: {path}", err=as_json)
+
+
+@click.command()
+@click.argument("file", type=SequenceFile())
+@click.option("--model", default="ventricle-simulated", show_default=True, help="Model to ask.")
+@click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
+def classify(file: Path, model: str, as_json: bool) -> None:
+    """Name the motion class of the sequence in FILE."""
+    from modalmotion.classify import classify as ask
+    from modalmotion.classify import load_model
+
+    chosen = load_model(model)
+    result = ask(modal_signature(read_sequence(file), chosen.signature_parameters), chosen)
+    shares = dict(zip(result.classes, result.probabilities.tolist(), strict=True))
+    if as_json:
+        answer = {
+            "model": result.model,
+            "model_id": result.model_id,
+            "label": result.label,
+            "probabilities": shares,
+            "notes": list(result.notes),
+        }
+        click.echo(json.dumps(answer, indent=2))
+        return
+    if result.label is None:
+        click.echo(f"{result.model}: no class")
+    else:
+        click.echo(f"{result.model}: {result.label}, probability {result.probability:.3f}")
+    for name, share in sorted(shares.items(), key=lambda item: -item[1]):
+        click.echo(f"  {share:6.3f}  {name}")
+    for note in result.notes:
+        click.echo(f"note: {note}")
+
+
+def summary(result: ModalSignature) -> dict[str, object]:
+    """Give the numbers that sum a signature up."""
+    return {
+        "topology": result.topology.name,
+        "n_frames": result.n_frames,
+        "n_vertices": result.n_vertices,
+        "modes": len(result.modes),
+        "amplitudes_per_frame": 3 * len(result.modes),
+        "unit": result.unit,
+        "rms_error": result.rms_error,
+        "p95_error": float(result.p95_errors.max()),
+        "max_error": result.max_error,
+        "motion_rms": float(result.motion_rms.max()),
+        "compression": result.compression,
+        "compression_of_sequence": result.compression_of_sequence,
+        "condition": result.condition,
+        "deformation_spectrum": result.deformation_spectrum.tolist(),
+        "sequence_id": result.sequence_id,
+        "notes": list(result.notes),
+    }
+
+
+def _lines(result: ModalSignature) -> str:
+    unit = result.unit or "length units"
+    lines = [
+        f"{result.topology.name}, {result.n_frames} frames, {result.n_vertices} vertices",
+        f"{len(result.modes)} modes x 3 directions = {3 * len(result.modes)} amplitudes a frame, "
+        f"{result.compression:.0f}:1 ({result.compression_of_sequence:.1f}:1 with the reference)",
+        f"error {result.rms_error:.3f} {unit} RMS, at most {result.p95_errors.max():.3f} (p95) "
+        f"and {result.max_error:.3f} (max) in any frame, "
+        f"of {result.motion_rms.max():.3f} {unit} RMS of motion",
+        "deformation spectrum:",
+    ]
+    spectrum = result.deformation_spectrum
+    largest = max(float(spectrum.max()), 1e-300)
+    for label, value in zip(result.modes.labels[:20], spectrum, strict=False):
+        bar = "#" * round(30 * float(value) / largest)
+        lines.append(f"  {label!s:>14} {value:9.3f}  {bar}")
+    if len(spectrum) > 20:
+        lines.append(f"  ... and {len(spectrum) - 20} more")
+    return "\n".join(lines + [f"note: {note}" for note in result.notes])

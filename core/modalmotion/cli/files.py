@@ -1,0 +1,25 @@
+"""Files named on the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from modalmotion.formats import read_npz
+from modalmotion.sequence import MeshSequence
+
+
+class SequenceFile(click.Path):
+    """A file that holds a mesh sequence."""
+
+    def __init__(self) -> None:
+        super().__init__(exists=True, dir_okay=False, readable=True, path_type=Path)
+
+
+def read_sequence(path: Path) -> MeshSequence:
+    """Read a mesh sequence, saying which of its arrays were not used."""
+    read = read_npz(path.read_bytes())
+    if read.ignored:
+        click.echo(f"not used: {', '.join(read.ignored)}", err=True)
+    return read.sequence

@@ -1,0 +1,269 @@
+"""Mesh sequences as NumPy .npz archives.
+
+Arrays: ``vertices`` (frames, vertices, 3); optional ``faces`` (faces, 3), ``grid`` (axes),
+``topology`` (text), ``times`` (frames) in s or ``times_ms``, ``unit`` (text). Others are
+ignored and named. Nothing is ever unpickled.
+"""
+
+from __future__ import annotations
+
+import io
+import lzma
+import re
+import struct
+import zipfile
+import zlib
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from modalmotion.errors import MalformedFileError, ShapeError
+from modalmotion.formats.limits import NO_LIMITS, ReadLimits
+from modalmotion.sequence import MeshSequence, mesh_sequence
+
+_KNOWN: Final = ("vertices", "faces", "grid", "topology", "times", "times_ms", "unit")
+
+_REMEDY: Final = "Write the file with numpy.savez, holding at least 'vertices'."
+
+
+@dataclass(frozen=True)
+class ReadResult:
+    """A sequence and what its file held besides.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    ignored : tuple of str
+        Names of arrays that were not used.
+    """
+
+    sequence: MeshSequence
+    ignored: tuple[str, ...]
+
+
+def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> ReadResult:
+    """Read a mesh sequence from the bytes of an .npz archive.
+
+    Sizes are taken from the headers and checked before any array is read.
+
+    Parameters
+    ----------
+    data : bytes
+    limits : ReadLimits, optional
+
+    Raises
+    ------
+    MalformedFileError
+        If the bytes are no such archive, are cut or damaged, or hold pickled objects.
+    LimitError
+        If it declares more than `limits` accept.
+    InputError
+        If the arrays make no sequence.
+    """
+    if not data:
+        raise MalformedFileError("The file is empty.", remedy=_REMEDY)
+    try:
+        archive = zipfile.ZipFile(io.BytesIO(data))
+    except (zipfile.BadZipFile, ValueError, OverflowError, NotImplementedError) as error:
+        raise MalformedFileError(
+            f"These {len(data)} bytes are no readable .npz archive (the file may be cut short).",
+            remedy=_REMEDY,
+        ) from error
+    with archive:
+        members: dict[str, zipfile.ZipInfo] = {}
+        for info in archive.infolist():
+            name = info.filename.removesuffix(".npy")
+            if name in members:
+                raise MalformedFileError(f"The archive holds {name[:40]!r} twice.", remedy=_REMEDY)
+            members[name] = info
+        if "vertices" not in members:
+            raise MalformedFileError(
+                f"The archive holds {_listing(list(members))} but no 'vertices'.", remedy=_REMEDY
+            )
+        headers: dict[str, _Header] = {
+            name: _read_header(archive, members[name]) for name in _KNOWN if name in members
+        }
+        _require_limits(headers, limits)
+        arrays: dict[str, np.ndarray[Any, Any]] = {
+            name: _read_array(archive, members[name], headers[name]) for name in headers
+        }
+    if "times" in arrays and "times_ms" in arrays:
+        raise ShapeError(
+            "The archive holds both 'times' and 'times_ms'.", remedy="Keep one of them."
+        )
+    times = arrays.get("times")
+    if "times_ms" in arrays:
+        milliseconds = arrays["times_ms"]
+        times = milliseconds / 1e3 if milliseconds.dtype.kind in "fiu" else milliseconds
+    sequence = mesh_sequence(
+        arrays["vertices"],
+        arrays.get("faces"),
+        grid=arrays.get("grid"),
+        topology=_text(arrays, "topology"),
+        times=times,
+        unit=_text(arrays, "unit"),
+    )
+    return ReadResult(sequence, tuple(name for name in members if name not in _KNOWN))
+
+
+def write_npz(sequence: MeshSequence) -> bytes:
+    """Write a mesh sequence as an .npz archive.
+
+    Returns
+    -------
+    bytes
+        What `read_npz` reads back with the same id.
+    """
+    arrays: dict[str, Any] = {"vertices": sequence.vertices, "faces": sequence.faces}
+    if sequence.grid is not None:
+        arrays["grid"] = np.array(sequence.grid)
+    if sequence.topology is not None:
+        arrays["topology"] = np.array(sequence.topology.name)
+    if sequence.times is not None:
+        arrays["times"] = sequence.times
+    if sequence.unit is not None:
+        arrays["unit"] = np.array(sequence.unit)
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+@dataclass(frozen=True)
+class _Header:
+    shape: tuple[int, ...]
+    fortran_order: bool
+    dtype: np.dtype[Any]
+    offset: int
+
+    @property
+    def n_bytes(self) -> int:
+        count = 1
+        for n in self.shape:
+            count *= n
+        return count * self.dtype.itemsize
+
+
+# The header is a Python dict literal; only this plain form of it is written by NumPy.
+_HEADER: Final = re.compile(
+    rb"\{'descr': (?P<descr>'[<>|=][A-Za-z]\d{0,9}'|\[.*\]), "
+    rb"'fortran_order': (?P<fortran>True|False), "
+    rb"'shape': \((?P<shape>(?:\d{1,18}, ?)*(?:\d{1,18})?)\),? ?\}\s*",
+    re.DOTALL,
+)
+
+
+def _read_header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Header:
+    name = info.filename.removesuffix(".npy")
+    try:
+        with archive.open(info) as stream:
+            start = stream.read(10)
+            # Magic, version, then the length of the header: 2 bytes in version 1, else 4.
+            wide = start[6:7] != b"\x01"
+            length = int.from_bytes(start[8:10] + (stream.read(2) if wide else b""), "little")
+            text = stream.read(min(length, _LONGEST_HEADER))
+            offset = stream.tell()
+    except _UNREADABLE as error:
+        raise MalformedFileError(
+            f"The array {name[:40]!r} cannot be read: {_reason(error)}.", remedy=_REMEDY
+        ) from error
+    match = _HEADER.fullmatch(text)
+    if start[:6] != b"\x93NUMPY" or match is None:
+        raise MalformedFileError(f"The array {name[:40]!r} has no readable header.", remedy=_REMEDY)
+    dtype = _plain_dtype(name, match["descr"].decode("ascii", "replace"))
+    shape = tuple(int(n) for n in match["shape"].replace(b",", b" ").split())
+    header = _Header(shape, match["fortran"] == b"True", dtype, offset)
+    if offset + header.n_bytes != info.file_size:
+        raise MalformedFileError(
+            f"The array {name!r} declares the shape {header.shape} of {dtype}, "
+            f"{header.n_bytes} bytes, but {info.file_size - offset} are there.",
+            remedy=_REMEDY,
+        )
+    return header
+
+
+def _plain_dtype(name: str, descr: str) -> np.dtype[Any]:
+    kinds = "fiuU" if name in ("topology", "unit") else "fiu"
+    if descr[2:3] == "O":
+        raise MalformedFileError(
+            f"The array {name!r} holds pickled Python objects, which are never loaded.",
+            remedy="Store plain numbers (float32, float64, int32, int64) and text.",
+        )
+    try:
+        dtype: np.dtype[Any] = np.dtype(descr.strip("'"))
+    except (TypeError, ValueError, OverflowError):
+        dtype = np.dtype(np.void)
+    if dtype.kind not in kinds:
+        raise ShapeError(
+            f"The array {name!r} holds {descr[:20]}, which is not understood there.",
+            remedy="Store plain numbers (float32, float64, int32, int64), and text only for "
+            "'topology' and 'unit'.",
+            details={"array": name, "dtype": descr[:20]},
+        )
+    return dtype
+
+
+def _require_limits(headers: dict[str, _Header], limits: ReadLimits) -> None:
+    for name, axis, limit in (
+        ("vertices", 0, "frames"),
+        ("vertices", 1, "vertices"),
+        ("faces", 0, "faces"),
+    ):
+        if name in headers and len(headers[name].shape) > axis:
+            limits.require(limit, headers[name].shape[axis])
+    limits.require("decompressed_bytes", sum(header.n_bytes for header in headers.values()))
+
+
+def _read_array(
+    archive: zipfile.ZipFile, info: zipfile.ZipInfo, header: _Header
+) -> np.ndarray[Any, Any]:
+    try:
+        # A member may hold more than it declares: read no further than one byte past it.
+        with archive.open(info) as stream:
+            data = stream.read(info.file_size + 1)
+    except _UNREADABLE as error:
+        raise MalformedFileError(
+            f"The array {info.filename.removesuffix('.npy')!r} is damaged: {_reason(error)}.",
+            remedy="Send the file again, or write it anew.",
+        ) from error
+    array = np.frombuffer(data, dtype=header.dtype, offset=header.offset)
+    return array.reshape(header.shape, order="F" if header.fortran_order else "C")
+
+
+def _text(arrays: dict[str, np.ndarray[Any, Any]], name: str) -> str | None:
+    if name not in arrays:
+        return None
+    array = arrays[name]
+    if array.dtype.kind != "U" or array.size != 1:
+        raise ShapeError(
+            f"The array {name!r} has the shape {array.shape} of {array.dtype}, not one text.",
+            remedy=f"Store it as numpy.array('...'), or leave {name!r} out.",
+            details={"array": name},
+        )
+    return str(array.reshape(())[()]) or None
+
+
+def _listing(names: list[str]) -> str:
+    shown = ", ".join(repr(name[:40]) for name in names[:8]) or "nothing"
+    return shown + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+
+
+def _reason(error: Exception) -> str:
+    return str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+
+
+# What zipfile and zlib raise on bytes that are not what they say.
+_UNREADABLE: Final = (
+    zipfile.BadZipFile,
+    zlib.error,
+    ValueError,
+    EOFError,
+    OSError,
+    OverflowError,
+    NotImplementedError,
+    RuntimeError,
+    struct.error,
+    lzma.LZMAError,
+)
+
+_LONGEST_HEADER: Final = 10_000

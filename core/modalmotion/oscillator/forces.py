@@ -1,0 +1,50 @@
+"""Forces at nodes, such as an image's, as forces on modes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError, ShapeError
+
+
+def modal_forces(
+    shapes: NDArray[np.float64], forces: NDArray[np.float64], mass: float = 1.0
+) -> NDArray[np.float64]:
+    """Force on each mode per unit modal mass, f = Phi' F of Nastar (1994), eq. 3.
+
+    Parameters
+    ----------
+    shapes : (nodes, modes) float64
+        Phi, each with mean square 1, as `Lattice.shapes` gives it.
+    forces : (nodes, ...) float64, mass times mm per time unit squared
+        F at each node, in as many directions as the caller has.
+    mass : float
+        M of one node.
+
+    Returns
+    -------
+    (modes, ...) float64, mm per time unit squared
+
+    Raises
+    ------
+    ShapeError
+        If there is not one force for each node.
+    ParameterError
+        If the mass is not positive and finite.
+    """
+    if shapes.ndim != 2 or len(forces) != len(shapes):
+        raise ShapeError(
+            f"Forces of shape {forces.shape} do not fit shapes of shape {shapes.shape}.",
+            remedy="Give one force for each node.",
+        )
+    if not (math.isfinite(mass) and mass > 0):
+        raise ParameterError(
+            f"Nodes of mass {mass} cannot be accelerated.", remedy="Use a mass above zero."
+        )
+    # The shapes' mean square is 1, so Phi' M Phi = M N: f = Phi' F / (M N).
+    F = np.asarray(forces, dtype=np.float64)
+    projected = np.tensordot(np.asarray(shapes, dtype=np.float64), F, axes=(0, 0))
+    return np.asarray(projected / (mass * len(shapes)))

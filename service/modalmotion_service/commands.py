@@ -1,0 +1,25 @@
+"""Commands that the service adds to the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import uvicorn
+
+from modalmotion_service.app import create_app
+from modalmotion_service.settings import Settings
+
+
+@click.command()
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
+@click.option("--port", default=8000, show_default=True, help="Port; 0 takes a free one.")
+@click.option(
+    "--data-dir",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder that results lie in  [default: MODALMOTION_DATA_DIR or modalmotion-data].",
+)
+def serve(host: str, port: int, data_dir: Path | None) -> None:
+    """Start the HTTP service; its documentation is at /docs."""
+    settings = Settings() if data_dir is None else Settings(data_dir=data_dir)
+    uvicorn.run(create_app(settings), host=host, port=port)

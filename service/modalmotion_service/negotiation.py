@@ -1,0 +1,48 @@
+"""Which of the types on offer a client would rather have."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from starlette.exceptions import HTTPException
+
+JSON: Final = "application/json"
+HDF5: Final = "application/x-hdf5"
+
+
+def best_type(accept: str, offered: tuple[str, ...]) -> str:
+    """Choose by the Accept header (RFC 9110, 12.5.1); the first on offer where all are equal.
+
+    Raises
+    ------
+    HTTPException
+        406 if nothing on offer is acceptable.
+    """
+    ranges = [_parse(part) for part in accept.split(",") if part.strip()]
+    best, best_quality = "", 0.0
+    for offer in offered:
+        # The most specific range that matches decides on its quality.
+        matching = [(specific, q) for name, specific, q in ranges if _matches(name, offer)]
+        quality = max(matching)[1] if matching else (0.0 if ranges else 1.0)
+        if quality > best_quality:
+            best, best_quality = offer, quality
+    if not best:
+        raise HTTPException(406, f"None of {', '.join(offered)} is acceptable to this client.")
+    return best
+
+
+def _parse(part: str) -> tuple[str, int, float]:
+    name, *parameters = (piece.strip().lower() for piece in part.split(";"))
+    quality = 1.0
+    for parameter in parameters:
+        if parameter.startswith("q="):
+            try:
+                quality = min(max(float(parameter[2:]), 0.0), 1.0)
+            except ValueError:
+                quality = 0.0
+    specific = 0 if name == "*/*" else 1 if name.endswith("/*") else 2
+    return name, specific, quality
+
+
+def _matches(name: str, offer: str) -> bool:
+    return name in ("*/*", offer) or (name.endswith("/*") and offer.startswith(name[:-1]))

@@ -1,0 +1,40 @@
+"""Parts of the OpenAPI document that several routes share."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from modalmotion_service.schemas import Problem
+
+_BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
+
+UPLOAD_BODY: Final[dict[str, Any]] = {
+    "requestBody": {
+        "required": True,
+        "description": "The file's bytes, or a form with one part named 'file'.",
+        "content": {
+            "application/octet-stream": _BINARY,
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["file"],
+                    "properties": {"file": {"type": "string", "format": "binary"}},
+                }
+            },
+        },
+    }
+}
+
+_PROBLEM_CONTENT: Final = {
+    "application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}
+}
+
+PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
+    status: {"description": text, "model": Problem, "content": _PROBLEM_CONTENT}
+    for status, text in {
+        400: "The bytes are no readable file.",
+        404: "Nothing is kept under that id.",
+        413: "Larger than a limit.",
+        422: "The content or a parameter cannot be used; names frame, vertex and remedy.",
+    }.items()
+}

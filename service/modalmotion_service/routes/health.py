@@ -1,0 +1,25 @@
+"""Whether the service is alive and ready."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+
+from fastapi import APIRouter
+
+from modalmotion_service.dependencies import StoreDependency
+from modalmotion_service.schemas import Health
+
+router = APIRouter(prefix="/health", tags=["health"])
+
+
+@router.get("/live")
+def live() -> Health:
+    """Answer while the process runs."""
+    return Health(version=version("modalmotion"))
+
+
+@router.get("/ready")
+def ready(store: StoreDependency) -> Health:
+    """Answer while results can be kept: the store is open and answers."""
+    store.list_sequences(limit=1)
+    return Health(version=version("modalmotion"))

@@ -1,0 +1,273 @@
+"""What goes over the wire, as pydantic models."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from modalmotion.classify import Classification
+from modalmotion.signature import INTENDED_USE, MOST_MODES, ModalSignature, SignatureParameters
+from modalmotion.store import SequenceRecord
+from modalmotion.template import Weights
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+
+SequenceId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
+
+
+class Health(BaseModel):
+    """State of the service."""
+
+    status: Literal["ok"] = "ok"
+    version: str
+
+
+class SequenceSummary(BaseModel):
+    """What is known of a kept sequence."""
+
+    id: str = Field(description="sha256 of the content, in hex.")
+    n_frames: int
+    n_vertices: int
+    n_faces: int
+    topology: str | None = Field(description="As stated with the upload; null if it was not.")
+    grid: list[int] | None = Field(description="Nodes along each axis of a lattice.")
+    unit: str | None = Field(description="Length unit; null if unknown.")
+    has_times: bool
+    subject: str | None
+    label: str | None
+    created: str = Field(description="When it was first received, ISO 8601 in UTC.")
+    ignored: list[str] = Field(
+        default_factory=list, description="Arrays of the upload that were not used."
+    )
+    links: dict[str, str]
+
+    @staticmethod
+    def of(record: SequenceRecord, ignored: tuple[str, ...] = ()) -> SequenceSummary:
+        """Summarise a record of the store."""
+        here = f"/v1/sequences/{record.id}"
+        return SequenceSummary(
+            id=record.id,
+            n_frames=record.n_frames,
+            n_vertices=record.n_vertices,
+            n_faces=record.n_faces,
+            topology=record.topology,
+            grid=None if record.grid is None else list(record.grid),
+            unit=record.unit,
+            has_times=record.has_times,
+            subject=record.subject,
+            label=record.label,
+            created=record.created,
+            ignored=list(ignored),
+            links={
+                "self": here,
+                "signature": f"{here}/signature",
+                "classifications": f"{here}/classifications",
+            },
+        )
+
+
+class SignatureQuery(BaseModel):
+    """Which signature is asked for."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    modes: int = Field(
+        7,
+        ge=1,
+        le=MOST_MODES,
+        description="Number of modes, three amplitudes a frame each; rounded up where a "
+        "cosine-sine pair would be split.",
+    )
+    topology: str | None = Field(
+        None,
+        max_length=80,
+        description="cup, cylinder, plane, torus, sphere, open curve or closed curve; over "
+        "what the sequence states.",
+    )
+    grid: str | None = Field(
+        None,
+        pattern=r"^[1-9][0-9]{0,8}(,[1-9][0-9]{0,8}){0,2}$",
+        description="Nodes along each axis of a lattice, such as 32,64.",
+    )
+    reference: int = Field(0, ge=0, description="Frame that displacements are measured from.")
+    weights: Weights = Field(
+        Weights.AREA, description="How much each vertex counts: its area, or all alike."
+    )
+    remove_rotation: bool = Field(True, description="Take out each frame's rotation first.")
+    wave_speed: float = Field(
+        1.0, gt=0, allow_inf_nan=False, description="c of w = c k, length unit per s."
+    )
+
+    def parameters(self) -> SignatureParameters:
+        """Translate to the library's parameters."""
+        return SignatureParameters(
+            modes=self.modes,
+            topology=self.topology,
+            grid=parse_grid(self.grid),
+            reference=self.reference,
+            weights=self.weights,
+            remove_rotation=self.remove_rotation,
+            wave_speed=self.wave_speed,
+        )
+
+
+def parse_grid(text: str | None) -> tuple[int, ...] | None:
+    """Read a lattice shape such as "32,64"."""
+    return None if text is None else tuple(int(n) for n in text.split(","))
+
+
+class Label(BaseModel):
+    """Name of one mode."""
+
+    wavenumbers: list[int] = Field(description="One for each natural coordinate.")
+    part: Literal["cos", "sin"]
+
+
+class FrameErrors(BaseModel):
+    """Distances between vertices and their reconstruction, by frame."""
+
+    rms: list[float] = Field(description="Over the surface.")
+    p95: list[float] = Field(description="95th percentile over the surface.")
+    max: list[float] = Field(description="Over all vertices.")
+
+
+class SignatureAnswer(BaseModel):
+    """A modal signature."""
+
+    sequence_id: str
+    template_id: str
+    topology: str
+    n_frames: int
+    n_vertices: int
+    unit: str | None
+    times: list[float] | None = Field(description="s")
+    modes: list[Label]
+    shape: tuple[int, int, int] = Field(description="Of the amplitudes: frames, modes, 3.")
+    amplitudes: list[list[list[float]]] = Field(
+        description="By frame, mode and direction, in the length unit."
+    )
+    angular_frequencies: list[float] = Field(description="rad per s, at the stated wave speed.")
+    wave_speed: float
+    lengths: list[float] = Field(description="Of the surface along each natural coordinate.")
+    rotations: list[list[list[float]]] = Field(description="3 x 3 matrix of each frame.")
+    rotation_determined: list[bool]
+    rms_error: float = Field(description="Over all frames.")
+    max_error: float = Field(description="Over all frames and vertices.")
+    errors: FrameErrors
+    motion_rms: list[float] = Field(description="RMS displacement of each frame.")
+    deformation_spectrum: list[float] = Field(description="RMS amplitude of each mode.")
+    strain_energy: list[float] = Field(description="Of each frame, per unit mass.")
+    compression: float = Field(description="Coordinates over amplitudes of one frame.")
+    compression_of_sequence: float = Field(
+        description="Numbers in the sequence over amplitudes and reference shape."
+    )
+    condition: float
+    notes: list[str]
+    parameters: dict[str, object] = Field(description="As asked for.")
+    provenance: dict[str, str]
+    intended_use: str = INTENDED_USE
+    file: str = Field(description="HDF5 file of this result, within the data folder.")
+
+    @staticmethod
+    def of(signature: ModalSignature, file: str) -> SignatureAnswer:
+        """Write a signature out as lists."""
+        asked = signature.parameters
+        return SignatureAnswer(
+            sequence_id=signature.sequence_id,
+            template_id=signature.template_id,
+            topology=signature.topology.name,
+            n_frames=signature.n_frames,
+            n_vertices=signature.n_vertices,
+            unit=signature.unit,
+            times=None if signature.times is None else signature.times.tolist(),
+            modes=[
+                Label(wavenumbers=list(label.wavenumbers), part=label.part)
+                for label in signature.modes.labels
+            ],
+            shape=signature.amplitudes.shape,
+            amplitudes=signature.amplitudes.tolist(),
+            angular_frequencies=signature.angular_frequencies.tolist(),
+            wave_speed=asked.wave_speed,
+            lengths=list(signature.lengths),
+            rotations=signature.rotations.matrices.tolist(),
+            rotation_determined=signature.rotations.is_determined.tolist(),
+            rms_error=signature.rms_error,
+            max_error=signature.max_error,
+            errors=FrameErrors(
+                rms=signature.rms_errors.tolist(),
+                p95=signature.p95_errors.tolist(),
+                max=signature.max_errors.tolist(),
+            ),
+            motion_rms=signature.motion_rms.tolist(),
+            deformation_spectrum=signature.deformation_spectrum.tolist(),
+            strain_energy=signature.strain_energy.sum(axis=1).tolist(),
+            compression=signature.compression,
+            compression_of_sequence=signature.compression_of_sequence,
+            condition=signature.condition,
+            notes=list(signature.notes),
+            parameters={
+                "modes": asked.modes,
+                "topology": asked.topology,
+                "grid": None if asked.grid is None else list(asked.grid),
+                "reference": asked.reference,
+                "weights": asked.weights.value,
+                "remove_rotation": asked.remove_rotation,
+                "wave_speed": asked.wave_speed,
+            },
+            provenance=signature.provenance,
+            file=file,
+        )
+
+
+class ClassificationRequest(BaseModel):
+    """Which model is asked."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    model: str = Field(
+        "ventricle-simulated", max_length=100, description="Name of a classification model."
+    )
+
+
+class ClassificationAnswer(BaseModel):
+    """What a model says of one sequence."""
+
+    sequence_id: str
+    model: str
+    model_id: str = Field(description="sha256 of the model.")
+    label: str | None = Field(description="Most probable class; null where the model abstains.")
+    probability: float = Field(description="Of the most probable class.")
+    probabilities: dict[str, float]
+    notes: list[str]
+    provenance: dict[str, str]
+    intended_use: str = INTENDED_USE
+    file: str = Field(description="HDF5 file of this result, within the data folder.")
+
+    @staticmethod
+    def of(result: Classification, file: str) -> ClassificationAnswer:
+        """Write a classification out."""
+        return ClassificationAnswer(
+            sequence_id=result.sequence_id,
+            model=result.model,
+            model_id=result.model_id,
+            label=result.label,
+            probability=result.probability,
+            probabilities=dict(zip(result.classes, result.probabilities.tolist(), strict=True)),
+            notes=list(result.notes),
+            provenance=result.provenance,
+            file=file,
+        )
+
+
+class Problem(BaseModel):
+    """An error, after RFC 9457."""
+
+    model_config = ConfigDict(extra="allow")
+
+    type: str
+    title: str
+    status: int
+    code: str = Field(description="Stable name of the kind of problem.")
+    detail: str
+    frame: int | None = Field(None, description="Frame at fault, counted from 0.")
+    vertex: int | None = Field(None, description="Vertex at fault, counted from 0.")
+    limit: str | None = Field(None, description="Limit that was exceeded.")
+    remedy: str | None = Field(None, description="What to do about it.")
