@@ -51,8 +51,10 @@ def systole_figure(sequence: MeshSequence, signature: ModalSignature) -> Figure:
         (
             true,
             error,
-            f"Error {signature.rms_errors[frame]:.2f} {unit} RMS, "
-            f"max {signature.max_errors[frame]:.2f}",
+            (
+                f"Error {signature.rms_errors[frame]:.2f} {unit} RMS, "
+                f"max {signature.max_errors[frame]:.2f}"
+            ),
         ),
     ]
     figure = _figure((14.0, 4.6))
@@ -101,8 +103,10 @@ def mode_count_figure(sequence: MeshSequence, signatures: list[ModalSignature]) 
     panels += [
         (
             vertices,
-            f"{3 * len(signature.modes)} amplitudes, {signature.compression:.0f}:1\n"
-            f"{signature.rms_errors[frame]:.2f} {unit} RMS",
+            (
+                f"{3 * len(signature.modes)} amplitudes, {signature.compression:.0f}:1\n"
+                f"{signature.rms_errors[frame]:.2f} {unit} RMS"
+            ),
         )
         for vertices, signature in zip(superposed, signatures, strict=True)
     ]

@@ -7,9 +7,9 @@ from contextlib import asynccontextmanager
 from importlib.metadata import version
 
 from fastapi import FastAPI
+
 from modalmotion.signature import INTENDED_USE
 from modalmotion.store import ResultStore
-
 from modalmotion_service import problems
 from modalmotion_service.analysis import Analysis
 from modalmotion_service.body_limit import BodyLimit

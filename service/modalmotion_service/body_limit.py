@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from modalmotion.errors import LimitError
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from modalmotion.errors import LimitError
 from modalmotion_service.problems import problem_of
 
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import click
 import numpy as np
+
 from modalmotion.figures import systole_figure
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.simulate import VentricleParameters, simulate_ventricle

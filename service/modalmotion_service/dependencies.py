@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Annotated, cast
 
 from fastapi import Depends, Request
-from modalmotion.errors import MalformedFileError
-from modalmotion.store import ResultStore
 from starlette.datastructures import UploadFile
 
+from modalmotion.errors import MalformedFileError
+from modalmotion.store import ResultStore
 from modalmotion_service.analysis import Analysis
 from modalmotion_service.settings import Settings
 

@@ -10,6 +10,9 @@ from typing import Any, Final
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
 from modalmotion.errors import (
     CorruptFileError,
     InputError,
@@ -19,8 +22,6 @@ from modalmotion.errors import (
     NotFoundError,
     StoreError,
 )
-from starlette.exceptions import HTTPException
-from starlette.responses import Response
 
 logger = logging.getLogger(__name__)
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+
 from modalmotion.classify import Classification
 from modalmotion.signature import INTENDED_USE, MOST_MODES, ModalSignature, SignatureParameters
 from modalmotion.store import SequenceRecord
 from modalmotion.template import Weights
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 SequenceId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from modalmotion.formats import ReadLimits
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from modalmotion.formats import ReadLimits
 
 
 class Settings(BaseSettings):

@@ -134,13 +134,19 @@ def summary(result: ModalSignature) -> dict[str, object]:
 
 def _lines(result: ModalSignature) -> str:
     unit = result.unit or "length units"
+    count = len(result.modes)
     lines = [
         f"{result.topology.name}, {result.n_frames} frames, {result.n_vertices} vertices",
-        f"{len(result.modes)} modes x 3 directions = {3 * len(result.modes)} amplitudes a frame, "
-        f"{result.compression:.0f}:1 ({result.compression_of_sequence:.1f}:1 with the reference)",
-        f"error {result.rms_error:.3f} {unit} RMS, at most {result.p95_errors.max():.3f} (p95) "
-        f"and {result.max_error:.3f} (max) in any frame, "
-        f"of {result.motion_rms.max():.3f} {unit} RMS of motion",
+        f"{count} modes x 3 directions = {3 * count} amplitudes a frame",
+        (
+            f"compression {result.compression:.0f}:1 a frame, "
+            f"{result.compression_of_sequence:.1f}:1 with the reference"
+        ),
+        f"motion {result.motion_rms.max():.3f} {unit} RMS in the frame that moves most",
+        (
+            f"error {result.rms_error:.3f} {unit} RMS over all frames; in the worst frame "
+            f"{result.p95_errors.max():.3f} (p95) and {result.max_error:.3f} (max)"
+        ),
         "deformation spectrum:",
     ]
     spectrum = result.deformation_spectrum

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
-from modalmotion.formats import read_npz
-from modalmotion.topology import Topology
 from pydantic import BaseModel, ConfigDict, Field
 
+from modalmotion.formats import read_npz
+from modalmotion.topology import Topology
 from modalmotion_service.dependencies import SettingsDependency, StoreDependency, Upload
 from modalmotion_service.openapi_parts import PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import SequenceId, SequenceSummary, parse_grid

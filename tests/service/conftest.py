@@ -1,0 +1,56 @@
+"""A service in a folder of its own."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+from modalmotion.formats import write_npz
+from modalmotion.simulate import VentricleParameters, simulate_ventricle
+from modalmotion_service.app import create_app
+from modalmotion_service.settings import Settings
+
+LIMIT_BYTES = 2_000_000
+
+
+@pytest.fixture
+def data_dir(tmp_path: Path) -> Path:
+    return tmp_path / "results"
+
+
+@pytest.fixture
+def client(data_dir: Path) -> Iterator[TestClient]:
+    settings = Settings(data_dir=data_dir, max_body_bytes=LIMIT_BYTES, max_frames=100)
+    # An error of the server must show as the answer that a client gets.
+    with TestClient(create_app(settings), raise_server_exceptions=False) as client:
+        yield client
+
+
+@pytest.fixture(scope="session")
+def beat() -> bytes:
+    """A simulated ventricle's beat, as a file."""
+    rng = np.random.default_rng(7)
+    return write_npz(simulate_ventricle(VentricleParameters(), noise_mm=0.3, rng=rng))
+
+
+@pytest.fixture
+def npz() -> Callable[..., bytes]:
+    """Write arrays as an .npz file."""
+
+    def write(**arrays: Any) -> bytes:
+        buffer = io.BytesIO()
+        np.savez(buffer, **arrays)
+        return buffer.getvalue()
+
+    return write
+
+
+def files_of(folder: Path) -> set[str]:
+    """Result files below a folder (not the index, which may grow by itself)."""
+    return {str(path.relative_to(folder)) for path in folder.rglob("*.h5")}

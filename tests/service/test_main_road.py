@@ -1,0 +1,154 @@
+"""The main job over HTTP: upload, signature, class."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+from modalmotion.formats import read_npz
+from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.store import signature_from_hdf5, signature_to_hdf5
+
+HDF5 = {"Accept": "application/x-hdf5"}
+
+
+def send(client: TestClient, body: bytes, **query: str) -> str:
+    answer = client.post("/v1/sequences", content=body, params=query)
+    assert answer.status_code in (200, 201), answer.text
+    return str(answer.json()["id"])
+
+
+def test_an_upload_is_answered_with_what_was_understood(client: TestClient, beat: bytes) -> None:
+    answer = client.post("/v1/sequences", content=beat)
+    assert answer.status_code == 201
+    summary = answer.json()
+    sequence = read_npz(beat).sequence
+    assert summary["id"] == sequence.id
+    assert answer.headers["location"] == f"/v1/sequences/{sequence.id}"
+    assert (summary["n_frames"], summary["n_vertices"]) == sequence.vertices.shape[:2]
+    assert summary["grid"] == list(sequence.grid or ())
+    assert summary["unit"] == "mm"
+    assert client.get(answer.headers["location"]).json() == summary
+
+
+def test_the_second_upload_is_known_and_does_nothing_twice(
+    client: TestClient, beat: bytes, data_dir: Path
+) -> None:
+    first = send(client, beat)
+    before = {path: path.stat().st_mtime_ns for path in data_dir.rglob("*.h5")}
+    again = client.post("/v1/sequences", content=beat)
+    assert (again.status_code, again.json()["id"]) == (200, first)
+    assert {path: path.stat().st_mtime_ns for path in data_dir.rglob("*.h5")} == before
+
+
+def test_a_form_and_a_raw_body_are_the_same_upload(client: TestClient, beat: bytes) -> None:
+    raw = send(client, beat)
+    form = client.post("/v1/sequences", files={"file": ("beat.npz", beat)})
+    assert (form.status_code, form.json()["id"]) == (200, raw)
+
+
+def test_what_the_query_says_goes_over_the_file(
+    client: TestClient, npz: Callable[..., bytes]
+) -> None:
+    body = npz(vertices=np.random.default_rng(3).normal(size=(2, 16, 3)))
+    plain = client.post("/v1/sequences", content=body).json()
+    stated = client.post(
+        "/v1/sequences",
+        content=body,
+        params={"topology": "cylinder", "grid": "4,4", "unit": "cm", "subject": "s", "label": "l"},
+    ).json()
+    assert (plain["topology"], plain["grid"], plain["unit"]) == (None, None, None)
+    assert (stated["topology"], stated["grid"], stated["unit"]) == ("cylinder", [4, 4], "cm")
+    assert (stated["subject"], stated["label"]) == ("s", "l")
+    assert stated["id"] != plain["id"]
+
+
+def test_the_signature_over_http_is_the_librarys_own_bit_for_bit(
+    client: TestClient, beat: bytes, data_dir: Path
+) -> None:
+    own = modal_signature(read_npz(beat).sequence)
+    here = f"/v1/sequences/{send(client, beat)}/signature"
+    answer = client.get(here).json()
+    assert answer["shape"] == [own.n_frames, 7, 3]
+    assert np.array_equal(np.array(answer["amplitudes"]), own.amplitudes)
+    assert answer["rms_error"] == own.rms_error
+    image = client.get(here, headers=HDF5)
+    assert image.headers["content-type"] == "application/x-hdf5"
+    assert image.content == signature_to_hdf5(own)
+    assert image.content == (data_dir / answer["file"]).read_bytes()
+    read = signature_from_hdf5(image.content)
+    assert np.array_equal(read.amplitudes, own.amplitudes)
+    assert read.modes == own.modes
+
+
+def test_a_signature_is_made_once_and_then_taken_from_the_store(
+    client: TestClient, beat: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = f"/v1/sequences/{send(client, beat)}/signature"
+    first = client.get(here).content
+
+    def forbidden(*_: object) -> None:
+        raise AssertionError("made a second time")
+
+    monkeypatch.setattr("modalmotion_service.analysis.modal_signature", forbidden)
+    assert client.get(here).content == first
+
+
+def test_parameters_change_the_answer_and_are_kept_apart(client: TestClient, beat: bytes) -> None:
+    here = f"/v1/sequences/{send(client, beat)}/signature"
+    cup = client.get(here).json()
+    cylinder = client.get(here, params={"topology": "cylinder"}).json()
+    more = client.get(here, params={"modes": 17}).json()
+    assert (cup["topology"], cylinder["topology"]) == ("cup", "cylinder")
+    assert more["shape"][1] == 18
+    assert more["rms_error"] < cup["rms_error"] < cylinder["rms_error"]
+    assert len({cup["file"], cylinder["file"], more["file"]}) == 3
+
+
+def test_a_classification_has_a_class_a_probability_and_a_file(
+    client: TestClient, beat: bytes, data_dir: Path
+) -> None:
+    here = f"/v1/sequences/{send(client, beat)}/classifications"
+    first = client.post(here)
+    assert first.status_code == 201
+    answer = first.json()
+    assert answer["label"] == "normal"
+    assert answer["probability"] == max(answer["probabilities"].values())
+    assert sum(answer["probabilities"].values()) == pytest.approx(1.0)
+    assert (data_dir / answer["file"]).is_file()
+    again = client.post(here, json={"model": "ventricle-simulated"})
+    assert (again.status_code, again.json()) == (200, answer)
+
+
+def test_the_real_ventricle_over_http(client: TestClient, real_data: Path) -> None:
+    here = "/v1/sequences"
+    grid = send(client, (real_data / "heart/lv_grid_32x64.npz").read_bytes())
+    cup = client.get(f"{here}/{grid}/signature", params={"topology": "cup"}).json()
+    stated = client.get(f"{here}/{grid}/signature").json()
+    more = client.get(f"{here}/{grid}/signature", params={"topology": "cup", "modes": 18}).json()
+    assert cup["rms_error"] <= 1.30
+    assert stated["topology"] == "cylinder"
+    assert stated["rms_error"] <= 1.46
+    assert more["rms_error"] <= 0.95
+    mesh = send(client, (real_data / "heart/lv_endocardium.npz").read_bytes())
+    found = client.get(f"{here}/{mesh}/signature").json()
+    assert (found["topology"], found["shape"]) == ("cup", [25, 7, 3])
+    assert found["rms_error"] <= 1.55
+    assert client.post(f"{here}/{mesh}/classifications").status_code == 201
+
+
+def test_results_outlive_the_service(client: TestClient, beat: bytes, data_dir: Path) -> None:
+    from modalmotion.store import ResultStore
+
+    sequence_id = send(client, beat)
+    parameters = SignatureParameters()
+    client.get(f"/v1/sequences/{sequence_id}/signature")
+    client.__exit__()
+    with ResultStore(data_dir) as store:
+        kept = store.signature(sequence_id, parameters.key)
+        assert np.array_equal(kept.amplitudes, modal_signature(read_npz(beat).sequence).amplitudes)
+    client.__enter__()

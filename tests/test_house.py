@@ -1,0 +1,111 @@
+"""What must hold of the project as a whole."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from conftest import ROOT
+
+
+def tracked_files() -> list[Path]:
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if listed.returncode != 0:
+        pytest.skip("not a git checkout")
+    return [ROOT / name for name in listed.stdout.splitlines() if (ROOT / name).is_file()]
+
+
+def imported_by(statement: str) -> set[str]:
+    code = f"import sys; {statement}; print('\\n'.join(sys.modules))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return {name.split(".")[0] for name in run.stdout.split()}
+
+
+def test_importing_the_library_pulls_in_only_numpy_and_scipy() -> None:
+    heavy = {"h5py", "sklearn", "matplotlib", "click", "fastapi", "pydantic", "pandas"}
+    assert not imported_by("import modalmotion") & heavy
+
+
+@pytest.mark.parametrize("package", ["modalmotion", "modalmotion_service"])
+def test_public_names_are_a_sorted_list_of_what_exists(package: str) -> None:
+    module = importlib.import_module(package)
+    assert module.__all__ == sorted(module.__all__)
+    for name in module.__all__:
+        assert getattr(module, name).__doc__ or name.isupper()
+
+
+def test_no_file_names_a_registry_or_a_path_of_a_machine() -> None:
+    hosts = ["pypi" + ".org", "pythonhosted" + ".org", "docker" + ".io", "registry" + ".npmjs"]
+    paths = re.compile(r"(?<![\w.])/(?:work|root|home/\w+)/(?!/)[\w.]")
+    for path in tracked_files():
+        text = path.read_bytes().decode("utf-8", "ignore")
+        assert not [host for host in hosts if host in text], path
+        if path != Path(__file__):
+            assert not paths.search(text), path
+
+
+def test_no_real_sequence_is_committed() -> None:
+    assert not [
+        path for path in tracked_files() if path.suffix == ".npz" and "data" not in path.parts
+    ]
+
+
+def test_the_committed_openapi_file_is_what_the_code_says() -> None:
+    from modalmotion_service.openapi import document
+
+    committed = (ROOT / "openapi" / "openapi.json").read_text()
+    assert json.loads(committed)["info"]["title"] == "modalmotion"
+    assert committed == document(), "run `make openapi`"
+
+
+def test_every_constraint_pins_one_version() -> None:
+    for line in (ROOT / "constraints.txt").read_text().splitlines():
+        assert re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.+!]+", line), line
+
+
+def compose() -> dict[str, Any]:
+    loaded: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())
+    return loaded
+
+
+def test_compose_publishes_to_this_machine_only_and_keeps_results() -> None:
+    service = compose()["services"]["modalmotion"]
+    assert all(port.startswith("127.0.0.1:") for port in service["ports"])
+    assert service["read_only"] is True
+    volume, _, folder = service["volumes"][0].partition(":")
+    assert volume in compose()["volumes"]
+    dockerfile = (ROOT / "Dockerfile").read_text()
+    data_dir = re.search(r"MODALMOTION_DATA_DIR=(\S+)", dockerfile)
+    assert data_dir is not None
+    assert data_dir[1].startswith(folder)
+
+
+def test_the_image_holds_everything_it_copies_and_runs_as_nobody_special() -> None:
+    dockerfile = (ROOT / "Dockerfile").read_text()
+    allowed = {
+        line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line[:1] == "!"
+    }
+    for line in re.findall(r"^COPY (?!--from)(.+)$", dockerfile, flags=re.MULTILINE):
+        *sources, _ = line.split()
+        for source in sources:
+            assert (ROOT / source).exists(), source
+            assert source in allowed, source
+    assert re.search(r"^USER modalmotion$", dockerfile, flags=re.MULTILINE)
+    health = re.search(r"127\.0\.0\.1:8000(/[\w/]+)", dockerfile)
+    assert health is not None
+    from modalmotion_service.app import create_app
+
+    assert health[1] in create_app().openapi()["paths"]
