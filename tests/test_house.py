@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 import yaml
-from conftest import ROOT
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def tracked_files() -> list[Path]:

@@ -1,16 +1,61 @@
-"""Results of sequences: taken from the store, or made and kept."""
+"""Results of sequences: taken from the store, or made by a worker and kept."""
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator
+import asyncio
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ParamSpec, TypeVar
 
-from modalmotion.classify import Classification, classify, load_model
+from modalmotion.classify import Classification, load_model
 from modalmotion.errors import NotFoundError
-from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
-from modalmotion.store import ResultStore
+from modalmotion.formats import ReadLimits
+from modalmotion.signature import SignatureParameters
+from modalmotion.store import ResultStore, SequenceRecord
+from modalmotion_service import tasks
+from modalmotion_service.flights import Flights
+from modalmotion_service.spool import Spool, SpooledUpload
+from modalmotion_service.timing import add_milliseconds, stage
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Upload:
+    """An upload, and what was said of it.
+
+    Parameters
+    ----------
+    spooled : SpooledUpload
+    overrides : Overrides
+    subject, label : str or None
+    """
+
+    spooled: SpooledUpload
+    overrides: tasks.Overrides
+    subject: str | None
+    label: str | None
+
+
+@dataclass(frozen=True)
+class Received:
+    """A sequence that is kept.
+
+    Parameters
+    ----------
+    record : SequenceRecord
+    ignored : tuple of str
+        Arrays of the upload that were not used.
+    is_new : bool
+    """
+
+    record: SequenceRecord
+    ignored: tuple[str, ...]
+    is_new: bool
 
 
 class Analysis:
@@ -19,51 +64,122 @@ class Analysis:
     Parameters
     ----------
     store : ResultStore
+    executor : Executor
+        Where parsing and fitting happen.
+    spool : Spool
+        Where workers leave what they made.
+    limits : ReadLimits
     """
 
-    def __init__(self, store: ResultStore) -> None:
+    def __init__(
+        self, store: ResultStore, executor: Executor, spool: Spool, limits: ReadLimits
+    ) -> None:
         self._store = store
-        self._making: dict[tuple[str, ...], tuple[threading.Lock, int]] = {}
-        self._guard = threading.Lock()
+        self._executor = executor
+        self._spool = spool
+        self._limits = limits
+        self._flights = Flights()
 
-    def signature(
-        self, sequence_id: str, parameters: SignatureParameters
-    ) -> tuple[ModalSignature, Path]:
-        """Give a signature and its file."""
-        with self._one_at_a_time(sequence_id, parameters.key):
-            try:
-                signature = self._store.signature(sequence_id, parameters.key)
-            except NotFoundError:
-                signature = modal_signature(self._store.sequence(sequence_id), parameters)
-                self._store.put_signature(signature)
-        return signature, self._store.signature_path(sequence_id, parameters.key)
+    async def receive(self, upload: Upload) -> Received:
+        """Read an upload and keep its sequence."""
 
-    def classification(
+        async def make() -> Received:
+            with self._image() as image, stage("worker"):
+                found = await self._work(
+                    tasks.ingest, upload.spooled.path, upload.overrides, self._limits, image
+                )
+                add_milliseconds(found.milliseconds)
+                with stage("store"):
+                    record, is_new = await asyncio.to_thread(
+                        self._store.put_sequence_image,
+                        image,
+                        found.record,
+                        subject=upload.subject,
+                        label=upload.label,
+                    )
+            return Received(record, found.ignored, is_new)
+
+        return await self._flights.join(upload.spooled.path, make)
+
+    async def signature(self, sequence_id: str, parameters: SignatureParameters) -> Path:
+        """Give the file of a signature, made if it is not kept yet."""
+
+        async def make() -> Path:
+            sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+            with self._image() as image, stage("worker"):
+                add_milliseconds(await self._work(tasks.sign, sequence, parameters, image))
+                with stage("store"):
+                    return await asyncio.to_thread(
+                        self._store.put_signature_image, image, sequence_id, parameters.key
+                    )
+
+        try:
+            return await asyncio.to_thread(self._store.signature_path, sequence_id, parameters.key)
+        except NotFoundError:
+            return await self._flights.join((sequence_id, parameters.key), make)
+
+    async def signature_json(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
+        """Give a signature as the service's JSON."""
+        path = await self.signature(sequence_id, parameters)
+        with stage("render"):
+            return await self._work(tasks.signature_as_json, path, self.within_store(path))
+
+    async def classification(
         self, sequence_id: str, model_name: str
     ) -> tuple[Classification, Path, bool]:
         """Give a classification, its file, and whether it is new."""
-        model = load_model(model_name)
-        with self._one_at_a_time(sequence_id, model.id):
-            try:
-                result = self._store.classification(sequence_id, model.id)
-                is_new = False
-            except NotFoundError:
-                signature, _ = self.signature(sequence_id, model.signature_parameters)
-                result = classify(signature, model)
-                self._store.put_classification(result)
-                is_new = True
-        return result, self._store.classification_path(sequence_id, model.id), is_new
+        model = await asyncio.to_thread(load_model, model_name)
+        key = model.signature_parameters.key
+
+        async def make() -> None:
+            signature = await self.signature(sequence_id, model.signature_parameters)
+            with stage("worker"):
+                result = await self._work(tasks.name_class, signature, model_name)
+            with stage("store"):
+                await asyncio.to_thread(self._store.put_classification, result, key)
+
+        is_new = (model.id, key) not in await asyncio.to_thread(
+            self._store.classifications, sequence_id
+        )
+        if is_new:
+            await self._flights.join((sequence_id, model.id, key), make)
+        result = await asyncio.to_thread(self._store.classification, sequence_id, model.id, key)
+        return result, self._store.classification_path(sequence_id, model.id, key), is_new
+
+    async def pack(
+        self,
+        sequence_ids: list[str],
+        parameters: SignatureParameters,
+        as_hdf5: bool,
+        on_progress: Callable[[float], None] = lambda _: None,
+    ) -> Path:
+        """Pack many signatures into one file, which the caller removes."""
+        paths = []
+        for done, sequence_id in enumerate(sequence_ids):
+            paths.append(await self.signature(sequence_id, parameters))
+            on_progress((done + 1) / (len(sequence_ids) + 1))
+        records = [self._store.sequence_record(sequence_id) for sequence_id in sequence_ids]
+        output = self._spool.new_path()
+        try:
+            task = tasks.pack_hdf5 if as_hdf5 else tasks.pack_npz
+            await self._work(task, paths, records, output)
+        except BaseException:
+            output.unlink(missing_ok=True)
+            raise
+        return output
+
+    def within_store(self, path: Path) -> str:
+        """Path of a result within the data folder."""
+        return path.relative_to(self._store.root).as_posix()
+
+    async def _work(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        # Cancelling the wait cancels the future, and with it ends the worker's process.
+        return await asyncio.wrap_future(self._executor.submit(task, *args, **kwargs))
 
     @contextmanager
-    def _one_at_a_time(self, *key: str) -> Iterator[None]:
-        with self._guard:
-            lock, users = self._making.get(key, (threading.Lock(), 0))
-            self._making[key] = (lock, users + 1)
+    def _image(self) -> Iterator[Path]:
+        path = self._spool.new_path()
         try:
-            with lock:
-                yield
+            yield path
         finally:
-            with self._guard:
-                lock, users = self._making.pop(key)
-                if users > 1:
-                    self._making[key] = (lock, users - 1)
+            path.unlink(missing_ok=True)

@@ -12,13 +12,25 @@ from modalmotion.signature import INTENDED_USE
 from modalmotion.store import ResultStore
 from modalmotion_service import problems
 from modalmotion_service.analysis import Analysis
-from modalmotion_service.body_limit import BodyLimit
-from modalmotion_service.routes import classifications, health, sequences, signatures
+from modalmotion_service.dependencies import State
+from modalmotion_service.executor import WorkerPool
+from modalmotion_service.incoming import BodyLimits, Concurrency
+from modalmotion_service.job_kinds import make_runner
+from modalmotion_service.observation import Observation
+from modalmotion_service.routes import (
+    classifications,
+    health,
+    jobs,
+    limits,
+    sequences,
+    signatures,
+)
 from modalmotion_service.settings import Settings
+from modalmotion_service.spool import Spool
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
-    """Make the application; nothing is read or opened before its lifespan starts.
+    """Make the application; nothing is opened before its lifespan starts.
 
     Parameters
     ----------
@@ -30,10 +42,18 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         with ResultStore(chosen.data_dir, keep_uploads=chosen.keep_uploads) as store:
-            app.state.settings = chosen
-            app.state.store = store
-            app.state.analysis = Analysis(store)
-            yield
+            executor = WorkerPool(chosen.workers, chosen.task_seconds, chosen.task_memory_bytes)
+            try:
+                spool = Spool(chosen.data_dir / "spool")
+                analysis = Analysis(store, executor, spool, chosen.read_limits)
+                runner = make_runner(chosen, store, spool, analysis)
+                app.state.service = State(chosen, store, spool, analysis, runner)
+                store.idempotency.release_unfinished()
+                await runner.resume()
+                yield
+                await runner.close(chosen.drain_seconds)
+            finally:
+                executor.shutdown(cancel_futures=True)
 
     app = FastAPI(
         title="modalmotion",
@@ -44,7 +64,15 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         lifespan=lifespan,
     )
     problems.install(app)
-    app.add_middleware(BodyLimit, max_body_bytes=chosen.max_body_bytes)
-    for module in (sequences, signatures, classifications, health):
+    # The last one added is the outermost.
+    app.add_middleware(
+        BodyLimits,
+        body_bytes=chosen.max_body_bytes,
+        idle_seconds=chosen.idle_seconds,
+        upload_seconds=chosen.upload_seconds,
+    )
+    app.add_middleware(Concurrency, most=chosen.max_concurrent_requests)
+    app.add_middleware(Observation)
+    for module in (sequences, signatures, classifications, jobs, limits, health):
         app.include_router(module.router)
     return app

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-import uvicorn
 
-from modalmotion_service.app import create_app
+from modalmotion_service.server import run
 from modalmotion_service.settings import Settings
 
 
@@ -22,4 +21,4 @@ from modalmotion_service.settings import Settings
 def serve(host: str, port: int, data_dir: Path | None) -> None:
     """Start the HTTP service; its documentation is at /docs."""
     settings = Settings() if data_dir is None else Settings(data_dir=data_dir)
-    uvicorn.run(create_app(settings), host=host, port=port)
+    run(settings, host, port)

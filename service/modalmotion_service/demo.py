@@ -19,7 +19,7 @@ import numpy as np
 
 from modalmotion.figures import systole_figure
 from modalmotion.formats import read_npz, write_npz
-from modalmotion.simulate import VentricleParameters, simulate_ventricle
+from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.store import signature_from_hdf5
 
 
@@ -39,7 +39,7 @@ def main(file: Path | None, output: Path) -> None:
     if file is None:
         name = "a simulated ventricle"
         body = write_npz(
-            simulate_ventricle(VentricleParameters(), noise_mm=0.6, rng=np.random.default_rng(1994))
+            simulate_ventricle(acquisition=Acquisition(noise=0.6), rng=np.random.default_rng(1994))
         )
     else:
         name, body = str(file), file.read_bytes()

@@ -2,54 +2,94 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
 from typing import Annotated, cast
 
-from fastapi import Depends, Request
+from fastapi import Depends, Header, Request
 from starlette.datastructures import UploadFile
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.store import ResultStore
 from modalmotion_service.analysis import Analysis
+from modalmotion_service.jobs import JobRunner
+from modalmotion_service.preferences import Preference, parse_preference
 from modalmotion_service.settings import Settings
+from modalmotion_service.spool import Spool, SpooledUpload
+from modalmotion_service.timing import stage
+
+# What a form's part is copied in.
+_PIECE = 1 << 20
 
 
-def get_settings(request: Request) -> Settings:
-    """Give the settings the app was made with."""
-    return cast("Settings", request.app.state.settings)
+@dataclass(frozen=True)
+class State:
+    """Everything open while the service runs.
+
+    Parameters
+    ----------
+    settings : Settings
+    store : ResultStore
+    spool : Spool
+    analysis : Analysis
+    jobs : JobRunner
+    """
+
+    settings: Settings
+    store: ResultStore
+    spool: Spool
+    analysis: Analysis
+    jobs: JobRunner
 
 
-def get_store(request: Request) -> ResultStore:
+def get_state(request: Request) -> State:
+    """Give what the lifespan opened."""
+    return cast("State", request.app.state.service)
+
+
+StateDependency = Annotated[State, Depends(get_state)]
+
+
+def get_store(state: StateDependency) -> ResultStore:
     """Give the open result store."""
-    return cast("ResultStore", request.app.state.store)
+    return state.store
 
 
-def get_analysis(request: Request) -> Analysis:
-    """Give what turns sequences into results."""
-    return cast("Analysis", request.app.state.analysis)
+def get_preference(
+    prefer: Annotated[
+        str, Header(max_length=200, description="respond-async for a job, or wait=SECONDS.")
+    ] = "",
+) -> Preference:
+    """Give how long the client wants to wait."""
+    return parse_preference(prefer)
 
 
-async def read_upload(request: Request) -> bytes:
-    """Read an upload: the raw body, or the part named "file" of a form.
+async def receive_upload(request: Request, state: StateDependency) -> SpooledUpload:
+    """Receive an upload into the spool: the raw body, or a form's part named "file".
 
     Raises
     ------
     MalformedFileError
         If a form holds no such part.
     """
-    if not request.headers.get("content-type", "").startswith("multipart/form-data"):
-        # Joined once: request.body() would keep a second copy for the life of the request.
-        return b"".join([chunk async for chunk in request.stream()])
-    async with request.form(max_files=1, max_fields=20) as form:
-        part = form.get("file")
-        if not isinstance(part, UploadFile):
-            raise MalformedFileError(
-                "The form has no file part named 'file'.",
-                remedy="Send one part named 'file', or the bytes as the raw body.",
-            )
-        return await part.read()
+    with stage("receive"):
+        if not request.headers.get("content-type", "").startswith("multipart/form-data"):
+            return await state.spool.receive(request.stream())
+        async with request.form(max_files=1, max_fields=20) as form:
+            part = form.get("file")
+            if not isinstance(part, UploadFile):
+                raise MalformedFileError(
+                    "The form has no file part named 'file'.",
+                    remedy="Send one part named 'file', or the bytes as the raw body.",
+                )
+            return await state.spool.receive(_pieces(part))
 
 
-SettingsDependency = Annotated[Settings, Depends(get_settings)]
+async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:
+    while piece := await part.read(_PIECE):
+        yield piece
+
+
 StoreDependency = Annotated[ResultStore, Depends(get_store)]
-AnalysisDependency = Annotated[Analysis, Depends(get_analysis)]
-Upload = Annotated[bytes, Depends(read_upload)]
+PreferenceDependency = Annotated[Preference, Depends(get_preference)]
+UploadDependency = Annotated[SpooledUpload, Depends(receive_upload)]

@@ -10,27 +10,38 @@ import contextlib
 import multiprocessing
 import resource
 import signal
+import threading
+from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, InvalidStateError
+from concurrent.futures import BrokenExecutor, Executor, Future, InvalidStateError
 from concurrent.futures import TimeoutError as TaskTimeoutError
+from dataclasses import dataclass
 from typing import Any, ParamSpec, TypeVar
 
 import pebble
 
-from modalmotion.errors import LimitError, ModalMotionError
+from modalmotion.errors import LimitError
+from modalmotion_service.errors import WorkerDiedError
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class WorkerDiedError(ModalMotionError):
-    """A worker process ended in the middle of a task, more than once."""
-
-    code = "worker_died"
+@dataclass
+class _Task:
+    future: Future[Any]
+    function: Callable[..., Any]
+    args: tuple[Any, ...]
+    kwargs: dict[str, Any]
+    attempts: int
 
 
 class WorkerPool(Executor):
     """Processes with a limit on time and on memory for each task.
+
+    Each process is a pebble pool of one. In a pool of several an idle process holds the lock
+    of the queue that all of them read: killed there, by the kernel's want of memory say, it
+    leaves the others to wait for a minute and the pool broken for good.
 
     Parameters
     ----------
@@ -44,64 +55,117 @@ class WorkerPool(Executor):
     """
 
     def __init__(
-        self, n_workers: int, task_seconds: float, memory_bytes: int, attempts: int = 2
+        self, n_workers: int, task_seconds: float, memory_bytes: int, attempts: int = 3
     ) -> None:
         self._task_seconds = task_seconds
         self._memory_bytes = memory_bytes
         self._attempts = attempts
-        self._pool = pebble.ProcessPool(
-            max_workers=n_workers,
-            # spawn: a worker inherits no thread, lock, socket or database connection.
-            context=multiprocessing.get_context("spawn"),
-            initializer=_start_worker,
-            initargs=[memory_bytes],
-        )
+        self._lock = threading.Lock()
+        self._waiting: deque[_Task] = deque()
+        self._free = [self._new_process() for _ in range(n_workers)]
+        self._busy: set[pebble.ProcessPool] = set()
+        self._settled = threading.Condition(self._lock)
+        self._is_open = True
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Run a task in a worker; cancelling the future ends its process."""
-        outer: Future[T] = Future()
-        self._schedule(outer, fn, args, kwargs, self._attempts)
-        return outer
+        future: Future[T] = Future()
+        task = _Task(future, fn, args, kwargs, self._attempts)
+        with self._lock:
+            if not self._is_open:
+                raise RuntimeError("The worker pool takes no more tasks.")
+            self._waiting.append(task)
+        self._start_waiting()
+        return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more tasks; end those under way if asked to, else finish them."""
-        if cancel_futures:
-            self._pool.stop()
-        else:
-            self._pool.close()
+        """Take no more tasks; finish those under way, or end them if asked to."""
+        with self._lock:
+            self._is_open = False
+            if cancel_futures:
+                for task in self._waiting:
+                    task.future.cancel()
+                self._waiting.clear()
+            elif wait:
+                self._settled.wait_for(lambda: not self._waiting and not self._busy)
+            processes = [*self._free, *self._busy]
+        for process in processes:
+            process.stop()
         if wait:
-            self._pool.join()
+            for process in processes:
+                process.join()
 
-    def _schedule(
-        self,
-        outer: Future[T],
-        fn: Callable[..., T],
-        args: tuple[Any, ...],
-        kwargs: dict[str, Any],
-        attempts: int,
-    ) -> None:
-        inner = self._pool.schedule(fn, args=args, kwargs=kwargs, timeout=self._task_seconds)
+    def _new_process(self) -> pebble.ProcessPool:
+        # A worker is forked from a process that has imported what tasks need and opened
+        # nothing: it starts at once, and inherits no lock, socket or database connection.
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(["modalmotion_service.tasks"])
+        return pebble.ProcessPool(
+            max_workers=1,
+            context=context,
+            initializer=_start_worker,
+            initargs=[self._memory_bytes],
+        )
 
-        def finish(done: Future[T]) -> None:
-            if outer.cancelled():
+    def _start_waiting(self) -> None:
+        while True:
+            with self._lock:
+                while self._waiting and self._waiting[0].future.cancelled():
+                    self._waiting.popleft()
+                if not self._waiting or not self._free:
+                    self._settled.notify_all()
+                    return
+                task, process = self._waiting.popleft(), self._free.pop()
+                self._busy.add(process)
+            self._run(task, process)
+
+    def _run(self, task: _Task, process: pebble.ProcessPool) -> None:
+        try:
+            inner = process.schedule(
+                task.function, args=task.args, kwargs=task.kwargs, timeout=self._task_seconds
+            )
+        except RuntimeError:
+            # Killed while it was idle: nothing of the task has happened.
+            self._run(task, self._replaced(process))
+            return
+
+        def finish(done: Future[Any]) -> None:
+            error = None if done.cancelled() else done.exception()
+            died = isinstance(error, (pebble.ProcessExpired, BrokenExecutor))
+            kept = self._replaced(process) if isinstance(error, BrokenExecutor) else process
+            task.attempts -= died
+            if died and task.attempts and not task.future.cancelled():
+                self._run(task, kept)
                 return
-            if done.cancelled():
-                outer.cancel()
-                return
-            error = done.exception()
-            if isinstance(error, pebble.ProcessExpired) and attempts > 1:
-                self._schedule(outer, fn, args, kwargs, attempts - 1)
-            elif error is None:
-                _settle(outer.set_result, done.result())
-            else:
-                _settle(outer.set_exception, self._explain(error))
+            with self._lock:
+                self._busy.discard(kept)
+                self._free.append(kept)
+            # The next task first: whoever waits for this one may ask for another at once.
+            self._start_waiting()
+            with contextlib.suppress(InvalidStateError):
+                if done.cancelled():
+                    task.future.cancel()
+                elif error is None:
+                    task.future.set_result(done.result())
+                else:
+                    task.future.set_exception(self._explain(error))
 
-        def cancel(settled: Future[T]) -> None:
+        def cancel(settled: Future[Any]) -> None:
             if settled.cancelled():
                 inner.cancel()
 
         inner.add_done_callback(finish)
-        outer.add_done_callback(cancel)
+        task.future.add_done_callback(cancel)
+
+    def _replaced(self, process: pebble.ProcessPool) -> pebble.ProcessPool:
+        """Put a new process in the place of a broken one."""
+        new = self._new_process()
+        with self._lock:
+            self._busy.discard(process)
+            self._busy.add(new)
+        # Its own threads call this, and cannot wait for their own end.
+        threading.Thread(target=_dispose, args=[process], daemon=True).start()
+        return new
 
     def _explain(self, error: BaseException) -> BaseException:
         if isinstance(error, TaskTimeoutError):
@@ -119,7 +183,7 @@ class WorkerPool(Executor):
                 limit="task_memory_bytes",
                 details={"most": self._memory_bytes},
             )
-        if isinstance(error, pebble.ProcessExpired):
+        if isinstance(error, (pebble.ProcessExpired, BrokenExecutor)):
             return WorkerDiedError(
                 f"The process at work on this ended {self._attempts} times in a row.",
                 remedy="The input may break a reader; try to send it in another format.",
@@ -127,10 +191,9 @@ class WorkerPool(Executor):
         return error
 
 
-def _settle(set_outcome: Callable[[Any], None], outcome: object) -> None:
-    # Cancelled in the same moment: the outcome is wanted no more.
-    with contextlib.suppress(InvalidStateError):
-        set_outcome(outcome)
+def _dispose(process: pebble.ProcessPool) -> None:
+    process.stop()
+    process.join()
 
 
 def _start_worker(memory_bytes: int) -> None:

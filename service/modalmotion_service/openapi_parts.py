@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from modalmotion_service.schemas import Problem
+from modalmotion_service.schemas import JobAnswer, Problem
 
-_BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
+BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 
 UPLOAD_BODY: Final[dict[str, Any]] = {
     "requestBody": {
         "required": True,
         "description": "The file's bytes, or a form with one part named 'file'.",
         "content": {
-            "application/octet-stream": _BINARY,
+            "application/octet-stream": BINARY,
             "multipart/form-data": {
                 "schema": {
                     "type": "object",
@@ -34,7 +34,16 @@ PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
     for status, text in {
         400: "The bytes are no readable file.",
         404: "Nothing is kept under that id.",
+        408: "The request's body came too slowly.",
+        409: "The state of things does not allow it now.",
         413: "Larger than a limit.",
         422: "The content or a parameter cannot be used; names frame, vertex and remedy.",
+        429: "As much is under way as is done at once.",
+        503: "The result cannot be kept at the moment.",
+        507: "The disk is full.",
     }.items()
+}
+
+ACCEPTED: Final[dict[int | str, dict[str, Any]]] = {
+    202: {"model": JobAnswer, "description": "Left to a job, to be asked for later."}
 }

@@ -6,7 +6,7 @@ import json
 import logging
 from collections.abc import Mapping
 from http import HTTPStatus
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -22,8 +22,16 @@ from modalmotion.errors import (
     NotFoundError,
     StoreError,
 )
+from modalmotion_service.errors import (
+    BusyError,
+    ConflictError,
+    IdempotencyMismatchError,
+    SlowClientError,
+    WorkerDiedError,
+)
 
 logger = logging.getLogger(__name__)
+
 
 # Looked up along an error's ancestry: the nearest entry decides.
 STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
@@ -33,51 +41,28 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     NotFoundError: 404,
     CorruptFileError: 500,
     StoreError: 503,
+    SlowClientError: 408,
+    BusyError: 429,
+    ConflictError: 409,
+    IdempotencyMismatchError: 422,
+    WorkerDiedError: 422,
     ModalMotionError: 500,
 }
 
-
-def problem(
-    status: int,
-    code: str,
-    detail: str,
-    *,
-    members: Mapping[str, object] | None = None,
-    headers: Mapping[str, str] | None = None,
-) -> Response:
-    """Make a problem answer.
-
-    Parameters
-    ----------
-    status : int
-    code : str
-        Stable name of the kind of problem, for programs.
-    detail : str
-        What is wrong here, for people.
-    members : dict, optional
-        Further members: frame, vertex, limit, remedy, ...
-    headers : dict, optional
-    """
-    body: dict[str, object] = {
-        "type": f"urn:modalmotion:problem:{code}",
-        "title": HTTPStatus(status).phrase,
-        "status": status,
-        "code": code,
-        "detail": detail,
-        **(members or {}),
-    }
-    return Response(
-        # Text that a client sent may hold lone surrogates: escaped, they are plain ASCII.
-        json.dumps(body, ensure_ascii=True),
-        status_code=status,
-        media_type="application/problem+json",
-        headers=dict(headers or {}),
-    )
+_HEADERS_OF: Final[dict[int, dict[str, str]]] = {
+    # Nothing more is read from a slow client, so its connection is of no use.
+    408: {"Connection": "close"},
+    413: {"Connection": "close"},
+    429: {"Retry-After": "1"},
+    503: {"Retry-After": "5"},
+}
 
 
-def problem_of(error: ModalMotionError) -> Response:
-    """Make the problem answer of one of our own errors."""
+def problem_body(error: ModalMotionError) -> dict[str, object]:
+    """Make the body of the problem that one of our own errors is."""
     status = next(STATUS_OF[kind] for kind in type(error).__mro__ if kind in STATUS_OF)
+    if error.details.get("errno") in ("ENOSPC", "EDQUOT"):
+        status = 507
     members: dict[str, object] = dict(error.details)
     for name in ("frame", "vertex", "limit"):
         value = getattr(error, name)
@@ -85,7 +70,49 @@ def problem_of(error: ModalMotionError) -> Response:
             members[name] = value
     if error.remedy:
         members["remedy"] = error.remedy
-    return problem(status, error.code, error.message, members=members)
+    return _body(status, error.code, error.message, members)
+
+
+def problem_of(error: ModalMotionError) -> Response:
+    """Make the problem answer of one of our own errors."""
+    return _answer(problem_body(error))
+
+
+def internal_answer() -> Response:
+    """Make the answer to a request that failed by a fault of ours."""
+    return _answer(internal_problem())
+
+
+def internal_problem() -> dict[str, object]:
+    """Make the body of the problem that a fault of ours is; it tells nothing of the inside."""
+    return _body(
+        500,
+        "internal_error",
+        "The server failed on this request; the fault is ours.",
+        {"remedy": "Try again, and report it with the time if it comes back."},
+    )
+
+
+def _body(status: int, code: str, detail: str, members: Mapping[str, object]) -> dict[str, object]:
+    return {
+        "type": f"urn:modalmotion:problem:{code}",
+        "title": HTTPStatus(status).phrase,
+        "status": status,
+        "code": code,
+        "detail": detail,
+        **members,
+    }
+
+
+def _answer(body: dict[str, object], headers: Mapping[str, str] | None = None) -> Response:
+    status = cast("int", body["status"])
+    return Response(
+        # Text that a client sent may hold lone surrogates: escaped, they are plain ASCII.
+        json.dumps(body, ensure_ascii=True),
+        status_code=status,
+        media_type="application/problem+json",
+        headers={**_HEADERS_OF.get(status, {}), **(headers or {})},
+    )
 
 
 def install(app: FastAPI) -> None:
@@ -93,14 +120,13 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(ModalMotionError, _on_own_error)
     app.add_exception_handler(RequestValidationError, _on_invalid_request)
     app.add_exception_handler(HTTPException, _on_http_exception)
-    app.add_exception_handler(Exception, _on_unexpected)
 
 
 async def _on_own_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, ModalMotionError)  # noqa: S101 (registered for this type alone)
     answer = problem_of(error)
     if answer.status_code >= 500:
-        logger.error("%s %s: %s", request.method, request.url.path, error.code)
+        logger.error("request failed", extra={"method": request.method, "code": error.code})
     return answer
 
 
@@ -111,28 +137,18 @@ async def _on_invalid_request(_: Request, error: Exception) -> Response:
         for item in error.errors()
     ]
     first = errors[0] if errors else {"where": "request", "message": "not valid"}
-    return problem(
-        422,
-        "invalid_request",
-        f"{first['where']}: {first['message']}.",
-        members={"errors": errors, "remedy": "See /docs for the parameters of this call."},
-    )
+    members = {"errors": errors, "remedy": "See /docs for the parameters of this call."}
+    return _answer(_body(422, "invalid_request", f"{first['where']}: {first['message']}.", members))
 
 
 async def _on_http_exception(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)  # noqa: S101 (registered for this type alone)
-    code = HTTPStatus(error.status_code).phrase.lower().replace(" ", "_").replace("-", "_")
+    if isinstance(error.__cause__, ModalMotionError):
+        # FastAPI hides what fails while it reads a JSON body behind a 400 of its own.
+        return problem_of(error.__cause__)
+    phrase = HTTPStatus(error.status_code).phrase
     detail = error.detail
-    if detail == HTTPStatus(error.status_code).phrase:
+    if detail == phrase:
         detail = f"{detail}: {request.method} {request.url.path}"
-    return problem(error.status_code, code, detail, headers=error.headers)
-
-
-async def _on_unexpected(request: Request, error: Exception) -> Response:
-    logger.error("%s %s failed", request.method, request.url.path, exc_info=error)
-    return problem(
-        500,
-        "internal_error",
-        "The server failed on this request; the fault is ours.",
-        members={"remedy": "Try again, and report it with the time if it comes back."},
-    )
+    code = phrase.lower().replace(" ", "_").replace("-", "_")
+    return _answer(_body(error.status_code, code, detail, {}), error.headers)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from modalmotion.classify import Classification
 from modalmotion.signature import INTENDED_USE, MOST_MODES, ModalSignature, SignatureParameters
-from modalmotion.store import SequenceRecord
+from modalmotion.store import Job, JobState, SequenceRecord
 from modalmotion.template import Weights
 
+GRID_PATTERN: Final = r"^[1-9][0-9]{0,8}(,[1-9][0-9]{0,8}){0,2}$"
+
+JobId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{32}$")]
 SequenceId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
 
 
@@ -65,6 +68,22 @@ class SequenceSummary(BaseModel):
         )
 
 
+class SequencePageAnswer(BaseModel):
+    """A page of the list of sequences."""
+
+    sequences: list[SequenceSummary]
+    cursor: str | None = Field(description="For the next page; null on the last.")
+
+
+class SequenceNames(BaseModel):
+    """What people call a sequence; what is left out stays."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    subject: str | None = Field(None, max_length=200, description="Whose surface it is.")
+    label: str | None = Field(None, max_length=200, description="Known motion class.")
+
+
 class SignatureQuery(BaseModel):
     """Which signature is asked for."""
 
@@ -85,7 +104,7 @@ class SignatureQuery(BaseModel):
     )
     grid: str | None = Field(
         None,
-        pattern=r"^[1-9][0-9]{0,8}(,[1-9][0-9]{0,8}){0,2}$",
+        pattern=GRID_PATTERN,
         description="Nodes along each axis of a lattice, such as 32,64.",
     )
     reference: int = Field(0, ge=0, description="Frame that displacements are measured from.")
@@ -113,6 +132,12 @@ class SignatureQuery(BaseModel):
 def parse_grid(text: str | None) -> tuple[int, ...] | None:
     """Read a lattice shape such as "32,64"."""
     return None if text is None else tuple(int(n) for n in text.split(","))
+
+
+class ManySignatures(SignatureQuery):
+    """Which signatures are asked for in one answer."""
+
+    ids: list[SequenceId] = Field(min_length=1, description="Of the sequences, in order.")
 
 
 class Label(BaseModel):
@@ -258,6 +283,12 @@ class ClassificationAnswer(BaseModel):
         )
 
 
+class ClassificationList(BaseModel):
+    """Everything that models have said of one sequence."""
+
+    classifications: list[ClassificationAnswer]
+
+
 class Problem(BaseModel):
     """An error, after RFC 9457."""
 
@@ -272,3 +303,41 @@ class Problem(BaseModel):
     vertex: int | None = Field(None, description="Vertex at fault, counted from 0.")
     limit: str | None = Field(None, description="Limit that was exceeded.")
     remedy: str | None = Field(None, description="What to do about it.")
+
+
+class JobAnswer(BaseModel):
+    """Long work, and how far it is."""
+
+    id: str
+    kind: str = Field(description="upload, signature, signatures or classification.")
+    state: JobState
+    progress: float = Field(description="Share that is done, 0 to 1.")
+    result: str | None = Field(description="Link to the result; null until there is one.")
+    error: dict[str, Any] | None = Field(description="The problem it failed with.")
+    created: str = Field(description="ISO 8601 in UTC.")
+    updated: str = Field(description="ISO 8601 in UTC.")
+    links: dict[str, str]
+
+    @staticmethod
+    def of(job: Job) -> JobAnswer:
+        """Write a job out."""
+        here = f"/v1/jobs/{job.id}"
+        done = job.result or {}
+        return JobAnswer(
+            id=job.id,
+            kind=job.kind,
+            state=job.state,
+            progress=job.progress,
+            result=f"{here}/result" if "file" in done else done.get("link"),
+            error=job.error,
+            created=job.created,
+            updated=job.updated,
+            links={"self": here},
+        )
+
+
+class JobPageAnswer(BaseModel):
+    """A page of the list of jobs."""
+
+    jobs: list[JobAnswer]
+    cursor: str | None = Field(description="For the next page; null on the last.")

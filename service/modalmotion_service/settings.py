@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from pydantic import Field
@@ -11,18 +12,48 @@ from modalmotion.formats import ReadLimits
 
 
 class Settings(BaseSettings):
-    """What an operator may choose."""
+    """What an operator may choose; `/v1/limits` publishes the limits."""
 
     model_config = SettingsConfigDict(env_prefix="MODALMOTION_", frozen=True)
 
     data_dir: Path = Field(Path("modalmotion-data"), description="Folder that results lie in.")
     keep_uploads: bool = Field(True, description="Whether uploaded vertices are kept.")
+    workers: int = Field(
+        default_factory=lambda: os.cpu_count() or 1, ge=1, le=256, description="Processes."
+    )
+    wait_seconds: float = Field(
+        20.0, ge=0, le=600, description="How long a request waits before it becomes a job."
+    )
+    drain_seconds: float = Field(
+        20.0, ge=0, le=600, description="How long jobs under way may finish at shutdown."
+    )
+
     max_body_bytes: int = Field(256_000_000, gt=0, description="Largest request body.")
     max_frames: int = Field(10_000, gt=0, description="Most frames in a sequence.")
     max_vertices: int = Field(2_000_000, gt=0, description="Most vertices in a frame.")
     max_faces: int = Field(4_000_000, gt=0, description="Most triangles in a mesh.")
     max_decompressed_bytes: int = Field(
         1_000_000_000, gt=0, description="Largest total of the arrays in an upload."
+    )
+    max_query_ids: int = Field(1_000, gt=0, description="Most signatures in one answer.")
+    max_concurrent_requests: int = Field(
+        64, gt=0, description="Requests under way at once; more are answered 429."
+    )
+    max_unfinished_jobs: int = Field(
+        1_000, gt=0, description="Jobs queued or running at once; more are answered 429."
+    )
+    header_seconds: float = Field(
+        10.0, gt=0, description="Time for a request's headers to arrive; then it is closed."
+    )
+    idle_seconds: float = Field(
+        10.0, gt=0, description="Longest pause within a request's body; then 408."
+    )
+    upload_seconds: float = Field(
+        300.0, gt=0, description="Time for a request's whole body; then 408."
+    )
+    task_seconds: float = Field(300.0, gt=0, description="Longest time of one piece of work.")
+    task_memory_bytes: int = Field(
+        6_000_000_000, ge=1_000_000_000, description="Address space of one piece of work."
     )
 
     @property
@@ -34,3 +65,14 @@ class Settings(BaseSettings):
             faces=self.max_faces,
             decompressed_bytes=self.max_decompressed_bytes,
         )
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """Everything a client may run into, by the name that errors give it."""
+        of_readers = ("frames", "vertices", "faces", "decompressed_bytes")
+        names = ("body_bytes", *of_readers, "query_ids", "concurrent_requests", "unfinished_jobs")
+        seconds = ("header_seconds", "idle_seconds", "upload_seconds", "task_seconds")
+        limits: dict[str, float] = {name: getattr(self, f"max_{name}") for name in names}
+        limits.update({name: getattr(self, name) for name in seconds})
+        limits["task_memory_bytes"] = self.task_memory_bytes
+        return limits

@@ -12,7 +12,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from modalmotion.formats import write_npz
-from modalmotion.simulate import VentricleParameters, simulate_ventricle
+from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion_service.app import create_app
 from modalmotion_service.settings import Settings
 
@@ -36,7 +36,7 @@ def client(data_dir: Path) -> Iterator[TestClient]:
 def beat() -> bytes:
     """A simulated ventricle's beat, as a file."""
     rng = np.random.default_rng(7)
-    return write_npz(simulate_ventricle(VentricleParameters(), noise_mm=0.3, rng=rng))
+    return write_npz(simulate_ventricle(acquisition=Acquisition(noise=0.3), rng=rng))
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from fastapi.testclient import TestClient
 from modalmotion.formats import read_npz
 from modalmotion.signature import SignatureParameters, modal_signature
 from modalmotion.store import signature_from_hdf5, signature_to_hdf5
+from modalmotion_service import tasks
+from modalmotion_service.analysis import Analysis
 
 HDF5 = {"Accept": "application/x-hdf5"}
 
@@ -91,10 +94,13 @@ def test_a_signature_is_made_once_and_then_taken_from_the_store(
     here = f"/v1/sequences/{send(client, beat)}/signature"
     first = client.get(here).content
 
-    def forbidden(*_: object) -> None:
-        raise AssertionError("made a second time")
+    work = Analysis._work
 
-    monkeypatch.setattr("modalmotion_service.analysis.modal_signature", forbidden)
+    def watched(self: Analysis, task: Any, *args: Any) -> Any:
+        assert task is not tasks.sign, "made a second time"
+        return work(self, task, *args)
+
+    monkeypatch.setattr(Analysis, "_work", watched)
     assert client.get(here).content == first
 
 

@@ -30,7 +30,7 @@ def holed(value: float) -> bytes:
     return saved(vertices=vertices)
 
 
-BAD = {
+BAD: dict[str, tuple[bytes, int, str, dict[str, object]]] = {
     "empty": (b"", 400, "malformed_file", {}),
     "half a file": (saved(vertices=VERTICES)[:700], 400, "malformed_file", {}),
     "text": (b"x,y,z\n1,2,3\n", 400, "malformed_file", {}),
@@ -73,7 +73,7 @@ BAD = {
         "limit_exceeded",
         {"limit": "frames", "most": 100},
     ),
-    "too large": (bytes(LIMIT_BYTES + 1), 413, "limit_exceeded", {"limit": "max_body_bytes"}),
+    "too large": (bytes(LIMIT_BYTES + 1), 413, "limit_exceeded", {"limit": "body_bytes"}),
 }
 
 
@@ -100,7 +100,7 @@ def test_bad_uploads_say_what_and_where_and_change_nothing(
 
 def test_a_body_without_a_declared_length_is_limited_too(client: TestClient) -> None:
     answer = client.post("/v1/sequences", content=(bytes(100_000) for _ in range(30)))
-    assert (answer.status_code, answer.json()["limit"]) == (413, "max_body_bytes")
+    assert (answer.status_code, answer.json()["limit"]) == (413, "body_bytes")
 
 
 def test_a_form_without_the_file_says_so(client: TestClient) -> None:
@@ -126,7 +126,7 @@ def test_a_form_without_the_file_says_so(client: TestClient) -> None:
 def test_every_error_is_a_problem(
     client: TestClient, method: str, path: str, status: int, code: str
 ) -> None:
-    answer = client.request(method, path, content=b"abc" if method == "POST" else None)
+    answer = client.request(method, path, content=b"abc" if "?" in path else None)
     assert answer.headers["content-type"] == "application/problem+json"
     assert (answer.status_code, answer.json()["code"]) == (status, code)
 
@@ -201,11 +201,11 @@ def test_the_type_of_an_answer_is_negotiated(
 def test_an_unexpected_failure_tells_nothing_of_the_inside(
     client: TestClient, beat: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(*_: object) -> None:
+    async def broken(*_: object) -> None:
         raise RuntimeError("secret path")
 
     here = client.post("/v1/sequences", content=beat).headers["location"]
-    monkeypatch.setattr("modalmotion_service.analysis.modal_signature", broken)
+    monkeypatch.setattr("modalmotion_service.analysis.Analysis.signature", broken)
     answer = client.get(f"{here}/signature")
     assert (answer.status_code, answer.json()["code"]) == (500, "internal_error")
     assert "secret" not in answer.text

@@ -7,21 +7,9 @@ from pathlib import Path
 
 import click
 
-from modalmotion.cli.files import SequenceFile, read_sequence
+from modalmotion.cli.files import GridShape, SequenceFile, read_sequence
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.template import Weights
-
-
-class _Grid(click.ParamType[tuple[int, ...]]):
-    name = "N,N'"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, ...]:
-        try:
-            return tuple(int(n) for n in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is no lattice shape; write it as 32,64.", param, ctx)
 
 
 @click.command()
@@ -29,7 +17,7 @@ class _Grid(click.ParamType[tuple[int, ...]]):
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="HDF5 file to write.")
 @click.option("--modes", default=7, show_default=True, help="Modes, 3 amplitudes a frame each.")
 @click.option("--topology", help="cup, cylinder, plane, ...; over what the file states.")
-@click.option("--grid", type=_Grid(), help="Lattice shape such as 32,64; over the file's own.")
+@click.option("--grid", type=GridShape(), help="Lattice shape such as 32,64; over the file's own.")
 @click.option("--reference", default=0, show_default=True, help="Frame to measure from.")
 @click.option(
     "--weights",

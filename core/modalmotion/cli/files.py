@@ -1,4 +1,4 @@
-"""Files named on the command line."""
+"""Files and shapes named on the command line."""
 
 from __future__ import annotations
 
@@ -15,6 +15,22 @@ class SequenceFile(click.Path):
 
     def __init__(self) -> None:
         super().__init__(exists=True, dir_okay=False, readable=True, path_type=Path)
+
+
+class GridShape(click.ParamType[tuple[int, ...]]):
+    """A lattice shape such as 32,64."""
+
+    name = "N,N'"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, ...]:
+        if isinstance(value, tuple):
+            return value
+        try:
+            return tuple(int(n) for n in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is no lattice shape; write it as 32,64.", param, ctx)
 
 
 def read_sequence(path: Path) -> MeshSequence:

@@ -1,1 +1,66 @@
-"""The command that simulates a ventricle."""
+"""The command that simulates a ventricle; every parameter of the model is an option."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from modalmotion.cli.files import GridShape
+from modalmotion.formats import write_npz
+from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
+from modalmotion.store import write_atomic
+
+
+def _parameter_options(command: Callable[..., None]) -> Callable[..., None]:
+    for parameter in reversed(fields(VentricleParameters)):
+        low, high = parameter.metadata["range"]
+        command = click.option(
+            f"--{parameter.name.replace('_', '-')}",
+            parameter.name,
+            type=click.FloatRange(low, high),
+            default=parameter.default,
+            show_default=True,
+        )(command)
+    return command
+
+
+@click.command()
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="File to write (.npz)."
+)
+@click.option("--frames", default=25, show_default=True, help="Frames over one beat.")
+@click.option("--noise", default=0.0, show_default=True, help="Of each coordinate, in mm.")
+@click.option("--grid", type=GridShape(), default="32,64", show_default=True, help="Lattice.")
+@click.option("--vertices", type=int, help="Triangulate so many vertices in place of a lattice.")
+@click.option("--seed", default=0, show_default=True, help="Of everything that is random.")
+@_parameter_options
+def simulate(
+    output: Path,
+    frames: int,
+    noise: float,
+    grid: tuple[int, ...],
+    vertices: int | None,
+    seed: int,
+    **parameters: Any,
+) -> None:
+    """Simulate one heartbeat of a left ventricle.
+
+    The motion is kinematic: it follows ejection fraction, shortening, torsion and timing of
+    known physiology, and solves no mechanics.
+    """
+    if len(grid) != 2:
+        raise click.BadParameter("A ventricle's lattice has two axes.", param_hint="--grid")
+    sequence = simulate_ventricle(
+        VentricleParameters(**parameters),
+        grid=(grid[0], grid[1]),
+        n_vertices=vertices,
+        acquisition=Acquisition(n_frames=frames, noise=noise),
+        rng=np.random.default_rng(seed),
+    )
+    write_atomic(output, write_npz(sequence))
+    click.echo(f"{sequence.n_frames} frames of {sequence.n_vertices} vertices, in mm: {output}")

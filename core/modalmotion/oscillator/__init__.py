@@ -1,7 +1,6 @@
 """Oscillators: the dynamics of modes, each advanced exactly over any time."""
 
 from modalmotion.oscillator.damping import nodal_damping, rayleigh_damping
-from modalmotion.oscillator.exact_step import ExactStep, driven_states, exact_step
 from modalmotion.oscillator.forces import modal_forces
 from modalmotion.oscillator.oscillators import Oscillators, State, energy, phase_error
 from modalmotion.oscillator.responses import (
@@ -11,6 +10,7 @@ from modalmotion.oscillator.responses import (
     ramp_response,
     step_response,
 )
+from modalmotion.oscillator.stepping import ExactStep, driven_states, exact_step
 
 __all__ = [
     "ExactStep",

@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.products import product
 
 
 def modal_forces(
     shapes: NDArray[np.float64], forces: NDArray[np.float64], mass: float = 1.0
 ) -> NDArray[np.float64]:
     """Force on each mode per unit modal mass, f = Phi' F of Nastar (1994), eq. 3.
+
+    On a lattice `modalmotion.transform.project` does the same faster: f = project(F) / M.
 
     Parameters
     ----------
@@ -27,6 +30,7 @@ def modal_forces(
     Returns
     -------
     (modes, ...) float64, mm per time unit squared
+        The same bits on any number of threads.
 
     Raises
     ------
@@ -45,6 +49,6 @@ def modal_forces(
             f"Nodes of mass {mass} cannot be accelerated.", remedy="Use a mass above zero."
         )
     # The shapes' mean square is 1, so Phi' M Phi = M N: f = Phi' F / (M N).
-    F = np.asarray(forces, dtype=np.float64)
-    projected = np.tensordot(np.asarray(shapes, dtype=np.float64), F, axes=(0, 0))
-    return np.asarray(projected / (mass * len(shapes)))
+    phi, F = (np.asarray(a, dtype=np.float64) for a in (shapes, forces))
+    f = product(phi.T, F.reshape(len(F), -1)) / (mass * len(phi))
+    return f.reshape(phi.shape[1], *F.shape[1:])

@@ -28,8 +28,8 @@ from modalmotion.oscillator.twofold import Twofold
 Array = NDArray[np.float64]
 
 # The series runs while the larger root is below this, and then to this many terms.
-_SERIES_BELOW: Final = 2.0
-_N_TERMS: Final = 26
+_SERIES_BELOW: Final = 1.0
+_N_TERMS: Final = 20
 
 
 class Responses(NamedTuple):
@@ -66,10 +66,11 @@ class _Rates(NamedTuple):
     h: Array
     w: Array
     half: Array  # c / 2
+    s: Array  # half the distance of the roots
+    slow: Array  # r
     fast: Array  # R
-    omega: Array  # w h
     gamma: Twofold  # c h / 2
-    x: Twofold  # half the distance of the roots, times h
+    x: Twofold  # s h
     slow_z: Twofold  # z = r h
     fast_z: Twofold  # Z = R h
 
@@ -87,7 +88,7 @@ def responses(w: Array, c: Array, h: Array) -> Responses:
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         rates = _rates(w, c, h)
         oscillates = rates.half < w
-        small = np.where(oscillates, rates.omega, rates.fast_z.high) < _SERIES_BELOW
+        small = np.where(oscillates, w * h, rates.fast_z.high) < _SERIES_BELOW
         out = np.empty((len(Responses._fields), h.size))
         for where, rule in (
             (small, _near_zero),
@@ -112,21 +113,20 @@ def _rates(w: Array, c: Array, h: Array) -> _Rates:
     slow = twofold.scale(twofold.divide(w, fast), w)
     angles = (Twofold(half, np.zeros_like(half)), s, slow, fast)
     gamma, x, slow_z, fast_z = (twofold.bounded(twofold.scale(rate, h)) for rate in angles)
-    return _Rates(h, w, half, fast.high, w * h, gamma, x, slow_z, fast_z)
+    return _Rates(h, w, half, s.high, slow.high, fast.high, gamma, x, slow_z, fast_z)
 
 
-def _at(rates: _Rates, where: NDArray[np.bool_]) -> _Rates:
-    return _Rates(
-        *(
-            Twofold(a.high[where], a.low[where]) if isinstance(a, Twofold) else a[where]
-            for a in rates
-        )
-    )
+def _at(q: _Rates, where: NDArray[np.bool_]) -> _Rates:
+    floats = (a[where] for a in (q.h, q.w, q.half, q.s, q.slow, q.fast))
+    h, w, half, s, slow, fast = floats
+    twofolds = (Twofold(a.high[where], a.low[where]) for a in (q.gamma, q.x, q.slow_z, q.fast_z))
+    gamma, x, slow_z, fast_z = twofolds
+    return _Rates(h, w, half, s, slow, fast, gamma, x, slow_z, fast_z)
 
 
 def _near_zero(q: _Rates) -> tuple[Array, ...]:
     """Both roots near 0, or at it: a power series in them."""
-    gamma, omega = q.gamma.high, q.omega
+    gamma, omega = q.gamma.high, q.w * q.h
     # exp[-z, -Z, 0] = sum (-1)^n h_n(z, Z) / (n + 2)!, one factorial on for each further 0,
     # h_n = 2 gamma h_(n-1) - omega^2 h_(n-2) the complete symmetric polynomials of the roots.
     before, now = np.zeros_like(omega), np.ones_like(omega)
@@ -154,42 +154,43 @@ def _near_zero(q: _Rates) -> tuple[Array, ...]:
 def _oscillating(q: _Rates) -> tuple[Array, ...]:
     """Complex roots, away from 0."""
     E = _exp(q.gamma)
-    gamma = q.gamma.high
-    G = E * _sinc(q.x)
-    cosine = E * _cos(q.x)
-    # 1 - A = e^-gamma (1 - cos x) + [1 - e^-gamma - gamma e^-gamma sin x / x], neither negative;
+    cosine, g = E * _cos(q.x), E * _sin(q.x) / q.s
+    half_g = q.half * g
+    # 1 - A = e^-gamma (1 - cos x) + [1 - e^-gamma - (c/2) g], neither of them negative;
     # 1 - B is the same with the last sign turned.
     half_sine = _sin(Twofold(0.5 * q.x.high, 0.5 * q.x.low))
-    turned, decayed = 2.0 * E * half_sine**2, -np.expm1(-gamma)
-    lost = turned + (decayed - gamma * G)
-    # w^2 T = 1 - G - c S
-    ramp = 1.0 - G - 2.0 * (gamma / q.omega) * (lost / q.omega)
+    turned, decayed = 2.0 * E * half_sine**2, -np.expm1(-q.gamma.high)
+    lost = turned + (decayed - half_g)
+    # w^2 T = 1 - (g + c S) / h
+    ramp = 1.0 - g / q.h - 2.0 * (q.half / q.w) * (lost / (q.w * q.h))
     return (
-        q.h * G,
+        g,
         lost / q.w / q.w,
         ramp / q.w / q.w,
-        cosine + gamma * G,
+        cosine + half_g,
         lost,
-        cosine - gamma * G,
-        turned + (decayed + gamma * G),
+        cosine - half_g,
+        turned + (decayed + half_g),
     )
 
 
 def _decaying(q: _Rates) -> tuple[Array, ...]:
     """Real roots, the larger one away from 0."""
-    slow, fast = q.slow_z.high, q.fast_z.high
-    # exp[-z, -Z] = e^-z (1 - e^-2x) / 2x, 2x = Z - z
-    G = _exp(q.slow_z) * _mean_decay(q.x)
-    # exp[-z, 0] = (1 - e^-z) / z and exp[-z, 0, 0] = (1 - exp[-z, 0]) / z
-    phi_1, phi_2 = _phi(slow)
-    step = phi_1 - G
-    kept_velocity = _exp(q.fast_z) - slow * G
+    # g = e^-z (1 - e^-2x) / 2s, 2s = R - r; the roots may meet, or be too far for h.
+    near = q.x.high < 1.0
+    g = _exp(q.slow_z) * np.where(
+        near, q.h * _mean_decay(q.x), -np.expm1(-2.0 * q.x.high) / np.where(near, 1.0, 2.0 * q.s)
+    )
+    # h exp[-z, 0] = (1 - e^-z) / r and h exp[-z, 0, 0] = (1 - exp[-z, 0]) / r
+    phi_1, phi_2 = _phi(q)
+    step = (phi_1 - g) / q.fast
+    kept_velocity = _exp(q.fast_z) - q.slow * g
     return (
-        q.h * G,
-        q.h * (step / q.fast),
-        q.h * ((phi_2 - step / fast) / q.fast),
-        _exp(q.slow_z) + slow * G,
-        slow * step,
+        g,
+        step,
+        phi_2 / q.fast - step / q.fast_z.high,
+        _exp(q.slow_z) + q.slow * g,
+        q.slow * (phi_1 - g),
         kept_velocity,
         1.0 - kept_velocity,
     )
@@ -223,15 +224,19 @@ def _sinc(x: Twofold) -> Array:
     return np.where(is_zero, 1.0, _sin(x) / np.where(is_zero, 1.0, x.high))
 
 
-def _phi(z: Array) -> tuple[Array, Array]:
-    """(1 - e^-z) / z and its successor (1 - phi_1) / z, with their limits 1 and 1/2 at 0."""
+def _phi(q: _Rates) -> tuple[Array, Array]:
+    """(1 - e^-z) / r and its successor, with their limits h and h / 2 at r = 0."""
+    z = q.slow_z.high
     is_small = z < 1.0
-    divisor = np.where(is_small, 1.0, z)
-    phi_1 = -np.expm1(-divisor) / divisor
-    phi_2 = (1.0 - phi_1) / divisor
+    r = np.where(is_small, 1.0, q.slow)
+    phi_1 = -np.expm1(-z) / r
+    phi_2 = (1.0 - phi_1 / q.h) / r
+    # exp[-z, 0, 0] = sum (-z)^n / (n + 2)!, and exp[-z, 0] = 1 - z exp[-z, 0, 0].
     y = np.where(is_small, z, 0.0)
     term, series = np.full_like(y, 0.5), np.full_like(y, 0.5)
-    for n in range(3, 21):
+    for n in range(3, _N_TERMS):
         term = -term * y / n
         series = series + term
-    return np.where(is_small, 1.0 - y * series, phi_1), np.where(is_small, series, phi_2)
+    return np.where(is_small, q.h * (1.0 - y * series), phi_1), np.where(
+        is_small, q.h * series, phi_2
+    )

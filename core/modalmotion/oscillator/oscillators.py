@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,8 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError, ShapeError
 
 
-class State(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class State:
     """Where oscillators are and how fast they move.
 
     Parameters
@@ -20,10 +20,15 @@ class State(NamedTuple):
         u of each mode, in as many directions as the caller has.
     velocities : (modes, ...) float64, mm per time unit
         u'.
+    amplitude_rests, velocity_rests : (modes, ...) float64 or 0
+        What rounding cut off at the last step. A step hands it on to the next, so that many
+        small steps are as exact as few large ones. Nobody else needs it.
     """
 
     amplitudes: NDArray[np.float64]
     velocities: NDArray[np.float64]
+    amplitude_rests: NDArray[np.float64] | float = 0.0
+    velocity_rests: NDArray[np.float64] | float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,14 +139,15 @@ def require_state(oscillators: Oscillators, state: State) -> State:
     ShapeError
         If amplitudes and velocities differ in shape, or have not one row for each mode.
     """
-    u, v = (np.asarray(part, dtype=np.float64) for part in state)
+    u = np.asarray(state.amplitudes, dtype=np.float64)
+    v = np.asarray(state.velocities, dtype=np.float64)
     if u.shape != v.shape or u.shape[:1] != (len(oscillators),):
         raise ShapeError(
             f"Amplitudes of shape {u.shape} and velocities of shape {v.shape} do not describe "
             f"{len(oscillators)} oscillators.",
             remedy="Give both with the shape (modes, ...).",
         )
-    return State(u, v)
+    return State(u, v, state.amplitude_rests, state.velocity_rests)
 
 
 def require_times(times: NDArray[np.float64]) -> NDArray[np.float64]:

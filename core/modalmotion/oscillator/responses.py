@@ -103,7 +103,8 @@ def free_response(oscillators: Oscillators, times: NDArray[np.float64], start: S
     ShapeError
         If the state does not have one row for each mode.
     """
-    u0, v0 = require_state(oscillators, start)
+    start = require_state(oscillators, start)
+    u0, v0 = start.amplitudes, start.velocities
     r = _at(oscillators, times)
     w = oscillators.angular_frequencies
     parts = (r.kept, r.impulse, w * (w * r.impulse), r.kept_velocity)
@@ -133,7 +134,7 @@ def _free_states(
     chunk = max(1, _MOST_VALUES_AT_ONCE // max(1, start.amplitudes.size))
     for first in range(0, len(times), chunk):
         several = free_response(oscillators, times[first : first + chunk], start)
-        for u, v in zip(*several, strict=True):
+        for u, v in zip(several.amplitudes, several.velocities, strict=True):
             yield State(u, v)
 
 

@@ -1,17 +1,34 @@
-"""Mesh sequences: upload and summary."""
+"""Mesh sequences: upload, list, summary, names, deletion."""
 
 from __future__ import annotations
 
+import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from modalmotion.formats import read_npz
-from modalmotion.topology import Topology
-from modalmotion_service.dependencies import SettingsDependency, StoreDependency, Upload
-from modalmotion_service.openapi_parts import PROBLEMS, UPLOAD_BODY
-from modalmotion_service.schemas import SequenceId, SequenceSummary, parse_grid
+from modalmotion.store import UNSET, Job
+from modalmotion_service.analysis import Upload
+from modalmotion_service.conditional import is_known, not_modified, tag_of
+from modalmotion_service.deferral import accepted, result_or_job
+from modalmotion_service.dependencies import (
+    PreferenceDependency,
+    StateDependency,
+    StoreDependency,
+    UploadDependency,
+)
+from modalmotion_service.once import IdempotencyKey, once
+from modalmotion_service.openapi_parts import ACCEPTED, PROBLEMS, UPLOAD_BODY
+from modalmotion_service.schemas import (
+    GRID_PATTERN,
+    SequenceId,
+    SequenceNames,
+    SequencePageAnswer,
+    SequenceSummary,
+    parse_grid,
+)
+from modalmotion_service.tasks import Overrides
 
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=PROBLEMS)
 
@@ -23,9 +40,7 @@ class UploadQuery(BaseModel):
 
     topology: str | None = Field(None, max_length=80)
     grid: str | None = Field(
-        None,
-        pattern=r"^[1-9][0-9]{0,8}(,[1-9][0-9]{0,8}){0,2}$",
-        description="Nodes along each axis of a lattice, such as 32,64.",
+        None, pattern=GRID_PATTERN, description="Nodes along each axis of a lattice: 32,64."
     )
     unit: str | None = Field(None, max_length=20, description="m, cm, mm, um or nm.")
     subject: str | None = Field(None, max_length=200, description="Whose surface it is.")
@@ -35,34 +50,103 @@ class UploadQuery(BaseModel):
 @router.post(
     "",
     status_code=201,
+    response_model=SequenceSummary,
     openapi_extra=UPLOAD_BODY,
-    responses={200: {"model": SequenceSummary, "description": "Known already."}},
+    responses={200: {"model": SequenceSummary, "description": "Known already."}, **ACCEPTED},
 )
-def upload(
-    body: Upload,
+async def upload(
+    spooled: UploadDependency,
     query: Annotated[UploadQuery, Query()],
-    settings: SettingsDependency,
-    store: StoreDependency,
-    response: Response,
-) -> SequenceSummary:
+    state: StateDependency,
+    preference: PreferenceDependency,
+    idempotency_key: IdempotencyKey = None,
+) -> Response:
     """Keep a mesh sequence, sent as .npz.
 
-    The same content has the same id: 201 when it is new, 200 when it was known.
+    The same content has the same id: 201 when it is new, 200 when it was known, and 202 with a
+    job where the client would rather not wait or the work takes long.
     """
-    read = read_npz(body, settings.read_limits)
-    sequence = read.sequence.with_topology(
-        None if query.topology is None else Topology.parse(query.topology),
-        parse_grid(query.grid),
+    is_left_to_job = False
+
+    async def make() -> Response:
+        nonlocal is_left_to_job
+        sent = Upload(
+            spooled,
+            Overrides(query.topology, parse_grid(query.grid), query.unit),
+            query.subject,
+            query.label,
+        )
+        request = {"file": spooled.path.name, **query.model_dump()}
+        if preference.is_async or state.settings.wait_seconds < state.settings.task_seconds:
+            # A job may be acknowledged before the bytes are read: they must outlive a crash.
+            await asyncio.to_thread(spooled.make_durable)
+        found = await result_or_job(
+            state, preference, "upload", request, state.analysis.receive(sent)
+        )
+        if isinstance(found, Job):
+            is_left_to_job = True
+            return accepted(found)
+        return _answer(
+            SequenceSummary.of(found.record, found.ignored), 201 if found.is_new else 200
+        )
+
+    try:
+        fingerprint = ("POST /v1/sequences", spooled.sha256, query.model_dump_json())
+        return await once(state.store, idempotency_key, fingerprint, make)
+    finally:
+        if not is_left_to_job:
+            spooled.remove()
+
+
+class ListQuery(BaseModel):
+    """Which sequences to list."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    subject: str | None = Field(None, max_length=200)
+    label: str | None = Field(None, max_length=200)
+    limit: int = Field(100, ge=1, le=1000, description="Of one page.")
+    cursor: str | None = Field(None, max_length=200, description="Of the page before.")
+
+
+@router.get("")
+def list_sequences(
+    query: Annotated[ListQuery, Query()], store: StoreDependency
+) -> SequencePageAnswer:
+    """List sequences from the newest to the oldest, a page at a time."""
+    page = store.list_sequences(**query.model_dump())
+    return SequencePageAnswer(
+        sequences=[SequenceSummary.of(record) for record in page.records], cursor=page.cursor
     )
-    if query.unit is not None:
-        sequence = sequence.with_unit(query.unit)
-    is_new = store.put_sequence(sequence, subject=query.subject, label=query.label)
-    response.status_code = 201 if is_new else 200
-    response.headers["Location"] = f"/v1/sequences/{sequence.id}"
-    return SequenceSummary.of(store.sequence_record(sequence.id), read.ignored)
 
 
-@router.get("/{sequence_id}")
-def summary(sequence_id: SequenceId, store: StoreDependency) -> SequenceSummary:
+@router.get("/{sequence_id}", response_model=SequenceSummary)
+def summary(sequence_id: SequenceId, store: StoreDependency, request: Request) -> Response:
     """Give what is known of a sequence."""
-    return SequenceSummary.of(store.sequence_record(sequence_id))
+    answer = _answer(SequenceSummary.of(store.sequence_record(sequence_id)), 200)
+    tag = answer.headers["etag"]
+    return not_modified(tag) if is_known(request, tag) else answer
+
+
+@router.patch("/{sequence_id}", response_model=SequenceSummary)
+def rename(sequence_id: SequenceId, names: SequenceNames, store: StoreDependency) -> Response:
+    """Change the subject, the label or both; null takes one away."""
+    given = names.model_fields_set
+    record = store.update_sequence(
+        sequence_id,
+        subject=names.subject if "subject" in given else UNSET,
+        label=names.label if "label" in given else UNSET,
+    )
+    return _answer(SequenceSummary.of(record), 200)
+
+
+@router.delete("/{sequence_id}", status_code=204)
+def delete(sequence_id: SequenceId, store: StoreDependency) -> None:
+    """Delete a sequence with everything that derives from it."""
+    store.delete_sequence(sequence_id)
+
+
+def _answer(summary: SequenceSummary, status: int) -> Response:
+    body = summary.model_dump_json()
+    headers = {"Location": f"/v1/sequences/{summary.id}", "ETag": tag_of(body)}
+    return Response(body, status, headers, "application/json")

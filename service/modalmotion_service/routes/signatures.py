@@ -1,40 +1,108 @@
-"""Modal signatures of a sequence."""
+"""Modal signatures: of one sequence, and of many in one answer."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Response
+from fastapi import APIRouter, Header, Query, Request, Response
+from starlette.background import BackgroundTask
 from starlette.responses import FileResponse
 
-from modalmotion_service.dependencies import AnalysisDependency, StoreDependency
-from modalmotion_service.negotiation import HDF5, JSON, best_type
-from modalmotion_service.openapi_parts import PROBLEMS
-from modalmotion_service.schemas import SequenceId, SignatureAnswer, SignatureQuery
+from modalmotion.errors import LimitError
+from modalmotion.store import Job
+from modalmotion_service.conditional import is_known, not_modified, tag_of
+from modalmotion_service.deferral import accepted, result_or_job
+from modalmotion_service.dependencies import PreferenceDependency, StateDependency
+from modalmotion_service.negotiation import HDF5, JSON, NPZ, best_type
+from modalmotion_service.openapi_parts import ACCEPTED, BINARY, PROBLEMS
+from modalmotion_service.schemas import (
+    ManySignatures,
+    SequenceId,
+    SignatureAnswer,
+    SignatureQuery,
+)
 
-router = APIRouter(prefix="/v1/sequences", tags=["signatures"], responses=PROBLEMS)
+router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 
 
 @router.get(
-    "/{sequence_id}/signature",
+    "/sequences/{sequence_id}/signature",
     response_model=SignatureAnswer,
-    responses={200: {"content": {HDF5: {"schema": {"type": "string", "format": "binary"}}}}},
+    responses={200: {"content": {HDF5: BINARY}}, **ACCEPTED},
 )
-def signature(
+async def signature(
     sequence_id: SequenceId,
     query: Annotated[SignatureQuery, Query()],
-    store: StoreDependency,
-    analysis: AnalysisDependency,
+    state: StateDependency,
+    preference: PreferenceDependency,
+    request: Request,
     accept: Annotated[str, Header(description=f"{JSON} or {HDF5}.")] = JSON,
-) -> Response | SignatureAnswer:
+) -> Response:
     """Give the modal signature: amplitudes, error, spectrum, energy and where it is kept.
 
     JSON or the result's HDF5 file, by `Accept`.
     """
     media_type = best_type(accept, (JSON, HDF5))
-    result, path = analysis.signature(sequence_id, query.parameters())
+    parameters = query.parameters()
+    state.store.sequence_record(sequence_id)
+    # A result never changes once its sequence and its parameters are named.
+    tag = tag_of(sequence_id, parameters.key, media_type)
+    if is_known(request, tag):
+        return not_modified(tag)
+    asked = {"sequence_id": sequence_id, "query": query.model_dump(mode="json")}
+    found = await result_or_job(
+        state, preference, "signature", asked, state.analysis.signature(sequence_id, parameters)
+    )
+    if isinstance(found, Job):
+        return accepted(found)
+    headers = {"ETag": tag, "Vary": "Accept"}
     if media_type == HDF5:
-        return FileResponse(path, media_type=HDF5, filename=f"{sequence_id[:12]}-signature.h5")
-    answer = SignatureAnswer.of(result, path.relative_to(store.root).as_posix())
-    # The model is valid by construction: written out once, not checked a second time.
-    return Response(answer.model_dump_json(), media_type=JSON)
+        name = f"{sequence_id[:12]}-signature.h5"
+        return FileResponse(found, media_type=HDF5, filename=name, headers=headers)
+    body = await state.analysis.signature_json(sequence_id, parameters)
+    return Response(body, media_type=JSON, headers=headers)
+
+
+@router.post(
+    "/signatures/query",
+    response_class=Response,
+    responses={
+        200: {"description": "All trajectories.", "content": {NPZ: BINARY, HDF5: BINARY}},
+        **ACCEPTED,
+    },
+)
+async def signatures(
+    asked: ManySignatures,
+    state: StateDependency,
+    preference: PreferenceDependency,
+    accept: Annotated[str, Header(description=f"{NPZ} or {HDF5}.")] = NPZ,
+) -> Response:
+    """Give the signatures of many sequences in one file, in the order of their ids."""
+    media_type = best_type(accept, (NPZ, HDF5))
+    most = state.settings.max_query_ids
+    if len(asked.ids) > most:
+        raise LimitError(
+            f"{len(asked.ids)} signatures were asked for at once; at most {most} are given.",
+            remedy="Ask for them in several requests.",
+            limit="query_ids",
+            details={"value": len(asked.ids), "most": most},
+        )
+    for sequence_id in asked.ids:
+        state.store.sequence_record(sequence_id)
+    request = {**asked.model_dump(mode="json"), "as_hdf5": media_type == HDF5}
+    work = state.analysis.pack(asked.ids, asked.parameters(), media_type == HDF5)
+    found = await result_or_job(state, preference, "signatures", request, work)
+    if isinstance(found, Job):
+        return accepted(found)
+    return packed(found, media_type, BackgroundTask(_remove, found))
+
+
+def packed(path: Path, media_type: str, background: BackgroundTask | None = None) -> FileResponse:
+    """Answer with a file of packed signatures."""
+    name = "signatures.h5" if media_type == HDF5 else "signatures.npz"
+    return FileResponse(path, media_type=media_type, filename=name, background=background)
+
+
+def _remove(path: Path) -> None:
+    path.unlink(missing_ok=True)

@@ -65,19 +65,7 @@ class ExactStep:
         ShapeError
             If the state does not have one row for each mode.
         """
-        u, v = require_state(self.oscillators, state)
-        A, a, B, b, g, w2_g = (
-            per_mode(values, u)
-            for values in (
-                self.kept_whole,
-                self.kept_rest,
-                self.kept_velocity_whole,
-                self.kept_velocity_rest,
-                self.impulse,
-                self.restoring,
-            )
-        )
-        return State(A * u + (a * u + g * v), B * v + (b * v - w2_g * u))
+        return self._advance(require_state(self.oscillators, state), 0.0, 0.0)
 
     def advance_forced(self, state: State, force_start: Array, force_end: Array) -> State:
         """State after the step under a force that is linear over it.
@@ -99,7 +87,8 @@ class ExactStep:
         ShapeError
             If the state or a force does not have the state's shape.
         """
-        u, v = self.advance(state)
+        state = require_state(self.oscillators, state)
+        u = state.amplitudes
         f0, f1 = (np.asarray(f, dtype=np.float64) for f in (force_start, force_end))
         if f0.shape != u.shape or f1.shape != u.shape:
             raise ShapeError(
@@ -108,14 +97,34 @@ class ExactStep:
             )
         g, S, T = (per_mode(values, u) for values in (self.impulse, self.step, self.ramp))
         rise = f1 - f0
-        return State(u + (S * f0 + T * rise), v + (g * f0 + (S / self.duration) * rise))
+        return self._advance(state, S * f0 + T * rise, g * f0 + (S / self.duration) * rise)
+
+    def _advance(self, state: State, pushed: Array | float, speeded: Array | float) -> State:
+        u, v = state.amplitudes, state.velocities
+        A, a, B, b, g, w2_g = (
+            per_mode(values, u)
+            for values in (
+                self.kept_whole,
+                self.kept_rest,
+                self.kept_velocity_whole,
+                self.kept_velocity_rest,
+                self.impulse,
+                self.restoring,
+            )
+        )
+        # u <- A u + (a u + g v + ...), A whole: the sum's rounding error is all there is.
+        du = (a * u + g * v) + (A * state.amplitude_rests + pushed)
+        dv = (b * v - w2_g * u) + (B * state.velocity_rests + speeded)
+        u_next, v_next = twofold.add(A * u, du), twofold.add(B * v, dv)
+        return State(u_next.high, v_next.high, u_next.low, v_next.low)
 
 
 def exact_step(oscillators: Oscillators, duration: float) -> ExactStep:
     """Exact step of a given length.
 
-    Without damping the step keeps energy to 0.25 eps or less in a step, at any length: the
-    coefficients are adjusted within their last places until their determinant is 1.
+    Without damping a step changes the energy by 0.5 eps at most, 1.2 eps where it is a quarter
+    of a period: the coefficients are adjusted within their last places until their determinant
+    is 1.
 
     Parameters
     ----------
@@ -205,7 +214,7 @@ def _conserving(
     """Adjust b and w^2 g in their last places until (A + a)(A + b) + w^2 g^2 = 1.
 
     That determinant is the factor by which a step changes the energy. Without this the
-    rounding of the coefficients, the same at every step, would change it by up to 3 eps.
+    rounding of the coefficients, the same at every step, would change it by up to 1.8 eps.
     """
     # Each is adjusted where it is the less sensitive one; the second has finer last places.
     turned = undamped & (A == 0)

@@ -1,0 +1,93 @@
+"""Commands that look after a store: rebuild, verify and export."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+_FOLDER = click.argument(
+    "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="FOLDER"
+)
+
+
+@click.group()
+def store() -> None:
+    """Look after a folder of results; no server may have it open."""
+
+
+@store.command()
+@_FOLDER
+def rebuild(folder: Path) -> None:
+    """Build the index of the store in FOLDER anew from its files."""
+    from modalmotion.store import rebuild as run
+
+    with _progress("reading files") as progress:
+        found = run(folder, progress=progress)
+    click.echo(f"{found.n_sequences} sequences, {found.n_results} results are in the index")
+    for what, number in (
+        ("deletions finished", found.n_deletions),
+        ("unfinished files removed", found.n_temporaries),
+    ):
+        if number:
+            click.echo(f"{number} {what}")
+    for what, files in (
+        ("record written anew", found.restored),
+        ("damaged, not in the index", found.damaged),
+        ("belongs to nothing", found.orphans),
+    ):
+        for file in files:
+            click.echo(f"{file}: {what}")
+    if found.jobs_lost:
+        click.echo("The index was damaged: jobs and idempotency keys are lost.")
+
+
+@store.command()
+@_FOLDER
+def verify(folder: Path) -> None:
+    """Check every file of the store in FOLDER; ends with 1 if something is wrong."""
+    from modalmotion.store import verify as run
+
+    with _progress("reading files") as progress:
+        report = run(folder, progress=progress)
+    for fault in report.faults:
+        click.echo(f"{fault.file}: {fault.problem}")
+    for file in report.unfinished:
+        click.echo(f"{file}: left by a crash; opening the store settles it")
+    for file in report.orphans:
+        click.echo(f"{file}: belongs to nothing")
+    n_faults = len(report.faults)
+    verdict = "sound" if report.is_sound else f"{n_faults} fault{'s' * (n_faults > 1)}"
+    click.echo(
+        f"{report.n_sequences} sequences, {report.n_results} results, "
+        f"{report.n_bytes / 1e6:.1f} MB: {verdict}"
+    )
+    if not report.is_sound:
+        raise click.exceptions.Exit(1)
+
+
+@store.command()
+@_FOLDER
+@click.argument("out", type=click.Path(dir_okay=False, path_type=Path), metavar="OUT.h5")
+def export(folder: Path, out: Path) -> None:
+    """Pack all signatures of the store in FOLDER into one HDF5 file."""
+    from modalmotion.store import export as run
+
+    with _progress("packing signatures") as progress:
+        n_signatures = run(folder, out, progress=progress)
+    click.echo(f"{n_signatures} signatures written: {out}")
+
+
+@contextmanager
+def _progress(label: str) -> Iterator[Callable[[int, int], None]]:
+    # The number of files is known only when the work has begun.
+    with click.progressbar(length=1, label=label, file=sys.stderr) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.length = total
+            bar.update(done - bar.pos)
+
+        yield show

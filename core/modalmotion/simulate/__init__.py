@@ -1,0 +1,21 @@
+"""Simulated left ventricles with known motion, and labelled cohorts of them."""
+
+from modalmotion.simulate.classes import MotionClass, draw_parameters
+from modalmotion.simulate.cohort import Case, simulate_cohort
+from modalmotion.simulate.parameters import Territory, VentricleParameters
+from modalmotion.simulate.pose import Pose
+from modalmotion.simulate.spheroid import Spacing
+from modalmotion.simulate.ventricle import Acquisition, simulate_ventricle
+
+__all__ = [
+    "Acquisition",
+    "Case",
+    "MotionClass",
+    "Pose",
+    "Spacing",
+    "Territory",
+    "VentricleParameters",
+    "draw_parameters",
+    "simulate_cohort",
+    "simulate_ventricle",
+]

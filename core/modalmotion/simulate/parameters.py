@@ -1,0 +1,157 @@
+"""Parameters of the simulated left ventricle, with their units, ranges and sources."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from enum import StrEnum
+from typing import Any, Final
+
+from modalmotion.errors import ParameterError
+from modalmotion.simulate.beat import Beat
+
+
+class Territory(StrEnum):
+    """Wall that one coronary artery usually supplies.
+
+    After Cerqueira et al., Standardized myocardial segmentation and nomenclature for
+    tomographic imaging of the heart, Circulation, 2002 (17 segments).
+    """
+
+    LAD = "left anterior descending"
+    RCA = "right coronary"
+    LCX = "left circumflex"
+
+
+# Azimuth (see VentricleParameters) and height of the middle of each territory: LAD segments
+# 1, 2, 7, 8, 13, 14, 17, RCA 3, 4, 9, 10, 15, LCX 5, 6, 11, 12, 16.
+TERRITORY_CENTRES: Final[dict[Territory, tuple[float, float]]] = {
+    Territory.LAD: (240.0, 0.30),
+    Territory.RCA: (120.0, 0.55),
+    Territory.LCX: (0.0, 0.55),
+}
+
+
+def _between(default: float, low: float, high: float) -> Any:
+    return field(default=default, metadata={"range": (low, high)})
+
+
+@dataclass(frozen=True)
+class VentricleParameters:
+    """One ventricle and its beat. The defaults are a healthy adult's.
+
+    Azimuths are right-handed about the axis from apex to base, in degrees: 0 lateral,
+    90 inferior, 180 septal, 270 anterior. Rotations are given as seen from the apex,
+    counterclockwise positive, as in cardiology: the opposite sense about that axis.
+
+    Parameters
+    ----------
+    length : float, mm
+        Of the cavity from apex to base at end diastole.
+    radius : float, mm
+        Of the widest short-axis section at end diastole.
+    truncation : float, degrees
+        Polar angle at which the spheroid is cut for the base; 90 cuts at its widest.
+    ejection_fraction : float
+        Share of the end-diastolic volume that is ejected. The radial contraction is solved
+        for it.
+    longitudinal_shortening : float
+        Shortening of the wall along the axis at end systole, as a share, where it contracts
+        fully.
+    apex_share : float
+        Share of that shortening which shows as the apex rising, not the base descending.
+    apex_rotation, base_rotation : float, degrees
+        At end systole, linear in height between.
+    period : float, s
+        Of one heartbeat.
+    early_filling : float
+        Share of the filling before the atrial kick.
+    akinesia : float
+        Share of the contraction that is lost at the centre of a region: 1 for akinetic, above
+        for dyskinetic.
+    akinesia_azimuth : float, degrees
+    akinesia_height : float
+        Of the region's centre, 0 apex to 1 base.
+    akinesia_extent : float, degrees
+        From the region's centre to its edge, seen from the middle of the spheroid.
+    delay : float, s
+        By which the late wall's contraction lags behind the opposite wall's.
+    delay_azimuth : float, degrees
+        Of the late wall; 0 (lateral) in left bundle branch block.
+    septal_flash : float
+        Short early contraction of the early wall, as a share of a full one, which it then
+        lacks in ejection.
+    shape_variation, motion_variation : float, mm
+        RMS size of smooth random fields that make one individual: added to the surface, and
+        to the displacements at end systole.
+
+    Raises
+    ------
+    ParameterError
+        Naming the parameter and its range.
+
+    Notes
+    -----
+    Ejection fraction 52-72 % in men and 54-74 % in women, and an end-diastolic diameter of
+    42-58 and 38-52 mm: Lang et al., Recommendations for cardiac chamber quantification, J Am
+    Soc Echocardiogr, 2015. Longitudinal strain -20.1 %: Wang et al., Thresholds for abnormal
+    left ventricular strains in healthy subjects, Cardiovasc Diagn Ther, 2020 (here of the
+    endocardium, which shortens more than the midwall). Apex about 10 degrees
+    counterclockwise, base about 3 clockwise: Young and Cowan, Evaluation of left ventricular
+    torsion by cardiovascular magnetic resonance, J Cardiovasc Magn Reson, 2012. A truncated
+    prolate spheroid: Streeter and Hanna, Engineering mechanics for successive states in
+    canine left ventricular myocardium, Circ Res, 1973.
+    """
+
+    length: float = _between(88.0, 20.0, 200.0)
+    radius: float = _between(25.0, 5.0, 80.0)
+    truncation: float = _between(118.0, 80.0, 150.0)
+    ejection_fraction: float = _between(0.62, 0.0, 0.85)
+    longitudinal_shortening: float = _between(0.19, 0.0, 0.35)
+    apex_share: float = _between(0.3, 0.0, 1.0)
+    apex_rotation: float = _between(10.0, -30.0, 40.0)
+    base_rotation: float = _between(-4.0, -40.0, 30.0)
+    period: float = _between(0.86, 0.45, 2.0)
+    early_filling: float = _between(0.78, 0.2, 1.0)
+    akinesia: float = _between(0.0, 0.0, 1.5)
+    akinesia_azimuth: float = _between(240.0, -360.0, 360.0)
+    akinesia_height: float = _between(0.3, 0.0, 1.0)
+    akinesia_extent: float = _between(45.0, 10.0, 90.0)
+    delay: float = _between(0.0, 0.0, 0.25)
+    delay_azimuth: float = _between(0.0, -360.0, 360.0)
+    septal_flash: float = _between(0.0, 0.0, 0.8)
+    shape_variation: float = _between(0.0, 0.0, 10.0)
+    motion_variation: float = _between(0.0, 0.0, 10.0)
+
+    def __post_init__(self) -> None:
+        for parameter in fields(self):
+            value = getattr(self, parameter.name)
+            low, high = parameter.metadata["range"]
+            if not (math.isfinite(value) and low <= value <= high):
+                raise ParameterError(
+                    f"The ventricle's {parameter.name} is {value}.",
+                    remedy=f"Use a value from {low} to {high}.",
+                    details={"parameter": parameter.name, "least": low, "most": high},
+                )
+        if self.beat.filled + self.delay > self.period:
+            raise ParameterError(
+                f"A wall that is {self.delay} s late is not filled when the next beat comes "
+                f"after {self.period} s.",
+                remedy="Use a shorter delay or a longer period.",
+                details={"parameter": "delay", "most": self.period - self.beat.filled},
+            )
+
+    @property
+    def beat(self) -> Beat:
+        """Time courses of this heartbeat."""
+        return Beat(self.period, self.early_filling)
+
+    @property
+    def sphericity(self) -> float:
+        """Width over length at end diastole."""
+        return 2 * self.radius / self.length
+
+    @property
+    def twist(self) -> float:
+        """Rotation of the apex against the base at end systole, degrees."""
+        return self.apex_rotation - self.base_rotation

@@ -1,0 +1,47 @@
+"""Results kept in files: written wholly or not at all, found again, checked."""
+
+from modalmotion.store.analysis_file import export, write_pack
+from modalmotion.store.atomic import write_atomic
+from modalmotion.store.classification_file import (
+    classification_from_hdf5,
+    classification_to_hdf5,
+)
+from modalmotion.store.idempotency import IdempotencyKeys, IdempotentRequest
+from modalmotion.store.index import SequencePage
+from modalmotion.store.jobs import UNSET, Job, JobPage, Jobs, JobState, Unset
+from modalmotion.store.maintenance import rebuild
+from modalmotion.store.record import SequenceRecord, record_of
+from modalmotion.store.recovery import Reconciliation
+from modalmotion.store.results import ResultStore
+from modalmotion.store.sequence_file import sequence_from_hdf5, sequence_to_hdf5
+from modalmotion.store.signature_file import signature_from_hdf5, signature_to_hdf5
+from modalmotion.store.verification import Fault, VerifyReport, verify
+
+__all__ = [
+    "UNSET",
+    "Fault",
+    "IdempotencyKeys",
+    "IdempotentRequest",
+    "Job",
+    "JobPage",
+    "JobState",
+    "Jobs",
+    "Reconciliation",
+    "ResultStore",
+    "SequencePage",
+    "SequenceRecord",
+    "Unset",
+    "VerifyReport",
+    "classification_from_hdf5",
+    "classification_to_hdf5",
+    "export",
+    "rebuild",
+    "record_of",
+    "sequence_from_hdf5",
+    "sequence_to_hdf5",
+    "signature_from_hdf5",
+    "signature_to_hdf5",
+    "verify",
+    "write_atomic",
+    "write_pack",
+]

@@ -1,0 +1,167 @@
+"""Files that are wholly written or not at all, whatever fails."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import secrets
+from pathlib import Path
+from typing import Final
+
+from modalmotion.errors import StoreError
+
+_TEMPORARY: Final = re.compile(r"\.modalmotion-[0-9]+-[0-9a-f]{16}\.tmp")
+
+_REMEDIES: Final = {
+    errno.ENOSPC: "Free space on the disk, or delete sequences, and try again.",
+    errno.EDQUOT: "Free space within the quota and try again.",
+    errno.EACCES: "Give this user the right to write there.",
+    errno.EROFS: "Mount the file system for writing.",
+}
+
+
+def write_atomic(path: Path, data: bytes | memoryview) -> None:
+    """Write a file so that it is there as a whole, and durably, or not at all.
+
+    A temporary file in the same folder is written, synchronised and renamed; then the folder
+    is synchronised, for until then the name itself may be lost with the power.
+
+    Parameters
+    ----------
+    path : Path
+        Replaced if it exists.
+    data : bytes
+
+    Raises
+    ------
+    StoreError
+        If any step fails. No temporary file remains, and what `path` held before is kept.
+    """
+    previous = content_of(path)
+    temporary = temporary_beside(path)
+    try:
+        try:
+            _write_durably(temporary, data)
+            temporary.replace(path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+        try:
+            sync_folder(path.parent)
+        except BaseException:
+            put_back(path, previous)
+            raise
+    except OSError as error:
+        raise cannot_write(path, error) from error
+
+
+def put_back(path: Path, content: bytes | None) -> None:
+    """Undo a write as well as a failing disk lets us: the content of before, or no file.
+
+    The content was durable, so its copy need not be synchronised to be read as before.
+    """
+    with contextlib.suppress(OSError):
+        if content is None:
+            path.unlink(missing_ok=True)
+            return
+        temporary = temporary_beside(path)
+        try:
+            temporary.write_bytes(content)
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+def content_of(path: Path) -> bytes | None:
+    """All of a file, None where it cannot be read.
+
+    Only records are ever replaced, which are small: results are immutable.
+    """
+    try:
+        return path.read_bytes()
+    except OSError:
+        return None
+
+
+def temporary_beside(path: Path) -> Path:
+    """Name for a file that is to be renamed to `path` when it is whole."""
+    return path.parent / f".modalmotion-{os.getpid()}-{secrets.token_hex(8)}.tmp"
+
+
+def remove_durably(*paths: Path) -> None:
+    """Remove files that may be missing, and synchronise their folders.
+
+    Raises
+    ------
+    StoreError
+        If a file cannot be removed; the others may be gone.
+    """
+    folders = dict.fromkeys(path.parent for path in paths)
+    try:
+        for path in paths:
+            path.unlink(missing_ok=True)
+        for folder in folders:
+            if folder.is_dir():
+                sync_folder(folder)
+    except OSError as error:
+        raise StoreError(
+            f"A file could not be removed: {error.strerror}.",
+            remedy="Give this user the right to write there, or check the disk.",
+            details={"errno": errno.errorcode.get(error.errno or 0, "unknown")},
+        ) from error
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it, durably.
+
+    Raises
+    ------
+    StoreError
+        If it cannot be made.
+    """
+    if folder.is_dir():
+        return
+    make_folder(folder.parent)
+    try:
+        folder.mkdir(exist_ok=True)
+        sync_folder(folder.parent)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder durable; may raise OSError."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def is_temporary(name: str) -> bool:
+    """Tell whether a file of that name is one that `write_atomic` did not finish."""
+    return _TEMPORARY.fullmatch(name) is not None
+
+
+def cannot_write(path: Path, error: OSError) -> StoreError:
+    """Error for a file that cannot be written, with a remedy where the cause tells one."""
+    number = error.errno or 0
+    reason = error.strerror or type(error).__name__
+    return StoreError(
+        f"'{path.name}' could not be written ({reason}); what was kept before is unchanged.",
+        remedy=_REMEDIES.get(number, "Check the disk, then try again."),
+        details={"file": path.name, "errno": errno.errorcode.get(number, "unknown")},
+    )
+
+
+def _write_durably(path: Path, data: bytes | memoryview) -> None:
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+    try:
+        view = memoryview(data)
+        while view:
+            view = view[os.write(descriptor, view) :]
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

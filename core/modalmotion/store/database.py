@@ -1,0 +1,171 @@
+"""The SQLite file of a store: its tables, and who may use it when."""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+from modalmotion.errors import CorruptFileError, StoreError
+
+SCHEMA_VERSION: Final = 1
+
+_TABLES: Final = (
+    """CREATE TABLE state (
+        name TEXT PRIMARY KEY, value INTEGER NOT NULL
+    ) WITHOUT ROWID""",
+    """CREATE TABLE sequences (
+        id TEXT PRIMARY KEY, n_frames INTEGER NOT NULL, n_vertices INTEGER NOT NULL,
+        n_faces INTEGER NOT NULL, topology TEXT, grid TEXT, unit TEXT,
+        has_times INTEGER NOT NULL, subject TEXT, label TEXT, created TEXT NOT NULL,
+        has_upload INTEGER NOT NULL
+    ) WITHOUT ROWID""",
+    "CREATE INDEX sequences_by_time ON sequences (created, id)",
+    "CREATE INDEX sequences_by_subject ON sequences (subject, created, id)",
+    "CREATE INDEX sequences_by_label ON sequences (label, created, id)",
+    "CREATE INDEX sequences_by_both ON sequences (subject, label, created, id)",
+    """CREATE TABLE results (
+        kind TEXT NOT NULL, sequence_id TEXT NOT NULL REFERENCES sequences ON DELETE CASCADE,
+        model_id TEXT NOT NULL, key TEXT NOT NULL, sha256 TEXT NOT NULL,
+        PRIMARY KEY (sequence_id, kind, model_id, key)
+    ) WITHOUT ROWID""",
+    """CREATE TABLE jobs (
+        id TEXT PRIMARY KEY, kind TEXT NOT NULL, state TEXT NOT NULL, progress REAL NOT NULL,
+        request TEXT NOT NULL, result TEXT, error TEXT, created TEXT NOT NULL,
+        updated TEXT NOT NULL
+    ) WITHOUT ROWID""",
+    "CREATE INDEX jobs_by_time ON jobs (created, id)",
+    "CREATE INDEX jobs_by_state ON jobs (state, created, id)",
+    """CREATE TABLE idempotency (
+        key TEXT PRIMARY KEY, fingerprint TEXT NOT NULL, status INTEGER, response TEXT,
+        created TEXT NOT NULL
+    ) WITHOUT ROWID""",
+    "CREATE INDEX idempotency_by_time ON idempotency (created)",
+)
+
+_REBUILD = "Run `modalmotion store rebuild` on the folder."
+
+
+class Database:
+    """Two connections for any number of threads: one that writes, one that reads.
+
+    SQLite has one writer at a time anyway, so a lock costs it nothing. A second connection
+    lets readers go on while a commit waits for the disk, and sees what was committed before.
+    One connection for each thread would gain little, for statements take microseconds, and
+    leave connections behind with every thread that ends.
+
+    Parameters
+    ----------
+    path : Path
+        Made, with its tables, where it is missing or empty.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is damaged or no index at all.
+    StoreError
+        If it was written by a newer version, or cannot be opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._write_lock = threading.Lock()
+        self._read_lock = threading.Lock()
+        with _explained():
+            self._writer = _connect(path)
+            try:
+                self._prepare()
+                self._reader = _connect(path)
+                self._reader.execute("PRAGMA query_only = ON")
+            except BaseException:
+                self._writer.close()
+                raise
+
+    def read(self, statement: str, values: Sequence[Any] = ()) -> list[Any]:
+        """Rows that a statement finds."""
+        with self._read_lock, _explained():
+            return self._reader.execute(statement, values).fetchall()
+
+    @contextmanager
+    def write(self) -> Iterator[sqlite3.Connection]:
+        """Give a connection inside one transaction, which is durable when the block ends.
+
+        Raises
+        ------
+        StoreError
+            If SQLite fails; then, and whenever the block raises, nothing is changed.
+        """
+        with self._write_lock, _explained():
+            self._writer.execute("BEGIN IMMEDIATE")
+            try:
+                yield self._writer
+                self._writer.execute("COMMIT")
+            except BaseException:
+                # SQLite may have rolled back by itself, as it does when the disk is full.
+                if self._writer.in_transaction:
+                    self._writer.execute("ROLLBACK")
+                raise
+
+    def close(self) -> None:
+        """Close both connections; the write-ahead log is merged into the file."""
+        with self._write_lock, self._read_lock, _explained():
+            self._reader.close()
+            self._writer.close()
+
+    def faults(self) -> list[str]:
+        """List what SQLite itself finds wrong with the file."""
+        with self._write_lock:
+            try:
+                rows = self._writer.execute("PRAGMA integrity_check(20)").fetchall()
+            except sqlite3.DatabaseError as error:
+                return [str(error)]
+        return [text for (text,) in rows if text != "ok"]
+
+    def _prepare(self) -> None:
+        self._writer.execute("PRAGMA journal_mode = WAL")
+        (version,) = self._writer.execute("PRAGMA user_version").fetchone()
+        if version == SCHEMA_VERSION:
+            return
+        (n_tables,) = self._writer.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        if version != 0 or n_tables:
+            raise StoreError(
+                f"The index has version {version} of its schema; this program knows "
+                f"{SCHEMA_VERSION}.",
+                remedy="Use the modalmotion that wrote it, or a newer one. Without one: "
+                "remove index.sqlite, which loses jobs only, and open the store.",
+                details={"schema_version": version, "known": SCHEMA_VERSION},
+            )
+        self._writer.execute("BEGIN IMMEDIATE")
+        for statement in _TABLES:
+            self._writer.execute(statement)
+        self._writer.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        self._writer.execute("COMMIT")
+
+
+def _connect(path: Path) -> sqlite3.Connection:
+    # Transactions are begun by hand; the locks of `Database` keep threads apart.
+    connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+    try:
+        connection.execute("PRAGMA synchronous = FULL")
+        connection.execute("PRAGMA foreign_keys = ON")
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+@contextmanager
+def _explained() -> Iterator[None]:
+    try:
+        yield
+    except sqlite3.ProgrammingError as error:
+        raise StoreError("The store is closed.", remedy="Open it first.") from error
+    except sqlite3.OperationalError as error:
+        raise StoreError(
+            f"The index could not be read or written ({error}); nothing was changed.",
+            remedy="Check that the disk is not full and may be written to, and try again.",
+        ) from error
+    except sqlite3.DatabaseError as error:
+        raise CorruptFileError(f"The index is damaged ({error}).", remedy=_REBUILD) from error

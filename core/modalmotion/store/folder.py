@@ -1,0 +1,202 @@
+"""Where things lie in the folder of a store.
+
+::
+
+    spool/                                          a service's files under way: not the store's
+    lock                                            held by the process that has it open
+    index.sqlite                                    index, jobs, idempotency keys
+    sequences/ab/<id>.json                          record: subject, label, when
+    sequences/ab/<id>.h5                            the vertices, if uploads are kept
+    sequences/ab/<id>.deleted                       a deletion that is under way
+    signatures/ab/<id>-<key>.h5
+    classifications/ab/<id>-<model id>-<key>.h5
+
+`ab` are the first two digits of the id, so that no folder grows too large to list.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, Literal, NamedTuple
+
+from modalmotion.errors import StoreError
+from modalmotion.store.atomic import is_temporary
+
+_ID: Final = "[0-9a-f]{64}"
+_KEY: Final = "[0-9a-f]{16}"
+_SEQUENCE: Final = re.compile(rf"({_ID})\.(json|h5|deleted)")
+_RESULT: Final = re.compile(rf"({_ID})-(?:({_ID})-)?({_KEY})\.h5")
+_INDEX_FILES: Final = ("index.sqlite", "index.sqlite-wal", "index.sqlite-shm")
+
+ResultKind = Literal["signature", "classification"]
+
+
+class ResultName(NamedTuple):
+    """What a result is found by.
+
+    Parameters
+    ----------
+    kind : "signature" or "classification"
+    sequence_id : str
+    model_id : str
+        Empty for a signature.
+    key : str
+        Of the signature's parameters.
+    """
+
+    kind: ResultKind
+    sequence_id: str
+    model_id: str
+    key: str
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Everything that lies in a store, by name."""
+
+    records: set[str] = field(default_factory=set)
+    uploads: set[str] = field(default_factory=set)
+    deletions: set[str] = field(default_factory=set)
+    results: set[ResultName] = field(default_factory=set)
+    temporaries: list[Path] = field(default_factory=list)
+    foreign: list[Path] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Folder:
+    """Paths in the folder of a store."""
+
+    root: Path
+
+    @property
+    def lock(self) -> Path:
+        """The file that is locked."""
+        return self.root / "lock"
+
+    @property
+    def index(self) -> Path:
+        """The SQLite file."""
+        return self.root / _INDEX_FILES[0]
+
+    @property
+    def index_files(self) -> tuple[Path, ...]:
+        """The SQLite file and what SQLite puts beside it."""
+        return tuple(self.root / name for name in _INDEX_FILES)
+
+    @property
+    def exists(self) -> bool:
+        """Whether there is a store at all."""
+        return self.index.is_file() or (self.root / "sequences").is_dir()
+
+    def record(self, sequence_id: str) -> Path:
+        """Record of a sequence."""
+        return self._of_sequence(sequence_id, "json")
+
+    def upload(self, sequence_id: str) -> Path:
+        """Vertices of a sequence."""
+        return self._of_sequence(sequence_id, "h5")
+
+    def deletion(self, sequence_id: str) -> Path:
+        """File in place of the record while a sequence is deleted."""
+        return self._of_sequence(sequence_id, "deleted")
+
+    def result(self, name: ResultName) -> Path:
+        """File of a result."""
+        parts = [name.sequence_id, name.model_id, name.key]
+        file = "-".join(part for part in parts if part) + ".h5"
+        return self.root / f"{name.kind}s" / name.sequence_id[:2] / file
+
+    def derived(self, sequence_id: str) -> list[Path]:
+        """All files of results of a sequence, as they lie there."""
+        shards = [self.root / name / sequence_id[:2] for name in _RESULT_FOLDERS]
+        return [
+            path
+            for shard in shards
+            if shard.is_dir()
+            for path in shard.iterdir()
+            if path.name.startswith(f"{sequence_id}-")
+        ]
+
+    def short(self, path: Path) -> str:
+        """Path within the store, which names no folder of the machine."""
+        return path.relative_to(self.root).as_posix()
+
+    def scan(self) -> Scan:
+        """List everything that lies in the store.
+
+        Raises
+        ------
+        StoreError
+            If a folder cannot be read.
+        """
+        scan = Scan()
+        try:
+            for path in self.root.iterdir():
+                if path.name not in (*_INDEX_FILES, "lock", "spool", *_FOLDERS):
+                    scan.foreign.append(path)
+            for name in _FOLDERS:
+                for path in _files(self.root / name):
+                    self._sort(path, name, scan)
+        except OSError as error:
+            raise StoreError(
+                f"The folder of the store cannot be read: {error.strerror}.",
+                remedy="Check the disk, and that this user may read it.",
+            ) from error
+        return scan
+
+    def _sort(self, path: Path, folder: str, scan: Scan) -> None:
+        name = path.name
+        if is_temporary(name):
+            scan.temporaries.append(path)
+            return
+        if name[:2] == path.parent.name:
+            if folder == "sequences":
+                found = _SEQUENCE.fullmatch(name)
+                if found is not None:
+                    kinds = {
+                        "json": scan.records,
+                        "h5": scan.uploads,
+                        "deleted": scan.deletions,
+                    }
+                    kinds[found[2]].add(found[1])
+                    return
+            else:
+                found = _RESULT.fullmatch(name)
+                kind = _RESULT_FOLDERS[folder]
+                if found is not None and (found[2] is None) == (kind == "signature"):
+                    scan.results.add(ResultName(kind, found[1], found[2] or "", found[3]))
+                    return
+        scan.foreign.append(path)
+
+    def _of_sequence(self, sequence_id: str, suffix: str) -> Path:
+        return self.root / "sequences" / sequence_id[:2] / f"{sequence_id}.{suffix}"
+
+
+_RESULT_FOLDERS: Final[dict[str, ResultKind]] = {
+    "signatures": "signature",
+    "classifications": "classification",
+}
+_FOLDERS: Final = ("sequences", *_RESULT_FOLDERS)
+
+
+def is_id(text: object) -> bool:
+    """Tell whether this is a sha256 in lower-case hex; only such a text becomes a file name."""
+    return isinstance(text, str) and re.fullmatch(_ID, text) is not None
+
+
+def is_key(text: object) -> bool:
+    """Tell whether this is a key of parameters."""
+    return isinstance(text, str) and re.fullmatch(_KEY, text) is not None
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    if not folder.is_dir():
+        return
+    for shard in folder.iterdir():
+        if shard.is_dir():
+            yield from shard.iterdir()
+        else:
+            yield shard

@@ -1,0 +1,190 @@
+"""Opening a store, closing it, and changing it under its locks."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self, TypeVar
+
+from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
+from modalmotion.store.atomic import content_of, make_folder, put_back, write_atomic
+from modalmotion.store.contents import Contents, require_match
+from modalmotion.store.database import Database
+from modalmotion.store.deletion import finish_deletion
+from modalmotion.store.folder import Folder
+from modalmotion.store.idempotency import IdempotencyKeys
+from modalmotion.store.index import Index
+from modalmotion.store.jobs import Jobs
+from modalmotion.store.lock import FolderLock
+from modalmotion.store.recovery import reconcile
+
+_N_STRIPES: Final = 64
+
+T = TypeVar("T")
+
+
+class Opening:
+    """A folder that this process has to itself from `open` to `close`.
+
+    Making one touches no file.
+
+    Parameters
+    ----------
+    root : Path
+        The folder; made where it is missing.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self._folder = Folder(root)
+        self._lock: FolderLock | None = None
+        self._index: Index | None = None
+        self._is_clean = True
+        # One lock for a few sequences each: writes to different ones wait for the disk together.
+        self._stripes = [threading.Lock() for _ in range(_N_STRIPES)]
+
+    def open(self) -> Self:
+        """Take the folder's lock and open the index; after a crash, finish what was begun.
+
+        Raises
+        ------
+        StoreError
+            If another process has the folder, or the index cannot be used.
+        """
+        if self._index is not None:
+            raise StoreError("The store is open already.", remedy="Open it once.")
+        make_folder(self.root)
+        lock = FolderLock(self._folder.lock)
+        try:
+            database = Database(self._folder.index)
+            try:
+                index = Index(database)
+                if not index.is_clean:
+                    reconcile(self._folder, index, thorough=False)
+                index.set_clean(False)
+            except BaseException:
+                database.close()
+                raise
+        except BaseException:
+            lock.release()
+            raise
+        self._is_clean = True
+        self._lock, self._index = lock, index
+        return self
+
+    def close(self) -> None:
+        """Wait for changes under way, close the index, give the lock back."""
+        if self._index is None or self._lock is None or not self._lock.is_held:
+            return
+        with contextlib.ExitStack() as stack:
+            for stripe in self._stripes:
+                stack.enter_context(stripe)
+            index, lock = self._index, self._lock
+            self._index = self._lock = None
+            try:
+                if self._is_clean:
+                    index.set_clean(True)
+            finally:
+                index.database.close()
+                lock.release()
+
+    def __enter__(self) -> Self:
+        return self.open()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def jobs(self) -> Jobs:
+        """The jobs' table."""
+        return Jobs(self._open_index().database)
+
+    @property
+    def idempotency(self) -> IdempotencyKeys:
+        """The table of idempotency keys."""
+        return IdempotencyKeys(self._open_index().database)
+
+    def _open_index(self) -> Index:
+        index, lock = self._index, self._lock
+        if index is None or lock is None or not lock.is_held:
+            raise StoreError(
+                "The store is not open in this process.",
+                remedy="Use it inside `with ResultStore(...)`; a forked process opens its own.",
+            )
+        return index
+
+    @contextmanager
+    def _changing(self, sequence_id: str) -> Iterator[bool]:
+        """Keep other changes to a sequence out; after a failure the next `open` looks closely.
+
+        Yields whether a deletion that had failed was finished first.
+        """
+        with self._stripes[int(sequence_id[:8], 16) % _N_STRIPES]:
+            index = self._open_index()
+            try:
+                was_deleted = self._folder.deletion(sequence_id).exists()
+                if was_deleted:
+                    finish_deletion(self._folder, index, sequence_id)
+                yield was_deleted
+            except NotFoundError:
+                raise
+            except BaseException:
+                self._is_clean = False
+                raise
+
+    def _write(self, files: list[tuple[Path, bytes]], note: Callable[[], None]) -> None:
+        """Write files, then note them in the index: what the index knows is there."""
+        # What was there before is a record, or damaged; either way it is put back on failure.
+        before = [(path, content_of(path)) for path, _ in files]
+        try:
+            for path, data in files:
+                make_folder(path.parent)
+                write_atomic(path, data)
+            note()
+        except BaseException:
+            for path, content in reversed(before):
+                put_back(path, content)
+            raise
+
+    def _read(
+        self,
+        reader: Callable[[Path], tuple[T, Contents]],
+        locate: Callable[[], Path],
+        *,
+        sequence_id: str,
+        **ids: str,
+    ) -> T:
+        """Read what `locate` finds in the index, and check its ids."""
+        path = locate()
+        try:
+            found, contents = reader(path)
+        except NotFoundError:
+            # Deleted (and perhaps put again) since the index was asked, or missing.
+            with self._changing(sequence_id):
+                path = locate()
+                try:
+                    found, contents = reader(path)
+                except NotFoundError:
+                    raise CorruptFileError(
+                        f"'{path.name}' is missing, though the index knows it.",
+                        remedy="Restore it from a copy, or run `modalmotion store rebuild`.",
+                    ) from None
+        require_match(path, contents, sequence_id=sequence_id, **ids)
+        return found
+
+
+def unknown_sequence(sequence_id: object) -> NotFoundError:
+    """Error for an id under which nothing is kept."""
+    return NotFoundError(
+        f"There is no sequence {str(sequence_id)[:12]!r}.",
+        remedy="Use the id that was answered when it was sent, or send it.",
+    )

@@ -1,0 +1,153 @@
+"""Bringing index and folder together: after a crash, and when the index is built anew."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
+from modalmotion.store.atomic import remove_durably, write_atomic
+from modalmotion.store.contents import require_match
+from modalmotion.store.cursor import to_text
+from modalmotion.store.deletion import finish_deletion
+from modalmotion.store.folder import Folder, ResultName, Scan
+from modalmotion.store.index import Index, put_records, put_results
+from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
+from modalmotion.store.sealed import digest_of, load_sealed
+from modalmotion.store.sequence_file import read_sequence
+
+Progress = Callable[[int, int], None]
+"""Called with the number of things done and of all things."""
+
+
+@dataclass(frozen=True)
+class Reconciliation:
+    """What was found when index and folder were brought together.
+
+    Parameters
+    ----------
+    n_sequences, n_results : int
+        In the index now.
+    n_deletions : int
+        Deletions that a crash had interrupted and that were finished.
+    n_temporaries : int
+        Unfinished files that were removed.
+    restored : tuple of str
+        Records that were missing or damaged and were written anew.
+    damaged : tuple of str
+        Files that do not read; they are left where they are and not in the index.
+    orphans : tuple of str
+        Results of no sequence, and files that are none of the store's.
+    jobs_lost : bool
+        Whether the index was so damaged that jobs and idempotency keys are lost.
+    """
+
+    n_sequences: int
+    n_results: int
+    n_deletions: int
+    n_temporaries: int
+    restored: tuple[str, ...]
+    damaged: tuple[str, ...]
+    orphans: tuple[str, ...]
+    jobs_lost: bool = False
+
+
+def reconcile(
+    folder: Folder, index: Index, *, thorough: bool, progress: Progress | None = None
+) -> Reconciliation:
+    """Make the index say what the files say.
+
+    Parameters
+    ----------
+    folder : Folder
+        Held by this process alone.
+    index : Index
+    thorough : bool
+        Read every result; else only those that the index does not know.
+    progress : callable, optional
+
+    Raises
+    ------
+    StoreError
+        If a file cannot be removed or written; the index is as it was.
+    """
+    scan = folder.scan()
+    remove_durably(*scan.temporaries)
+    for sequence_id in sorted(scan.deletions):
+        finish_deletion(folder, index, sequence_id)
+    known = {record.id: record for record in index.records()}
+    digests = {} if thorough else index.results()
+    there = sorted((scan.records | scan.uploads) - scan.deletions)
+    results = sorted(name for name in scan.results if name.sequence_id not in scan.deletions)
+    records: list[SequenceRecord] = []
+    damaged: list[str] = []
+    restored: list[str] = []
+    for number, sequence_id in enumerate(there):
+        try:
+            record, is_new = _record(folder, scan, sequence_id, known.get(sequence_id))
+        except StoreError:
+            path = folder.record(sequence_id)
+            damaged.append(folder.short(path if path.exists() else folder.upload(sequence_id)))
+            continue
+        records.append(record)
+        if is_new:
+            restored.append(folder.short(folder.record(sequence_id)))
+        _tell(progress, number, len(there) + len(results))
+    owners = {record.id for record in records}
+    orphans = [folder.short(path) for path in scan.foreign]
+    rows: list[tuple[ResultName, str]] = []
+    for number, name in enumerate(results, len(there)):
+        path = folder.result(name)
+        if name.sequence_id not in owners:
+            orphans.append(folder.short(path))
+            continue
+        try:
+            rows.append((name, digests.get(name) or digest_of(load_sealed(path)[1])))
+        except StoreError:
+            damaged.append(folder.short(path))
+        _tell(progress, number, len(there) + len(results))
+    with index.database.write() as connection:
+        connection.execute("DELETE FROM sequences")
+        put_records(connection, records)
+        put_results(connection, rows)
+    return Reconciliation(
+        n_sequences=len(records),
+        n_results=len(rows),
+        n_deletions=len(scan.deletions),
+        n_temporaries=len(scan.temporaries),
+        restored=tuple(restored),
+        damaged=tuple(damaged),
+        orphans=tuple(sorted(orphans)),
+    )
+
+
+def _record(
+    folder: Folder, scan: Scan, sequence_id: str, known: SequenceRecord | None
+) -> tuple[SequenceRecord, bool]:
+    """Record of a sequence, and whether it had to be written anew."""
+    path, has_upload = folder.record(sequence_id), sequence_id in scan.uploads
+    found: SequenceRecord | None = None
+    with contextlib.suppress(NotFoundError, CorruptFileError):
+        found = read_record(path)
+    if found is not None and found.id == sequence_id and found.has_upload == has_upload:
+        return found, False
+    if found is None or found.id != sequence_id:
+        # The index may know what the file does not.
+        found = known or _record_from_upload(folder.upload(sequence_id), sequence_id)
+    record = replace(found, has_upload=has_upload)
+    write_atomic(path, record_to_json(record))
+    return record, True
+
+
+def _record_from_upload(path: Path, sequence_id: str) -> SequenceRecord:
+    # Vertices know neither subject nor label, and the file only when it was written.
+    sequence, contents = read_sequence(path)
+    require_match(path, contents, sequence_id=sequence_id)
+    return record_of(sequence, created=to_text(path.stat().st_mtime), has_upload=True)
+
+
+def _tell(progress: Progress | None, number: int, total: int) -> None:
+    if progress is not None:
+        progress(number + 1, total)

@@ -1,0 +1,203 @@
+"""The store: sequences, signatures and classifications in one folder."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+from modalmotion.classify.classification import Classification
+from modalmotion.errors import NotFoundError, StoreError
+from modalmotion.signature import ModalSignature
+from modalmotion.store.classification_file import classification_to_hdf5, read_classification
+from modalmotion.store.folder import ResultKind, ResultName, is_id, is_key
+from modalmotion.store.sealed import digest_of, is_sound, load_sealed
+from modalmotion.store.sequences import SequenceStore
+from modalmotion.store.signature_file import read_signature, signature_to_hdf5
+
+
+class ResultStore(SequenceStore):
+    """Immutable results in files, found through an index; nothing acknowledged is lost.
+
+    Safe for any number of threads of one process, which holds the folder's lock from `open`
+    to `close`. Making one touches no file.
+
+    Parameters
+    ----------
+    root : Path
+        The folder; made where it is missing.
+    keep_uploads : bool
+        Whether the vertices of new sequences are kept, or only what is known of them.
+    """
+
+    def put_signature(self, signature: ModalSignature) -> Path:
+        """Keep a signature; one that is kept already is not written again.
+
+        Returns
+        -------
+        Path
+            Of its HDF5 file.
+
+        Raises
+        ------
+        NotFoundError
+            If its sequence is not known.
+        StoreError
+            If it cannot be written; the store is as it was.
+        """
+        name = ResultName("signature", signature.sequence_id, "", signature.parameters.key)
+        return self._put_result(name, signature_to_hdf5(signature))
+
+    def put_signature_image(self, image: Path, sequence_id: str, key: str) -> Path:
+        """Keep a signature that another process has written with `signature_to_hdf5`.
+
+        Parameters
+        ----------
+        image : Path
+            Sealed HDF5 file; it is copied.
+        sequence_id, key : str
+            Of the sequence and of the parameters.
+
+        Raises
+        ------
+        NotFoundError, StoreError
+            As `put_signature` does.
+        CorruptFileError
+            If the image has no sound seal.
+        """
+        name = ResultName("signature", sequence_id, "", key)
+        return self._put_result(name, load_sealed(image)[1])
+
+    def signature(self, sequence_id: str, key: str) -> ModalSignature:
+        """Signature of a sequence with the parameters of that key.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        CorruptFileError
+            If its file is damaged or missing.
+        """
+        locate = partial(self.signature_path, sequence_id, key)
+        return self._read(read_signature, locate, sequence_id=sequence_id, parameters_key=key)
+
+    def signature_path(self, sequence_id: str, key: str) -> Path:
+        """HDF5 file of a signature.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        """
+        return self._result_path(ResultName("signature", sequence_id, "", key))
+
+    def signatures(self, sequence_id: str) -> tuple[str, ...]:
+        """Keys of the parameters of a sequence's signatures.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence.
+        """
+        return tuple(name.key for name in self._results(sequence_id, "signature"))
+
+    def all_signatures(self) -> list[tuple[str, str]]:
+        """Sequence id and key of every signature, in that order."""
+        names = self._open_index().results()
+        return [(name.sequence_id, name.key) for name in names if name.kind == "signature"]
+
+    def put_classification(self, classification: Classification, key: str) -> Path:
+        """Keep a classification; one that is kept already is not written again.
+
+        Parameters
+        ----------
+        classification : Classification
+        key : str
+            Of the parameters of the signature that was classified.
+
+        Returns
+        -------
+        Path
+            Of its HDF5 file.
+
+        Raises
+        ------
+        NotFoundError
+            If its sequence is not known.
+        StoreError
+            If it cannot be written; the store is as it was.
+        """
+        name = ResultName(
+            "classification", classification.sequence_id, classification.model_id, key
+        )
+        return self._put_result(name, classification_to_hdf5(classification, parameters_key=key))
+
+    def classification(self, sequence_id: str, model_id: str, key: str) -> Classification:
+        """Classification of a sequence by a model, from the signature with that key.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        CorruptFileError
+            If its file is damaged or missing.
+        """
+        return self._read(
+            read_classification,
+            partial(self.classification_path, sequence_id, model_id, key),
+            sequence_id=sequence_id,
+            model_id=model_id,
+            parameters_key=key,
+        )
+
+    def classification_path(self, sequence_id: str, model_id: str, key: str) -> Path:
+        """HDF5 file of a classification.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        """
+        return self._result_path(ResultName("classification", sequence_id, model_id, key))
+
+    def classifications(self, sequence_id: str) -> tuple[tuple[str, str], ...]:
+        """Model ids and keys of a sequence's classifications.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence.
+        """
+        names = self._results(sequence_id, "classification")
+        return tuple((name.model_id, name.key) for name in names)
+
+    def _put_result(self, name: ResultName, data: bytes) -> Path:
+        self.sequence_record(name.sequence_id)
+        if not _is_name(name):
+            raise StoreError(
+                f"A {name.kind} with the key {str(name.key)[:16]!r} and the model id "
+                f"{str(name.model_id)[:12]!r} cannot be kept: these are no digests.",
+                remedy="Use the key of the signature's parameters and the model's sha256.",
+            )
+        index, path = self._open_index(), self._folder.result(name)
+        with self._changing(name.sequence_id):
+            self.sequence_record(name.sequence_id)
+            if index.digest(name) is None or not is_sound(path):
+                self._write([(path, data)], lambda: index.put_result(name, digest_of(data)))
+        return path
+
+    def _result_path(self, name: ResultName) -> Path:
+        record = self.sequence_record(name.sequence_id)
+        if not _is_name(name) or self._open_index().digest(name) is None:
+            raise NotFoundError(
+                f"Sequence {record.id[:12]} has no {name.kind} of that name.",
+                remedy=f"Ask for one that is listed, or make the {name.kind} first.",
+            )
+        return self._folder.result(name)
+
+    def _results(self, sequence_id: str, kind: ResultKind) -> list[ResultName]:
+        self.sequence_record(sequence_id)
+        return self._open_index().results_of(sequence_id, kind)
+
+
+def _is_name(name: ResultName) -> bool:
+    return is_key(name.key) and (name.kind == "signature" or is_id(name.model_id))

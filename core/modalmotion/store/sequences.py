@@ -1,0 +1,256 @@
+"""The part of the store that keeps sequences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from modalmotion.errors import NotFoundError
+from modalmotion.sequence import MeshSequence
+from modalmotion.store.cursor import now
+from modalmotion.store.deletion import begin_deletion, finish_deletion
+from modalmotion.store.folder import is_id
+from modalmotion.store.index import SequencePage
+from modalmotion.store.jobs import UNSET, Unset
+from modalmotion.store.opening import Opening, unknown_sequence
+from modalmotion.store.record import SequenceRecord, record_of, record_to_json, require_name
+from modalmotion.store.sealed import is_sound, load_sealed
+from modalmotion.store.sequence_file import read_sequence, sequence_to_hdf5
+
+
+class SequenceStore(Opening):
+    """Sequences in a folder.
+
+    Parameters
+    ----------
+    root : Path
+        The folder; made where it is missing.
+    keep_uploads : bool
+        Whether the vertices of new sequences are kept, or only what is known of them.
+    """
+
+    def __init__(self, root: Path, *, keep_uploads: bool = True) -> None:
+        super().__init__(root)
+        self.keep_uploads = keep_uploads
+
+    def put_sequence(
+        self, sequence: MeshSequence, *, subject: str | None = None, label: str | None = None
+    ) -> bool:
+        """Keep a sequence.
+
+        Parameters
+        ----------
+        sequence : MeshSequence
+        subject, label : str, optional
+            For a sequence that is new; `update_sequence` changes those of a known one.
+
+        Returns
+        -------
+        bool
+            True if it was not known before. Vertices of a known one are written again only
+            where they are missing or damaged.
+
+        Raises
+        ------
+        ParameterError
+            If subject or label cannot be kept.
+        StoreError
+            If it cannot be written; the store is as it was.
+        """
+        record = record_of(sequence, created=now(), has_upload=True, subject=subject, label=label)
+        _, is_new = self._put(record, lambda: sequence_to_hdf5(sequence))
+        return is_new
+
+    def put_sequence_image(
+        self,
+        image: Path,
+        record: SequenceRecord,
+        *,
+        subject: str | None = None,
+        label: str | None = None,
+    ) -> tuple[SequenceRecord, bool]:
+        """Keep a sequence that another process has written with `sequence_to_hdf5`.
+
+        Parameters
+        ----------
+        image : Path
+            Sealed HDF5 file; it is copied.
+        record : SequenceRecord
+            Of the sequence in it; when it came, whose it is and what it shows are set here.
+        subject, label : str, optional
+            As for `put_sequence`.
+
+        Returns
+        -------
+        record : SequenceRecord
+            As it is kept.
+        is_new : bool
+            As `put_sequence` returns.
+
+        Raises
+        ------
+        ParameterError, StoreError
+            As `put_sequence` does.
+        CorruptFileError
+            If the image has no sound seal.
+        """
+        named = replace(record, created=now(), subject=subject, label=label)
+        return self._put(named, lambda: load_sealed(image)[1])
+
+    def _put(
+        self, record: SequenceRecord, image: Callable[[], bytes]
+    ) -> tuple[SequenceRecord, bool]:
+        require_name("subject", record.subject)
+        require_name("label", record.label)
+        if not is_id(record.id):
+            raise unknown_sequence(record.id)
+        index = self._open_index()
+        with self._changing(record.id):
+            upload = self._folder.upload(record.id)
+            known = index.find(record.id)
+            if known is not None and (not self.keep_uploads or is_sound(upload)):
+                return known, False
+            if known is None:
+                record = replace(record, has_upload=self.keep_uploads)
+            else:
+                record = replace(known, has_upload=True)
+            files = []
+            # The record first: vertices alone would come back from a crash without a subject.
+            if record != known:
+                files.append((self._folder.record(record.id), record_to_json(record)))
+            if self.keep_uploads:
+                files.append((upload, image()))
+            self._write(files, lambda: index.put(record))
+            return record, known is None
+
+    def sequence_path(self, sequence_id: str) -> Path:
+        """HDF5 file of a sequence's vertices.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence, or its vertices were not kept.
+        """
+        if not self.sequence_record(sequence_id).has_upload:
+            raise NotFoundError(
+                f"The vertices of sequence {sequence_id[:12]} were not kept.",
+                remedy="Send the sequence again, to a store that keeps uploads.",
+            )
+        return self._folder.upload(sequence_id)
+
+    def sequence(self, sequence_id: str) -> MeshSequence:
+        """Sequence with its vertices.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence, or its vertices were not kept.
+        CorruptFileError
+            If its file is damaged or missing.
+        """
+        locate = partial(self.sequence_path, sequence_id)
+        return self._read(read_sequence, locate, sequence_id=sequence_id)
+
+    def has_sequence(self, sequence_id: str) -> bool:
+        """Whether a sequence is known."""
+        return is_id(sequence_id) and self._open_index().find(sequence_id) is not None
+
+    def sequence_record(self, sequence_id: str) -> SequenceRecord:
+        """Look up what is known of a sequence besides its vertices.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence.
+        """
+        index = self._open_index()
+        record = index.find(sequence_id) if is_id(sequence_id) else None
+        if record is None:
+            raise unknown_sequence(sequence_id)
+        return record
+
+    def list_sequences(
+        self,
+        *,
+        subject: str | None = None,
+        label: str | None = None,
+        limit: int = 100,
+        cursor: str | None = None,
+    ) -> SequencePage:
+        """Sequences from the newest to the oldest.
+
+        Every sequence that is there from the first page to the last is listed once, whatever
+        is put or deleted meanwhile.
+
+        Parameters
+        ----------
+        subject, label : str, optional
+            Only those with exactly this subject, this label.
+        limit : int
+            Of one page, 1 to 1000.
+        cursor : str, optional
+            Of the page before.
+
+        Raises
+        ------
+        ParameterError
+            If the limit is out of range or the cursor is none.
+        """
+        return self._open_index().page(subject, label, limit, cursor)
+
+    def update_sequence(
+        self,
+        sequence_id: str,
+        *,
+        subject: str | Unset | None = UNSET,
+        label: str | Unset | None = UNSET,
+    ) -> SequenceRecord:
+        """Change the subject, the label or both; what is not given stays.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence.
+        ParameterError
+            If subject or label cannot be kept.
+        StoreError
+            If it cannot be written; the store is as it was.
+        """
+        for name, text in (("subject", subject), ("label", label)):
+            if not isinstance(text, Unset):
+                require_name(name, text)
+        index = self._open_index()
+        self.sequence_record(sequence_id)
+        with self._changing(sequence_id):
+            known = self.sequence_record(sequence_id)
+            record = replace(
+                known,
+                subject=known.subject if isinstance(subject, Unset) else subject,
+                label=known.label if isinstance(label, Unset) else label,
+            )
+            if record != known:
+                file = (self._folder.record(sequence_id), record_to_json(record))
+                self._write([file], lambda: index.put(record))
+        return record
+
+    def delete_sequence(self, sequence_id: str) -> None:
+        """Delete a sequence with all that derives from it.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence.
+        StoreError
+            If it could not be begun, and nothing is changed; or not be finished, as the
+            message then says: the next call, or the next `open`, finishes it.
+        """
+        index = self._open_index()
+        self.sequence_record(sequence_id)
+        with self._changing(sequence_id) as was_deleted:
+            if was_deleted:
+                return
+            self.sequence_record(sequence_id)
+            begin_deletion(self._folder, sequence_id)
+            finish_deletion(self._folder, index, sequence_id)

@@ -1,0 +1,157 @@
+"""Modal signatures as HDF5."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from modalmotion.modes import ModeSet
+from modalmotion.rigid import Rotations
+from modalmotion.signature import INTENDED_USE, ModalSignature, SignatureParameters
+from modalmotion.store.contents import Contents, read_contents
+from modalmotion.store.image import Attribute, Dataset, json_text, sealed_image
+from modalmotion.template import Weights
+from modalmotion.topology import Topology
+
+KIND: Final = "signature"
+SCHEMA_VERSION: Final = 1
+
+
+def signature_to_hdf5(signature: ModalSignature) -> bytes:
+    """Write a signature as a sealed HDF5 file in memory.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+
+    Returns
+    -------
+    bytes
+        The same for the same signature.
+
+    Raises
+    ------
+    StoreError
+        If the unit is no text that HDF5 can hold.
+    """
+    unit = signature.unit or "unknown"
+    attributes: dict[str, Attribute] = {
+        "schema": f"modalmotion.{KIND}",
+        "schema_version": SCHEMA_VERSION,
+        "kind": KIND,
+        "intended_use": INTENDED_USE,
+        "topology": signature.topology.name,
+        "unit": unit,
+    }
+    ids = {
+        "sequence_id": signature.sequence_id,
+        "template_id": signature.template_id,
+        "parameters_key": signature.parameters.key,
+    }
+    # Squares of huge amplitudes overflow; what is kept of them is then infinite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        spectrum, energy = signature.deformation_spectrum, signature.strain_energy
+    datasets = [
+        Dataset("amplitudes", signature.amplitudes, unit, "frame, mode, direction"),
+        Dataset("wavenumbers", signature.modes.wavenumbers, "1", "mode, axis"),
+        Dataset("is_sine", signature.modes.is_sine.astype(np.uint8), "1", "mode"),
+        Dataset("angular_frequencies", signature.angular_frequencies, "rad/s", "mode"),
+        Dataset("rotations", signature.rotations.matrices, "1", "frame, row, column"),
+        Dataset(
+            "rotation_is_determined",
+            signature.rotations.is_determined.astype(np.uint8),
+            "1",
+            "frame",
+        ),
+        Dataset("rms_errors", signature.rms_errors, unit, "frame"),
+        Dataset("p95_errors", signature.p95_errors, unit, "frame"),
+        Dataset("max_errors", signature.max_errors, unit, "frame"),
+        Dataset("motion_rms", signature.motion_rms, unit, "frame"),
+        Dataset("lengths", np.array(signature.lengths, dtype=np.float64), unit, "axis"),
+        Dataset("condition", np.array(signature.condition, dtype=np.float64), "1", ""),
+        Dataset("n_vertices", np.array(signature.n_vertices, dtype=np.int64), "1", ""),
+        Dataset("deformation_spectrum", spectrum, unit, "mode"),
+        Dataset("strain_energy", energy, f"{unit}^2/s^2", "frame, mode"),
+        json_text("parameters", asdict(signature.parameters)),
+        json_text("notes", signature.notes),
+        json_text("provenance", signature.provenance),
+    ]
+    if signature.times is not None:
+        datasets.append(Dataset("times", signature.times, "s", "frame"))
+    return sealed_image(attributes, ids, datasets)
+
+
+def signature_from_hdf5(source: bytes | Path) -> ModalSignature:
+    """Read a signature, bit for bit as it was written.
+
+    Parameters
+    ----------
+    source : bytes or Path
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such file.
+    CorruptFileError
+        If it is damaged, foreign, or written by a newer version.
+    """
+    return read_signature(source)[0]
+
+
+def read_signature(source: bytes | Path) -> tuple[ModalSignature, Contents]:
+    """Read a signature together with the contents of its file."""
+    with read_contents(source, KIND, SCHEMA_VERSION) as contents:
+        return _signature(contents), contents
+
+
+def _signature(contents: Contents) -> ModalSignature:
+    topology = Topology.parse(contents.text("topology"))
+    unit = contents.text("unit")
+    amplitudes = contents.array("amplitudes", (None, None, 3))
+    n_frames, n_modes, _ = amplitudes.shape
+
+    def per_frame(name: str) -> Any:
+        return contents.array(name, (n_frames,))
+
+    return ModalSignature(
+        modes=ModeSet(
+            topology,
+            contents.array("wavenumbers", (n_modes, topology.n_axes)),
+            contents.array("is_sine", (n_modes,)).astype(np.bool_),
+        ),
+        amplitudes=amplitudes,
+        angular_frequencies=contents.array("angular_frequencies", (n_modes,)),
+        rotations=Rotations(
+            contents.array("rotations", (n_frames, 3, 3)),
+            per_frame("rotation_is_determined").astype(np.bool_),
+        ),
+        rms_errors=per_frame("rms_errors"),
+        p95_errors=per_frame("p95_errors"),
+        max_errors=per_frame("max_errors"),
+        motion_rms=per_frame("motion_rms"),
+        times=per_frame("times") if "times" in contents.arrays else None,
+        unit=None if unit == "unknown" else unit,
+        n_vertices=contents.number("n_vertices"),
+        lengths=tuple(contents.array("lengths", (None,)).tolist()),
+        condition=contents.number("condition"),
+        parameters=_parameters(contents.json("parameters", dict)),
+        sequence_id=contents.text("sequence_id"),
+        template_id=contents.text("template_id"),
+        notes=tuple(contents.json("notes", list)),
+        provenance=contents.json("provenance", dict),
+    )
+
+
+def _parameters(fields: dict[str, Any]) -> SignatureParameters:
+    # JSON knows no tuples and no enumerations; fields that came later keep their defaults.
+    grid = fields.get("grid")
+    return SignatureParameters(
+        **{
+            **fields,
+            "grid": None if grid is None else tuple(grid),
+            "weights": Weights(fields["weights"]),
+        }
+    )

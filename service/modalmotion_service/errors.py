@@ -1,0 +1,35 @@
+"""Errors that only a service has."""
+
+from __future__ import annotations
+
+from modalmotion.errors import ModalMotionError
+
+
+class SlowClientError(ModalMotionError):
+    """A request's body comes too slowly."""
+
+    code = "request_too_slow"
+
+
+class BusyError(ModalMotionError):
+    """As much is under way as is done at once."""
+
+    code = "busy"
+
+
+class ConflictError(ModalMotionError):
+    """The state of a resource does not allow this now."""
+
+    code = "conflict"
+
+
+class IdempotencyMismatchError(ModalMotionError):
+    """An idempotency key was used before, with another request."""
+
+    code = "idempotency_mismatch"
+
+
+class WorkerDiedError(ModalMotionError):
+    """A worker process ended in the middle of a task, more than once."""
+
+    code = "worker_died"

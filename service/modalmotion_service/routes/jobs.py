@@ -1,0 +1,70 @@
+"""Jobs: long work and how far it is."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from modalmotion.errors import NotFoundError
+from modalmotion.store import JobState
+from modalmotion_service.dependencies import StateDependency
+from modalmotion_service.negotiation import HDF5, NPZ
+from modalmotion_service.openapi_parts import BINARY, PROBLEMS
+from modalmotion_service.routes.signatures import packed
+from modalmotion_service.schemas import JobAnswer, JobId, JobPageAnswer
+
+router = APIRouter(prefix="/v1/jobs", tags=["jobs"], responses=PROBLEMS)
+
+
+class ListQuery(BaseModel):
+    """Which jobs to list."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    state: JobState | None = None
+    limit: int = Field(100, ge=1, le=1000, description="Of one page.")
+    cursor: str | None = Field(None, max_length=200, description="Of the page before.")
+
+
+@router.get("")
+def list_jobs(query: Annotated[ListQuery, Query()], state: StateDependency) -> JobPageAnswer:
+    """List jobs from the newest to the oldest, a page at a time."""
+    page = state.store.jobs.list(state=query.state, limit=query.limit, cursor=query.cursor)
+    return JobPageAnswer(jobs=[JobAnswer.of(job) for job in page.jobs], cursor=page.cursor)
+
+
+@router.get("/{job_id}")
+def job(job_id: JobId, state: StateDependency, response: Response) -> JobAnswer:
+    """Give a job's state, its progress, and the link to its result."""
+    found = state.store.jobs.get(job_id)
+    if not found.is_finished:
+        response.headers["Retry-After"] = "1"
+    return JobAnswer.of(found)
+
+
+@router.get(
+    "/{job_id}/result",
+    response_class=Response,
+    responses={200: {"description": "The file.", "content": {NPZ: BINARY, HDF5: BINARY}}},
+)
+def result(job_id: JobId, state: StateDependency) -> Response:
+    """Give the file that a job has made."""
+    found = state.store.jobs.get(job_id)
+    file = (found.result or {}).get("file")
+    if file is None:
+        raise NotFoundError(
+            f"The job is {found.state.value} and has no file.",
+            remedy="Follow the result link of its answer, once it has succeeded.",
+        )
+    path = state.spool.at(file)
+    if not path.is_file():
+        raise NotFoundError("The job's file is kept no more.", remedy="Start the job again.")
+    return packed(path, HDF5 if found.request["as_hdf5"] else NPZ)
+
+
+@router.delete("/{job_id}")
+async def cancel(job_id: JobId, state: StateDependency) -> JobAnswer:
+    """End a job; 409 if it is finished."""
+    return JobAnswer.of(await state.jobs.cancel(job_id))

@@ -1,0 +1,15 @@
+"""What the service accepts."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from modalmotion_service.dependencies import StateDependency
+
+router = APIRouter(prefix="/v1", tags=["limits"])
+
+
+@router.get("/limits")
+def limits(state: StateDependency) -> dict[str, float]:
+    """Give every limit, by the name that its error gives it."""
+    return state.settings.limits

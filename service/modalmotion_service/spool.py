@@ -1,0 +1,97 @@
+"""Uploads and half-made results on their way, as files of the store's own disk."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from modalmotion.store.atomic import cannot_write, make_folder, sync_folder
+
+
+@dataclass(frozen=True)
+class SpooledUpload:
+    """Bytes that came in, in a file.
+
+    Parameters
+    ----------
+    path : Path
+    sha256 : str
+        Of the bytes, in hex.
+    n_bytes : int
+    """
+
+    path: Path
+    sha256: str
+    n_bytes: int
+
+    def make_durable(self) -> None:
+        """Make the bytes survive a crash: before they are acknowledged without being read."""
+        try:
+            with self.path.open("rb+") as file:
+                os.fsync(file.fileno())
+            sync_folder(self.path.parent)
+        except OSError as error:
+            raise cannot_write(self.path, error) from error
+
+    def remove(self) -> None:
+        """Remove the file, and what was made beside it."""
+        for path in self.path.parent.glob(f"{self.path.name}*"):
+            path.unlink(missing_ok=True)
+
+
+class Spool:
+    """A folder for files that are not results yet.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        make_folder(folder)
+
+    def new_path(self) -> Path:
+        """Give a path that nothing lies at."""
+        return self.folder / secrets.token_hex(16)
+
+    def at(self, name: str) -> Path:
+        """Give the path of a file by its name, as jobs remember it."""
+        return self.folder / Path(name).name
+
+    async def receive(self, chunks: AsyncIterator[bytes]) -> SpooledUpload:
+        """Write what comes in to a file; nothing stays behind if it fails.
+
+        Raises
+        ------
+        StoreError
+            If it cannot be written.
+        """
+        path = self.new_path()
+        digest, n_bytes = hashlib.sha256(), 0
+        try:
+            # Pieces of some 64 KiB go to the page cache: no thread is worth its switch.
+            with path.open("xb", buffering=0) as file:
+                async for chunk in chunks:
+                    digest.update(chunk)
+                    n_bytes += len(chunk)
+                    view = memoryview(chunk)
+                    while view:
+                        view = view[file.write(view) :]
+        except OSError as error:
+            path.unlink(missing_ok=True)
+            raise cannot_write(path, error) from error
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+        return SpooledUpload(path, digest.hexdigest(), n_bytes)
+
+    def clear(self, keep: set[str]) -> None:
+        """Remove what an ended process left, but for files that jobs still need."""
+        for path in self.folder.iterdir():
+            if path.name.split(".")[0] not in keep:
+                path.unlink(missing_ok=True)

@@ -1,0 +1,151 @@
+"""What worker processes do. Tasks carry paths and small values, and may run twice.
+
+Whatever parses an upload, or opens a file whose size a user chose, happens here and never in
+the server's own process.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from modalmotion.classify import Classification, classify, load_model
+from modalmotion.formats import ReadLimits, read_npz
+from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.store import (
+    SequenceRecord,
+    record_of,
+    sequence_from_hdf5,
+    sequence_to_hdf5,
+    signature_from_hdf5,
+    signature_to_hdf5,
+    write_pack,
+)
+from modalmotion.topology import Topology
+from modalmotion_service.schemas import SignatureAnswer
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """What a request says of an upload, over what the file says.
+
+    Parameters
+    ----------
+    topology : str or None
+    grid : tuple of int or None
+    unit : str or None
+    """
+
+    topology: str | None = None
+    grid: tuple[int, ...] | None = None
+    unit: str | None = None
+
+
+@dataclass(frozen=True)
+class Ingested:
+    """An upload that was understood.
+
+    Parameters
+    ----------
+    record : SequenceRecord
+        Of the sequence; whose it is and when it came is for the server to say.
+    ignored : tuple of str
+        Arrays that were not used.
+    milliseconds : dict
+        By stage.
+    """
+
+    record: SequenceRecord
+    ignored: tuple[str, ...]
+    milliseconds: dict[str, float]
+
+
+def ingest(upload: Path, overrides: Overrides, limits: ReadLimits, image: Path) -> Ingested:
+    """Read an upload, check it, and write it as a sequence's HDF5 image."""
+    watch = _Stopwatch()
+    with watch.stage("read"):
+        read = read_npz(upload.read_bytes(), limits)
+        topology = None if overrides.topology is None else Topology.parse(overrides.topology)
+        sequence = read.sequence.with_topology(topology, overrides.grid)
+        if overrides.unit is not None:
+            sequence = sequence.with_unit(overrides.unit)
+    with watch.stage("image"):
+        record = record_of(sequence, created="", has_upload=True)
+        image.write_bytes(sequence_to_hdf5(sequence))
+    return Ingested(record, read.ignored, watch.milliseconds)
+
+
+def sign(sequence: Path, parameters: SignatureParameters, image: Path) -> dict[str, float]:
+    """Fit a kept sequence and write its signature's HDF5 image; gives milliseconds by stage."""
+    watch = _Stopwatch()
+    with watch.stage("load"):
+        loaded = sequence_from_hdf5(sequence)
+    with watch.stage("fit"):
+        signature = modal_signature(loaded, parameters)
+    with watch.stage("image"):
+        image.write_bytes(signature_to_hdf5(signature))
+    return watch.milliseconds
+
+
+def signature_as_json(path: Path, file: str) -> bytes:
+    """Write a kept signature out as the service's JSON."""
+    return SignatureAnswer.of(signature_from_hdf5(path), file).model_dump_json().encode()
+
+
+def name_class(signature: Path, model: str) -> Classification:
+    """Ask a model for the class of a kept signature's motion."""
+    return classify(signature_from_hdf5(signature), load_model(model))
+
+
+def pack_npz(signatures: list[Path], records: list[SequenceRecord], output: Path) -> None:
+    """Pack the trajectories of many signatures into one .npz archive.
+
+    Arrays `ids`, `labels` (of the classes, as users say), and for each signature by its number
+    `amplitudes_0`, `modes_0`, `angular_frequencies_0`, `rms_errors_0` and `times_0`.
+    """
+    arrays: dict[str, Any] = {
+        "ids": np.array([record.id for record in records]),
+        "labels": np.array([record.label or "" for record in records]),
+    }
+    for number, path in enumerate(signatures):
+        named = _trajectory(signature_from_hdf5(path)).items()
+        arrays.update({f"{name}_{number}": array for name, array in named})
+    with output.open("wb") as file:
+        np.savez(file, **arrays)
+
+
+def pack_hdf5(signatures: list[Path], records: list[SequenceRecord], output: Path) -> None:
+    """Pack the trajectories of many signatures into one HDF5 file, laid out as an export."""
+    loaded = map(signature_from_hdf5, signatures)
+    write_pack(output, zip(loaded, records, strict=True))
+
+
+def _trajectory(signature: ModalSignature) -> dict[str, Any]:
+    arrays: dict[str, Any] = {
+        "amplitudes": signature.amplitudes,
+        "modes": np.array([str(label) for label in signature.modes.labels]),
+        "angular_frequencies": signature.angular_frequencies,
+        "rms_errors": signature.rms_errors,
+    }
+    if signature.times is not None:
+        arrays["times"] = signature.times
+    return arrays
+
+
+class _Stopwatch:
+    def __init__(self) -> None:
+        self.milliseconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.milliseconds[name] = 1e3 * (time.perf_counter() - start)

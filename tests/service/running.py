@@ -1,0 +1,110 @@
+"""A service in a process of its own, as a client meets it."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+@dataclass
+class Answer:
+    status: int
+    headers: dict[str, str]
+    body: bytes
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.body)
+
+
+@dataclass
+class RunningService:
+    """Start it with `start`; the same folder can be served again after any end."""
+
+    data_dir: Path
+    settings: Mapping[str, str] = field(default_factory=dict)
+    port: int = 0
+    process: subprocess.Popen[bytes] | None = None
+    log: Path = Path()
+
+    def start(self) -> RunningService:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.port = probe.getsockname()[1]
+        environment = {**os.environ, **{f"MODALMOTION_{k}": v for k, v in self.settings.items()}}
+        if self.log == Path():
+            self.log = self.data_dir.parent / "service.log"
+        with self.log.open("ab") as sink:
+            self.process = subprocess.Popen(
+                [
+                    *(sys.executable, "-W", "error", "-m", "modalmotion", "serve"),
+                    *("--port", str(self.port), "--data-dir", str(self.data_dir)),
+                ],
+                env=environment,
+                stdout=sink,
+                stderr=subprocess.STDOUT,
+                # Its own group, so that a test can end it with all of its workers.
+                start_new_session=True,
+            )
+        for _ in range(300):
+            try:
+                if self.request("GET", "/health/ready").status == 200:
+                    return self
+            except OSError:
+                assert self.process.poll() is None, self.log.read_text()[-3000:]
+                time.sleep(0.05)
+        raise AssertionError(f"not ready: {self.log.read_text()[-3000:]}")
+
+    def request(
+        self,
+        method: str,
+        path: str,
+        body: bytes | None = None,
+        headers: Mapping[str, str] | None = None,
+        timeout: float = 60.0,
+    ) -> Answer:
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=timeout)
+        try:
+            connection.request(method, path, body, dict(headers or {}))
+            response = connection.getresponse()
+            return Answer(
+                response.status,
+                {name.lower(): value for name, value in response.getheaders()},
+                response.read(),
+            )
+        except http.client.HTTPException as error:
+            raise ConnectionError(str(error)) from error
+        finally:
+            connection.close()
+
+    def kill(self) -> None:
+        """kill -9 of the server and of its workers: power off."""
+        assert self.process is not None
+        os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+
+    def terminate(self, timeout: float = 60.0) -> bool:
+        """SIGTERM; tell whether the service went through its shutdown to the end."""
+        assert self.process is not None
+        self.process.terminate()
+        # uvicorn shuts down, then lets the signal end the process as the system expects it.
+        status = self.process.wait(timeout)
+        last = self.log.read_text().splitlines()[-2:]
+        return status == -signal.SIGTERM and "shutdown complete" in "".join(last)
+
+    def stop(self) -> None:
+        if self.process is not None and self.process.poll() is None:
+            try:
+                self.terminate(30.0)
+            except subprocess.TimeoutExpired:
+                self.kill()

@@ -1,0 +1,257 @@
+"""What was acknowledged survives: kill -9, killed workers, a full disk, SIGTERM, slow clients."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from running import RunningService
+
+from modalmotion.formats import read_npz
+from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.store import ResultStore, verify
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[RunningService]:
+    running = RunningService(tmp_path / "results", {"WORKERS": "2", "DRAIN_SECONDS": "5"})
+    yield running
+    running.stop()
+
+
+def small(seed: int) -> bytes:
+    vertices = np.random.default_rng(seed).normal(size=(4, 64, 3))
+    buffer = io.BytesIO()
+    np.savez(buffer, vertices=vertices, grid=(8, 8), topology="cup", unit="mm")
+    return buffer.getvalue()
+
+
+def upload_until_killed(service: RunningService, seed: int, acknowledged: dict[str, int]) -> None:
+    """Upload one sequence after another; note what was acknowledged, and as what."""
+    number = seed * 1_000_000
+    while True:
+        number += 1
+        wants_job = number % 3 == 0
+        headers = {"Prefer": "respond-async"} if wants_job else {}
+        try:
+            answer = service.request("POST", "/v1/sequences", small(number), headers)
+        except OSError:
+            return
+        if answer.status == 429:
+            continue
+        assert answer.status == (202 if wants_job else 201), answer.body
+        acknowledged[answer.json["links"]["self"]] = number
+
+
+def crash_rounds(service: RunningService, n_rounds: int, rng: random.Random) -> int:
+    acknowledged: dict[str, int] = {}
+    for round_number in range(n_rounds):
+        service.start()
+        with ThreadPoolExecutor(4) as clients:
+            for client in range(4):
+                clients.submit(
+                    upload_until_killed, service, round_number * 10 + client + 1, acknowledged
+                )
+            time.sleep(rng.uniform(0.05, 1.0))
+            service.kill()
+    service.start()
+    for link, number in acknowledged.items():
+        sequence_id = read_npz(small(number)).sequence.id
+        if link.startswith("/v1/jobs/"):
+            for _ in range(600):
+                job = service.request("GET", link).json
+                if job["state"] not in ("queued", "running"):
+                    break
+                time.sleep(0.05)
+            assert job["state"] == "succeeded", job
+            link = job["result"]
+        assert link == f"/v1/sequences/{sequence_id}"
+        assert service.request("GET", link).status == 200
+    sampled = rng.sample(sorted(acknowledged), min(20, len(acknowledged)))
+    for link in sampled:
+        sequence = read_npz(small(acknowledged[link])).sequence
+        here = f"/v1/sequences/{sequence.id}/signature"
+        amplitudes = np.array(service.request("GET", here).json["amplitudes"])
+        own = modal_signature(sequence, SignatureParameters()).amplitudes
+        assert np.array_equal(amplitudes, own)
+    assert service.terminate()
+    report = verify(service.data_dir)
+    assert not report.faults, report.faults
+    with ResultStore(service.data_dir) as store:
+        for link, number in acknowledged.items():
+            original = read_npz(small(number)).sequence
+            assert np.array_equal(store.sequence(original.id).vertices, original.vertices), link
+    assert not list(service.data_dir.rglob("*.tmp"))
+    return len(acknowledged)
+
+
+def test_kill_9_loses_nothing_that_was_acknowledged(service: RunningService) -> None:
+    assert crash_rounds(service, 3, random.Random(1)) > 20  # noqa: S311 (no secret)
+
+
+@pytest.mark.soak
+def test_kill_9_two_hundred_times(service: RunningService) -> None:
+    n_acknowledged = crash_rounds(service, 200, random.Random(2))  # noqa: S311 (no secret)
+    print(f"200 rounds of kill -9: {n_acknowledged} acknowledged uploads, 0 lost")  # noqa: T201
+    assert n_acknowledged > 2000
+
+
+def workers_of(server: int) -> list[int]:
+    """Processes at work for a server: children of its children."""
+    parent_of: dict[int, int] = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        parent_of[int(stat.parent.name)] = int(fields[1])
+    return [pid for pid, parent in parent_of.items() if parent_of.get(parent) == server]
+
+
+def test_killed_workers_cost_no_answer(service: RunningService) -> None:
+    service.start()
+    assert service.process is not None
+    server, killed = service.process.pid, 0
+    for number in range(10):
+        for pid in workers_of(server):
+            os.kill(pid, signal.SIGKILL)
+            killed += 1
+        assert service.request("POST", "/v1/sequences", small(number)).status == 201
+    assert killed >= 9
+
+
+def test_sigterm_answers_what_is_under_way_and_keeps_the_rest(service: RunningService) -> None:
+    service.start()
+    job = service.request("POST", "/v1/sequences", small(1), {"Prefer": "respond-async"}).json
+    answers: list[int] = []
+
+    def upload(number: int) -> None:
+        # Too late to be let in is no loss; let in and not answered would be.
+        with contextlib.suppress(ConnectionRefusedError):
+            answers.append(service.request("POST", "/v1/sequences", small(number)).status)
+
+    uploads = [threading.Thread(target=upload, args=(number,)) for number in range(2, 8)]
+    for thread in uploads:
+        thread.start()
+    time.sleep(0.3)
+    assert service.terminate()
+    for thread in uploads:
+        thread.join()
+    assert answers
+    assert set(answers) == {201}
+    service.start()
+    done = service.request("GET", job["links"]["self"]).json
+    assert done["state"] == "succeeded"
+
+
+def test_a_second_service_on_the_folder_is_refused(service: RunningService) -> None:
+    service.start()
+    second = subprocess.run(
+        [
+            *(sys.executable, "-m", "modalmotion", "serve", "--port", "0"),
+            *("--data-dir", str(service.data_dir)),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert second.returncode != 0
+    assert f"{service.process.pid if service.process else 0}" in second.stderr
+    assert "Traceback" not in second.stderr
+    assert service.request("POST", "/v1/sequences", small(1)).status == 201
+
+
+def open_stalled(port: int, kind: int) -> socket.socket:
+    """A connection that says nothing, half a header, or half a body."""
+    connection = socket.create_connection(("127.0.0.1", port), timeout=30)
+    if kind % 3 == 1:
+        connection.sendall(b"POST /v1/sequences HTTP/1.1\r\nHost: here\r\nX-Slow: ")
+    elif kind % 3 == 2:
+        connection.sendall(
+            b"POST /v1/sequences HTTP/1.1\r\nHost: here\r\nContent-Length: 1000\r\n\r\nabc"
+        )
+    return connection
+
+
+def stalled_clients(service: RunningService, n_clients: int, seconds: float) -> None:
+    """Others are served meanwhile, and each stalled connection is closed in the end."""
+    stalled = [open_stalled(service.port, number) for number in range(n_clients)]
+    end = time.monotonic() + seconds
+    number = 0
+    while time.monotonic() < end:
+        number += 1
+        assert service.request("POST", "/v1/sequences", small(number)).status in (200, 201)
+        time.sleep(0.2)
+    for kind, connection in enumerate(stalled):
+        with connection:
+            said = b"".join(iter(lambda c=connection: c.recv(65536), b""))  # type: ignore[misc]
+        if kind % 3 == 2:
+            assert b" 408 " in said.splitlines()[0]
+            assert b"idle_seconds" in said
+        else:
+            assert said == b""
+
+
+def test_stalled_connections_are_closed_and_others_served(service: RunningService) -> None:
+    service.settings = {**service.settings, "HEADER_SECONDS": "1", "IDLE_SECONDS": "1"}
+    service.start()
+    stalled_clients(service, 15, seconds=2.0)
+
+
+@pytest.mark.soak
+def test_fifty_stalled_connections_for_a_minute(service: RunningService) -> None:
+    service.start()
+    stalled_clients(service, 50, seconds=60.0)
+
+
+def test_a_full_disk_is_said_and_leaves_nothing_half_written(tmp_path: Path) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(disk)],
+        capture_output=True,
+        check=False,
+    )
+    if mounted.returncode != 0:
+        pytest.skip("this user may not mount a small file system")
+    service = RunningService(disk / "results")
+    service.log = tmp_path / "service.log"
+    try:
+        service.start()
+        kept = []
+        for number in range(400):
+            vertices = np.random.default_rng(number).normal(size=(20, 256, 3))
+            buffer = io.BytesIO()
+            np.savez(buffer, vertices=vertices, grid=(16, 16), topology="cup")
+            answer = service.request("POST", "/v1/sequences", buffer.getvalue())
+            if answer.status != 201:
+                break
+            kept.append(answer.json["id"])
+        assert (answer.status, answer.json["code"]) == (507, "store_error")
+        assert answer.json["remedy"]
+        assert len(kept) > 2
+        for sequence_id in kept:
+            assert service.request("GET", f"/v1/sequences/{sequence_id}").status == 200
+        # Room is made, and the service goes on.
+        for sequence_id in kept[:3]:
+            assert service.request("DELETE", f"/v1/sequences/{sequence_id}").status == 204
+        assert service.request("POST", "/v1/sequences", small(1)).status == 201
+        service.stop()
+        assert not verify(service.data_dir).faults
+    finally:
+        service.stop()
+        subprocess.run(["umount", str(disk)], check=False)

@@ -1,0 +1,133 @@
+"""Listing, naming, deleting, and answers that a client has already."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+
+@pytest.fixture
+def send(client: TestClient, npz: Callable[..., bytes]) -> Callable[..., str]:
+    def post(seed: int, **query: str) -> str:
+        vertices = np.random.default_rng(seed).normal(size=(3, 16, 3))
+        body = npz(vertices=vertices, grid=(4, 4), topology="cup")
+        return str(client.post("/v1/sequences", content=body, params=query).json()["id"])
+
+    return post
+
+
+def test_sequences_are_listed_by_page_and_filter(
+    client: TestClient, send: Callable[..., str]
+) -> None:
+    ids = [send(seed, subject=f"s{seed % 2}", label="beat") for seed in range(5)]
+    first = client.get("/v1/sequences", params={"limit": 3}).json()
+    rest = client.get("/v1/sequences", params={"cursor": first["cursor"]}).json()
+    listed = [item["id"] for item in first["sequences"] + rest["sequences"]]
+    assert listed == ids[::-1]
+    assert rest["cursor"] is None
+    odd = client.get("/v1/sequences", params={"subject": "s1"}).json()["sequences"]
+    assert [item["id"] for item in odd] == [ids[3], ids[1]]
+    assert not client.get("/v1/sequences", params={"label": "other"}).json()["sequences"]
+    assert client.get("/v1/sequences", params={"cursor": "nonsense"}).status_code == 422
+
+
+def test_names_are_changed_and_taken_away(client: TestClient, send: Callable[..., str]) -> None:
+    here = f"/v1/sequences/{send(1, subject='old', label='beat')}"
+    assert client.patch(here, json={"subject": "new"}).json()["subject"] == "new"
+    assert client.get(here).json()["label"] == "beat"
+    assert client.patch(here, json={"label": None}).json()["label"] is None
+    assert client.patch(here, json={"colour": "red"}).status_code == 422
+    assert client.patch("/v1/sequences/" + "0" * 64, json={}).status_code == 404
+
+
+def test_deleting_takes_everything_that_derives_from_it(
+    client: TestClient, send: Callable[..., str], data_dir: Path
+) -> None:
+    kept, gone = send(1), send(2)
+    for sequence_id in (kept, gone):
+        client.get(f"/v1/sequences/{sequence_id}/signature")
+    assert client.delete(f"/v1/sequences/{gone}").status_code == 204
+    assert client.get(f"/v1/sequences/{gone}").status_code == 404
+    assert client.get(f"/v1/sequences/{gone}/signature").status_code == 404
+    assert client.delete(f"/v1/sequences/{gone}").status_code == 404
+    assert not [path for path in data_dir.rglob("*") if gone in path.name]
+    assert client.get(f"/v1/sequences/{kept}/signature").status_code == 200
+
+
+def test_what_a_client_has_is_not_sent_again(client: TestClient, send: Callable[..., str]) -> None:
+    here = f"/v1/sequences/{send(1)}"
+    for path in (here, f"{here}/signature"):
+        first = client.get(path)
+        tag = first.headers["etag"]
+        again = client.get(path, headers={"If-None-Match": f'"other", W/{tag}'})
+        assert (again.status_code, again.content, again.headers["etag"]) == (304, b"", tag)
+        assert client.get(path, headers={"If-None-Match": '"other"'}).status_code == 200
+    before = client.get(here).headers["etag"]
+    client.patch(here, json={"label": "new"})
+    assert client.get(here, headers={"If-None-Match": before}).status_code == 200
+    json_tag = client.get(f"{here}/signature").headers["etag"]
+    hdf5 = client.get(
+        f"{here}/signature",
+        headers={"Accept": "application/x-hdf5", "If-None-Match": json_tag},
+    )
+    assert hdf5.status_code == 200
+
+
+def test_a_request_sent_again_is_answered_as_the_first_time(
+    client: TestClient, beat: bytes
+) -> None:
+    key = {"Idempotency-Key": "one"}
+    first = client.post("/v1/sequences", content=beat, headers=key)
+    again = client.post("/v1/sequences", content=beat, headers=key)
+    assert (first.status_code, again.status_code) == (201, 201)
+    assert again.content == first.content
+    assert again.headers["location"] == first.headers["location"]
+    assert again.headers["idempotency-replayed"] == "true"
+    other = client.post("/v1/sequences", content=beat + b"x", headers=key)
+    assert (other.status_code, other.json()["code"]) == (422, "idempotency_mismatch")
+    differently = client.post("/v1/sequences?label=x", content=beat, headers=key)
+    assert differently.json()["code"] == "idempotency_mismatch"
+
+
+def test_a_refused_request_does_not_use_up_its_key(client: TestClient, beat: bytes) -> None:
+    key = {"Idempotency-Key": "two"}
+    assert client.post("/v1/sequences", content=b"nonsense", headers=key).status_code == 400
+    assert client.post("/v1/sequences", content=beat, headers=key).status_code == 201
+
+
+def test_one_job_however_often_it_is_asked_for_with_a_key(client: TestClient, beat: bytes) -> None:
+    headers = {"Idempotency-Key": "three", "Prefer": "respond-async"}
+    first = client.post("/v1/sequences", content=beat, headers=headers)
+    again = client.post("/v1/sequences", content=beat, headers=headers)
+    assert (first.status_code, again.status_code) == (202, 202)
+    assert first.json()["id"] == again.json()["id"]
+
+
+def test_many_at_once_make_one_result(client: TestClient, beat: bytes, data_dir: Path) -> None:
+    here = client.post("/v1/sequences", content=beat).headers["location"]
+    answers: list[bytes] = []
+
+    def ask() -> None:
+        answers.append(client.get(f"{here}/signature?modes=18").content)
+
+    threads = [threading.Thread(target=ask) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(set(answers)) == 1
+    assert len(list((data_dir / "signatures").rglob("*.h5"))) == 1
+
+
+def test_every_answer_has_an_id_and_its_times(client: TestClient, beat: bytes) -> None:
+    answer = client.post("/v1/sequences", content=beat, headers={"X-Request-ID": "abc-1"})
+    assert answer.headers["x-request-id"] == "abc-1"
+    stages = {entry.split(";")[0].strip() for entry in answer.headers["server-timing"].split(",")}
+    assert {"receive", "read", "store", "total"} <= stages
+    missing = client.get("/nowhere", headers={"X-Request-ID": "bad id\x7f"})
+    assert len(missing.headers["x-request-id"]) == 16

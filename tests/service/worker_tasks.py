@@ -1,0 +1,35 @@
+"""Tasks for worker processes, which import them by name."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+
+from modalmotion.errors import NonFiniteError
+
+
+def swallow_memory() -> int:
+    return int(np.ones(1_000_000_000).sum())
+
+
+def hang() -> None:
+    time.sleep(60)
+
+
+def die_once(mark: Path) -> str:
+    if not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "done"
+
+
+def die() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def refuse() -> None:
+    raise NonFiniteError("text", remedy="advice", frame=3, vertex=4, details={"count": 1})
