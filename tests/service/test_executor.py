@@ -82,9 +82,9 @@ def test_waiting_tasks_are_finished_or_cancelled_at_shutdown() -> None:
     with pytest.raises(RuntimeError):
         pool.submit(abs, -1)
     pool = WorkerPool(n_workers=1, task_seconds=20.0, memory_bytes=3_000_000_000)
-    futures = [pool.submit(hang) for _ in range(3)]
+    stuck = [pool.submit(hang) for _ in range(3)]
     pool.shutdown(wait=True, cancel_futures=True)
-    assert futures[-1].cancelled()
+    assert stuck[-1].cancelled()
 
 
 def test_cancelling_ends_the_work() -> None:

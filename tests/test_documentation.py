@@ -1,0 +1,95 @@
+"""Documentation runs: every code block and every command of the README."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from running import RunningService
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def blocks(document: str, language: str) -> list[str]:
+    text = (ROOT / document).read_text()
+    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def commands(document: str) -> Iterator[str]:
+    for block in blocks(document, "sh"):
+        for line in block.splitlines():
+            yield line.split("  #")[0].strip()
+
+
+def test_the_readme_opens_with_the_two_commands() -> None:
+    first = blocks("README.md", "sh")[0].splitlines()
+    assert [line.split("  ")[0] for line in first] == ["make demo", "make test"]
+
+
+def test_the_readmes_python_runs_and_says_what_it_says() -> None:
+    namespace: dict[str, object] = {}
+    n_compared = 0
+    for block in blocks("README.md", "python"):
+        lines = block.splitlines()
+        for statement in ast.parse(block).body:
+            code = ast.unparse(statement)
+            if not isinstance(statement, ast.Expr):
+                exec(code, namespace)  # noqa: S102 (our own README)
+                continue
+            value = eval(code, namespace)  # noqa: S307 (our own README)
+            stated = lines[(statement.end_lineno or 1) - 1].partition("  # ")[2].strip()
+            if stated.endswith("(25, 7, 3)"):
+                assert value == (25, 7, 3)
+                n_compared += 1
+            elif stated.startswith(("ModeLabel", "'")):
+                assert repr(value) == stated
+                n_compared += 1
+    assert n_compared == 3
+
+
+@pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md"])
+def test_documented_make_targets_exist(document: str) -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    named = [command.split()[1] for command in commands(document) if command.startswith("make ")]
+    assert named
+    for target in named:
+        assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
+
+
+def test_the_readmes_commands_run(tmp_path: Path) -> None:
+    service = RunningService(tmp_path / "served")
+    bin_folder = Path(sys.executable).parent
+    try:
+        for command in commands("README.md"):
+            if command.startswith("make "):
+                continue
+            if command == "modalmotion serve &":
+                service.start()
+                continue
+            program, *arguments = command.split()
+            if program == "curl" and shutil.which("curl") is None:
+                continue
+            command = command.replace(":8000/", f":{service.port}/")
+            if program == "modalmotion":
+                command = f"{bin_folder / program} {' '.join(arguments)}"
+            run = subprocess.run(
+                command.split(), cwd=tmp_path, capture_output=True, text=True, check=False
+            )
+            assert run.returncode == 0, run.stderr
+            if program == "curl":
+                assert '"n_frames":25' in run.stdout
+    finally:
+        service.stop()
+    assert {"beat.npz", "beat.h5", "beat.png"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_links_between_documents_lead_somewhere() -> None:
+    for document in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]:
+        for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text()):
+            assert (document.parent / target).exists(), f"{document.name}: {target}"
