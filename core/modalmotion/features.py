@@ -12,9 +12,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import ModeCountError, ShapeError, TopologyError
+from modalmotion.body_frame import Components
+from modalmotion.errors import ModeCountError, ParameterError, ShapeError, TopologyError
 from modalmotion.modes import ModeSet
 from modalmotion.signature import ModalSignature
+from modalmotion.spring_modes import SpringSpectrum
 from modalmotion.topology import CLOSED
 
 # Harmonics that are read: of parts that have a sign, and of those that have only a size.
@@ -94,6 +96,8 @@ def motion_features(signature: ModalSignature, reading: Reading = READINGS[0]) -
         If the modes (1, 0) and (0, 1) are not in the signature.
     ShapeError
         If there are fewer than two frames.
+    ParameterError
+        If the amplitudes are not Cartesian.
 
     Notes
     -----
@@ -114,12 +118,12 @@ def motion_features(signature: ModalSignature, reading: Reading = READINGS[0]) -
     turns e1, e2 and e3; another start angle turns c and s into one another; neither changes a
     feature.
     """
-    _require_readable(signature)
+    modes = _readable_modes(signature)
     # Percent of the size; the roots are taken apart so that no product overflows.
     along, around = signature.lengths
     amplitudes = 100.0 * (signature.amplitudes / np.sqrt(along) / np.sqrt(around))
     amplitudes = amplitudes - amplitudes.mean(axis=0)
-    signed, sizes = _parts(signature.modes, amplitudes, reading)
+    signed, sizes = _parts(modes, amplitudes, reading)
 
     angle = _phase_angle(signature)
     signals = [*signed.values(), *(part for z in sizes.values() for part in (z.real, z.imag))]
@@ -139,7 +143,7 @@ def motion_features(signature: ModalSignature, reading: Reading = READINGS[0]) -
         for h in range(_N_SIZES):
             named[f"{name} cos {h + 1}"] = float(np.sqrt(np.hypot(x[h].real, y[h].real)))
             named[f"{name} sin {h + 1}"] = float(np.sqrt(np.hypot(x[h].imag, y[h].imag)))
-    is_deformation = signature.modes.wavenumbers.any(axis=1)
+    is_deformation = modes.wavenumbers.any(axis=1)
     deformation = amplitudes[:, is_deformation].reshape(len(angle), -1)
     return MotionFeatures(
         names=tuple(named),
@@ -258,8 +262,20 @@ def _periodic_share(angle: NDArray[np.float64], signals: NDArray[np.float64]) ->
     return max(0.0, 1.0 - float((rest**2).sum()) / free * (n - 1) / total)
 
 
-def _require_readable(signature: ModalSignature) -> None:
-    topology = signature.topology
+def _readable_modes(signature: ModalSignature) -> ModeSet:
+    modes = signature.modes
+    if isinstance(modes, SpringSpectrum):
+        raise TopologyError(
+            "The motion is given in the spring modes of one mesh, which say nothing of others.",
+            remedy="Send a cup, a cylinder or a sphere.",
+        )
+    if signature.parameters.components != Components.CARTESIAN:
+        raise ParameterError(
+            "The amplitudes are radial, tangential and axial; features are read from Cartesian "
+            "ones, and find these directions themselves.",
+            remedy="Fit with components = cartesian.",
+        )
+    topology = modes.topology
     if topology.n_axes != 2 or topology.ends[1] != CLOSED or topology.ends[0] == CLOSED:
         raise TopologyError(
             f"The motion of a {topology} has no axis to be read about.",
@@ -274,13 +290,11 @@ def _require_readable(signature: ModalSignature) -> None:
         raise ShapeError(
             "One frame has no motion to read.", remedy="Send at least two frames of a beat."
         )
-    labels = {(int(p), int(turns)) for p, turns in signature.modes.wavenumbers}
-    if (
-        not {(1, 0), (0, 1)} <= labels
-        or len(_pairs(signature.modes, signature.amplitudes, False)) == 0
-    ):
+    labels = {(int(p), int(turns)) for p, turns in modes.wavenumbers}
+    if not {(1, 0), (0, 1)} <= labels or 0 not in _pairs(modes, signature.amplitudes, False):
         raise ModeCountError(
             f"{len(signature.modes)} modes are too few to read a motion from.",
             remedy="Fit 7 modes or more.",
             details={"least": 7},
         )
+    return modes

@@ -72,7 +72,7 @@ def systole_figure(sequence: MeshSequence, signature: ModalSignature) -> Figure:
                 drawn, ax=axis, shrink=0.6, pad=0.02, label=f"distance to true vertex ({unit})"
             )
     figure.suptitle(
-        f"{signature.topology.name}: {signature.n_vertices} vertices, "
+        f"{signature.surface}: {signature.n_vertices} vertices, "
         f"{len(signature.modes)} modes, {signature.compression:.0f}:1 a frame",
         fontsize=11,
     )
@@ -129,8 +129,9 @@ def _faces(sequence: MeshSequence, signature: ModalSignature) -> NDArray[np.int6
     if len(sequence.faces):
         return sequence.faces
     resolved = resolve_sequence(sequence, signature.parameters)
-    if resolved.grid is not None and len(resolved.grid) == 2 and min(resolved.grid) > 1:
-        return lattice_faces(signature.topology, resolved.grid)
+    grid, topology = resolved.grid, signature.topology
+    if topology is not None and grid is not None and len(grid) == 2 and min(grid) > 1:
+        return lattice_faces(topology, grid)
     return sequence.faces
 
 

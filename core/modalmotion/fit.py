@@ -5,75 +5,36 @@ By QR of the weighted shapes, never by normal equations, whose condition is the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
-from modalmotion.errors import ModeCountError
-from modalmotion.modes import ModeSet, shapes_at
-from modalmotion.rigid import Rotations, kabsch
+from modalmotion.basis import LARGEST_CONDITION, Basis, factored, make_basis
+from modalmotion.block_fit import BlockFit, PositionFit, fit_displacements
+from modalmotion.body_frame import Components, local_frames, to_local
+from modalmotion.displacements import (
+    PositionBlock,
+    ReferenceShape,
+    aligned,
+    displacement_blocks,
+    position_blocks,
+)
+from modalmotion.errors import ModeCountError, ParameterError, ShapeError
+from modalmotion.products import product
+from modalmotion.rigid import Rotations
 from modalmotion.sequence import MeshSequence
 from modalmotion.template import Template
 
-# Amplitudes lose this factor of the data's precision; beyond it they are not worth giving.
-LARGEST_CONDITION = 1e8
-
-# Floats of displacements held at once.
-_BLOCK = 2_000_000
-
-
-@dataclass(frozen=True, eq=False)
-class Basis:
-    """Mode shapes on a template, factored once for any number of frames.
-
-    Parameters
-    ----------
-    modes : ModeSet
-    shapes : (vertices, modes) float64
-    projector : (modes, vertices) float64
-        amplitudes = projector @ displacements: the weighted least-squares solution.
-    condition : float
-        Of the weighted shapes, 1 for orthogonal ones.
-    """
-
-    modes: ModeSet
-    shapes: NDArray[np.float64]
-    projector: NDArray[np.float64]
-    condition: float
-
-
-def make_basis(template: Template, modes: ModeSet) -> Basis:
-    """Evaluate and factor modes on a template.
-
-    Raises
-    ------
-    ModeCountError
-        If the weighted vertices cannot tell that many modes apart.
-    """
-    shapes = shapes_at(modes, template.coordinates)
-    n_weighted = int((template.weights > 0).sum())
-    if len(modes) > n_weighted:
-        raise ModeCountError(
-            f"{len(modes)} modes cannot be told apart on {n_weighted} vertices.",
-            remedy=f"Ask for at most {n_weighted} modes.",
-            details={"modes": len(modes), "most": n_weighted},
-        )
-    root = np.sqrt(template.weights)[:, None]
-    Q, R = np.linalg.qr(root * shapes)
-    condition = float(np.linalg.cond(R))
-    if not condition <= LARGEST_CONDITION:
-        raise ModeCountError(
-            f"{len(modes)} modes have the condition {condition:.1e} on this surface, above "
-            f"{LARGEST_CONDITION:.0e}: the amplitudes would be noise.",
-            remedy="Ask for fewer modes, or send a finer mesh.",
-            details={"modes": len(modes), "condition": condition},
-        )
-    projector = solve_triangular(R, (root * Q).T)
-    return Basis(modes, shapes, projector, condition)
+__all__ = [
+    "LARGEST_CONDITION",
+    "Basis",
+    "Fit",
+    "displacement_blocks",
+    "fit_sequence",
+    "make_basis",
+    "project",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +44,18 @@ class Fit:
     Parameters
     ----------
     amplitudes : (frames, modes, 3) float64, length unit
+        Of x, y, z, or of the radial, tangential and axial displacement.
     rotations : Rotations
         Removed before the fit, about the centroid of each frame.
     rms_errors, p95_errors, max_errors : (frames,) float64, length unit
         Of the distances between vertices and their reconstruction; RMS and 95th percentile
-        are over the surface (by weight), the maximum over all vertices.
+        are over the surface (by weight), the maximum over all vertices of it.
     motion_rms : (frames,) float64, length unit
         RMS displacement from the reference, rotation removed: the error of no modes at all.
+    conditions : (frames,) float64
+        Of the weighted shapes; all the same unless vertices are missing.
+    coverages : (frames,) float64
+        Share of the surface that is there, 1 unless vertices are missing.
     """
 
     amplitudes: NDArray[np.float64]
@@ -98,6 +64,8 @@ class Fit:
     p95_errors: NDArray[np.float64]
     max_errors: NDArray[np.float64]
     motion_rms: NDArray[np.float64]
+    conditions: NDArray[np.float64]
+    coverages: NDArray[np.float64]
 
 
 def fit_sequence(
@@ -107,6 +75,8 @@ def fit_sequence(
     *,
     reference: int = 0,
     remove_rotation: bool = True,
+    components: Components = Components.CARTESIAN,
+    present: NDArray[np.bool_] | None = None,
 ) -> Fit:
     """Fit every frame, in blocks of bounded memory.
 
@@ -119,98 +89,140 @@ def fit_sequence(
         Frame from which displacements are measured.
     remove_rotation : bool
         Whether to take out each frame's best rotation about its centroid first.
+    components : Components
+        What the three amplitudes of a mode stand for.
+    present : (frames, vertices) bool, optional
+        Which positions are there. A frame is fitted to what it has; positions that are not
+        there are not read. The reference must be complete.
 
     Returns
     -------
     Fit
-    """
-    w = template.weights
-    parts: list[tuple[NDArray[Any], ...]] = []
-    for displacements, rotations, scale in displacement_blocks(
-        sequence, w, reference=reference, remove_rotation=remove_rotation
-    ):
-        a = basis.projector @ displacements
-        residual = displacements - basis.shapes @ a
-        squares = (residual**2).sum(axis=2)
-        p95 = np.sqrt(_weighted_quantile(squares, w, 0.95))
-        parts.append(
-            (
-                a * scale,
-                rotations.matrices,
-                rotations.is_determined,
-                np.sqrt(squares @ w) * scale,
-                p95 * scale,
-                np.sqrt(squares.max(axis=1)) * scale,
-                np.sqrt((displacements**2).sum(axis=2) @ w) * scale,
-            )
-        )
-    a, matrices, determined, rms, p95, largest, motion = (
-        np.concatenate(column) for column in zip(*parts, strict=True)
-    )
-    return Fit(a, Rotations(matrices, determined), rms, p95, largest, motion)
 
-
-def displacement_blocks(
-    sequence: MeshSequence,
-    weights: NDArray[np.float64],
-    *,
-    reference: int,
-    remove_rotation: bool,
-) -> Iterator[tuple[NDArray[np.float64], Rotations, float]]:
-    """Displacements from the reference, rotation removed, a block of frames at a time.
-
-    Yields
+    Raises
     ------
-    displacements : (frames, vertices, 3) float64
-        In units of `scale`.
-    rotations : Rotations
-    scale : float, length unit
-        A power of two near the size of the surface, so that squares neither overflow nor
-        vanish whatever the unit.
+    ShapeError
+        If `present` has another shape.
+    ParameterError
+        If the reference is incomplete, a frame is empty, or the surface has no axis to split
+        components by.
+    ModeCountError
+        Naming the first frame in which too little is there to tell the modes apart.
     """
-    start = sequence.vertices[reference].astype(np.float64)
-    centre = weights @ start
-    rest = start - centre
-    scale = _power_of_two(sequence, centre)
-    rest /= scale
-    n = max(1, _BLOCK // (3 * sequence.n_vertices))
-    for first in range(0, sequence.n_frames, n):
-        block = sequence.vertices[first : first + n].astype(np.float64)
-        still = (block == start).all(axis=(1, 2))
-        block -= centre
-        block /= scale
-        drift = np.matmul(weights, block)[:, None, :]
-        if remove_rotation:
-            block -= drift
-            # sum w (x - centroid) (x_ref - centroid_ref)', one 3 x 3 matrix a frame
-            rotations = kabsch(np.matmul(block.transpose(0, 2, 1), rest * weights[:, None]))
-            matrices = rotations.matrices
-            matrices[still] = np.eye(3)
-            block = np.matmul(block, matrices)
-            block += drift
+    _require_present(sequence, reference, present)
+    frames = None if components == Components.CARTESIAN else local_frames(template)
+    shape = ReferenceShape.of(sequence, template.weights, reference)
+    in_one = PositionFit.of(basis, shape, template.isolated)
+    fit = _empty(sequence.n_frames, len(basis.modes), basis.condition)
+    for block in position_blocks(sequence, shape, reference, present, template.isolated):
+        if frames is None and block.present is None:
+            _store(fit, block.first, in_one.fit(block, remove_rotation), shape.scale)
+            continue
+        u, rotations = aligned(block, shape, remove_rotation)
+        if frames is not None:
+            u = to_local(u, frames)
+        if block.present is None:
+            part = fit_displacements(u, rotations, basis, shape.weights, template.isolated)
+            _store(fit, block.first, part, shape.scale)
         else:
-            identity = np.broadcast_to(np.eye(3), (len(block), 3, 3))
-            rotations = Rotations(identity, np.ones(len(block), dtype=np.bool_))
-        block -= rest
-        # A frame that repeats the reference has moved by exactly nothing.
-        block[still] = 0.0
-        yield block, rotations, scale
+            _fit_partly(fit, block, u, rotations, basis, template, shape)
+    return fit
 
 
-def _weighted_quantile(
-    values: NDArray[np.float64], weights: NDArray[np.float64], q: float
-) -> NDArray[np.float64]:
-    """Smallest value in each row below or at which a share `q` of the weight lies."""
-    order = np.argsort(values, axis=1)
-    reached = np.cumsum(weights[order], axis=1)
-    index = (reached < q * reached[:, -1:]).sum(axis=1)
-    ranked = np.take_along_axis(values, order, axis=1)
-    result: NDArray[np.float64] = ranked[np.arange(len(values)), index]
-    return result
+def project(basis: Basis, displacements: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Amplitudes of displacements: their weighted least-squares fit.
+
+    Parameters
+    ----------
+    basis : Basis
+    displacements : (frames, vertices, 3) float64, length unit
+        Fastest as a view on memory that runs along the vertices, as `displacement_blocks`
+        gives them.
+
+    Returns
+    -------
+    (frames, modes, 3) float64, length unit
+    """
+    rows = np.ascontiguousarray(displacements.transpose(0, 2, 1))
+    f, _, n = rows.shape
+    a = product(rows.reshape(3 * f, n), basis.columns)[:, : len(basis.modes)]
+    return a.reshape(f, 3, -1).transpose(0, 2, 1)
 
 
-def _power_of_two(sequence: MeshSequence, centre: NDArray[np.float64]) -> float:
-    low = sequence.vertices.min(axis=(0, 1)) - centre
-    high = sequence.vertices.max(axis=(0, 1)) - centre
-    largest = float(max(np.abs(low).max(), np.abs(high).max()))
-    return 1.0 if largest == 0.0 else float(2.0 ** np.clip(np.frexp(largest)[1], -1000, 1000))
+def _fit_partly(
+    fit: Fit,
+    block: PositionBlock,
+    u: NDArray[np.float64],
+    rotations: Rotations,
+    basis: Basis,
+    template: Template,
+    shape: ReferenceShape,
+) -> None:
+    """Fit each frame of a block to the vertices it has."""
+    if block.present is None:
+        return
+    for k, kept in enumerate(block.present):
+        frame = block.first + k
+        share = np.where(kept, shape.weights, 0.0)
+        coverage = float(share.sum())
+        try:
+            part = basis if kept.all() else factored(basis.modes, basis.shapes, share / coverage)
+        except ModeCountError as error:
+            raise ModeCountError(
+                f"Frame {frame}: {error.message}",
+                remedy="Ask for fewer modes, or leave the frame out.",
+                frame=frame,
+                details=error.details,
+            ) from error
+        ignored = np.union1d(np.flatnonzero(~kept), template.isolated)
+        turned = Rotations(rotations.matrices[k : k + 1], rotations.is_determined[k : k + 1])
+        found = fit_displacements(u[k : k + 1], turned, part, share / coverage, ignored)
+        _store(fit, frame, found, shape.scale)
+        fit.conditions[frame], fit.coverages[frame] = part.condition, coverage
+
+
+def _empty(n_frames: int, n_modes: int, condition: float) -> Fit:
+    return Fit(
+        amplitudes=np.empty((n_frames, n_modes, 3)),
+        rotations=Rotations(np.empty((n_frames, 3, 3)), np.empty(n_frames, dtype=np.bool_)),
+        rms_errors=np.empty(n_frames),
+        p95_errors=np.empty(n_frames),
+        max_errors=np.empty(n_frames),
+        motion_rms=np.empty(n_frames),
+        conditions=np.full(n_frames, condition),
+        coverages=np.ones(n_frames),
+    )
+
+
+def _store(fit: Fit, first: int, part: BlockFit, scale: float) -> None:
+    at = slice(first, first + len(part.amplitudes))
+    fit.amplitudes[at] = part.amplitudes.transpose(0, 2, 1) * scale
+    fit.rotations.matrices[at] = part.rotations.matrices
+    fit.rotations.is_determined[at] = part.rotations.is_determined
+    fit.rms_errors[at] = np.sqrt(part.mean_squares) * scale
+    fit.p95_errors[at] = np.sqrt(part.p95_squares) * scale
+    fit.max_errors[at] = np.sqrt(part.max_squares) * scale
+    fit.motion_rms[at] = np.sqrt(part.motion_squares) * scale
+
+
+def _require_present(
+    sequence: MeshSequence, reference: int, present: NDArray[np.bool_] | None
+) -> None:
+    if present is None:
+        return
+    shape = (sequence.n_frames, sequence.n_vertices)
+    if present.shape != shape or present.dtype != np.bool_:
+        raise ShapeError(
+            f"'present' has the shape {present.shape} and holds {present.dtype}; "
+            f"{shape} truth values are needed.",
+            remedy="Give one truth value for each vertex of each frame.",
+        )
+    if not present[reference].all():
+        vertex = int(np.flatnonzero(~present[reference])[0])
+        raise ParameterError(
+            f"Vertex {vertex} is missing in the reference, frame {reference}, so nothing can be "
+            "measured from it.",
+            remedy="Choose a reference frame in which all vertices are there.",
+            frame=reference,
+            vertex=vertex,
+        )

@@ -12,8 +12,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError
-from modalmotion.modes.label import ModeSet
+from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.modes.factors import Factors, functions_at, functions_on, places_along
+from modalmotion.modes.label import ModeSet, scales_of
 from modalmotion.modes.order import (
     all_modes,
     lowest_modes,
@@ -21,8 +22,8 @@ from modalmotion.modes.order import (
     require_within_zone,
     whole_count,
 )
-from modalmotion.modes.shapes import scales
-from modalmotion.modes.trigonometry import cos_pi, sin_pi
+from modalmotion.modes.spectral import Places, places
+from modalmotion.modes.trigonometry import sin_pi
 from modalmotion.topology import CLOSED, Topology
 
 
@@ -93,7 +94,16 @@ class Lattice:
 
     def all_modes(self) -> ModeSet:
         """Every mode, in the fixed order."""
+        return self._all_modes
+
+    @cached_property
+    def _all_modes(self) -> ModeSet:
         return all_modes(self.topology, self.shape)
+
+    @cached_property
+    def places(self) -> tuple[Places, ...]:
+        """Where the terms of every mode stand in the spectrum of the fast transforms."""
+        return places(self._all_modes, self.shape)
 
     @cached_property
     def natural_coordinates(self) -> NDArray[np.float64]:
@@ -120,10 +130,10 @@ class Lattice:
 
         Raises
         ------
-        ParameterError
-            If a mode lies beyond the lattice's Nyquist wavenumber.
+        TopologyError, ParameterError
+            As `shapes`.
         """
-        require_within_zone(modes, self.shape)
+        self._require(modes)
         omega_squared = np.zeros(len(modes))
         for axis, (ends, n, K) in enumerate(
             zip(self.topology.ends, self.shape, self.stiffnesses, strict=True)
@@ -135,69 +145,91 @@ class Lattice:
             omega_squared += (4.0 * K / self.mass) * half_angle**2
         return np.sqrt(omega_squared)
 
-    def shapes(self, modes: ModeSet) -> NDArray[np.float64]:
-        """Evaluate mode shapes at every node.
+    def factors(self, modes: ModeSet) -> Factors:
+        """Evaluate mode shapes as sums of products of one function per axis.
+
+        All of every shape is in them, at the cost of N + N' numbers instead of N N'.
+
+        Raises
+        ------
+        TopologyError, ParameterError
+            As `shapes`.
+        """
+        coefficients = self._coefficients(modes)
+        return Factors(functions_on(modes.separable, self.shape), modes.separable, coefficients)
+
+    def shapes(
+        self,
+        modes: ModeSet,
+        nodes: NDArray[np.int64] | list[int] | None = None,
+        *,
+        out: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """Evaluate mode shapes at the nodes.
+
+        Parameters
+        ----------
+        modes : ModeSet
+        nodes : (nodes,) int64, optional
+            These nodes only, in this order. Nothing is built for the others: the lattice may
+            be of any size.
 
         Returns
         -------
         (nodes, modes) float64
-            Each with mean square 1: V'V is the number of nodes times the identity.
+            Each with mean square 1: V'V is the number of nodes times the identity. One mode
+            after the other in memory.
 
         Raises
         ------
+        TopologyError
+            If the modes are of another topology.
         ParameterError
             If a mode lies beyond the lattice's Nyquist wavenumber.
+        ShapeError
+            If the lattice has no such node, or `out` is not such an array.
         """
-        require_within_zone(modes, self.shape)
-        real = np.full((*(1 for _ in self.shape), len(modes)), self.scales(modes))
-        imaginary: NDArray[np.float64] | None = None
-        for axis, (ends, n) in enumerate(zip(self.topology.ends, self.shape, strict=True)):
-            h = modes.half_periods[:, axis]
-            along = [1] * len(self.shape) + [len(modes)]
-            along[axis] = n
-            if ends != CLOSED:
-                # cos or sin(h pi s / 2), s = (2n - 1) / 2N
-                angle = _products(np.arange(1, 2 * n, 2), h, 8 * n)
-                odd = modes.is_odd_at_pole[:, axis]
-                factor = np.where(odd, sin_pi(angle, 4 * n), cos_pi(angle, 4 * n))
-                real = real * factor.reshape(along)
-                imaginary = None if imaginary is None else imaginary * factor.reshape(along)
-                continue
-            # exp(2 pi i p theta), theta = n / N; the phases of several closed axes add.
-            angle = _products(np.arange(1, n + 1), h, n)
-            c = cos_pi(2 * angle, n).reshape(along)
-            s = sin_pi(2 * angle, n).reshape(along)
-            if imaginary is None:
-                real, imaginary = real * c, real * s
-            else:
-                real, imaginary = real * c - imaginary * s, real * s + imaginary * c
-        shapes = real if imaginary is None else np.where(modes.is_sine, imaginary, real)
-        return shapes.reshape(self.n_nodes, len(modes))
+        if nodes is None:
+            return self.factors(modes).shapes(out)
+        coefficients, separable = self._coefficients(modes), modes.separable
+        functions = tuple(
+            functions_at(separable, axis, n, along)
+            for axis, (n, along) in enumerate(
+                zip(self.shape, places_along(self.shape, nodes), strict=True)
+            )
+        )
+        return Factors(functions, separable, coefficients).shapes_along()
 
     def scales(self, modes: ModeSet) -> NDArray[np.float64]:
-        """Factors that give every shape mean square 1 over the nodes.
+        """Factors that give every shape mean square 1 over the nodes, (modes,) float64.
 
         As on a continuum, but for shapes that alternate from node to node: these are +1 and
         -1, with mean square 1 already.
         """
-        scale = scales(modes)
+        n_waves = modes.n_waves
         closed = list(self.topology.closed_axes)
         if closed:
             k = modes.wavenumbers[:, closed]
             n = np.array([self.shape[axis] for axis in closed])
-            alternates = (2 * k % n == 0).all(axis=1) & (k != 0).any(axis=1)
-            scale = np.where(alternates, scale / math.sqrt(2.0), scale)
-        for axis, (ends, n) in enumerate(zip(self.topology.ends, self.shape, strict=True)):
+            n_waves = n_waves - ((2 * k % n == 0).all(axis=1) & (k != 0).any(axis=1))
+        for axis, (ends, nodes) in enumerate(zip(self.topology.ends, self.shape, strict=True)):
             if ends != CLOSED:
-                alternates = modes.half_periods[:, axis] == 2 * n
-                scale = np.where(alternates, scale / math.sqrt(2.0), scale)
-        return scale
+                n_waves = n_waves - (modes.half_periods[:, axis] == 2 * nodes)
+        return scales_of(n_waves)
 
+    def _require(self, modes: ModeSet) -> None:
+        if modes.topology is not self.topology and modes.topology != self.topology:
+            raise TopologyError(
+                f"Modes of a {modes.topology} have no place on a {self.topology} lattice.",
+                remedy="Choose the modes from the lattice itself, with `lowest_modes`.",
+            )
+        require_within_zone(modes, self.shape)
 
-def _products(nodes: NDArray[np.int64], h: NDArray[np.int64], period: int) -> NDArray[np.int64]:
-    """Products node times h reduced modulo `period` in exact integers, (nodes, modes)."""
-    most = int(np.abs(nodes).max(initial=0)) * int(np.abs(h).max(initial=0))
-    if most < 2**62:
-        return np.multiply.outer(nodes, h) % period
-    exact = np.multiply.outer(nodes.astype(object), h.astype(object)) % period
-    return exact.astype(np.int64)
+    def _coefficients(self, modes: ModeSet) -> NDArray[np.float64]:
+        """Sign of each term times the scale of its mode, (terms,) float64."""
+        self._require(modes)
+        for ends, h, n in zip(self.topology.ends, modes.separable.largest, self.shape, strict=True):
+            # Where shapes alternate from node to node.
+            if 2 * h == (n if ends == CLOSED else 4 * n):
+                return modes.separable.signs * self.scales(modes)[modes.separable.mode]
+        return modes.coefficients

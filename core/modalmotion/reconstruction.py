@@ -6,16 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
-from modalmotion.modes import shapes_at
+from modalmotion.basis import make_basis
+from modalmotion.body_frame import Components, from_local, local_frames
 from modalmotion.sequence import MeshSequence
-from modalmotion.signature import ModalSignature, resolve_sequence
-from modalmotion.template import make_template
+from modalmotion.signature import ModalSignature, resolve_sequence, resolve_template
+from modalmotion.template import Template, choose_modes
 
 
 def reconstruct(
     signature: ModalSignature,
     sequence: MeshSequence,
     frames: NDArray[np.int64] | list[int] | None = None,
+    *,
+    template: Template | None = None,
 ) -> NDArray[np.float64]:
     """Positions that the signature's modes and rotations stand for.
 
@@ -26,6 +29,8 @@ def reconstruct(
         The one it was made from: its reference frame gives the shape to deform.
     frames : (n,) int, optional
         Which frames; all of them by default.
+    template : Template, optional
+        The one that the signature's parameters name, if they name one.
 
     Returns
     -------
@@ -42,16 +47,17 @@ def reconstruct(
             remedy="Give the sequence whose id the signature names.",
         )
     asked = signature.parameters
-    template = make_template(
-        resolve_sequence(sequence, asked), reference=asked.reference, weights=asked.weights
-    )
+    resolved = resolve_sequence(sequence, asked)
+    used = resolve_template(resolved, asked, template)
+    modes = choose_modes(used, len(signature.modes), resolved.grid).modes
     start = sequence.vertices[asked.reference].astype(np.float64)
-    centre = template.weights @ start
+    centre = used.weights @ start
     chosen = slice(None) if frames is None else np.asarray(frames)
     # (2) u = sum_p a_p phi_p
-    u = shapes_at(signature.modes, template.coordinates) @ signature.amplitudes[chosen]
-    # The fit holds the centroid's path exactly, for the constant mode is among its modes.
-    drift = np.matmul(template.weights, u)[:, None, :]
+    u = make_basis(used, modes).shapes @ signature.amplitudes[chosen]
+    if asked.components != Components.CARTESIAN:
+        u = from_local(u, local_frames(used))
+    drift = signature.translations[chosen][:, None, :]
     R = signature.rotations.matrices[chosen]
     positions: NDArray[np.float64] = (start - centre + u - drift) @ R.transpose(0, 2, 1)
     positions += centre + drift

@@ -1,15 +1,25 @@
-"""Rotation between two sets of corresponding points, weighted (Kabsch 1976, Umeyama 1991)."""
+"""Rotation between two sets of corresponding points, weighted.
+
+Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Crystallographica A,
+1976; Umeyama, Least-squares estimation of transformation parameters between two point patterns,
+IEEE PAMI, 1991.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 # Relative to the largest singular value of the covariance: below this a direction is not
-# spanned by the points, and the rotation about it is not determined by them.
-_RANK_TOLERANCE = 1e-12
+# spanned by the points, and the rotation about it is not determined by them. Singular values
+# are squares of extents, so this is a thickness of a millionth.
+RANK_TOLERANCE: Final = 1e-12
+
+# How strongly an undetermined rotation is drawn to none at all; far below any determined one.
+_PULL: Final = 1e-9
 
 
 @dataclass(frozen=True)
@@ -22,38 +32,50 @@ class Rotations:
         Proper rotations (determinant +1): position = matrix @ (reference position).
     is_determined : (frames,) bool
         False where the points of either set span less than a plane, or the best fit is not
-        unique: the rotation is then one of several that fit equally well.
+        unique: the rotation is then the smallest of those that fit equally well.
     """
 
     matrices: NDArray[np.float64]
     is_determined: NDArray[np.bool_]
 
 
-def kabsch(
-    covariances: NDArray[np.float64],
-) -> Rotations:
+def kabsch(covariances: NDArray[np.float64], tolerance: float = RANK_TOLERANCE) -> Rotations:
     """Best proper rotation for each covariance matrix.
 
     Parameters
     ----------
     covariances : (frames, 3, 3) float64, length unit squared
         sum w (x - centroid) (x_ref - centroid_ref)'.
+    tolerance : float
+        Smallest second singular value, relative to the first, that is no rounding.
 
     Returns
     -------
     Rotations
     """
-    # R = U diag(1, 1, det(U V')) V' for covariance = U S V': never a reflection.
     largest = np.abs(covariances).max(axis=(1, 2), keepdims=True)
     scaled = covariances / np.where(largest > 0, largest, 1.0)
-    U, S, Vt = np.linalg.svd(scaled)
-    sign = np.sign(np.linalg.det(U @ Vt))
-    U = U.copy()
-    U[:, :, 2] *= sign[:, None]
+    matrices, S, sign = _nearest_rotations(scaled)
     # Unique iff the second singular value, with the sign of the third, is not zero:
     # s2 + sign s3 > 0 (Umeyama 1991).
     margin = S[:, 1] + sign * S[:, 2]
-    is_determined = margin > _RANK_TOLERANCE * np.where(S[:, 0] > 0, S[:, 0], 1.0)
-    matrices = U @ Vt
-    matrices[S[:, 0] == 0.0] = np.eye(3)
+    is_determined = margin > tolerance * np.where(S[:, 0] > 0, S[:, 0], np.inf)
+    loose = np.flatnonzero(~is_determined)
+    if loose.size:
+        # Of all that fit equally well the one nearest to none: the smallest turn.
+        pulled = scaled[loose] + max(_PULL, 10 * tolerance) * np.eye(3)
+        matrices[loose] = _nearest_rotations(pulled)[0]
+        matrices[loose[S[loose, 0] == 0.0]] = np.eye(3)
     return Rotations(matrices, is_determined)
+
+
+def _nearest_rotations(
+    matrices: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Rotations R with the largest trace of R' C, singular values of C, sign of the last one."""
+    # R = U diag(1, 1, det(U V')) V' for C = U S V': never a reflection.
+    U, S, Vt = np.linalg.svd(matrices)
+    sign = np.where(np.linalg.det(U) * np.linalg.det(Vt) < 0, -1.0, 1.0)
+    U = U.copy()
+    U[:, :, 2] *= sign[:, None]
+    return U @ Vt, S, sign

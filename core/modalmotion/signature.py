@@ -13,12 +13,23 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.body_frame import Components, body_frame
 from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.fit import fit_sequence, make_basis
-from modalmotion.modes import ModeSet, lowest_modes, wavenumbers_on, whole_count
+from modalmotion.modes import ModeSet
 from modalmotion.rigid import Rotations
 from modalmotion.sequence import MeshSequence
-from modalmotion.template import Weights, make_template
+from modalmotion.spring_modes import SpringModes, SpringSpectrum
+from modalmotion.template import (
+    GivenLandmarks,
+    Landmarks,
+    Template,
+    Weights,
+    choose_modes,
+    frequencies_on,
+    make_template,
+    require_same_mesh,
+)
 from modalmotion.topology import Topology
 
 INTENDED_USE: Final = (
@@ -49,6 +60,14 @@ class SignatureParameters:
     remove_rotation : bool
     wave_speed : float, length unit per s
         c of w = c k, which frequencies and strain energy are stated with.
+    components : Components
+        What the three amplitudes of a mode stand for: x, y, z or radial, tangential, axial.
+    landmarks : GivenLandmarks
+        Places that are stated and not left to the shape.
+    closed_form : bool
+        False asks for the spring modes of the mesh itself, whatever its topology.
+    template : str or None
+        Id of a template to use in place of one made from the sequence's own reference.
     """
 
     modes: int = 7
@@ -58,6 +77,10 @@ class SignatureParameters:
     weights: Weights = Weights.AREA
     remove_rotation: bool = True
     wave_speed: float = 1.0
+    components: Components = Components.CARTESIAN
+    landmarks: GivenLandmarks = GivenLandmarks()
+    closed_form: bool = True
+    template: str | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.modes <= MOST_MODES:
@@ -84,12 +107,17 @@ class ModalSignature:
 
     Parameters
     ----------
-    modes : ModeSet
+    modes : ModeSet or SpringSpectrum
+        In closed form; or, where the surface has no natural coordinates, of its own mesh.
     amplitudes : (frames, modes, 3) float64, `unit`
+        Along the directions that `parameters.components` names.
     angular_frequencies : (modes,) float64, rad per s
         Continuum limit w = c k on `lengths`, with c = `wave_speed`.
     rotations : Rotations
         The rotation trajectory, removed before the fit.
+    translations : (frames, 3) float64, `unit`
+        Path of the weighted centroid from the reference's. It is part of the amplitudes too,
+        and needed beside them where they are not along x, y, z.
     rms_errors, p95_errors, max_errors : (frames,) float64, `unit`
         Distances between vertices and their reconstruction in each frame; RMS and 95th
         percentile are over the surface, the maximum over all vertices.
@@ -100,6 +128,8 @@ class ModalSignature:
     n_vertices : int
     lengths : tuple of float, `unit`
         Along each natural coordinate.
+    landmarks : Landmarks or None
+        Axis and zero of theta; None where the surface has no axis.
     condition : float
         Of the weighted shapes: how much of the data's precision the amplitudes may lose.
     parameters : SignatureParameters
@@ -111,10 +141,11 @@ class ModalSignature:
         Versions of the software that made it.
     """
 
-    modes: ModeSet
+    modes: ModeSet | SpringSpectrum
     amplitudes: NDArray[np.float64]
     angular_frequencies: NDArray[np.float64]
     rotations: Rotations
+    translations: NDArray[np.float64]
     rms_errors: NDArray[np.float64]
     p95_errors: NDArray[np.float64]
     max_errors: NDArray[np.float64]
@@ -123,6 +154,7 @@ class ModalSignature:
     unit: str | None
     n_vertices: int
     lengths: tuple[float, ...]
+    landmarks: Landmarks | None
     condition: float
     parameters: SignatureParameters
     sequence_id: str
@@ -131,9 +163,29 @@ class ModalSignature:
     provenance: dict[str, str]
 
     @property
-    def topology(self) -> Topology:
-        """Topology whose modes were fitted."""
+    def topology(self) -> Topology | None:
+        """Topology whose modes were fitted; None for the spring modes of one mesh."""
         return self.modes.topology
+
+    @property
+    def surface(self) -> str:
+        """Name of the topology, or "mesh" for the spring modes of one mesh."""
+        return "mesh" if self.topology is None else self.topology.name
+
+    @property
+    def body_amplitudes(self) -> NDArray[np.float64]:
+        """Amplitudes in the frame of the body, in which patients compare.
+
+        Returns
+        -------
+        (frames, modes, 3) float64, `unit`
+            Along theta_zero, across it, and along the axis; radial, tangential and axial ones
+            are of the body already, and so are those of a surface without an axis taken to be.
+        """
+        if self.landmarks is None or self.parameters.components != Components.CARTESIAN:
+            return self.amplitudes
+        turned: NDArray[np.float64] = self.amplitudes @ body_frame(self.landmarks).T
+        return turned
 
     @property
     def n_frames(self) -> int:
@@ -180,7 +232,10 @@ class ModalSignature:
 
 
 def modal_signature(
-    sequence: MeshSequence, parameters: SignatureParameters | None = None
+    sequence: MeshSequence,
+    parameters: SignatureParameters | None = None,
+    *,
+    template: Template | None = None,
 ) -> ModalSignature:
     """Fit closed-form modes to a sequence.
 
@@ -189,6 +244,8 @@ def modal_signature(
     sequence : MeshSequence
     parameters : SignatureParameters, optional
         7 modes by default: 21 amplitudes a frame.
+    template : Template, optional
+        The one that the parameters name; made from the sequence's own reference by default.
 
     Returns
     -------
@@ -197,7 +254,7 @@ def modal_signature(
     Raises
     ------
     TopologyError
-        If the surface has no natural coordinates.
+        If the stated topology does not fit the surface.
     ModeCountError
         If it cannot tell that many modes apart.
     ParameterError
@@ -209,23 +266,19 @@ def modal_signature(
     """
     asked = SignatureParameters() if parameters is None else parameters
     given, sequence = sequence, resolve_sequence(sequence, asked)
-    template = make_template(sequence, reference=asked.reference, weights=asked.weights)
-    notes = [*_notes_on_sequence(sequence, asked.reference), *template.notes]
-    n_modes = whole_count(template.topology, asked.modes, sequence.grid)
-    if n_modes != asked.modes:
-        notes.append(
-            f"{asked.modes} modes would split a cosine-sine pair; {n_modes} were fitted "
-            f"({3 * n_modes} amplitudes a frame)."
-        )
-    modes = lowest_modes(template.topology, n_modes, sequence.grid)
-    basis = make_basis(template, modes)
+    chosen = resolve_template(sequence, asked, template)
+    choice = choose_modes(chosen, asked.modes, sequence.grid)
+    modes = choice.modes
+    basis = make_basis(chosen, modes)
     fit = fit_sequence(
         sequence,
-        template,
+        chosen,
         basis,
         reference=asked.reference,
         remove_rotation=asked.remove_rotation,
+        components=asked.components,
     )
+    notes = [*_notes_on_sequence(sequence, asked.reference), *chosen.notes, *choice.notes]
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
     if undetermined.size:
         notes.append(
@@ -234,13 +287,12 @@ def modal_signature(
         )
     if not fit.motion_rms.any():
         notes.append("Nothing moves: every frame equals the reference.")
-    lengths = template.lengths
-    finite = tuple(length if length > 0 else np.inf for length in lengths)
     return ModalSignature(
-        modes=modes,
+        modes=modes.spectrum if isinstance(modes, SpringModes) else modes,
         amplitudes=fit.amplitudes,
-        angular_frequencies=asked.wave_speed * wavenumbers_on(modes, finite),
+        angular_frequencies=frequencies_on(chosen, modes, asked.wave_speed),
         rotations=fit.rotations,
+        translations=_centroid_path(sequence, chosen.weights, asked.reference),
         rms_errors=fit.rms_errors,
         p95_errors=fit.p95_errors,
         max_errors=fit.max_errors,
@@ -248,11 +300,12 @@ def modal_signature(
         times=sequence.times,
         unit=sequence.unit,
         n_vertices=sequence.n_vertices,
-        lengths=lengths,
+        lengths=chosen.lengths,
+        landmarks=chosen.landmarks,
         condition=basis.condition,
         parameters=asked,
         sequence_id=given.id,
-        template_id=template.id,
+        template_id=chosen.id,
         notes=tuple(notes),
         provenance=provenance(),
     )
@@ -264,10 +317,51 @@ def resolve_sequence(sequence: MeshSequence, parameters: SignatureParameters) ->
     return sequence.with_topology(topology, parameters.grid)
 
 
+def resolve_template(
+    sequence: MeshSequence, parameters: SignatureParameters, template: Template | None = None
+) -> Template:
+    """Give the template that the parameters ask for: the one they name, or the sequence's own.
+
+    Raises
+    ------
+    ParameterError
+        If they name another than the one that is given, or one and none is given.
+    TopologyError, ConnectivityError
+        If the template is of another mesh.
+    """
+    if parameters.template is not None or template is not None:
+        if template is None or template.id != parameters.template:
+            raise ParameterError(
+                f"The parameters name the template {str(parameters.template)[:12]}, but "
+                f"{'none' if template is None else template.id[:12]} came.",
+                remedy="Give the template that the parameters name.",
+            )
+        require_same_mesh(template, sequence)
+        return template
+    return make_template(
+        sequence,
+        reference=parameters.reference,
+        weights=parameters.weights,
+        landmarks=parameters.landmarks,
+        closed_form=parameters.closed_form,
+    )
+
+
 def provenance() -> dict[str, str]:
     """Versions of everything that takes part in a result."""
     packages = ("modalmotion", "numpy", "scipy", "h5py")
     return {**{name: version(name) for name in packages}, "python": platform.python_version()}
+
+
+def _centroid_path(
+    sequence: MeshSequence, weights: NDArray[np.float64], reference: int
+) -> NDArray[np.float64]:
+    start = sequence.vertices[reference].astype(np.float64)
+    path = np.empty((sequence.n_frames, 3))
+    for frame, positions in enumerate(sequence.vertices):
+        # einsum adds in one order whatever the number of threads.
+        path[frame] = np.einsum("n,nc->c", weights, positions - start)
+    return path
 
 
 def _notes_on_sequence(sequence: MeshSequence, reference: int) -> list[str]:

@@ -17,6 +17,7 @@ from modalmotion.signature import SignatureParameters
 from modalmotion.store import ResultStore, SequenceRecord
 from modalmotion_service import tasks
 from modalmotion_service.flights import Flights
+from modalmotion_service.schemas import TemplateAnswer
 from modalmotion_service.spool import Spool, SpooledUpload
 from modalmotion_service.timing import add_milliseconds, stage
 
@@ -106,8 +107,10 @@ class Analysis:
 
         async def make() -> Path:
             sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+            template = self._template_path(parameters)
             with self._image() as image, stage("worker"):
-                add_milliseconds(await self._work(tasks.sign, sequence, parameters, image))
+                work = self._work(tasks.sign, sequence, parameters, template, image)
+                add_milliseconds(await work)
                 with stage("store"):
                     return await asyncio.to_thread(
                         self._store.put_signature_image, image, sequence_id, parameters.key
@@ -123,6 +126,63 @@ class Analysis:
         path = await self.signature(sequence_id, parameters)
         with stage("render"):
             return await self._work(tasks.signature_as_json, path, self.within_store(path))
+
+    async def template(
+        self, upload: Upload, parameters: SignatureParameters
+    ) -> tuple[TemplateAnswer, bool]:
+        """Make and keep the template of an upload; tell whether it is new."""
+        with self._image() as image, stage("worker"):
+            made = await self._work(
+                tasks.make_template,
+                upload.spooled.path,
+                upload.overrides,
+                self._limits,
+                parameters,
+                image,
+            )
+            add_milliseconds(made.milliseconds)
+            with stage("store"):
+                is_new = await asyncio.to_thread(
+                    self._store.put_template_image, image, made.answer.id
+                )
+        return made.answer, is_new
+
+    async def describe_template(self, template_id: str) -> TemplateAnswer:
+        """Say what a kept template holds."""
+        path = await asyncio.to_thread(self._store.template_path, template_id)
+        return await self._work(tasks.describe_template, path)
+
+    async def draw_template(self, template_id: str) -> bytes:
+        """Draw the natural coordinates of a kept template, as PNG."""
+        path = await asyncio.to_thread(self._store.template_path, template_id)
+        return await self._work(tasks.draw_template, path)
+
+    async def reconstruction(
+        self, sequence_id: str, parameters: SignatureParameters, times: list[float] | None
+    ) -> Path:
+        """Superpose a signature's surfaces into a file, which the caller removes."""
+        signature = await self.signature(sequence_id, parameters)
+        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        output = self._spool.new_path()
+        try:
+            with stage("superpose"):
+                await self._work(
+                    tasks.superpose,
+                    sequence,
+                    signature,
+                    self._template_path(parameters),
+                    times,
+                    output,
+                )
+        except BaseException:
+            output.unlink(missing_ok=True)
+            raise
+        return output
+
+    def _template_path(self, parameters: SignatureParameters) -> Path | None:
+        if parameters.template is None:
+            return None
+        return self._store.template_path(parameters.template)
 
     async def classification(
         self, sequence_id: str, model_name: str

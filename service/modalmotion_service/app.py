@@ -24,6 +24,7 @@ from modalmotion_service.routes import (
     limits,
     sequences,
     signatures,
+    templates,
 )
 from modalmotion_service.settings import Settings
 from modalmotion_service.spool import Spool
@@ -73,6 +74,6 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.add_middleware(Concurrency, most=chosen.max_concurrent_requests)
     app.add_middleware(Observation)
-    for module in (sequences, signatures, classifications, jobs, limits, health):
+    for module in (sequences, signatures, templates, classifications, jobs, limits, health):
         app.include_router(module.router)
     return app

@@ -9,6 +9,7 @@ from starlette.exceptions import HTTPException
 JSON: Final = "application/json"
 HDF5: Final = "application/x-hdf5"
 NPZ: Final = "application/x-npz"
+PNG: Final = "image/png"
 
 
 def best_type(accept: str, offered: tuple[str, ...]) -> str:

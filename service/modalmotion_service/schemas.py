@@ -6,12 +6,25 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
+from modalmotion.body_frame import Components
 from modalmotion.classify import Classification
+from modalmotion.errors import ParameterError
+from modalmotion.modes import ModeLabel
 from modalmotion.signature import INTENDED_USE, MOST_MODES, ModalSignature, SignatureParameters
+from modalmotion.spring_modes import SpringLabel
 from modalmotion.store import Job, JobState, SequenceRecord
-from modalmotion.template import Weights
+from modalmotion.template import GivenLandmarks, Landmarks, Template, Weights
+from modalmotion.template.landmarks import Place
 
 GRID_PATTERN: Final = r"^[1-9][0-9]{0,8}(,[1-9][0-9]{0,8}){0,2}$"
+
+_NUMBER: Final = r"[+-]?[0-9]{1,15}([.][0-9]{0,20})?(e[+-]?[0-9]{1,3})?"
+
+PLACE: Final[Any] = Field(
+    None,
+    pattern=f"^([0-9]{{1,9}}|{_NUMBER},{_NUMBER},{_NUMBER})$",
+    description="Landmark: the number of a vertex, or a point as x,y,z.",
+)
 
 JobId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{32}$")]
 SequenceId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
@@ -115,6 +128,18 @@ class SignatureQuery(BaseModel):
     wave_speed: float = Field(
         1.0, gt=0, allow_inf_nan=False, description="c of w = c k, length unit per s."
     )
+    components: Components = Field(
+        Components.CARTESIAN, description="Of the amplitudes: x, y, z or radial, tangential, axial."
+    )
+    apex: str | None = PLACE
+    base: str | None = PLACE
+    theta_zero: str | None = PLACE
+    closed_form: bool = Field(
+        True, description="False asks for the spring modes of the mesh itself."
+    )
+    template: SequenceId | None = Field(
+        None, description="Id of a template to use in place of one of the sequence's own."
+    )
 
     def parameters(self) -> SignatureParameters:
         """Translate to the library's parameters."""
@@ -126,7 +151,41 @@ class SignatureQuery(BaseModel):
             weights=self.weights,
             remove_rotation=self.remove_rotation,
             wave_speed=self.wave_speed,
+            components=self.components,
+            landmarks=GivenLandmarks(
+                apex=parse_place(self.apex),
+                base=parse_place(self.base),
+                theta_zero=parse_place(self.theta_zero),
+            ),
+            closed_form=self.closed_form,
+            template=self.template,
         )
+
+
+def parse_place(text: str | None) -> Place | None:
+    """Read a landmark: the number of a vertex, or a point such as "1.5,0,-3"."""
+    if text is None:
+        return None
+    if "," not in text:
+        return int(text)
+    x, y, z = (float(part) for part in text.split(","))
+    return x, y, z
+
+
+def parse_times(text: str) -> list[float]:
+    """Read times such as "0,0.1,0.25".
+
+    Raises
+    ------
+    ParameterError
+        If one of them is no number.
+    """
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise ParameterError(
+            f"The times {text[:60]!r} are not all numbers.", remedy="Write them as 0,0.1,0.25."
+        ) from None
 
 
 def parse_grid(text: str | None) -> tuple[int, ...] | None:
@@ -143,8 +202,44 @@ class ManySignatures(SignatureQuery):
 class Label(BaseModel):
     """Name of one mode."""
 
-    wavenumbers: list[int] = Field(description="One for each natural coordinate.")
-    part: Literal["cos", "sin"]
+    wavenumbers: list[int] = Field(
+        description="One for each natural coordinate; for spring modes of one mesh their rank."
+    )
+    part: Literal["cos", "sin", "spring"]
+
+    @staticmethod
+    def of(label: ModeLabel | SpringLabel) -> Label:
+        """Write a label out."""
+        if isinstance(label, SpringLabel):
+            return Label(wavenumbers=[label.rank], part="spring")
+        return Label(wavenumbers=list(label.wavenumbers), part=label.part)
+
+
+class LandmarksAnswer(BaseModel):
+    """Where the natural coordinates sit, and how well the shape determines it."""
+
+    origin: list[float]
+    axis: list[float] = Field(description="Unit vector from the apex end to the base end.")
+    theta_zero: list[float] = Field(description="Unit vector across the axis with theta = 0.")
+    apex: list[float]
+    base: list[float]
+    strengths: dict[str, float] = Field(
+        description="0 where the shape could as well say another, 1 where there is no doubt."
+    )
+    given: list[str] = Field(description="Which ones the sender stated.")
+
+    @staticmethod
+    def of(landmarks: Landmarks) -> LandmarksAnswer:
+        """Write landmarks out."""
+        return LandmarksAnswer(
+            origin=landmarks.origin.tolist(),
+            axis=landmarks.axis.tolist(),
+            theta_zero=landmarks.theta_zero.tolist(),
+            apex=landmarks.apex.tolist(),
+            base=landmarks.base.tolist(),
+            strengths=dict(landmarks.strengths),
+            given=list(landmarks.given),
+        )
 
 
 class FrameErrors(BaseModel):
@@ -170,6 +265,11 @@ class SignatureAnswer(BaseModel):
     amplitudes: list[list[list[float]]] = Field(
         description="By frame, mode and direction, in the length unit."
     )
+    components: Components = Field(
+        description="Directions of the amplitudes: x, y, z or radial, tangential, axial."
+    )
+    landmarks: LandmarksAnswer | None = Field(description="Null where there is no axis.")
+    translations: list[list[float]] = Field(description="Path of the centroid.")
     angular_frequencies: list[float] = Field(description="rad per s, at the stated wave speed.")
     wave_speed: float
     lengths: list[float] = Field(description="Of the surface along each natural coordinate.")
@@ -199,17 +299,19 @@ class SignatureAnswer(BaseModel):
         return SignatureAnswer(
             sequence_id=signature.sequence_id,
             template_id=signature.template_id,
-            topology=signature.topology.name,
+            topology=signature.surface,
             n_frames=signature.n_frames,
             n_vertices=signature.n_vertices,
             unit=signature.unit,
             times=None if signature.times is None else signature.times.tolist(),
-            modes=[
-                Label(wavenumbers=list(label.wavenumbers), part=label.part)
-                for label in signature.modes.labels
-            ],
+            modes=[Label.of(label) for label in signature.modes.labels],
             shape=signature.amplitudes.shape,
             amplitudes=signature.amplitudes.tolist(),
+            components=asked.components,
+            landmarks=(
+                None if signature.landmarks is None else LandmarksAnswer.of(signature.landmarks)
+            ),
+            translations=signature.translations.tolist(),
             angular_frequencies=signature.angular_frequencies.tolist(),
             wave_speed=asked.wave_speed,
             lengths=list(signature.lengths),
@@ -237,9 +339,42 @@ class SignatureAnswer(BaseModel):
                 "weights": asked.weights.value,
                 "remove_rotation": asked.remove_rotation,
                 "wave_speed": asked.wave_speed,
+                "components": asked.components.value,
+                "landmarks": asked.landmarks.as_json(),
+                "closed_form": asked.closed_form,
+                "template": asked.template,
             },
             provenance=signature.provenance,
             file=file,
+        )
+
+
+class TemplateAnswer(BaseModel):
+    """Natural coordinates of a surface, and how they were found."""
+
+    id: str = Field(description="sha256 of what it was made from, in hex.")
+    topology: str = Field(description='Or "mesh" where no natural coordinates are known.')
+    n_vertices: int
+    n_faces: int
+    lengths: list[float] = Field(description="Along each natural coordinate.")
+    landmarks: LandmarksAnswer | None
+    notes: list[str]
+    links: dict[str, str]
+
+    @staticmethod
+    def of(template: Template) -> TemplateAnswer:
+        """Describe a template."""
+        return TemplateAnswer(
+            id=template.id,
+            topology="mesh" if template.surface is None else template.surface.name,
+            n_vertices=template.n_vertices,
+            n_faces=len(template.faces),
+            lengths=list(template.lengths),
+            landmarks=(
+                None if template.landmarks is None else LandmarksAnswer.of(template.landmarks)
+            ),
+            notes=list(template.notes),
+            links={"self": f"/v1/templates/{template.id}"},
         )
 
 

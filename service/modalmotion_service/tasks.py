@@ -6,18 +6,26 @@ the server's own process.
 
 from __future__ import annotations
 
+import io
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from modalmotion.classify import Classification, classify, load_model
-from modalmotion.formats import ReadLimits, read_npz
-from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.formats import ReadLimits, ReadResult, read_npz, write_npz
+from modalmotion.interpolation import at_times
+from modalmotion.reconstruction import reconstruct
+from modalmotion.signature import (
+    ModalSignature,
+    SignatureParameters,
+    modal_signature,
+    resolve_template,
+)
 from modalmotion.store import (
     SequenceRecord,
     record_of,
@@ -25,10 +33,12 @@ from modalmotion.store import (
     sequence_to_hdf5,
     signature_from_hdf5,
     signature_to_hdf5,
+    template_from_hdf5,
+    template_to_hdf5,
     write_pack,
 )
 from modalmotion.topology import Topology
-from modalmotion_service.schemas import SignatureAnswer
+from modalmotion_service.schemas import SignatureAnswer, TemplateAnswer
 
 
 @dataclass(frozen=True)
@@ -70,24 +80,24 @@ def ingest(upload: Path, overrides: Overrides, limits: ReadLimits, image: Path) 
     """Read an upload, check it, and write it as a sequence's HDF5 image."""
     watch = _Stopwatch()
     with watch.stage("read"):
-        read = read_npz(upload.read_bytes(), limits)
-        topology = None if overrides.topology is None else Topology.parse(overrides.topology)
-        sequence = read.sequence.with_topology(topology, overrides.grid)
-        if overrides.unit is not None:
-            sequence = sequence.with_unit(overrides.unit)
+        read = _read(upload, overrides, limits)
+        sequence = read.sequence
     with watch.stage("image"):
         record = record_of(sequence, created="", has_upload=True)
         image.write_bytes(sequence_to_hdf5(sequence))
     return Ingested(record, read.ignored, watch.milliseconds)
 
 
-def sign(sequence: Path, parameters: SignatureParameters, image: Path) -> dict[str, float]:
+def sign(
+    sequence: Path, parameters: SignatureParameters, template: Path | None, image: Path
+) -> dict[str, float]:
     """Fit a kept sequence and write its signature's HDF5 image; gives milliseconds by stage."""
     watch = _Stopwatch()
     with watch.stage("load"):
         loaded = sequence_from_hdf5(sequence)
+        named = None if template is None else template_from_hdf5(template)
     with watch.stage("fit"):
-        signature = modal_signature(loaded, parameters)
+        signature = modal_signature(loaded, parameters, template=named)
     with watch.stage("image"):
         image.write_bytes(signature_to_hdf5(signature))
     return watch.milliseconds
@@ -96,6 +106,65 @@ def sign(sequence: Path, parameters: SignatureParameters, image: Path) -> dict[s
 def signature_as_json(path: Path, file: str) -> bytes:
     """Write a kept signature out as the service's JSON."""
     return SignatureAnswer.of(signature_from_hdf5(path), file).model_dump_json().encode()
+
+
+@dataclass(frozen=True)
+class Templated:
+    """A template that was made of an upload.
+
+    Parameters
+    ----------
+    answer : TemplateAnswer
+    milliseconds : dict
+        By stage.
+    """
+
+    answer: TemplateAnswer
+    milliseconds: dict[str, float]
+
+
+def make_template(
+    upload: Path,
+    overrides: Overrides,
+    limits: ReadLimits,
+    parameters: SignatureParameters,
+    image: Path,
+) -> Templated:
+    """Make the template of an upload's reference frame and write its HDF5 image."""
+    watch = _Stopwatch()
+    with watch.stage("read"):
+        sequence = _read(upload, overrides, limits).sequence
+    with watch.stage("template"):
+        template = resolve_template(sequence, parameters)
+    with watch.stage("image"):
+        image.write_bytes(template_to_hdf5(template))
+    return Templated(TemplateAnswer.of(template), watch.milliseconds)
+
+
+def describe_template(path: Path) -> TemplateAnswer:
+    """Say what a kept template holds."""
+    return TemplateAnswer.of(template_from_hdf5(path))
+
+
+def draw_template(path: Path) -> bytes:
+    """Draw s and theta on a kept template's surface, as PNG."""
+    from modalmotion.template.picture import template_figure
+
+    buffer = io.BytesIO()
+    template_figure(template_from_hdf5(path)).savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def superpose(
+    sequence: Path, signature: Path, template: Path | None, times: list[float] | None, output: Path
+) -> None:
+    """Write the surfaces that a kept signature stands for, as .npz."""
+    loaded, fitted = sequence_from_hdf5(sequence), signature_from_hdf5(signature)
+    named = None if template is None else template_from_hdf5(template)
+    if times is not None:
+        fitted = at_times(fitted, np.array(times))
+    positions = reconstruct(fitted, loaded, template=named)
+    output.write_bytes(write_npz(replace(loaded, vertices=positions, times=fitted.times)))
 
 
 def name_class(signature: Path, model: str) -> Classification:
@@ -124,6 +193,15 @@ def pack_hdf5(signatures: list[Path], records: list[SequenceRecord], output: Pat
     """Pack the trajectories of many signatures into one HDF5 file, laid out as an export."""
     loaded = map(signature_from_hdf5, signatures)
     write_pack(output, zip(loaded, records, strict=True))
+
+
+def _read(upload: Path, overrides: Overrides, limits: ReadLimits) -> ReadResult:
+    read = read_npz(upload.read_bytes(), limits)
+    topology = None if overrides.topology is None else Topology.parse(overrides.topology)
+    sequence = read.sequence.with_topology(topology, overrides.grid)
+    if overrides.unit is not None:
+        sequence = sequence.with_unit(overrides.unit)
+    return replace(read, sequence=sequence)
 
 
 def _trajectory(signature: ModalSignature) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,10 +76,10 @@ def _refusal(signature: ModalSignature, model: Model) -> str | None:
     needed = model.signature_parameters
     if signature.n_frames < 2:
         return "No class: one frame shows no motion."
-    if signature.topology.name not in model.topologies:
+    if signature.topology is None or signature.surface not in model.topologies:
         return (
             f"No class: the model reads signatures of the topology "
-            f"{' or '.join(model.topologies)}, this one's is {signature.topology}. State the "
+            f"{' or '.join(model.topologies)}, this one's is {signature.surface}. State the "
             "topology if it is wrong."
         )
     if signature.modes != lowest_modes(signature.topology, model.modes):
@@ -87,19 +87,15 @@ def _refusal(signature: ModalSignature, model: Model) -> str | None:
             f"No class: the model reads signatures of {model.modes} modes, this one has "
             f"{len(signature.modes)}. Fit it with {model.modes} modes."
         )
-    # Which surface, which frame and how fast waves travel change no feature.
-    asked = replace(
-        signature.parameters,
-        modes=needed.modes,
-        topology=needed.topology,
-        grid=needed.grid,
-        reference=needed.reference,
-        wave_speed=needed.wave_speed,
-    )
-    if asked != needed:
+    asked = signature.parameters
+    if (asked.weights, asked.remove_rotation, asked.components) != (
+        needed.weights,
+        needed.remove_rotation,
+        needed.components,
+    ):
         return (
-            "No class: the model reads signatures with area weights and rotation removed. "
-            "Fit it with the default parameters."
+            "No class: the model reads signatures with area weights, rotation removed and "
+            "Cartesian components. Fit it with the default parameters."
         )
     if not min(signature.lengths) > 0:
         return "No class: the surface is collapsed in its reference frame."

@@ -141,7 +141,7 @@ def _collected(
         rows.append([f.values for f in features])
         labels.append(str(label))
         described.add((features[0].names, len(signature.modes)))
-        topologies.add(signature.topology.name)
+        topologies.add(signature.surface)
     if len(described) > 1:
         raise ParameterError(
             "The training cases differ in their modes.",

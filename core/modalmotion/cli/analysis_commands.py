@@ -101,7 +101,7 @@ def classify(file: Path, model: str, as_json: bool) -> None:
 def summary(result: ModalSignature) -> dict[str, object]:
     """Give the numbers that sum a signature up."""
     return {
-        "topology": result.topology.name,
+        "topology": result.surface,
         "n_frames": result.n_frames,
         "n_vertices": result.n_vertices,
         "modes": len(result.modes),
@@ -124,7 +124,7 @@ def _lines(result: ModalSignature) -> str:
     unit = result.unit or "length units"
     count = len(result.modes)
     lines = [
-        f"{result.topology.name}, {result.n_frames} frames, {result.n_vertices} vertices",
+        f"{result.surface}, {result.n_frames} frames, {result.n_vertices} vertices",
         f"{count} modes x 3 directions = {3 * count} amplitudes a frame",
         (
             f"compression {result.compression:.0f}:1 a frame, "

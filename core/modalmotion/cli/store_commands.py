@@ -36,7 +36,7 @@ def rebuild(folder: Path) -> None:
             click.echo(f"{number} {what}")
     for what, files in (
         ("record written anew", found.restored),
-        ("damaged, not in the index", found.damaged),
+        ("damaged", found.damaged),
         ("belongs to nothing", found.orphans),
     ):
         for file in files:

@@ -15,7 +15,7 @@ class ReadLimits:
     ----------
     frames, vertices, faces : int
     decompressed_bytes : int
-        Of all arrays together, as they stand in memory.
+        Of all arrays together, as they stand in memory; of all files in an archive.
     """
 
     frames: int = 10_000
@@ -47,4 +47,5 @@ class ReadLimits:
             )
 
 
+DEFAULT_LIMITS = ReadLimits()
 NO_LIMITS = ReadLimits(*(2**62,) * 4)

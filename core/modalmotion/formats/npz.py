@@ -20,26 +20,12 @@ import numpy as np
 
 from modalmotion.errors import MalformedFileError, ShapeError
 from modalmotion.formats.limits import NO_LIMITS, ReadLimits
+from modalmotion.formats.result import ReadResult
 from modalmotion.sequence import MeshSequence, mesh_sequence
 
 _KNOWN: Final = ("vertices", "faces", "grid", "topology", "times", "times_ms", "unit")
 
 _REMEDY: Final = "Write the file with numpy.savez, holding at least 'vertices'."
-
-
-@dataclass(frozen=True)
-class ReadResult:
-    """A sequence and what its file held besides.
-
-    Parameters
-    ----------
-    sequence : MeshSequence
-    ignored : tuple of str
-        Names of arrays that were not used.
-    """
-
-    sequence: MeshSequence
-    ignored: tuple[str, ...]
 
 
 def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> ReadResult:
@@ -104,7 +90,13 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> ReadResult:
         times=times,
         unit=_text(arrays, "unit"),
     )
-    return ReadResult(sequence, tuple(name for name in members if name not in _KNOWN))
+    return ReadResult(
+        sequence,
+        ignored=tuple(name for name in members if name not in _KNOWN),
+        format="npz",
+        unit_from=None if sequence.unit is None else "file",
+        times_from=None if sequence.times is None else "file",
+    )
 
 
 def write_npz(sequence: MeshSequence) -> bytes:

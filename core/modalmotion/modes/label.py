@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.modes.separable import Separable, separate
 from modalmotion.topology import CLOSED, OPEN, POLE_OPEN, Topology
+
+# A wave has mean square 1/2 along each axis, or each wave vector of closed axes together.
+_SCALES: Final = np.sqrt([1.0, 2.0, 4.0, 8.0])
 
 
 class ModeLabel(NamedTuple):
@@ -96,6 +100,40 @@ class ModeSet:
         """
         return odd_at_pole(self.topology, self.wavenumbers)
 
+    @cached_property
+    def n_waves(self) -> NDArray[np.int64]:
+        """Number of factors of each shape that are no constant, all closed axes together one.
+
+        Returns
+        -------
+        (modes,) int64
+        """
+        closed = list(self.topology.closed_axes)
+        others = [i for i in range(self.topology.n_axes) if i not in closed]
+        h = self.half_periods
+        n_others = np.count_nonzero(h[:, others], axis=1)
+        return np.asarray(n_others + (h[:, closed] != 0).any(axis=1), dtype=np.int64)
+
+    @cached_property
+    def extents(self) -> tuple[tuple[int, int], ...]:
+        """Least and largest wavenumber along each axis; 0 and 0 of no modes."""
+        return tuple((int(p.min(initial=0)), int(p.max(initial=0))) for p in self.wavenumbers.T)
+
+    @cached_property
+    def separable(self) -> Separable:
+        """The modes as sums of products of one function per axis."""
+        return separate(self.topology, self.half_periods, self.is_odd_at_pole, self.is_sine)
+
+    @cached_property
+    def coefficients(self) -> NDArray[np.float64]:
+        """Sign of each term of `separable` times the scale of its mode on a continuum.
+
+        Returns
+        -------
+        (terms,) float64
+        """
+        return self.separable.signs * scales_of(self.n_waves)[self.separable.mode]
+
     def take(self, indices: NDArray[np.int64] | list[int] | slice) -> ModeSet:
         """Modes at the given indices, in that order."""
         return ModeSet(self.topology, self.wavenumbers[indices], self.is_sine[indices])
@@ -109,6 +147,12 @@ class ModeSet:
             wavenumbers.reshape(len(labels), topology.n_axes),
             np.array([label.part == "sin" for label in labels], dtype=np.bool_),
         )
+
+
+def scales_of(n_waves: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Factors that give shapes with so many waves mean square 1, (modes,) float64."""
+    scales: NDArray[np.float64] = _SCALES[n_waves]
+    return scales
 
 
 def odd_at_pole(topology: Topology, wavenumbers: NDArray[np.int64]) -> NDArray[np.bool_]:

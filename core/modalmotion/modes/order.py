@@ -7,12 +7,13 @@ nodes or on the eigenvalues of the surface at hand, so a label keeps its place e
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import ModeCountError, ParameterError, ShapeError
+from modalmotion.errors import LimitError, ModeCountError, ParameterError, ShapeError
 from modalmotion.modes.label import ModeSet, half_periods
 from modalmotion.topology import CLOSED, End, Topology
 
@@ -21,6 +22,12 @@ from modalmotion.topology import CLOSED, End, Topology
 _INVERSE_SQUARED_LENGTHS: Final = (400, 121, 12_100)
 
 _LARGEST_COUNT: Final = 10_000_000
+
+# The order is a fixed table: its beginnings are worked out once.
+_KEPT_COUNT: Final = 1024
+
+# 8 N parts of a turn, and twice as many half periods, stay below 2^60.
+_MOST_NODES_ALONG_AXIS: Final = 2**56
 
 
 def lowest_modes(topology: Topology, n_modes: int, shape: tuple[int, ...] | None = None) -> ModeSet:
@@ -38,24 +45,21 @@ def lowest_modes(topology: Topology, n_modes: int, shape: tuple[int, ...] | None
     Raises
     ------
     ModeCountError
-        If `n_modes` is below 1, or above the number of modes of the lattice.
+        If `n_modes` is below 1, above ten million, or above the number of modes of the
+        lattice.
     """
     n_total = None if shape is None else _n_modes_of(topology, shape)
     if n_modes < 1 or n_modes > _LARGEST_COUNT or (n_total is not None and n_modes > n_total):
-        most = _LARGEST_COUNT if n_total is None else n_total
+        most = _LARGEST_COUNT if n_total is None else min(n_total, _LARGEST_COUNT)
         raise ModeCountError(
             f"{n_modes} modes were asked for; a {topology} "
             f"{'' if shape is None else f'of {shape} nodes '}has 1 to {most}.",
             remedy=f"Ask for 1 to {most} modes.",
             details={"modes": n_modes, "most": most},
         )
-    bound = 4.0 * max(_INVERSE_SQUARED_LENGTHS)
-    while True:
-        found, keys = _modes_within(topology, bound, shape)
-        # A whole level is needed so that ties are broken among all of its members.
-        if len(found) >= n_modes:
-            return found.take(np.lexsort(keys)[:n_modes])
-        bound *= 2.0 if len(found) > 1000 else 4.0
+    if n_modes <= _KEPT_COUNT:
+        return _lowest_kept(topology, n_modes, shape)
+    return _lowest(topology, n_modes, shape)
 
 
 def whole_count(topology: Topology, n_modes: int, shape: tuple[int, ...] | None = None) -> int:
@@ -83,12 +87,21 @@ def require_shape(topology: Topology, shape: tuple[int, ...]) -> None:
     ShapeError
         If the number of axes differs, an axis has no node, or the closed axis around a pole
         has an odd number of nodes.
+    LimitError
+        If an axis has more nodes than phases of 64 bits can tell apart.
     """
     if len(shape) != topology.n_axes or min(shape, default=0) < 1:
         raise ShapeError(
             f"A {topology} lattice has {topology.n_axes} axes of at least one node, "
             f"not the shape {tuple(shape)}.",
             remedy="Give the number of nodes along each axis.",
+        )
+    if max(shape) > _MOST_NODES_ALONG_AXIS:
+        raise LimitError(
+            f"An axis of {max(shape)} nodes is longer than 2^56.",
+            remedy="Use fewer nodes.",
+            limit="nodes along an axis",
+            details={"nodes": max(shape), "most": _MOST_NODES_ALONG_AXIS},
         )
     for axis, ends in enumerate(topology.ends):
         if End.POLE in ends and shape[axis + 1] % 2 == 1:
@@ -106,30 +119,69 @@ def require_within_zone(modes: ModeSet, shape: tuple[int, ...]) -> None:
     Raises
     ------
     ParameterError
-        Naming the first label at fault and the largest wavenumber the axis resolves.
+        Naming the first label at fault and the largest wavenumber the axis resolves, or the
+        sine of a wave vector that is its own opposite.
     """
+    at_nyquist = False
     for axis, (ends, n) in enumerate(zip(modes.topology.ends, shape, strict=True)):
-        p = modes.wavenumbers[:, axis]
         least, most = (-((n - 1) // 2), n // 2) if ends == CLOSED else (0, n - 1)
-        beyond = np.flatnonzero((p < least) | (p > most))
-        if beyond.size:
+        lowest, highest = modes.extents[axis]
+        if lowest < least or highest > most:
+            p = modes.wavenumbers[:, axis]
+            beyond = np.flatnonzero((p < least) | (p > most))
             raise ParameterError(
                 f"Mode {modes.labels[beyond[0]]} lies beyond what {n} nodes along axis {axis} "
                 f"resolve ({least} to {most}) and would alias into a lower mode.",
                 remedy="Ask for lower wavenumbers, or use more nodes.",
                 details={"axis": axis, "least": least, "most": most},
             )
+        at_nyquist |= ends == CLOSED and 2 * highest == n
+    if at_nyquist:
+        _require_nonzero(modes, shape)
 
 
 def squared_keys(topology: Topology, wavenumbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Squared wavenumbers on the reference surface, times 121 (2 / pi)^2: integers, no ties lost."""
+    """Squared wavenumbers on the reference surface, times 484 / pi^2: integers, no ties lost.
+
+    Raises
+    ------
+    LimitError
+        If 64 bits do not hold them.
+    """
     h = half_periods(topology, wavenumbers)
     key = np.zeros(len(h), dtype=np.int64)
-    for axis, ends in enumerate(topology.ends):
-        # k = pi h / 2L on non-closed axes, 2 pi p / L on closed ones.
-        weight = _INVERSE_SQUARED_LENGTHS[axis] * (16 if ends == CLOSED else 1)
+    most = 0
+    for axis, weight in enumerate(_weights(topology)):
+        most += weight * int(np.abs(h[:, axis]).max(initial=0)) ** 2
         key += weight * h[:, axis] ** 2
+    if most >= 2**63:
+        raise LimitError(
+            "The squared wavenumbers of these modes exceed integers of 64 bits.",
+            remedy="Ask for lower modes.",
+            limit="squared wavenumber",
+        )
     return key
+
+
+def _weights(topology: Topology) -> list[int]:
+    """Weigh a squared half period (closed: period) along each axis in the key."""
+    # k = pi h / 2L on non-closed axes, 2 pi p / L on closed ones.
+    return [
+        w * (16 if ends == CLOSED else 1)
+        for w, ends in zip(_INVERSE_SQUARED_LENGTHS, topology.ends, strict=False)
+    ]
+
+
+def _require_nonzero(modes: ModeSet, shape: tuple[int, ...]) -> None:
+    """Refuse sines that are zero at every node."""
+    closed = list(modes.topology.closed_axes)
+    n = np.array([shape[axis] for axis in closed], dtype=np.int64)
+    zero = np.flatnonzero(modes.is_sine & (2 * modes.wavenumbers[:, closed] % n == 0).all(axis=1))
+    if zero.size:
+        raise ParameterError(
+            f"Mode {modes.labels[zero[0]]} is zero at every node of a lattice of {shape} nodes.",
+            remedy="Ask for its cosine alone.",
+        )
 
 
 def _n_modes_of(topology: Topology, shape: tuple[int, ...]) -> int:
@@ -140,14 +192,31 @@ def _n_modes_of(topology: Topology, shape: tuple[int, ...]) -> int:
     return product
 
 
+@lru_cache(maxsize=64)
+def _lowest_kept(topology: Topology, n_modes: int, shape: tuple[int, ...] | None) -> ModeSet:
+    return _lowest(topology, n_modes, shape)
+
+
+def _lowest(topology: Topology, n_modes: int, shape: tuple[int, ...] | None) -> ModeSet:
+    bound = 4.0 * max(_INVERSE_SQUARED_LENGTHS)
+    if shape is not None and n_modes == _n_modes_of(topology, shape):
+        bound = sum(w * (2.0 * n) ** 2 for w, n in zip(_weights(topology), shape, strict=True))
+    while True:
+        found, keys = _modes_within(topology, bound, shape)
+        # A whole level is needed so that ties are broken among all of its members.
+        if len(found) >= n_modes:
+            return found.take(np.lexsort(keys)[:n_modes])
+        bound *= 2.0 if len(found) > 1000 else 4.0
+
+
 def _modes_within(
     topology: Topology, bound: float, shape: tuple[int, ...] | None
-) -> tuple[ModeSet, tuple[NDArray[np.int64], ...]]:
+) -> tuple[ModeSet, tuple[NDArray[np.int64] | NDArray[np.bool_], ...]]:
     """All modes whose squared key is at most `bound`, with the keys that sort them."""
     axes = []
-    for axis, ends in enumerate(topology.ends):
-        weight = _INVERSE_SQUARED_LENGTHS[axis] * (16 if ends == CLOSED else 4)
-        most = int((bound / weight) ** 0.5)
+    for axis, (ends, weight) in enumerate(zip(topology.ends, _weights(topology), strict=True)):
+        # h = 2 p at least on non-closed axes
+        most = int((bound / weight) ** 0.5 / (1 if ends == CLOSED else 2))
         n = None if shape is None else shape[axis]
         if ends == CLOSED:
             high = most if n is None else min(most, n // 2)
@@ -161,9 +230,9 @@ def _modes_within(
 
     # Of a wave vector and its opposite one is kept: the one whose first entry that differs
     # from its own opposite is positive. Where none differs the sine is zero and is no mode.
-    sign = np.zeros(len(p), dtype=np.int64)
+    sign = np.zeros(len(p), dtype=np.int8)
     for axis in topology.closed_axes:
-        entry = np.sign(p[:, axis])
+        entry = np.sign(p[:, axis]).astype(np.int8)
         if shape is not None:
             entry[2 * p[:, axis] == shape[axis]] = 0
         sign = np.where(sign == 0, entry, sign)
@@ -172,5 +241,5 @@ def _modes_within(
     wavenumbers = np.concatenate([p, p[is_pair]])
     is_sine = np.concatenate([np.zeros(len(p), bool), np.ones(int(is_pair.sum()), bool)])
     key = squared_keys(topology, wavenumbers)
-    ties = [column for q in wavenumbers.T[::-1] for column in ((q < 0).astype(np.int64), np.abs(q))]
-    return ModeSet(topology, wavenumbers, is_sine), (is_sine.astype(np.int64), *ties, key)
+    ties = [column for q in wavenumbers.T[::-1] for column in (q < 0, np.abs(q))]
+    return ModeSet(topology, wavenumbers, is_sine), (is_sine, *ties, key)

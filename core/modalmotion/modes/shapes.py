@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.modes.label import ModeSet
+from modalmotion.modes.label import ModeSet, scales_of
 from modalmotion.topology import CLOSED, End
 
 
@@ -24,7 +24,7 @@ def shapes_at(modes: ModeSet, coordinates: NDArray[np.float64]) -> NDArray[np.fl
         Each with mean square 1 over the natural coordinates, whatever surface they map.
         At a pole every mode that turns about it is zero.
     """
-    shapes = np.full((len(coordinates), len(modes)), scales(modes))
+    shapes = np.full((len(coordinates), len(modes)), scales_of(modes.n_waves))
     phase = np.zeros_like(shapes)
     for axis, ends in enumerate(modes.topology.ends):
         x = coordinates[:, axis, None]
@@ -44,15 +44,6 @@ def shapes_at(modes: ModeSet, coordinates: NDArray[np.float64]) -> NDArray[np.fl
     return shapes
 
 
-def scales(modes: ModeSet) -> NDArray[np.float64]:
-    """Factors that give every shape mean square 1: sqrt 2 for each factor that is no constant."""
-    closed = list(modes.topology.closed_axes)
-    others = [i for i in range(modes.topology.n_axes) if i not in closed]
-    h = modes.half_periods
-    n_waves = (h[:, others] != 0).sum(axis=1) + (h[:, closed] != 0).any(axis=1)
-    return np.sqrt(2.0) ** n_waves
-
-
 def wavenumbers_on(modes: ModeSet, lengths: tuple[float, ...]) -> NDArray[np.float64]:
     """Physical wavenumbers |k| on a surface with the given axis lengths.
 
@@ -66,8 +57,9 @@ def wavenumbers_on(modes: ModeSet, lengths: tuple[float, ...]) -> NDArray[np.flo
     -------
     (modes,) float64, rad per length unit
     """
-    k_squared = np.zeros(len(modes))
+    k = np.zeros(len(modes))
     for axis, ends in enumerate(modes.topology.ends):
         half_turn = 2 * np.pi if ends == CLOSED else np.pi / 2
-        k_squared += (half_turn * modes.half_periods[:, axis] / lengths[axis]) ** 2
-    return np.sqrt(k_squared)
+        # hypot, for the squares of very short lengths overflow.
+        k = np.hypot(k, half_turn * modes.half_periods[:, axis] / lengths[axis])
+    return k

@@ -58,9 +58,8 @@ def draw_parameters(label: MotionClass, rng: np.random.Generator) -> VentriclePa
     tailored by echocardiographic evaluation of ventricular asynchrony, same journal, 2002),
     with septal flash and an ejection fraction of 20-60 %.
     reduced torsion: twist of -4 to 5 degrees at a preserved ejection fraction, the whole
-    ventricle turning one way or the other (rigid body rotation: van Dalen et al., Left
-    ventricular solid body rotation in non-compaction cardiomyopathy, J Am Soc Echocardiogr,
-    2008).
+    ventricle turning one way or the other (van Dalen et al., Diagnostic value of rigid body
+    rotation in noncompaction cardiomyopathy, J Am Soc Echocardiogr, 2011).
     """
     normal = _draw_normal(rng)
     if label == MotionClass.HYPOKINESIA:

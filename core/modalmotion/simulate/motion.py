@@ -32,7 +32,7 @@ _TETHERING: Final = 0.5
 # Lateness of what an individual's walls do out of step, s.
 _LAG: Final = 0.08
 
-# Points along each meridian at which the wall's shortening is added up, base from apex.
+# Points along each meridian at which the wall's shortening is added up from the apex.
 _QUADRATURE: Final = np.polynomial.legendre.leggauss(8)
 
 

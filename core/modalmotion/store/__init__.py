@@ -15,6 +15,7 @@ from modalmotion.store.recovery import Reconciliation
 from modalmotion.store.results import ResultStore
 from modalmotion.store.sequence_file import sequence_from_hdf5, sequence_to_hdf5
 from modalmotion.store.signature_file import signature_from_hdf5, signature_to_hdf5
+from modalmotion.store.template_file import template_from_hdf5, template_to_hdf5
 from modalmotion.store.verification import Fault, VerifyReport, verify
 
 __all__ = [
@@ -41,6 +42,8 @@ __all__ = [
     "sequence_to_hdf5",
     "signature_from_hdf5",
     "signature_to_hdf5",
+    "template_from_hdf5",
+    "template_to_hdf5",
     "verify",
     "write_atomic",
     "write_pack",

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from modalmotion.errors import StoreError
 from modalmotion.modes import ModeSet
 from modalmotion.signature import INTENDED_USE, ModalSignature
+from modalmotion.spring_modes import SpringSpectrum
 from modalmotion.store.atomic import cannot_write, sync_folder, temporary_beside
 from modalmotion.store.maintenance import existing_store
 from modalmotion.store.record import SequenceRecord
 from modalmotion.store.recovery import Progress
 from modalmotion.store.results import ResultStore
+from modalmotion.store.signature_file import mode_datasets
 
 SCHEMA_VERSION: Final = 1
 
@@ -43,6 +45,7 @@ _COLUMNS: Final = (
     _Column("amplitudes", lambda s, _: s.amplitudes, "*", "frame, mode, direction"),
     _Column("times", lambda s, _: _times(s), "s", "frame"),
     _Column("rotations", lambda s, _: s.rotations.matrices, "1", "frame, row, column"),
+    _Column("translations", lambda s, _: s.translations, "*", "frame, direction"),
     _Column("rms_errors", lambda s, _: s.rms_errors, "*", "frame"),
     _Column("p95_errors", lambda s, _: s.p95_errors, "*", "frame"),
     _Column("max_errors", lambda s, _: s.max_errors, "*", "frame"),
@@ -65,7 +68,7 @@ class _Kind(NamedTuple):
     """What signatures of one group have in common."""
 
     key: str
-    modes: ModeSet
+    modes: ModeSet | SpringSpectrum
     unit: str
 
 
@@ -175,14 +178,11 @@ def _group(file: Any, kind: _Kind, signature: ModalSignature, number: int) -> An
     group = file.create_group(f"{number:03d}-{kind.key}")
     group.attrs["parameters"] = json.dumps(asdict(signature.parameters), sort_keys=True)
     group.attrs["parameters_key"] = kind.key
-    group.attrs["topology"] = kind.modes.topology.name
+    group.attrs["topology"] = signature.surface
     group.attrs["unit"] = kind.unit
-    for name, values, axes in (
-        ("wavenumbers", kind.modes.wavenumbers, "mode, axis"),
-        ("is_sine", kind.modes.is_sine.astype(np.uint8), "mode"),
-    ):
-        dataset = group.create_dataset(name, data=values)
-        dataset.attrs["unit"], dataset.attrs["axes"] = "1", axes
+    for mode_data in mode_datasets(kind.modes):
+        dataset = group.create_dataset(mode_data.name, data=mode_data.values)
+        dataset.attrs["unit"], dataset.attrs["axes"] = mode_data.unit, mode_data.axes
     placeholder = SequenceRecord("", 0, 0, 0, None, None, None, False, None, None, "", False)
     for column in _COLUMNS:
         rows = np.asarray(column.rows(signature, placeholder))

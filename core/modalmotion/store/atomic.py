@@ -114,16 +114,15 @@ def remove_durably(*paths: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and those above it, durably.
+    """Make a folder and those above it, durably, even if it is there already.
 
     Raises
     ------
     StoreError
         If it cannot be made.
     """
-    if folder.is_dir():
-        return
-    make_folder(folder.parent)
+    if not folder.parent.is_dir():
+        make_folder(folder.parent)
     try:
         folder.mkdir(exist_ok=True)
         sync_folder(folder.parent)

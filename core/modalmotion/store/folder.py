@@ -2,6 +2,7 @@
 
 ::
 
+    templates/ab/<id>.h5                            kept until the folder is deleted
     spool/                                          a service's files under way: not the store's
     lock                                            held by the process that has it open
     index.sqlite                                    index, jobs, idempotency keys
@@ -61,6 +62,7 @@ class Scan:
     uploads: set[str] = field(default_factory=set)
     deletions: set[str] = field(default_factory=set)
     results: set[ResultName] = field(default_factory=set)
+    templates: set[str] = field(default_factory=set)
     temporaries: list[Path] = field(default_factory=list)
     foreign: list[Path] = field(default_factory=list)
 
@@ -108,6 +110,10 @@ class Folder:
         parts = [name.sequence_id, name.model_id, name.key]
         file = "-".join(part for part in parts if part) + ".h5"
         return self.root / f"{name.kind}s" / name.sequence_id[:2] / file
+
+    def template(self, template_id: str) -> Path:
+        """File of a template."""
+        return self.root / "templates" / template_id[:2] / f"{template_id}.h5"
 
     def derived(self, sequence_id: str) -> list[Path]:
         """All files of results of a sequence, as they lie there."""
@@ -163,6 +169,10 @@ class Folder:
                     }
                     kinds[found[2]].add(found[1])
                     return
+            elif folder == "templates":
+                if is_id(name.removesuffix(".h5")):
+                    scan.templates.add(name.removesuffix(".h5"))
+                    return
             else:
                 found = _RESULT.fullmatch(name)
                 kind = _RESULT_FOLDERS[folder]
@@ -179,7 +189,7 @@ _RESULT_FOLDERS: Final[dict[str, ResultKind]] = {
     "signatures": "signature",
     "classifications": "classification",
 }
-_FOLDERS: Final = ("sequences", *_RESULT_FOLDERS)
+_FOLDERS: Final = ("sequences", "templates", *_RESULT_FOLDERS)
 
 
 def is_id(text: object) -> bool:

@@ -9,7 +9,6 @@ the library itself would have written, which the tests hold.
 from __future__ import annotations
 
 import json
-import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -173,9 +172,8 @@ def _as_attribute(value: Attribute) -> Any:
 def _require_storable(name: str, value: Attribute) -> None:
     if not isinstance(value, str):
         return
-    is_plain = all(unicodedata.category(character) not in ("Cc", "Cs") for character in value)
-    if len(value) > _LONGEST_ATTRIBUTE or not is_plain:
+    if len(value) > _LONGEST_ATTRIBUTE or not value.isprintable():
         raise StoreError(
             f"The {name.replace('_', ' ')} {value[:40]!r} cannot be kept as an attribute.",
-            remedy="Use a short text without control characters.",
+            remedy="Use a short text that can be printed.",
         )

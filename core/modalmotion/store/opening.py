@@ -46,6 +46,8 @@ class Opening:
         self._is_clean = True
         # One lock for a few sequences each: writes to different ones wait for the disk together.
         self._stripes = [threading.Lock() for _ in range(_N_STRIPES)]
+        self._shards: set[Path] = set()
+        self._shards_lock = threading.Lock()
 
     def open(self) -> Self:
         """Take the folder's lock and open the index; after a crash, finish what was begun.
@@ -57,7 +59,8 @@ class Opening:
         """
         if self._index is not None:
             raise StoreError("The store is open already.", remedy="Open it once.")
-        make_folder(self.root)
+        if not self.root.is_dir():
+            make_folder(self.root)
         lock = FolderLock(self._folder.lock)
         try:
             database = Database(self._folder.index)
@@ -147,13 +150,21 @@ class Opening:
         before = [(path, content_of(path)) for path, _ in files]
         try:
             for path, data in files:
-                make_folder(path.parent)
+                self._make_shard(path.parent)
                 write_atomic(path, data)
             note()
         except BaseException:
             for path, content in reversed(before):
                 put_back(path, content)
             raise
+
+    def _make_shard(self, shard: Path) -> None:
+        # Once for each: that a folder can be seen does not say that it is durable, for it may
+        # have been made by another thread just now, or by a process that was killed.
+        with self._shards_lock:
+            if shard not in self._shards:
+                make_folder(shard)
+                self._shards.add(shard)
 
     def _read(
         self,

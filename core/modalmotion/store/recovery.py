@@ -15,7 +15,7 @@ from modalmotion.store.deletion import finish_deletion
 from modalmotion.store.folder import Folder, ResultName, Scan
 from modalmotion.store.index import Index, put_records, put_results
 from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
-from modalmotion.store.sealed import digest_of, load_sealed
+from modalmotion.store.sealed import digest_of, is_sound, load_sealed
 from modalmotion.store.sequence_file import read_sequence
 
 Progress = Callable[[int, int], None]
@@ -37,7 +37,7 @@ class Reconciliation:
     restored : tuple of str
         Records that were missing or damaged and were written anew.
     damaged : tuple of str
-        Files that do not read; they are left where they are and not in the index.
+        Files that do not read, left where they are; such results are not in the index.
     orphans : tuple of str
         Results of no sequence, and files that are none of the store's.
     jobs_lost : bool
@@ -65,7 +65,7 @@ def reconcile(
         Held by this process alone.
     index : Index
     thorough : bool
-        Read every result; else only those that the index does not know.
+        Read every file; else only records, and results that the index does not know.
     progress : callable, optional
 
     Raises
@@ -92,6 +92,9 @@ def reconcile(
             damaged.append(folder.short(path if path.exists() else folder.upload(sequence_id)))
             continue
         records.append(record)
+        upload = folder.upload(sequence_id)
+        if thorough and record.has_upload and not is_sound(upload):
+            damaged.append(folder.short(upload))
         if is_new:
             restored.append(folder.short(folder.record(sequence_id)))
         _tell(progress, number, len(there) + len(results))

@@ -29,6 +29,52 @@ class ResultStore(SequenceStore):
         Whether the vertices of new sequences are kept, or only what is known of them.
     """
 
+    def put_template_image(self, image: Path, template_id: str) -> bool:
+        """Keep a template that another process has written with `template_to_hdf5`.
+
+        A template is named by what it was made from, so it needs no row in the index.
+
+        Parameters
+        ----------
+        image : Path
+            Sealed HDF5 file; it is copied.
+        template_id : str
+
+        Returns
+        -------
+        bool
+            True if it was not known before.
+
+        Raises
+        ------
+        StoreError
+            If it cannot be written; the store is as it was.
+        CorruptFileError
+            If the image has no sound seal.
+        """
+        path = self._folder.template(template_id)
+        with self._changing(template_id):
+            if is_sound(path):
+                return False
+            self._write([(path, load_sealed(image)[1])], lambda: None)
+            return True
+
+    def template_path(self, template_id: str) -> Path:
+        """HDF5 file of a template.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        """
+        self._open_index()
+        if not is_id(template_id) or not self._folder.template(template_id).is_file():
+            raise NotFoundError(
+                f"There is no template {str(template_id)[:12]!r}.",
+                remedy="Use the id that was answered when it was made, or make it.",
+            )
+        return self._folder.template(template_id)
+
     def put_signature(self, signature: ModalSignature) -> Path:
         """Keep a signature; one that is kept already is not written again.
 

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from modalmotion.body_frame import Components
 from modalmotion.modes import ModeSet
 from modalmotion.rigid import Rotations
 from modalmotion.signature import INTENDED_USE, ModalSignature, SignatureParameters
+from modalmotion.spring_modes import SpringSpectrum
 from modalmotion.store.contents import Contents, read_contents
 from modalmotion.store.image import Attribute, Dataset, json_text, sealed_image
-from modalmotion.template import Weights
+from modalmotion.template import GivenLandmarks, Landmarks, Weights
 from modalmotion.topology import Topology
 
 KIND: Final = "signature"
 SCHEMA_VERSION: Final = 1
+
+_VECTORS: Final = ("origin", "axis", "theta_zero", "apex", "base")
 
 
 def signature_to_hdf5(signature: ModalSignature) -> bytes:
@@ -43,7 +47,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
         "schema_version": SCHEMA_VERSION,
         "kind": KIND,
         "intended_use": INTENDED_USE,
-        "topology": signature.topology.name,
+        "topology": signature.surface,
         "unit": unit,
     }
     ids = {
@@ -56,8 +60,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
         spectrum, energy = signature.deformation_spectrum, signature.strain_energy
     datasets = [
         Dataset("amplitudes", signature.amplitudes, unit, "frame, mode, direction"),
-        Dataset("wavenumbers", signature.modes.wavenumbers, "1", "mode, axis"),
-        Dataset("is_sine", signature.modes.is_sine.astype(np.uint8), "1", "mode"),
+        *mode_datasets(signature.modes),
         Dataset("angular_frequencies", signature.angular_frequencies, "rad/s", "mode"),
         Dataset("rotations", signature.rotations.matrices, "1", "frame, row, column"),
         Dataset(
@@ -66,6 +69,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
             "1",
             "frame",
         ),
+        Dataset("translations", signature.translations, unit, "frame, direction"),
         Dataset("rms_errors", signature.rms_errors, unit, "frame"),
         Dataset("p95_errors", signature.p95_errors, unit, "frame"),
         Dataset("max_errors", signature.max_errors, unit, "frame"),
@@ -75,10 +79,12 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
         Dataset("n_vertices", np.array(signature.n_vertices, dtype=np.int64), "1", ""),
         Dataset("deformation_spectrum", spectrum, unit, "mode"),
         Dataset("strain_energy", energy, f"{unit}^2/s^2", "frame, mode"),
-        json_text("parameters", asdict(signature.parameters)),
+        json_text("parameters", _fields(signature.parameters)),
         json_text("notes", signature.notes),
         json_text("provenance", signature.provenance),
     ]
+    if signature.landmarks is not None:
+        datasets += landmark_datasets(signature.landmarks, unit)
     if signature.times is not None:
         datasets.append(Dataset("times", signature.times, "s", "frame"))
     return sealed_image(attributes, ids, datasets)
@@ -108,7 +114,6 @@ def read_signature(source: bytes | Path) -> tuple[ModalSignature, Contents]:
 
 
 def _signature(contents: Contents) -> ModalSignature:
-    topology = Topology.parse(contents.text("topology"))
     unit = contents.text("unit")
     amplitudes = contents.array("amplitudes", (None, None, 3))
     n_frames, n_modes, _ = amplitudes.shape
@@ -117,17 +122,14 @@ def _signature(contents: Contents) -> ModalSignature:
         return contents.array(name, (n_frames,))
 
     return ModalSignature(
-        modes=ModeSet(
-            topology,
-            contents.array("wavenumbers", (n_modes, topology.n_axes)),
-            contents.array("is_sine", (n_modes,)).astype(np.bool_),
-        ),
+        modes=_modes(contents, n_modes),
         amplitudes=amplitudes,
         angular_frequencies=contents.array("angular_frequencies", (n_modes,)),
         rotations=Rotations(
             contents.array("rotations", (n_frames, 3, 3)),
             per_frame("rotation_is_determined").astype(np.bool_),
         ),
+        translations=contents.array("translations", (n_frames, 3)),
         rms_errors=per_frame("rms_errors"),
         p95_errors=per_frame("p95_errors"),
         max_errors=per_frame("max_errors"),
@@ -136,6 +138,7 @@ def _signature(contents: Contents) -> ModalSignature:
         unit=None if unit == "unknown" else unit,
         n_vertices=contents.number("n_vertices"),
         lengths=tuple(contents.array("lengths", (None,)).tolist()),
+        landmarks=landmarks_from(contents),
         condition=contents.number("condition"),
         parameters=_parameters(contents.json("parameters", dict)),
         sequence_id=contents.text("sequence_id"),
@@ -145,13 +148,73 @@ def _signature(contents: Contents) -> ModalSignature:
     )
 
 
-def _parameters(fields: dict[str, Any]) -> SignatureParameters:
+def mode_datasets(modes: ModeSet | SpringSpectrum) -> list[Dataset]:
+    """Datasets that hold the names of modes."""
+    if isinstance(modes, SpringSpectrum):
+        identity = np.array(modes.connectivity_id.encode(), dtype="S64")
+        return [
+            Dataset("spring_eigenvalues", modes.eigenvalues, "1", "mode"),
+            Dataset("connectivity_id", identity, "none", ""),
+        ]
+    return [
+        Dataset("wavenumbers", modes.wavenumbers, "1", "mode, axis"),
+        Dataset("is_sine", modes.is_sine.astype(np.uint8), "1", "mode"),
+    ]
+
+
+def _modes(contents: Contents, n_modes: int) -> ModeSet | SpringSpectrum:
+    if contents.text("topology") == "mesh":
+        identity = bytes(contents.arrays["connectivity_id"][()]).decode()
+        return SpringSpectrum(contents.array("spring_eigenvalues", (n_modes,)), identity)
+    topology = Topology.parse(contents.text("topology"))
+    return ModeSet(
+        topology,
+        contents.array("wavenumbers", (n_modes, topology.n_axes)),
+        contents.array("is_sine", (n_modes,)).astype(np.bool_),
+    )
+
+
+def landmark_datasets(landmarks: Landmarks, unit: str) -> list[Dataset]:
+    """Datasets that hold landmarks."""
+    vectors = np.stack([getattr(landmarks, name) for name in _VECTORS])
+    rest = {
+        "strengths": dict(landmarks.strengths),
+        "n_loops": landmarks.n_loops,
+        "given": landmarks.given,
+    }
+    axes = "origin axis theta_zero apex base, direction"
+    return [Dataset("landmarks", vectors, unit, axes), json_text("landmark_strengths", rest)]
+
+
+def landmarks_from(contents: Contents) -> Landmarks | None:
+    """Landmarks that a file holds, None where there are none."""
+    if "landmarks" not in contents.arrays:
+        return None
+    vectors = contents.array("landmarks", (len(_VECTORS), 3))
+    rest = contents.json("landmark_strengths", dict)
+    return Landmarks(
+        **dict(zip(_VECTORS, vectors, strict=True)),
+        strengths=rest["strengths"],
+        n_loops=rest["n_loops"],
+        given=tuple(rest["given"]),
+    )
+
+
+def _fields(parameters: SignatureParameters) -> dict[str, object]:
+    # All are plain values; `asdict` would copy them, at a third of the cost of an image.
+    values = {field.name: getattr(parameters, field.name) for field in fields(parameters)}
+    return {**values, "landmarks": parameters.landmarks.as_json()}
+
+
+def _parameters(values: dict[str, Any]) -> SignatureParameters:
     # JSON knows no tuples and no enumerations; fields that came later keep their defaults.
-    grid = fields.get("grid")
+    grid = values.get("grid")
     return SignatureParameters(
         **{
-            **fields,
+            **values,
             "grid": None if grid is None else tuple(grid),
-            "weights": Weights(fields["weights"]),
+            "weights": Weights(values["weights"]),
+            "components": Components(values["components"]),
+            "landmarks": GivenLandmarks.from_json(values["landmarks"]),
         }
     )

@@ -20,6 +20,7 @@ from modalmotion.store.recovery import Progress
 from modalmotion.store.sealed import digest_of, load_sealed
 from modalmotion.store.sequence_file import read_sequence
 from modalmotion.store.signature_file import read_signature
+from modalmotion.store.template_file import read_template
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,7 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
             *((folder.record(name), partial(check.record, name)) for name in scan.records),
             *((folder.upload(name), partial(check.upload, name)) for name in scan.uploads),
             *((folder.result(name), partial(check.result, name)) for name in scan.results),
+            *((folder.template(name), partial(check.template, name)) for name in scan.templates),
         ]
         for number, (path, look) in enumerate(sorted(looks, key=lambda pair: pair[0])):
             try:
@@ -185,6 +187,10 @@ class _Check:
             self.orphans.append(self.folder.short(path))
         elif self.digests.get(name) != digest_of(load_sealed(path)[1]):
             self._differs(path)
+
+    def template(self, template_id: str) -> None:
+        path = self.folder.template(template_id)
+        require_match(path, read_template(path)[1], template_id=template_id)
 
     def rows_without_files(self) -> None:
         """Find what the index knows and the folder does not have."""

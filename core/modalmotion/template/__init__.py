@@ -1,6 +1,24 @@
 """Templates: natural coordinates, weights, lengths and landmarks of a surface."""
 
-from modalmotion.template.surface import Landmarks
-from modalmotion.template.template import Template, Weights, make_template
+from modalmotion.template.construction import make_template
+from modalmotion.template.landmarks import GivenLandmarks, Landmarks
+from modalmotion.template.mode_choice import ModeChoice, choose_modes, frequencies_on
+from modalmotion.template.template import (
+    Template,
+    Weights,
+    require_same_mesh,
+    template_id,
+)
 
-__all__ = ["Landmarks", "Template", "Weights", "make_template"]
+__all__ = [
+    "GivenLandmarks",
+    "Landmarks",
+    "ModeChoice",
+    "Template",
+    "Weights",
+    "choose_modes",
+    "frequencies_on",
+    "make_template",
+    "require_same_mesh",
+    "template_id",
+]

@@ -6,60 +6,57 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh import face_areas, face_gradients
-from modalmotion.topology import CLOSED, Topology
+from modalmotion.template.axis import corner_steps
+from modalmotion.template.curve import step_lengths
+from modalmotion.template.surface import Surface
+from modalmotion.topology import CLOSED, End, Topology
 
 
 def axis_lengths(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
+    surface: Surface,
     topology: Topology,
     grid: tuple[int, ...] | None,
     coordinates: NDArray[np.float64],
 ) -> tuple[float, ...]:
     """Length along each axis: the reciprocal of the mean gradient of its coordinate.
 
-    An integral over the surface, so it does not hang on single vertices. On a cup the
-    circumference is then its area over its meridian.
+    An integral over the surface, so it does not hang on single vertices. Around a pole, where
+    that gradient has no bound, it is the area over the meridian, which is the same on a surface
+    of revolution.
 
     Returns
     -------
     tuple of float, length unit
         0 along an axis without extent.
     """
-    if topology.n_axes == 2 and len(faces):
-        areas = face_areas(vertices, faces)
-        if areas.sum() > 0:
-            return tuple(
-                _from_gradients(vertices, faces, areas, coordinates[:, axis], ends == CLOSED)
-                for axis, ends in enumerate(topology.ends)
-            )
+    if topology.n_axes == 1 and grid is None:
+        return (float(step_lengths(surface.vertices, topology).sum()),)
+    if topology.n_axes == 2 and surface.area > 0:
+        areas = face_areas(surface.vertices, surface.faces)
+        first, second = (
+            _from_gradients(surface, areas, coordinates[:, axis], ends == CLOSED)
+            for axis, ends in enumerate(topology.ends)
+        )
+        if End.POLE in topology.ends[0]:
+            return first, surface.area / first if first > 0 else 0.0
+        return first, second
     if grid is None:
         return (0.0,) * topology.n_axes
     return tuple(
-        _from_steps(vertices.reshape(*grid, 3), axis, ends == CLOSED)
+        _from_steps(surface.vertices.reshape(*grid, 3), axis, ends == CLOSED)
         for axis, ends in enumerate(topology.ends)
     )
 
 
 def _from_gradients(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
+    surface: Surface,
     areas: NDArray[np.float64],
     coordinate: NDArray[np.float64],
     closed: bool,
 ) -> float:
-    if not closed:
-        slope = np.linalg.norm(face_gradients(vertices, faces, coordinate), axis=1)
-    else:
-        # Each triangle is unwrapped about its first corner, given its own three vertices.
-        corners = coordinate[faces]
-        corners = corners - corners[:, :1]
-        corners -= np.round(corners)
-        own = np.arange(faces.size).reshape(faces.shape)
-        slope = np.linalg.norm(
-            face_gradients(vertices[faces].reshape(-1, 3), own, corners.ravel()), axis=1
-        )
-    mean = float((areas * slope).sum() / areas.sum())
+    values = corner_steps(coordinate, surface.faces) if closed else coordinate
+    gradients = face_gradients(surface.vertices, surface.faces, values)
+    mean = float((areas * np.linalg.norm(gradients, axis=1)).sum() / areas.sum())
     return 1.0 / mean if mean > 0 else 0.0
 
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.lattice import Lattice
-from modalmotion.mesh import lattice_faces, vertex_areas
 from modalmotion.sequence import MeshSequence
-from modalmotion.template.lengths import axis_lengths
-from modalmotion.template.surface import Landmarks, natural_coordinates
-from modalmotion.topology import OPEN, Topology
+from modalmotion.template.landmarks import GivenLandmarks, Landmarks
+from modalmotion.topology import Topology
+
+# Changes with everything that changes coordinates, so that no old template answers for a new one.
+_SCHEMA = 2
 
 
 class Weights(StrEnum):
@@ -34,140 +34,124 @@ class Template:
     ----------
     id : str
         sha256 of what it was made from, in hex: never of what else was seen before.
-    topology : Topology
+    surface : Topology or None
+        None where no natural coordinates are known: the surface then has the spring modes of
+        its own mesh, comparable within the same connectivity only.
     coordinates : (vertices, axes) float64
-        s in [0, 1] on open and pole axes, theta in turns on closed ones.
+        s in [0, 1] on open and pole axes, theta in turns on closed ones; no columns where
+        there are no natural coordinates.
     weights : (vertices,) float64
         Share of each vertex in the surface; they add up to 1.
     lengths : tuple of float, length unit
         Length along each axis, circumference on closed ones.
     landmarks : Landmarks or None
-        Axis and zero of theta found on a mesh; None on a lattice, whose columns say it.
+        None where there is no axis.
+    vertices : (vertices, 3) float64, length unit
+        The reference it was made from.
+    faces : (faces, 3) int64
+        Of the mesh, or between the nodes of a lattice.
+    isolated : (n,) int64
+        Vertices of no triangle: they carry no weight and count in no error.
+    reason : str
+        Why there are no natural coordinates; empty if there are.
     notes : tuple of str
         What was met on the way that a user should know.
     """
 
     id: str
-    topology: Topology
+    surface: Topology | None
     coordinates: NDArray[np.float64]
     weights: NDArray[np.float64]
     lengths: tuple[float, ...]
     landmarks: Landmarks | None
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    isolated: NDArray[np.int64]
+    reason: str
     notes: tuple[str, ...]
 
+    def __post_init__(self) -> None:
+        for array in (self.coordinates, self.weights, self.vertices, self.faces, self.isolated):
+            array.setflags(write=False)
 
-def make_template(
-    sequence: MeshSequence, *, reference: int = 0, weights: Weights = Weights.AREA
-) -> Template:
-    """Make the template of a sequence from one of its own frames.
+    @property
+    def topology(self) -> Topology:
+        """Topology whose modes are known in closed form.
 
-    Parameters
-    ----------
-    sequence : MeshSequence
-    reference : int
-        Frame whose shape the coordinates and areas are taken from.
-    weights : Weights
+        Raises
+        ------
+        TopologyError
+            If there is none; ask `has_natural_coordinates` first.
+        """
+        if self.surface is None:
+            raise TopologyError(
+                f"No natural coordinates are known for this surface. {self.reason}",
+                remedy="Use the spring modes of its own mesh, or send one open or closed "
+                "surface, or a lattice with grid and topology.",
+            )
+        return self.surface
+
+    @property
+    def has_natural_coordinates(self) -> bool:
+        """Whether its modes are known in closed form."""
+        return self.surface is not None
+
+    @property
+    def n_vertices(self) -> int:
+        """Number of vertices."""
+        return len(self.weights)
+
+
+def template_id(
+    sequence: MeshSequence,
+    *,
+    reference: int = 0,
+    weights: Weights = Weights.AREA,
+    landmarks: GivenLandmarks | None = None,
+    closed_form: bool = True,
+) -> str:
+    """Identity of the template that `make_template` would make of the same arguments.
+
+    Returns
+    -------
+    str
+        sha256 in hex, over faces, reference vertices, topology, grid, weights and landmarks.
+    """
+    start = sequence.vertices[reference].astype("<f8")
+    given = GivenLandmarks() if landmarks is None else landmarks
+    header = {
+        "schema": _SCHEMA,
+        "topology": None if sequence.topology is None else sequence.topology.name,
+        "grid": sequence.grid,
+        "weights": weights.value,
+        "landmarks": given.as_json(),
+        "closed_form": closed_form,
+        "n_vertices": len(start),
+    }
+    digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
+    digest.update(np.ascontiguousarray(sequence.faces.astype("<i8")).data)
+    digest.update(np.ascontiguousarray(start).data)
+    return digest.hexdigest()
+
+
+def require_same_mesh(template: Template, sequence: MeshSequence) -> None:
+    """Check that a sequence's vertices correspond to a template made of another one.
 
     Raises
     ------
     ParameterError
-        If there is no such frame.
-    TopologyError
-        If the surface is none that has natural coordinates, or the stated topology does not
-        fit its connectivity.
+        If they have not the same number of vertices and the same triangles.
     """
-    if not 0 <= reference < sequence.n_frames:
+    if sequence.n_vertices != template.n_vertices:
         raise ParameterError(
-            f"The reference is frame {reference}, but there are {sequence.n_frames} frames "
-            f"(0 to {sequence.n_frames - 1}).",
-            remedy="Name a frame of the sequence, counted from 0.",
+            f"The template has {template.n_vertices} vertices, the sequence {sequence.n_vertices}.",
+            remedy="Use a template whose vertices correspond one to one, or none: each sequence "
+            "then gets its own.",
+            details={"template": template.n_vertices, "sequence": sequence.n_vertices},
         )
-    vertices = sequence.vertices[reference].astype(np.float64)
-    scale = _power_of_two(vertices - vertices[0])
-    corner = vertices[0]
-    vertices = (vertices - corner) / scale
-    landmarks: Landmarks | None = None
-    notes: list[str] = []
-    topology, grid = sequence.topology, _grid_of(sequence)
-    if grid is not None:
-        if topology is None:
-            raise TopologyError(
-                f"The lattice of {grid} nodes comes without a topology.",
-                remedy="Say which ends are joined: topology = cup, cylinder, plane, torus, "
-                "sphere, open curve or closed curve.",
-            )
-        coordinates = Lattice(topology, grid).natural_coordinates
-        faces = sequence.faces
-        if not len(faces) and topology.n_axes == 2 and min(grid) > 1:
-            faces = lattice_faces(topology, grid)
-    else:
-        faces = sequence.faces
-        topology, coordinates, landmarks, found = natural_coordinates(vertices, faces, topology)
-        landmarks = replace(landmarks, origin=landmarks.origin * scale + corner)
-        notes += found
-    if weights == Weights.UNIFORM or not (len(faces) or topology.n_axes == 1):
-        shares = np.full(len(vertices), 1.0 / len(vertices))
-        if weights == Weights.AREA:
-            notes.append("There are no areas to weigh by; all vertices count alike.")
-    else:
-        shares = _shares(vertices, faces, topology, notes)
-    lengths = axis_lengths(vertices, faces, topology, grid, coordinates)
-    return Template(
-        id=_template_id(sequence, vertices * scale, weights),
-        topology=topology,
-        coordinates=coordinates,
-        weights=shares,
-        lengths=tuple(length * scale for length in lengths),
-        landmarks=landmarks,
-        notes=tuple(notes),
-    )
-
-
-def _grid_of(sequence: MeshSequence) -> tuple[int, ...] | None:
-    if sequence.grid is None and sequence.topology is not None and sequence.topology.n_axes == 1:
-        return (sequence.n_vertices,)
-    return sequence.grid
-
-
-def _shares(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    topology: Topology,
-    notes: list[str],
-) -> NDArray[np.float64]:
-    if topology.n_axes == 1:
-        steps = np.linalg.norm(np.diff(vertices, axis=0, append=vertices[:1]), axis=1)
-        if topology.ends[0] == OPEN:
-            steps[-1] = 0.0
-        areas = (steps + np.roll(steps, 1)) / 2
-    else:
-        areas = vertex_areas(vertices, faces)
-    total = areas.sum()
-    if not total > 0:
-        notes.append("The surface has no area; all vertices count alike.")
-        return np.full(len(vertices), 1.0 / len(vertices))
-    weightless = int((areas == 0).sum())
-    if weightless:
-        notes.append(f"{weightless} vertices belong to no area and have no weight in the fit.")
-    shares: NDArray[np.float64] = areas / total
-    return shares
-
-
-def _power_of_two(offsets: NDArray[np.float64]) -> float:
-    """Scale that keeps squares of any finite coordinates in range, without rounding."""
-    largest = float(np.abs(offsets).max(initial=0.0))
-    return 1.0 if largest == 0.0 else float(2.0 ** np.clip(np.frexp(largest)[1], -1000, 1000))
-
-
-def _template_id(sequence: MeshSequence, reference: NDArray[np.float64], weights: Weights) -> str:
-    header = {
-        "schema": 1,
-        "topology": None if sequence.topology is None else sequence.topology.name,
-        "grid": sequence.grid,
-        "weights": weights.value,
-        "n_vertices": len(reference),
-    }
-    digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
-    digest.update(np.ascontiguousarray(sequence.faces.astype("<i8")).data)
-    digest.update(np.ascontiguousarray(reference.astype("<f8")).data)
-    return digest.hexdigest()
+    if len(sequence.faces) and not np.array_equal(sequence.faces, template.faces):
+        raise ParameterError(
+            "The template joins its vertices by other triangles than the sequence.",
+            remedy="Use a template of the same connectivity, or none: each sequence then gets "
+            "its own.",
+        )

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response
+from pydantic import Field
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse
 
@@ -21,6 +22,7 @@ from modalmotion_service.schemas import (
     SequenceId,
     SignatureAnswer,
     SignatureQuery,
+    parse_times,
 )
 
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
@@ -62,6 +64,40 @@ async def signature(
         return FileResponse(found, media_type=HDF5, filename=name, headers=headers)
     body = await state.analysis.signature_json(sequence_id, parameters)
     return Response(body, media_type=JSON, headers=headers)
+
+
+class ReconstructionQuery(SignatureQuery):
+    """Which surfaces are asked for."""
+
+    times: str | None = Field(
+        None,
+        max_length=20_000,
+        pattern=r"^[0-9eE.+-]+(,[0-9eE.+-]+)*$",
+        description="Times in s (frame numbers where there are none), such as 0,0.1,0.25; "
+        "those of the frames by default.",
+    )
+
+
+@router.get(
+    "/sequences/{sequence_id}/reconstruction",
+    response_class=Response,
+    responses={200: {"description": "The surfaces.", "content": {NPZ: BINARY}}},
+)
+async def reconstruction(
+    sequence_id: SequenceId,
+    query: Annotated[ReconstructionQuery, Query()],
+    state: StateDependency,
+    accept: Annotated[str, Header(description=NPZ)] = NPZ,
+) -> Response:
+    """Give the surfaces that the signature stands for, at any of its times."""
+    best_type(accept, (NPZ,))
+    state.store.sequence_record(sequence_id)
+    times = None if query.times is None else parse_times(query.times)
+    path = await state.analysis.reconstruction(sequence_id, query.parameters(), times)
+    name = f"{sequence_id[:12]}-reconstruction.npz"
+    return FileResponse(
+        path, media_type=NPZ, filename=name, background=BackgroundTask(_remove, path)
+    )
 
 
 @router.post(

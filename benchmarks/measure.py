@@ -1,0 +1,111 @@
+"""Timing side by side, and tables of what was measured beside what is asked for."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+# Long enough for the clock, short enough that what runs side by side meets the same machine.
+_SHORTEST_SAMPLE_SECONDS = 1e-3
+
+
+@dataclass(frozen=True)
+class Times:
+    """Seconds a call, one number for each sample."""
+
+    samples: tuple[float, ...]
+
+    @property
+    def best(self) -> float:
+        """Fastest sample."""
+        return min(self.samples)
+
+    @property
+    def median(self) -> float:
+        """Middle sample."""
+        return statistics.median(self.samples)
+
+
+@dataclass
+class Table:
+    """Figures, each beside its bound.
+
+    Parameters
+    ----------
+    title : str
+    columns : tuple of str
+        Headings before the last two, which are the bound and whether it holds.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: list[tuple[str, ...]] = field(default_factory=list)
+    n_missed: int = 0
+
+    def add(self, *cells: str) -> None:
+        """Add a row of figures that no bound is set for."""
+        self.rows.append((*cells, "", ""))
+
+    def add_at_least(self, value: float, bound: float, *cells: str) -> None:
+        """Add a row whose value must not fall below its bound."""
+        self._add(value >= bound, f">= {bound:,g}", cells)
+
+    def add_at_most(self, value: float, bound: float, *cells: str) -> None:
+        """Add a row whose value must not exceed its bound."""
+        self._add(value <= bound, f"<= {bound:,g}", cells)
+
+    def _add(self, holds: bool, bound: str, cells: tuple[str, ...]) -> None:
+        self.n_missed += not holds
+        self.rows.append((*cells, bound, "holds" if holds else "MISSED"))
+
+    def __str__(self) -> str:
+        lines = [(*self.columns, "bound", ""), *self.rows]
+        widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
+        texts = [
+            "  ".join(
+                cell.ljust(width) if i == 0 else cell.rjust(width)
+                for i, (cell, width) in enumerate(zip(line, widths, strict=True))
+            ).rstrip()
+            for line in lines
+        ]
+        rule = "-" * max(map(len, texts))
+        return "\n".join([self.title, rule, texts[0], rule, *texts[1:]])
+
+
+def side_by_side(
+    calls: Mapping[str, Callable[[], object]], n_samples: int = 30
+) -> dict[str, Times]:
+    """Time calls in turn, again and again, so that each meets the same machine.
+
+    Parameters
+    ----------
+    calls : mapping of name to call
+    n_samples : int
+        How many times each is measured; a short call is repeated within a sample.
+    """
+    repeats = {name: _repeats(call) for name, call in calls.items()}
+    samples: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(n_samples):
+        for name, call in calls.items():
+            start = time.perf_counter()
+            for _ in range(repeats[name]):
+                call()
+            samples[name].append((time.perf_counter() - start) / repeats[name])
+    return {name: Times(tuple(seconds)) for name, seconds in samples.items()}
+
+
+def in_words(seconds: float) -> str:
+    """Write a duration with three digits and its unit."""
+    for factor, unit in ((1.0, "s"), (1e3, "ms"), (1e6, "us")):
+        if seconds * factor >= 1 or unit == "us":
+            return f"{seconds * factor:.3g} {unit}"
+    return ""
+
+
+def _repeats(call: Callable[[], object]) -> int:
+    call()
+    start = time.perf_counter()
+    call()
+    return max(1, int(_SHORTEST_SAMPLE_SECONDS / max(1e-9, time.perf_counter() - start)))

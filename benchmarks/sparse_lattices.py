@@ -1,0 +1,46 @@
+"""The same lattices as sparse matrices, for a general eigensolver."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import eigsh
+
+from modalmotion.lattice import Lattice
+from modalmotion.topology import CLOSED, End
+
+
+def stiffness_matrix(lattice: Lattice) -> Any:
+    """Assemble the springs of a lattice.
+
+    Returns
+    -------
+    (nodes, nodes) csc_matrix
+    """
+    node = np.arange(lattice.n_nodes).reshape(lattice.shape)
+    pairs: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = []
+    for axis, ends in enumerate(lattice.topology.ends):
+        rows = np.moveaxis(node, axis, 0)
+        pairs.append((rows[:-1].ravel(), rows[1:].ravel()))
+        if ends == CLOSED:
+            pairs.append((rows[-1].ravel(), rows[0].ravel()))
+        for end, row in ((ends[0], rows[0]), (ends[1], rows[-1])):
+            if end == End.POLE:
+                near, far = np.split(row, 2, axis=axis)
+                pairs.append((near.ravel(), far.ravel()))
+    i, j = (np.concatenate(side) for side in zip(*pairs, strict=True))
+    ones = np.ones(len(i))
+    adjacency = sparse.coo_matrix((ones, (i, j)), shape=(lattice.n_nodes,) * 2)
+    adjacency = adjacency + adjacency.T
+    degrees = sparse.diags(np.asarray(adjacency.sum(axis=1)).ravel())
+    return (degrees - adjacency).tocsc()
+
+
+def lowest_eigenpairs(matrix: Any, n_modes: int) -> tuple[NDArray[np.float64], Any]:
+    """Solve for the lowest modes by shift and invert, just below the eigenvalue 0."""
+    start = np.random.default_rng(0).standard_normal(matrix.shape[0])
+    eigenvalues, vectors = eigsh(matrix, n_modes, sigma=-1e-6, v0=start)
+    return np.sort(eigenvalues), vectors

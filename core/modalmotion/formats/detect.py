@@ -1,0 +1,131 @@
+"""Which format bytes are in, by what they hold and not by what they are called."""
+
+from __future__ import annotations
+
+import re
+from enum import StrEnum
+from typing import Final
+
+from modalmotion.errors import MalformedFileError, ParameterError
+from modalmotion.formats.hdf5_gate import SIGNATURE
+from modalmotion.formats.obj import KEYWORDS
+from modalmotion.formats.stl import is_binary_stl
+
+
+class Format(StrEnum):
+    """Formats that are read."""
+
+    NPZ = "npz"
+    HDF5 = "hdf5"
+    ZIP = "zip"
+    GLB = "glb"
+    RAW = "raw"
+    STL = "stl"
+    PLY = "ply"
+    OBJ = "obj"
+    OFF = "off"
+    VTK = "vtk"
+    VTP = "vtp"
+
+    @classmethod
+    def parse(cls, name: str) -> Format:
+        """Find a format by its name.
+
+        Raises
+        ------
+        ParameterError
+            If there is none of that name.
+        """
+        try:
+            return cls(name.strip().lower())
+        except ValueError:
+            raise ParameterError(
+                f"The format {name[:40]!r} is not known.",
+                remedy=f"Use one of {', '.join(cls)}, or leave it out.",
+            ) from None
+
+
+MESH_FORMATS: Final = frozenset(
+    {Format.STL, Format.PLY, Format.OBJ, Format.OFF, Format.VTK, Format.VTP}
+)
+"""Formats of one frame a file."""
+
+_HEAD: Final = 1 << 16
+_OFF: Final = re.compile(rb"(?:ST)?C?N?OFF(?=\s|$)")
+_VTK_XML: Final = re.compile(rb"<VTKFile[^>]{0,2000}?\stype=[\"'](\w{1,60})[\"']")
+
+# What is known, but not read, and what to do about it.
+_OTHERS: Final = (
+    (rb"MATLAB 5\.0 MAT-file", "a MATLAB file", "Write npz, raw float32 or STL; see docs/formats."),
+    (rb"\s*\{", "JSON (perhaps a .gltf)", "Export binary glTF (.glb), which holds its own data."),
+    (rb"#VRML|#X3D", "VRML", "Save VTKHDF, .vtp or PLY."),
+    (rb"Kaydara FBX|; FBX|Ogawa", "an animation of another kind", "Export binary glTF (.glb)."),
+    (rb"\x1f\x8b|BZh|7z\xbc\xaf|Rar!|\xfd7zXZ", "a compressed file", "Send .zip instead."),
+)
+
+
+def detect_format(data: bytes) -> Format | None:
+    """Tell the format from the first bytes, None where nothing fits.
+
+    Parameters
+    ----------
+    data : bytes
+    """
+    if data.startswith((b"PK\x03\x04", b"PK\x05\x06")):
+        # The first member's name stands at byte 30, its length at byte 26.
+        name = data[30 : 30 + int.from_bytes(data[26:28], "little")]
+        return Format.NPZ if name.endswith(b".npy") else Format.ZIP
+    if data.startswith(SIGNATURE) or data[512:520] == SIGNATURE:
+        return Format.HDF5
+    if data.startswith(b"glTF"):
+        return Format.GLB
+    head = data[:_HEAD].removeprefix(b"\xef\xbb\xbf").lstrip()
+    if re.match(rb"ply\s", head):
+        return Format.PLY
+    if head.startswith(b"# vtk DataFile"):
+        return Format.VTK
+    if _vtk_xml_type(head) == b"PolyData":
+        return Format.VTP
+    if is_binary_stl(data) or head[:5].lower() == b"solid":
+        return Format.STL
+    return _text_format(head)
+
+
+def _text_format(head: bytes) -> Format | None:
+    for line in head.splitlines():
+        text = line.partition(b"#")[0].strip()
+        if not text:
+            continue
+        if _OFF.match(text):
+            return Format.OFF
+        return Format.OBJ if text.split()[0] in KEYWORDS else None
+    return None
+
+
+def _vtk_xml_type(head: bytes) -> bytes | None:
+    found = _VTK_XML.search(head) if head.startswith(b"<") else None
+    return None if found is None else found[1]
+
+
+def unknown_format(data: bytes) -> MalformedFileError:
+    """Error for bytes of no format that is read, with what they look like."""
+    if not data:
+        return MalformedFileError("The file is empty.", remedy=_REMEDY)
+    head = data[:_HEAD].removeprefix(b"\xef\xbb\xbf").lstrip()
+    if (kind := _vtk_xml_type(head)) is not None:
+        return MalformedFileError(
+            f"The file is a VTK file of the type {kind.decode()!r}, not a surface.",
+            remedy="Save a polygonal surface (.vtp, VTKHDF); pack a .pvd and its frames as .zip.",
+        )
+    for pattern, what, remedy in _OTHERS:
+        if re.match(pattern, data):
+            return MalformedFileError(f"The file is {what}, which is not read.", remedy=remedy)
+    return MalformedFileError(
+        f"These {len(data)} bytes are of no format that is read.", remedy=_REMEDY
+    )
+
+
+_REMEDY: Final = (
+    "Send npz, VTKHDF, a zip of frames (STL, PLY, OBJ, OFF, VTK), GLB with morph targets, or raw "
+    "float32 with its shape stated."
+)

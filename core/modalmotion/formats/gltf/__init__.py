@@ -1,0 +1,7 @@
+"""Binary glTF: animations of morph targets, in and out."""
+
+from modalmotion.formats.gltf.morph_animation import MorphAnimation
+from modalmotion.formats.gltf.reading import read_glb
+from modalmotion.formats.gltf.writing import write_glb
+
+__all__ = ["MorphAnimation", "read_glb", "write_glb"]

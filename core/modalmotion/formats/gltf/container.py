@@ -1,0 +1,111 @@
+"""GLB: a JSON document and one block of bytes in one file (glTF 2.0, chapter 4)."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any, Final
+
+from modalmotion.errors import MalformedFileError
+
+_MAGIC: Final = b"glTF"
+_VERSION: Final = 2
+_JSON: Final = b"JSON"
+_BINARY: Final = b"BIN\x00"
+
+REMEDY: Final = "Export the animation again as binary glTF (.glb)."
+"""What to do about a file that cannot be read."""
+
+
+@dataclass(frozen=True, eq=False)
+class Container:
+    """The two parts of a GLB file.
+
+    Parameters
+    ----------
+    document : dict
+        As it stands in the file: nothing of it is checked.
+    binary : memoryview
+    """
+
+    document: dict[str, Any]
+    binary: memoryview
+
+    def item(self, kind: str, index: Any) -> dict[str, Any]:
+        """Object of the document by its list and place in it.
+
+        Raises
+        ------
+        MalformedFileError
+            If there is none.
+        """
+        listed = self.document.get(kind)
+        is_place = isinstance(index, int) and not isinstance(index, bool)
+        if not (is_place and isinstance(listed, list) and 0 <= index < len(listed)):
+            raise MalformedFileError(
+                f"The GLB file names {kind}[{str(index)[:20]}], which is not there.", remedy=REMEDY
+            )
+        found = listed[index]
+        if not isinstance(found, dict):
+            raise MalformedFileError(f"The GLB file's {kind}[{index}] is none.", remedy=REMEDY)
+        return found
+
+
+def read_container(data: bytes) -> Container:
+    """Take a GLB file apart.
+
+    Raises
+    ------
+    MalformedFileError
+        If it is cut, of another version, or its document cannot be read.
+    """
+    if data[:4] != _MAGIC or len(data) < 20:
+        raise MalformedFileError(f"These {len(data)} bytes are no GLB file.", remedy=REMEDY)
+    version = int.from_bytes(data[4:8], "little")
+    length = int.from_bytes(data[8:12], "little")
+    if version != _VERSION or length != len(data):
+        raise MalformedFileError(
+            f"The GLB file declares version {version} and {length} bytes; {len(data)} are there "
+            f"(version {_VERSION} is read).",
+            remedy=REMEDY,
+        )
+    view = memoryview(data)
+    parts: dict[bytes, memoryview] = {}
+    at = 12
+    while at < len(data):
+        size = int.from_bytes(data[at : at + 4], "little")
+        kind = data[at + 4 : at + 8]
+        if len(kind) != 4 or at + 8 + size > len(data):
+            raise MalformedFileError("A part of the GLB file is cut short.", remedy=REMEDY)
+        parts.setdefault(kind, view[at + 8 : at + 8 + size])
+        at += 8 + size
+    try:
+        document = json.loads(bytes(parts[_JSON]), parse_constant=_no_constant)
+    except (KeyError, ValueError, RecursionError) as error:
+        raise MalformedFileError(
+            f"The GLB file's document cannot be read ({str(error)[:80]}).", remedy=REMEDY
+        ) from error
+    if not isinstance(document, dict):
+        raise MalformedFileError("The GLB file's document is none.", remedy=REMEDY)
+    return Container(document, parts.get(_BINARY, memoryview(b"")))
+
+
+def write_container(document: dict[str, Any], binary: bytes) -> bytes:
+    """Put a GLB file together; `binary` is a whole number of 4 bytes."""
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    length = 12 + 8 + len(text) + 8 + len(binary)
+    header = _MAGIC + _VERSION.to_bytes(4, "little") + length.to_bytes(4, "little")
+    return b"".join(
+        (
+            header,
+            len(text).to_bytes(4, "little") + _JSON,
+            text,
+            len(binary).to_bytes(4, "little") + _BINARY,
+            binary,
+        )
+    )
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name} is no number of JSON")

@@ -1,0 +1,60 @@
+"""A mesh moved by weighted targets, and as a whole by rotation and translation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.topology import Topology
+
+
+@dataclass(frozen=True, eq=False)
+class MorphAnimation:
+    """Positions over time as x(t) = R(t) (base + sum_i w_i(t) target_i) + T(t).
+
+    Parameters
+    ----------
+    base : (vertices, 3) float64, in `unit`
+    targets : (targets, vertices, 3) float32 or float64, in `unit` for a weight of one
+    target_names : tuple of str
+    weights : (frames, targets) float64
+    rotations : (frames, 3, 3) float64
+    translations : (frames, 3) float64, in `unit`
+    faces : (faces, 3) int64
+    times : (frames,) float64, s, optional
+    unit : str, optional
+    topology : Topology, optional
+    grid : tuple of int, optional
+    n_left_out : int
+        Targets that were wanted but are not there.
+    rms_left_out : float, in `unit`
+        RMS over vertices and frames of the displacement that they stand for.
+    """
+
+    base: NDArray[np.float64]
+    targets: NDArray[np.float64] | NDArray[np.float32]
+    target_names: tuple[str, ...]
+    weights: NDArray[np.float64]
+    rotations: NDArray[np.float64]
+    translations: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    times: NDArray[np.float64] | None = None
+    unit: str | None = None
+    topology: Topology | None = None
+    grid: tuple[int, ...] | None = None
+    n_left_out: int = 0
+    rms_left_out: float = 0.0
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.weights)
+
+    def positions(self) -> NDArray[np.float64]:
+        """Play it, (frames, vertices, 3) float64, in `unit`."""
+        u = np.tensordot(self.weights, self.targets, axes=(1, 0))
+        # x(t) = R(t) (base + u(t)) + T(t)
+        x: NDArray[np.float64] = np.matmul(self.base + u, self.rotations.transpose(0, 2, 1))
+        return x + self.translations[:, None, :]

@@ -1,0 +1,186 @@
+"""GLB animations: morph targets whose weights move, on nodes that may move as well.
+
+Positions are taken at the keyframes: wherever any channel that moves a mesh has a key.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import InputError, MalformedFileError
+from modalmotion.formats.gltf.channels import Channel, Key, read_channels
+from modalmotion.formats.gltf.container import REMEDY, Container, read_container
+from modalmotion.formats.gltf.meshes import MorphMesh, read_morph_mesh
+from modalmotion.formats.gltf.scene import MeshNode, mesh_nodes, transform_at
+from modalmotion.formats.limits import DEFAULT_LIMITS, ReadLimits
+from modalmotion.formats.result import ReadResult, Source
+from modalmotion.sequence import mesh_sequence
+
+OURS: Final = "modalmotion"
+"""Name under which a file of ours keeps unit and times in the extras of its asset."""
+
+_COORDINATES: Final = "Y up"
+
+# Extensions that change nothing about where vertices are, or that are read.
+_HARMLESS: Final = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_mesh_quantization")
+
+# What reading a document of the wrong shape raises, wherever that is.
+_MISSHAPEN: Final = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError)
+
+
+def read_glb(
+    data: bytes, limits: ReadLimits = DEFAULT_LIMITS, *, animation: str | None = None
+) -> ReadResult:
+    """Read a sequence from a binary glTF file.
+
+    Parameters
+    ----------
+    data : bytes
+    limits : ReadLimits, optional
+    animation : str, optional
+        Name of the animation; the first by default.
+
+    Returns
+    -------
+    ReadResult
+        All meshes of the scene as one, in its order. The unit is the metre by the format's
+        definition, unless the file is one of ours that states another.
+
+    Raises
+    ------
+    MalformedFileError
+        If it cannot be read, keeps data elsewhere, is compressed, or is moved by a skeleton.
+    LimitError
+        If it declares more than `limits` accept.
+    ParameterError
+        If there is no animation of that name.
+    """
+    container = read_container(data)
+    try:
+        # Numbers of any size may stand in a file; what overflows is found by the validator.
+        with np.errstate(all="ignore"):
+            return _read(container, animation, limits)
+    except InputError:
+        raise
+    except _MISSHAPEN as error:
+        raise MalformedFileError(
+            f"The GLB file's document is not as glTF has it ({type(error).__name__}: "
+            f"{str(error)[:60]}).",
+            remedy=REMEDY,
+        ) from error
+
+
+def _read(container: Container, animation: str | None, limits: ReadLimits) -> ReadResult:
+    _require_known_extensions(container.document.get("extensionsRequired", []))
+    channels, others = read_channels(container, animation, limits)
+    nodes = mesh_nodes(container)
+    if not nodes:
+        raise MalformedFileError("The GLB file's scene shows no mesh.", remedy=REMEDY)
+    times = _key_times(nodes, channels)
+    limits.require("frames", len(times))
+    pieces: list[NDArray[np.float64]] = []
+    faces: list[NDArray[np.int64]] = []
+    ignored: dict[str, None] = {}
+    n_vertices, n_targets = 0, 0
+    for node in nodes:
+        mesh = read_morph_mesh(container, node.mesh, limits)
+        ignored |= dict.fromkeys(mesh.ignored)
+        faces.append(mesh.faces + n_vertices)
+        n_vertices += len(mesh.base)
+        n_targets += len(mesh.targets)
+        limits.require("vertices", n_vertices)
+        limits.require("decompressed_bytes", len(times) * n_vertices * 24)
+        pieces.append(_positions(container, node, mesh, channels, times))
+    ours = _ours(container)
+    is_timed = bool(channels) and "times_unknown" not in ours
+    start = ours.get("start_time", 0.0)
+    sequence = mesh_sequence(
+        np.concatenate(pieces, axis=1),
+        np.concatenate(faces),
+        grid=ours.get("grid"),
+        topology=_text(ours, "topology"),
+        times=times + float(start) if is_timed else None,
+        unit=None if "unit_unknown" in ours else _text(ours, "unit") or "m",
+    )
+    ignored |= dict.fromkeys(f"animation {name}" for name in others)
+    unit_from: Source = "file" if "unit" in ours else "format"
+    return ReadResult(
+        sequence,
+        ignored=tuple(ignored),
+        format="glb",
+        coordinate_system=None if ours else _COORDINATES,
+        unit_from=None if sequence.unit is None else unit_from,
+        times_from="file" if is_timed else None,
+        notes=tuple(_notes(sequence.vertices[0], n_targets, channels)),
+    )
+
+
+def _key_times(nodes: list[MeshNode], channels: dict[Key, Channel]) -> NDArray[np.float64]:
+    concerned = {index for node in nodes for index in node.chain}
+    keys = [channel.times for (node, _), channel in channels.items() if node in concerned]
+    return np.unique(np.concatenate(keys)) if keys else np.zeros(1)
+
+
+def _positions(
+    container: Container,
+    node: MeshNode,
+    mesh: MorphMesh,
+    channels: dict[Key, Channel],
+    times: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    n_targets, n_vertices, _ = mesh.targets.shape
+    channel = channels.get((node.chain[-1], "weights"))
+    stated = container.item("nodes", node.chain[-1]).get("weights", mesh.weights)
+    weights = np.array(stated, dtype=np.float64)[None] if channel is None else channel.at(times)
+    if weights.shape[1:] != (n_targets,) or not np.isfinite(weights).all():
+        raise MalformedFileError(
+            f"The GLB file has {weights.shape[-1]} weights for {n_targets} morph targets.",
+            remedy=REMEDY,
+        )
+    # x(t) = M(t) (base + sum_i w_i(t) target_i)
+    moved = np.tensordot(weights, mesh.targets, axes=(1, 0)) + mesh.base
+    M = transform_at(container, node.chain, channels, times)
+    placed = np.matmul(moved, M[:, :3, :3].transpose(0, 2, 1)) + M[:, None, :3, 3]
+    return np.broadcast_to(placed, (len(times), n_vertices, 3))
+
+
+def _ours(container: Container) -> dict[str, Any]:
+    extras = container.document.get("asset", {}).get("extras", {})
+    found = extras.get(OURS, {}) if isinstance(extras, dict) else {}
+    return found if isinstance(found, dict) else {}
+
+
+def _text(ours: dict[str, Any], name: str) -> str | None:
+    value = ours.get(name)
+    if value is not None and not isinstance(value, str):
+        raise MalformedFileError(
+            f"The GLB file states {name} as {str(value)[:20]!r}.", remedy=REMEDY
+        )
+    return value
+
+
+def _require_known_extensions(required: list[Any]) -> None:
+    for name in required:
+        if not str(name).startswith(_HARMLESS):
+            raise MalformedFileError(
+                f"The GLB file cannot be read without {str(name)[:60]!r}, which is not known here.",
+                remedy="Export again without extensions (no compression, no instancing).",
+            )
+
+
+def _notes(positions: NDArray[Any], n_targets: int, channels: dict[Key, Channel]) -> list[str]:
+    notes = []
+    if not channels:
+        notes.append("The file holds no animation: there is one frame.")
+    elif n_targets == 0:
+        notes.append("The mesh has no morph targets: it moves as a rigid body.")
+    n_twice = len(positions) - len(np.unique(positions, axis=0))
+    if n_twice:
+        notes.append(
+            f"{n_twice} vertices coincide with another: exporters split vertices along seams of "
+            "normals and textures. Export without both to keep the surface whole."
+        )
+    return notes

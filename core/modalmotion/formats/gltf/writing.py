@@ -1,0 +1,182 @@
+"""Writing GLB: a mesh with morph targets, its weights, rotation and translation animated."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError
+from modalmotion.formats.gltf.container import write_container
+from modalmotion.formats.gltf.morph_animation import MorphAnimation
+from modalmotion.formats.gltf.quaternions import to_quaternions
+from modalmotion.formats.gltf.reading import OURS
+
+FRAMES_PER_SECOND: Final = 25.0
+"""At which frames without times play; the format has no animation without seconds."""
+
+_FLOAT, _UINT = 5126, 5125
+_VERTICES, _INDICES = 34962, 34963
+_POINTS, _TRIANGLES = 0, 4
+
+
+def write_glb(animation: MorphAnimation) -> bytes:
+    """Write a binary glTF file that plays in three.js, Blender and VTK.
+
+    Positions are written as float32 and as they are: no scaling to metres, no turning of axes.
+    Weights are written from 0 to 1, for Blender holds them there: a target is then the way
+    from its least weight to its greatest, and the base has all of them at their least. Both
+    ends stand in the extras of the asset, with unit, first time and what was left out.
+
+    Parameters
+    ----------
+    animation : MorphAnimation
+
+    Returns
+    -------
+    bytes
+        The same for the same animation.
+
+    Raises
+    ------
+    ParameterError
+        If two times are the same as float32 after the first is taken off.
+    """
+    n_frames = animation.n_frames
+    times = animation.times
+    if times is None:
+        times = np.arange(n_frames) / FRAMES_PER_SECOND
+    keys = (times - times[0]).astype(np.float32)
+    if (np.diff(keys) <= 0).any():
+        frame = int(np.flatnonzero(np.diff(keys) <= 0)[0]) + 1
+        raise ParameterError(
+            f"Frames {frame - 1} and {frame} are too close in time for glTF (float32).",
+            remedy="Leave frames out, or write VTKHDF.",
+            frame=frame,
+        )
+    least, spans, weights = _from_zero_to_one(animation.weights)
+    n_targets = len(animation.targets)
+    base = animation.base + np.tensordot(least, animation.targets, axes=(0, 0))
+    buffer = _Buffer()
+    primitive: dict[str, Any] = {
+        "attributes": {"POSITION": buffer.add(base, "VEC3", _VERTICES, bounds=True)},
+        "mode": _TRIANGLES if len(animation.faces) else _POINTS,
+    }
+    if len(animation.faces):
+        corners = animation.faces.reshape(-1).astype("<u4")
+        primitive["indices"] = buffer.add(corners, "SCALAR", _INDICES)
+    mesh: dict[str, Any] = {"primitives": [primitive]}
+    if n_targets:
+        primitive["targets"] = [
+            {"POSITION": buffer.add(span * target, "VEC3", _VERTICES, bounds=True)}
+            for span, target in zip(spans, animation.targets, strict=True)
+        ]
+        mesh["weights"] = weights[0].tolist()
+        # Where Blender and three.js look for them.
+        mesh["extras"] = {"targetNames": list(animation.target_names)}
+    moved = [
+        ("rotation", to_quaternions(animation.rotations), "VEC4"),
+        ("translation", animation.translations, "VEC3"),
+    ]
+    if n_targets:
+        moved.append(("weights", weights.reshape(-1), "SCALAR"))
+    clock = buffer.add(keys, "SCALAR", bounds=True)
+    samplers = [
+        {"input": clock, "interpolation": "LINEAR", "output": buffer.add(values, kind)}
+        for _, values, kind in moved
+    ]
+    channels = [
+        {"sampler": number, "target": {"node": 0, "path": path}}
+        for number, (path, _, _) in enumerate(moved)
+    ]
+    document = {
+        "asset": {
+            "version": "2.0",
+            "generator": "modalmotion",
+            "extras": {OURS: _extras(animation, least, spans)},
+        },
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"name": "surface", "mesh": 0}],
+        "meshes": [mesh],
+        "animations": [{"name": "motion", "samplers": samplers, "channels": channels}],
+        "accessors": buffer.accessors,
+        "bufferViews": buffer.views,
+        "buffers": [{"byteLength": buffer.length}],
+    }
+    return write_container(document, buffer.content())
+
+
+class _Buffer:
+    """The one block of bytes, grown array by array."""
+
+    def __init__(self) -> None:
+        self.accessors: list[dict[str, Any]] = []
+        self.views: list[dict[str, Any]] = []
+        self.length = 0
+        self._pieces: list[bytes] = []
+
+    def add(
+        self, values: NDArray[Any], kind: str, target: int | None = None, *, bounds: bool = False
+    ) -> int:
+        """Put an array behind the others and return its accessor."""
+        is_index = values.dtype.kind == "u"
+        array = np.ascontiguousarray(values, dtype="<u4" if is_index else "<f4")
+        view: dict[str, Any] = {"buffer": 0, "byteOffset": self.length, "byteLength": array.nbytes}
+        if target is not None:
+            view["target"] = target
+        rows = array.reshape(len(array), -1)
+        accessor: dict[str, Any] = {
+            "bufferView": len(self.views),
+            "componentType": _UINT if is_index else _FLOAT,
+            "count": len(rows),
+            "type": kind,
+        }
+        if bounds:
+            # Of the numbers as they are written, float32.
+            accessor["min"] = rows.min(axis=0).tolist()
+            accessor["max"] = rows.max(axis=0).tolist()
+        self.views.append(view)
+        self.accessors.append(accessor)
+        # All types are of four bytes, so every array begins at a whole number of them.
+        self._pieces.append(array.tobytes())
+        self.length += array.nbytes
+        return len(self.accessors) - 1
+
+    def content(self) -> bytes:
+        """Return all arrays, one behind the other."""
+        return b"".join(self._pieces)
+
+
+def _from_zero_to_one(
+    weights: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Least weight and span of each target, (targets,) each, and (w - least) / span."""
+    least = weights.min(axis=0)
+    spans = weights.max(axis=0) - least
+    scaled = np.divide(weights - least, spans, out=np.zeros_like(weights), where=spans > 0)
+    return least, spans, scaled
+
+
+def _extras(
+    animation: MorphAnimation, least: NDArray[np.float64], spans: NDArray[np.float64]
+) -> dict[str, Any]:
+    extras: dict[str, Any] = {
+        "weight_ranges": np.stack([least, least + spans], axis=1).tolist(),
+        "targets_left_out": animation.n_left_out,
+        "rms_left_out": animation.rms_left_out,
+    }
+    if animation.unit is None:
+        extras["unit_unknown"] = True
+    else:
+        extras["unit"] = animation.unit
+    if animation.times is None:
+        extras["times_unknown"] = True
+    elif animation.times[0]:
+        extras["start_time"] = float(animation.times[0])
+    if animation.topology is not None:
+        extras["topology"] = animation.topology.name
+    if animation.grid is not None:
+        extras["grid"] = list(animation.grid)
+    return extras

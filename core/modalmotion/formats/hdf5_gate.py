@@ -1,0 +1,166 @@
+"""The gate before any HDF5 file that somebody sends.
+
+The HDF5 library follows external storage, external links and virtual layouts to any file of
+the machine by itself, and allocates what a shape declares. So a file is walked first, from
+memory, and let through only if everything in it lies in it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+from modalmotion.errors import InputError, LimitError, MalformedFileError
+from modalmotion.formats.limits import ReadLimits
+
+SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
+"""First bytes of an HDF5 file."""
+
+MOST_OBJECTS: Final = 10_000
+"""Groups and datasets in one file."""
+
+MOST_ATTRIBUTE_BYTES: Final = 1 << 15
+"""Of one attribute."""
+
+MOST_ATTRIBUTES: Final = 1_000
+"""Of one group or dataset."""
+
+_REMEDY: Final = (
+    "Write plain datasets (contiguous or chunked, gzip, shuffle, fletcher32) into one file, "
+    "without links to others."
+)
+
+
+@contextmanager
+def open_gated(data: bytes, limits: ReadLimits) -> Iterator[Any]:
+    """Open an HDF5 file after the gate; what the library cannot read becomes an error of ours.
+
+    Parameters
+    ----------
+    data : bytes
+    limits : ReadLimits
+        `decompressed_bytes` holds for all datasets together.
+
+    Yields
+    ------
+    h5py.File
+
+    Raises
+    ------
+    MalformedFileError
+        If the file cannot be read, or holds anything but plain datasets.
+    LimitError
+        If it declares more than is accepted.
+    """
+    import h5py
+
+    try:
+        with h5py.File(h5py.h5f.open_file_image(data)) as file:
+            _walk(h5py, file, limits)
+            yield file
+    except InputError:
+        raise
+    except _UNREADABLE as error:
+        raise MalformedFileError(
+            f"The HDF5 file cannot be read ({_first_line(error)}).",
+            remedy="The file may be cut short: send it again, or write it anew.",
+        ) from error
+
+
+def _walk(h5py: Any, file: Any, limits: ReadLimits) -> None:
+    n_bytes = 0
+    seen: set[object] = set()
+    waiting = [("", file.id)]
+    while waiting:
+        path, group = waiting.pop()
+        for index in range(group.get_num_objs()):
+            key = group.get_objname_by_idx(index)
+            name = f"{path}/{key.decode('utf-8', 'replace')}"[:200]
+            if group.links.get_info(key).type != h5py.h5l.TYPE_HARD:
+                raise _refused(name, "a link to another place or file")
+            # Opened only now: opening a link would follow it.
+            found = h5py.h5o.open(group, key)
+            info = h5py.h5o.get_info(found)
+            # Hard links may form cycles.
+            if (place := (info.fileno, info.addr)) in seen:
+                continue
+            seen.add(place)
+            if len(seen) > MOST_OBJECTS:
+                raise _too_many("objects", len(seen), MOST_OBJECTS)
+            _require_small_attributes(h5py, name, found)
+            if isinstance(found, h5py.h5g.GroupID):
+                waiting.append((name, found))
+            elif isinstance(found, h5py.h5d.DatasetID):
+                n_bytes += _declared_bytes(h5py, name, found, limits)
+                limits.require("decompressed_bytes", n_bytes)
+    _require_small_attributes(h5py, "/", h5py.h5o.open(file.id, b"/"))
+
+
+def _declared_bytes(h5py: Any, name: str, dataset: Any, limits: ReadLimits) -> int:
+    plan = dataset.get_create_plist()
+    if plan.get_external_count():
+        raise _refused(name, "data in another file")
+    n_bytes = math.prod(dataset.shape or ()) * int(dataset.dtype.itemsize)
+    layout = plan.get_layout()
+    if layout == h5py.h5d.CHUNKED:
+        known = (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32)
+        for index in range(plan.get_nfilters()):
+            if (code := plan.get_filter(index)[0]) not in known:
+                raise _refused(name, f"the filter {code}")
+        # Read at once, however small the dataset.
+        limits.require(
+            "decompressed_bytes", math.prod(plan.get_chunk()) * int(dataset.dtype.itemsize)
+        )
+    elif layout not in (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT):
+        raise _refused(name, "a virtual layout")
+    elif dataset.dtype.kind != "O" and dataset.get_storage_size() not in (0, n_bytes):
+        raise _refused(name, f"{dataset.get_storage_size()} bytes in place of {n_bytes}")
+    return n_bytes
+
+
+def _require_small_attributes(h5py: Any, name: str, owner: Any) -> None:
+    n_attributes = h5py.h5a.get_num_attrs(owner)
+    if n_attributes > MOST_ATTRIBUTES:
+        raise _too_many("attributes of one object", n_attributes, MOST_ATTRIBUTES)
+    for index in range(n_attributes):
+        attribute = h5py.h5a.open(owner, index=index)
+        n_bytes = math.prod(attribute.shape or ()) * int(attribute.dtype.itemsize)
+        if max(n_bytes, attribute.get_storage_size()) > MOST_ATTRIBUTE_BYTES:
+            raise _refused(name, f"an attribute of {n_bytes} bytes")
+
+
+def _refused(name: str, what: str) -> MalformedFileError:
+    return MalformedFileError(
+        f"The HDF5 file's {name!r} is or has {what}, which is never followed or read.",
+        remedy=_REMEDY,
+        details={"object": name},
+    )
+
+
+def _too_many(what: str, value: int, most: int) -> LimitError:
+    return LimitError(
+        f"The HDF5 file holds {value} {what}; at most {most} are accepted.",
+        remedy=_REMEDY,
+        limit="hdf5_objects",
+        details={"value": value, "most": most},
+    )
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:120]
+
+
+# What h5py raises on damaged files, wherever in them it meets the damage.
+_UNREADABLE: Final = (
+    OSError,
+    RuntimeError,
+    ValueError,
+    KeyError,
+    IndexError,
+    TypeError,
+    OverflowError,
+    NotImplementedError,
+    AttributeError,
+)

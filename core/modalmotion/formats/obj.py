@@ -1,0 +1,169 @@
+"""Wavefront OBJ: lines "v x y z" and "f a b c ...", all others passed over.
+
+Corners may read a, a/b, a//c or a/b/c; only the vertex a counts, so texture seams and normals
+neither split nor reorder vertices. Material files, textures, and the commands `call` and `csh`
+are never followed.
+"""
+
+from __future__ import annotations
+
+import re
+from array import array
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import MalformedFileError
+from modalmotion.formats.frame import Frame, space_in
+from modalmotion.formats.limits import NO_LIMITS, ReadLimits
+from modalmotion.formats.polygons import offsets_of, triangulate
+from modalmotion.formats.text import line_blocks, parse_points
+
+KEYWORDS: Final = frozenset(
+    b"v vt vn vp f l p o g s mg mtllib usemtl usemap maplib cstype deg bmat step curv curv2 surf "
+    b"parm trim hole scrv sp end con bevel c_interp d_interp lod shadow_obj trace_obj ctech "
+    b"stech call csh".split()
+)
+"""First words of lines that the format knows."""
+
+# From the first slash of a corner on stand its texture and normal.
+_AFTER_VERTEX: Final = re.compile(rb"/\S*")
+_MOST_COMMENTS: Final = 20
+_REMEDY: Final = "Export the frame again as OBJ, without free-form surfaces."
+
+
+def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
+    """Read one OBJ file.
+
+    Parameters
+    ----------
+    data : bytes
+    limits : ReadLimits, optional
+
+    Returns
+    -------
+    Frame
+        Every "v" in the order of the file, whether a face uses it or not.
+
+    Raises
+    ------
+    MalformedFileError
+        If a vertex or face cannot be read, or there is no vertex.
+    LimitError
+        If it holds more than `limits` accept.
+    """
+    if b"\\\n" in data or b"\\\r\n" in data:
+        data = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
+    blocks = []
+    n_vertices = 0
+    sizes, corners = array("q"), array("q")
+    others: dict[bytes, None] = {}
+    comments: list[bytes] = []
+    for lines in line_blocks(data):
+        plain = _plain_block(lines)
+        if plain is not None:
+            positions, triangles = plain
+            corners += triangles
+            sizes.extend([3] * (len(triangles) // 3))
+        else:
+            positions = _read_block(lines, n_vertices, sizes, corners, others, comments)
+        blocks.append(positions)
+        n_vertices += len(positions)
+        limits.require("vertices", n_vertices)
+        limits.require("faces", len(sizes))
+    if not n_vertices:
+        raise MalformedFileError("The OBJ file holds no vertex.", remedy=_REMEDY)
+    polygons = triangulate(
+        offsets_of(np.array(sizes, dtype=np.int64)), np.array(corners, dtype=np.int64)
+    )
+    return Frame(
+        np.concatenate(blocks),
+        polygons.faces,
+        notes=polygons.notes,
+        ignored=tuple(word.decode() for word in others),
+        statements=space_in(b"".join(comments)),
+    )
+
+
+def _plain_block(lines: list[bytes]) -> tuple[NDArray[np.float64], array[int]] | None:
+    """Read lines that are all "v x y z" or "f a b c", in bulk; None if there are others."""
+    vertices = [line for line in lines if line.startswith(b"v ")]
+    faces = [line for line in lines if line.startswith(b"f ")]
+    text = b" ".join(faces)
+    # What counts from the last vertex so far needs to know where each line stands.
+    if len(vertices) + len(faces) != len(lines) or b"-" in text:
+        return None
+    numbers = b" ".join(vertices).split()
+    indices = (_AFTER_VERTEX.sub(b"", text) if b"/" in text else text).split()
+    is_plain = (
+        len(numbers) == 4 * len(vertices)
+        and len(indices) == 4 * len(faces)
+        and numbers.count(b"v") == len(vertices) == numbers[::4].count(b"v")
+        and indices.count(b"f") == len(faces) == indices[::4].count(b"f")
+    )
+    if not is_plain:
+        return None
+    del numbers[::4], indices[::4]
+    try:
+        positions = np.array(list(map(float, numbers))).reshape(-1, 3)
+        corners = array("q", [int(word) - 1 for word in indices])
+    except (ValueError, OverflowError):
+        return None
+    return None if corners and min(corners) < 0 else (positions, corners)
+
+
+def _read_block(
+    lines: list[bytes],
+    n_vertices: int,
+    sizes: array[int],
+    corners: array[int],
+    others: dict[bytes, None],
+    comments: list[bytes],
+) -> NDArray[np.float64]:
+    """Read any lines one by one; the block's positions."""
+    rows: list[list[bytes]] = []
+    for line in lines:
+        words = line.split()
+        if not words:
+            continue
+        if words[0] == b"v":
+            rows.append(words[1:4])
+        elif words[0] == b"f":
+            corners += _corners(words[1:], n_vertices + len(rows))
+            sizes.append(len(words) - 1)
+        elif words[0][:1] == b"#":
+            if len(comments) < _MOST_COMMENTS:
+                comments.append(line)
+        elif words[0] in KEYWORDS:
+            others[words[0]] = None
+        else:
+            raise MalformedFileError(f"The OBJ file has a line {line[:40]!r}.", remedy=_REMEDY)
+    return _positions(rows)
+
+
+def _corners(words: list[bytes], n_vertices: int) -> array[int]:
+    try:
+        numbers = [int(word.partition(b"/")[0]) for word in words]
+        # Counted from one; from the last vertex so far where negative.
+        corners = array("q", [n - 1 if n > 0 else n_vertices + n for n in numbers])
+    except (ValueError, OverflowError):
+        raise MalformedFileError(
+            f"A face of the OBJ file reads {b' '.join(words)[:40]!r}.", remedy=_REMEDY
+        ) from None
+    if numbers and (min(corners) < 0 or 0 in numbers):
+        raise MalformedFileError(
+            f"A face of the OBJ file names vertex {min(numbers)}, but {n_vertices} stand before "
+            "it and counting starts at 1.",
+            remedy=_REMEDY,
+        )
+    return corners
+
+
+def _positions(rows: list[list[bytes]]) -> NDArray[np.float64]:
+    try:
+        return parse_points(rows)
+    except ValueError as error:
+        raise MalformedFileError(
+            f"A vertex of the OBJ file is none ({str(error)[:60]}).", remedy=_REMEDY
+        ) from error

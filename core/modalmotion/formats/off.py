@@ -1,0 +1,116 @@
+"""OFF text: counts, then one vertex a line, then one polygon a line.
+
+Colours and normals that stand behind a vertex or a polygon are not used.
+"""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections.abc import Iterator
+from itertools import islice
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import MalformedFileError
+from modalmotion.formats.frame import Frame, space_in
+from modalmotion.formats.limits import NO_LIMITS, ReadLimits
+from modalmotion.formats.polygons import offsets_of, triangulate
+from modalmotion.formats.text import lines_of, parse_points
+
+# ST, C, N say what follows x, y and z on a line; the forms with 4 or n coordinates are others.
+_KEYWORD: Final = re.compile(rb"(?:ST)?C?N?OFF(?=\s|$)")
+_BLOCK_ROWS: Final = 30_000
+_REMEDY: Final = "Export the frame again as OFF text: 'OFF', the counts, vertices, polygons."
+
+
+def read_off(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
+    """Read one OFF file.
+
+    Parameters
+    ----------
+    data : bytes
+    limits : ReadLimits, optional
+
+    Returns
+    -------
+    Frame
+
+    Raises
+    ------
+    MalformedFileError
+        If the bytes are no OFF text, or hold fewer or more than they declare.
+    LimitError
+        If it declares more than `limits` accept.
+    """
+    lines = _without_comments(data)
+    first = next(lines, b"")
+    keyword = _KEYWORD.match(first)
+    if keyword is None:
+        raise MalformedFileError("The file does not begin with 'OFF'.", remedy=_REMEDY)
+    counts = first[keyword.end() :].split() or next(lines, b"").split()
+    try:
+        n_vertices, n_faces = (int(word) for word in counts[:2])
+    except ValueError:
+        raise MalformedFileError(
+            f"The OFF file has the counts {b' '.join(counts)[:40]!r}.", remedy=_REMEDY
+        ) from None
+    if n_vertices < 0 or n_faces < 0:
+        raise MalformedFileError("The OFF file has a negative count.", remedy=_REMEDY)
+    limits.require("vertices", n_vertices)
+    limits.require("faces", n_faces)
+    positions = _read_vertices(lines, n_vertices)
+    sizes, corners = array("q"), array("q")
+    for line in islice(lines, n_faces):
+        words = line.split()
+        try:
+            size = int(words[0])
+            polygon = array("q", map(int, words[1 : max(size, 0) + 1]))
+        except (ValueError, OverflowError):
+            size, polygon = -1, array("q")
+        if len(polygon) != size:
+            raise MalformedFileError(
+                f"Polygon {len(sizes)} of the OFF file reads {line[:40]!r}.", remedy=_REMEDY
+            )
+        sizes.append(size)
+        corners += polygon
+    if len(sizes) != n_faces or next(lines, None) is not None:
+        more = "fewer" if len(sizes) != n_faces else "more"
+        raise MalformedFileError(
+            f"The OFF file declares {n_vertices} vertices and {n_faces} polygons, but {more} "
+            "lines follow.",
+            remedy=_REMEDY,
+        )
+    polygons = triangulate(
+        offsets_of(np.array(sizes, dtype=np.int64)), np.array(corners, dtype=np.int64)
+    )
+    return Frame(positions, polygons.faces, notes=polygons.notes, statements=space_in(data[:1024]))
+
+
+def _without_comments(data: bytes) -> Iterator[bytes]:
+    for line in lines_of(data):
+        if stripped := line.partition(b"#")[0].strip():
+            yield stripped
+
+
+def _read_vertices(lines: Iterator[bytes], n_vertices: int) -> NDArray[np.float64]:
+    blocks = []
+    n_read = 0
+    while n_read < n_vertices:
+        rows = [line.split()[:3] for line in islice(lines, min(_BLOCK_ROWS, n_vertices - n_read))]
+        try:
+            block = parse_points(rows)
+        except ValueError as error:
+            raise MalformedFileError(
+                f"A vertex of the OFF file is none ({str(error)[:60]}).", remedy=_REMEDY
+            ) from error
+        if not rows:
+            raise MalformedFileError(
+                f"The OFF file declares {n_vertices} vertices but ends after {n_read}.",
+                remedy=_REMEDY,
+            )
+        blocks.append(block)
+        n_read += len(rows)
+    return np.concatenate(blocks) if blocks else np.zeros((0, 3))

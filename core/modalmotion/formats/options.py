@@ -1,0 +1,98 @@
+"""What may be said of a file beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from modalmotion.arrays import require_times
+from modalmotion.errors import ParameterError
+from modalmotion.formats.detect import Format
+from modalmotion.formats.limits import DEFAULT_LIMITS, ReadLimits
+from modalmotion.formats.result import ReadResult
+from modalmotion.topology import Topology
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How to read a file, and what to take for true whatever it says.
+
+    Parameters
+    ----------
+    format : Format, optional
+        Told from the content where it is left out. Raw numbers need it.
+    limits : ReadLimits
+    unit : str, optional
+        Length unit: m, cm, mm, um or nm.
+    times : tuple of float, s, optional
+        One for each frame.
+    frame_interval : float, s, optional
+        In place of `times`: from each frame to the next, the first at zero.
+    topology : str, optional
+    grid : tuple of int, optional
+        Nodes along each axis of a lattice.
+    n_vertices : int, optional
+        Of raw numbers: vertices a frame. The product of `grid` where that is given.
+    dtype : str
+        Of raw numbers: "float32" or "float64", little-endian.
+    animation : str, optional
+        Of GLB: name of the animation; the first by default.
+    """
+
+    format: Format | None = None
+    limits: ReadLimits = DEFAULT_LIMITS
+    unit: str | None = None
+    times: tuple[float, ...] | None = None
+    frame_interval: float | None = None
+    topology: str | None = None
+    grid: tuple[int, ...] | None = None
+    n_vertices: int | None = None
+    dtype: str = "float32"
+    animation: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.times is not None and self.frame_interval is not None:
+            raise ParameterError(
+                "Both times and an interval between frames are stated.", remedy="Keep one."
+            )
+        interval = self.frame_interval
+        if interval is not None and not (np.isfinite(interval) and interval > 0):
+            raise ParameterError(
+                f"The interval between frames is {interval} s.",
+                remedy="Use a finite time above zero.",
+            )
+
+    def apply(self, result: ReadResult) -> ReadResult:
+        """Return what was read with everything stated here put over it.
+
+        Raises
+        ------
+        InputError
+            If what is stated does not fit the sequence.
+        """
+        sequence = result.sequence.with_topology(
+            None if self.topology is None else Topology.parse(self.topology), self.grid
+        )
+        result = replace(result, sequence=sequence)
+        if self.unit is not None:
+            result = replace(result, sequence=sequence.with_unit(self.unit), unit_from="caller")
+            if sequence.unit not in (None, self.unit):
+                result = _noted(
+                    result,
+                    f"The file is in {sequence.unit}; it was taken for {self.unit}, as stated.",
+                )
+        if self.times is not None or self.frame_interval is not None:
+            n = sequence.n_frames
+            stated = self.times
+            if self.frame_interval is not None:
+                stated = tuple(i * self.frame_interval for i in range(n))
+            times = require_times(list(stated or ()), n)
+            result = replace(
+                result, sequence=replace(result.sequence, times=times), times_from="caller"
+            )
+        return result
+
+
+def _noted(result: ReadResult, note: str) -> ReadResult:
+    return replace(result, notes=(*result.notes, note))

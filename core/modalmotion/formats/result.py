@@ -1,0 +1,40 @@
+"""What a reader hands on: a sequence, and what was learned of it besides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from modalmotion.sequence import MeshSequence
+
+Source = Literal["file", "format", "caller"]
+"""Who says so: this file, the definition of its format, or whoever asked for it to be read."""
+
+
+@dataclass(frozen=True)
+class ReadResult:
+    """A sequence and what its file held besides.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    ignored : tuple of str
+        Names of arrays and members that were not used.
+    format : str
+        Name of the format that was read.
+    coordinate_system : str or None
+        Directions of the axes as the file names them ("LPS", "RAS", "Y up"); None where it is
+        silent. Positions are never turned.
+    unit_from, times_from : {"file", "format", "caller"} or None
+        Who states the unit and the times; None where they are unknown.
+    notes : tuple of str
+        What was done on the way that a user should know.
+    """
+
+    sequence: MeshSequence
+    ignored: tuple[str, ...] = ()
+    format: str = "npz"
+    coordinate_system: str | None = None
+    unit_from: Source | None = None
+    times_from: Source | None = None
+    notes: tuple[str, ...] = ()

@@ -1,0 +1,170 @@
+"""STL, binary and text: triangles that know no vertices.
+
+Binary: 80 bytes of header, the number of triangles (uint32), then 50 bytes each: normal and
+three corners (float32), two bytes of anything; all little-endian. Normals and the two bytes
+are not used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.arrays import FloatArray
+from modalmotion.errors import MalformedFileError
+from modalmotion.formats.frame import Frame, space_in
+from modalmotion.formats.limits import NO_LIMITS, ReadLimits
+from modalmotion.formats.text import line_blocks
+
+_TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
+_HEADER_BYTES: Final = 84
+_REMEDY: Final = "Export the frame again, as binary STL."
+
+# A facet of the text form, word by word; None is a number.
+_FACET: Final = (
+    *(b"facet", b"normal", None, None, None, b"outer", b"loop"),
+    *(b"vertex", None, None, None) * 3,
+    *(b"endloop", b"endfacet"),
+)
+_KEYWORDS: Final = tuple((i, word) for i, word in enumerate(_FACET) if word is not None)
+_FIRST_CORNER: Final = 7
+
+
+def is_binary_stl(data: bytes) -> bool:
+    """Tell whether the number of triangles agrees with the number of bytes."""
+    return len(data) >= _HEADER_BYTES and _declared_bytes(data) == len(data)
+
+
+def read_stl(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
+    """Read one STL file: three vertices of its own for each triangle.
+
+    Parameters
+    ----------
+    data : bytes
+    limits : ReadLimits, optional
+
+    Returns
+    -------
+    Frame
+        float32 from binary files, float64 from text.
+
+    Raises
+    ------
+    MalformedFileError
+        If the bytes are no STL file, or fewer or more than it declares.
+    LimitError
+        If there are more triangles than `limits` accept.
+    """
+    corners: FloatArray
+    if is_binary_stl(data):
+        corners = _read_binary(data, limits)
+        header = data[:80]
+    elif data[:1024].lstrip()[:5].lower() == b"solid":
+        corners = _read_text(data, limits)
+        header = data[:1024].lstrip().partition(b"\n")[0]
+    else:
+        detail = ""
+        if len(data) >= _HEADER_BYTES:
+            n = int.from_bytes(data[80:_HEADER_BYTES], "little")
+            detail = f" (a binary one of {n} triangles has {_declared_bytes(data)} bytes)"
+        raise MalformedFileError(
+            f"These {len(data)} bytes are no complete STL file{detail}.", remedy=_REMEDY
+        )
+    if not len(corners):
+        raise MalformedFileError("The STL file holds no triangle.", remedy=_REMEDY)
+    faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
+    return Frame(corners, faces, is_soup=True, statements=space_in(header))
+
+
+def _declared_bytes(data: bytes) -> int:
+    n = int.from_bytes(data[80:_HEADER_BYTES], "little")
+    return _HEADER_BYTES + n * _TRIANGLE.itemsize
+
+
+def _read_binary(data: bytes, limits: ReadLimits) -> NDArray[np.float32]:
+    triangles = np.frombuffer(data, _TRIANGLE, offset=_HEADER_BYTES)
+    limits.require("faces", len(triangles))
+    return triangles["corners"].reshape(-1, 3).astype(np.float32)
+
+
+def _read_text(data: bytes, limits: ReadLimits) -> NDArray[np.float64]:
+    blocks: list[NDArray[np.float64]] = []
+    words: list[bytes] = []
+    n_facets = 0
+    is_open = False
+    for lines in line_blocks(data):
+        for piece in _between_names(lines):
+            if isinstance(piece, _Name):
+                if words or piece.is_end != is_open:
+                    raise _damaged(n_facets, b" ".join(words[:20]) or piece.line)
+                is_open = not piece.is_end
+                continue
+            words += piece
+            whole = len(words) // len(_FACET) * len(_FACET)
+            if whole and not is_open:
+                raise _damaged(n_facets, b" ".join(words[:20]))
+            blocks.append(_facets(words[:whole], n_facets))
+            del words[:whole]
+            n_facets += whole // len(_FACET)
+            limits.require("faces", n_facets)
+    if words or is_open:
+        raise MalformedFileError(
+            f"The STL file is cut short after {n_facets} whole facets.", remedy=_REMEDY
+        )
+    return np.concatenate(blocks) if blocks else np.zeros((0, 3))
+
+
+@dataclass(frozen=True)
+class _Name:
+    """A line that begins or ends a solid; its name may hold any words."""
+
+    line: bytes
+    is_end: bool
+
+
+def _between_names(lines: list[bytes]) -> Iterator[_Name | list[bytes]]:
+    text = b"".join(lines).lower()
+    if b"solid" not in text:
+        yield text.split()
+        return
+    words: list[bytes] = []
+    for line in text.splitlines():
+        start = line.split(None, 1)[:1]
+        if start in ([b"solid"], [b"endsolid"]):
+            yield words
+            words = []
+            yield _Name(line, start == [b"endsolid"])
+        else:
+            words += line.split()
+    yield words
+
+
+def _facets(words: list[bytes], n_before: int) -> NDArray[np.float64]:
+    n = len(words) // len(_FACET)
+    for i, keyword in _KEYWORDS:
+        column = words[i :: len(_FACET)]
+        if column.count(keyword) != n:
+            bad = next(k for k, word in enumerate(column) if word != keyword)
+            raise _damaged(n_before + bad, b" ".join(words[bad * len(_FACET) :][: len(_FACET)]))
+    corners = np.empty((n, 3, 3))
+    try:
+        for corner in range(3):
+            for axis in range(3):
+                place = _FIRST_CORNER + 4 * corner + 1 + axis
+                corners[:, corner, axis] = list(map(float, words[place :: len(_FACET)]))
+    except ValueError as error:
+        raise MalformedFileError(
+            f"A vertex of the STL file is no number ({str(error)[:60]}).", remedy=_REMEDY
+        ) from error
+    return corners.reshape(-1, 3)
+
+
+def _damaged(facet: int, text: bytes) -> MalformedFileError:
+    return MalformedFileError(
+        f"Facet {facet} of the STL file reads {text[:60].decode('ascii', 'replace')!r}.",
+        remedy=_REMEDY,
+    )

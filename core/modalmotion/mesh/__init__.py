@@ -1,0 +1,33 @@
+"""Triangle meshes: connectivity, areas, Laplacians and the solver for them."""
+
+from modalmotion.mesh.areas import face_areas, face_gradients, face_normals, vertex_areas
+from modalmotion.mesh.connectivity import (
+    Connectivity,
+    boundary_loops,
+    connectivity_of,
+    euler_characteristic,
+    n_components,
+    oriented_faces,
+)
+from modalmotion.mesh.dissection import nested_dissection, solve_positive_definite
+from modalmotion.mesh.laplacian import cotangent_laplacian, divergence, graph_laplacian
+from modalmotion.mesh.lattice_faces import lattice_faces
+
+__all__ = [
+    "Connectivity",
+    "boundary_loops",
+    "connectivity_of",
+    "cotangent_laplacian",
+    "divergence",
+    "euler_characteristic",
+    "face_areas",
+    "face_gradients",
+    "face_normals",
+    "graph_laplacian",
+    "lattice_faces",
+    "n_components",
+    "nested_dissection",
+    "oriented_faces",
+    "solve_positive_definite",
+    "vertex_areas",
+]

@@ -1,0 +1,79 @@
+"""Areas, normals and gradients of triangles.
+
+All take vertices whose squares neither overflow nor vanish: `make_template` scales them first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def face_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Cross product of two sides of each triangle.
+
+    Returns
+    -------
+    (faces, 3) float64, length unit squared
+        Twice the area long, right-handed about the order of the corners.
+    """
+    corners = np.ascontiguousarray(vertices.T)
+    a, b, c = (corners[:, faces[:, i]] for i in range(3))
+    b -= a
+    c -= a
+    normals = np.empty((len(faces), 3))
+    normals[:, 0] = b[1] * c[2] - b[2] * c[1]
+    normals[:, 1] = b[2] * c[0] - b[0] * c[2]
+    normals[:, 2] = b[0] * c[1] - b[1] * c[0]
+    return normals
+
+
+def face_areas(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Area of each triangle, (faces,) float64, length unit squared."""
+    normals = face_normals(vertices, faces)
+    areas: NDArray[np.float64] = 0.5 * np.sqrt(np.einsum("ij,ij->i", normals, normals))
+    return areas
+
+
+def vertex_areas(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Third of the area of the triangles around each vertex.
+
+    Returns
+    -------
+    (vertices,) float64, length unit squared
+        Zero at vertices of no triangle.
+    """
+    thirds = np.repeat(face_areas(vertices, faces) / 3.0, 3)
+    areas: NDArray[np.float64] = np.bincount(
+        faces.ravel(), weights=thirds, minlength=len(vertices)
+    ).astype(np.float64)
+    return areas
+
+
+def face_gradients(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], values: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Gradient on each triangle of a function that is linear on it.
+
+    Parameters
+    ----------
+    vertices : (vertices, 3) float64, length unit
+    faces : (faces, 3) int64
+    values : (vertices,) or (faces, 3) float64
+        At the vertices, or at the corners of each triangle (a function with cuts).
+
+    Returns
+    -------
+    (faces, 3) float64, value per length unit
+        Zero on triangles without area.
+    """
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    normals = face_normals(vertices, faces)
+    squares = np.einsum("ij,ij->i", normals, normals)
+    u, v, w = (values[faces] if values.ndim == 1 else values).T
+    # grad f = n x (u (c - b) + v (a - c) + w (b - a)) / |n|^2
+    turned = np.cross(normals, u[:, None] * (c - b) + v[:, None] * (a - c) + w[:, None] * (b - a))
+    safe = np.where(squares > 0, squares, 1.0)
+    gradients: NDArray[np.float64] = turned / safe[:, None]
+    gradients[squares == 0] = 0.0
+    return gradients

@@ -1,0 +1,202 @@
+"""What the triangles of a mesh join: edges, boundary loops, pieces, handles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+
+@dataclass(frozen=True, eq=False)
+class Connectivity:
+    """Counts and loops found from the faces alone.
+
+    Parameters
+    ----------
+    edges : (edges, 2) int64
+        Each once, the smaller vertex first, in increasing order.
+    faces_at_edge : (edges,) int64
+        Triangles that share it: 1 on a boundary, 2 inside, more where the mesh is no surface.
+    loops : tuple of (edges, 2) int64
+        Boundary edges, grouped by connection.
+    isolated : (n,) int64
+        Vertices of no triangle.
+    n_components : int
+        Pieces that hold at least one triangle.
+    euler_characteristic : int
+        Vertices - edges + triangles, over the vertices that triangles use.
+    degenerate : (n,) int64
+        Triangles that name a vertex twice; they join nothing and are left out of all counts.
+    pinched : (n,) int64
+        Boundary vertices in which two strips of triangles meet in a point.
+    """
+
+    edges: NDArray[np.int64]
+    faces_at_edge: NDArray[np.int64]
+    loops: tuple[NDArray[np.int64], ...]
+    isolated: NDArray[np.int64]
+    n_components: int
+    euler_characteristic: int
+    degenerate: NDArray[np.int64]
+    pinched: NDArray[np.int64]
+
+    @property
+    def non_manifold_edges(self) -> NDArray[np.int64]:
+        """Edges of three triangles or more, (n, 2) int64."""
+        return self.edges[self.faces_at_edge > 2]
+
+    @property
+    def genus(self) -> float:
+        """Handles of a single piece; a half where the surface has one side only."""
+        return 1.0 - (self.euler_characteristic + len(self.loops)) / 2
+
+    def describe(self) -> str:
+        """One line of what was found, for errors and notes."""
+        parts = [
+            f"{self.n_components} piece(s)",
+            f"{len(self.loops)} boundary loop(s)",
+            f"Euler characteristic {self.euler_characteristic}",
+        ]
+        if len(self.non_manifold_edges):
+            parts.append(f"{len(self.non_manifold_edges)} edges of more than two triangles")
+        if len(self.pinched):
+            parts.append(f"{len(self.pinched)} vertices in which boundaries touch")
+        return ", ".join(parts)
+
+    def details(self) -> dict[str, object]:
+        """Return the same as numbers, ready for JSON."""
+        return {
+            "components": self.n_components,
+            "boundary_loops": len(self.loops),
+            "euler_characteristic": self.euler_characteristic,
+            "non_manifold_edges": len(self.non_manifold_edges),
+            "pinched_vertices": len(self.pinched),
+            "isolated_vertices": len(self.isolated),
+        }
+
+
+def connectivity_of(faces: NDArray[np.int64], n_vertices: int) -> Connectivity:
+    """Find edges, loops, pieces and handles.
+
+    Parameters
+    ----------
+    faces : (faces, 3) int64
+    n_vertices : int
+
+    Returns
+    -------
+    Connectivity
+    """
+    a, b, c = faces.T
+    twice = (a == b) | (b == c) | (c == a)
+    proper = faces[~twice]
+    n = np.int64(n_vertices)
+    # One integer a side: sorting integers is what makes this linear in practice.
+    start, end = proper[:, [0, 1, 2]].ravel(), proper[:, [1, 2, 0]].ravel()
+    keys, counts = np.unique(
+        np.minimum(start, end) * n + np.maximum(start, end), return_counts=True
+    )
+    edges = np.stack([keys // n, keys % n], axis=1)
+    n_faces_at = np.bincount(proper.ravel(), minlength=n_vertices)
+    n_edges_at = np.bincount(edges.ravel(), minlength=n_vertices)
+    labels = _labels(edges, n_vertices)
+    used = n_faces_at > 0
+    n_pieces = len(np.unique(labels[used]))
+    return Connectivity(
+        edges=edges,
+        faces_at_edge=counts,
+        loops=tuple(_loops(edges[counts == 1], n_vertices)),
+        isolated=np.flatnonzero(~used),
+        n_components=n_pieces,
+        euler_characteristic=int(used.sum()) - len(edges) + len(proper),
+        degenerate=np.flatnonzero(twice),
+        pinched=np.flatnonzero(n_edges_at - n_faces_at > 1),
+    )
+
+
+def boundary_loops(faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Edges of each boundary: those of exactly one triangle, grouped by connection.
+
+    Returns
+    -------
+    list of (edges, 2) int64
+        Largest number of edges first.
+    """
+    return list(connectivity_of(faces, _n_vertices(faces)).loops)
+
+
+def n_components(faces: NDArray[np.int64]) -> int:
+    """Count the connected pieces that hold at least one triangle."""
+    return connectivity_of(faces, _n_vertices(faces)).n_components
+
+
+def euler_characteristic(faces: NDArray[np.int64]) -> int:
+    """Vertices - edges + faces, over the vertices that triangles use."""
+    return connectivity_of(faces, _n_vertices(faces)).euler_characteristic
+
+
+def oriented_faces(faces: NDArray[np.int64], n_vertices: int) -> NDArray[np.int64] | None:
+    """Wind all triangles the same way round, as the first one of each piece.
+
+    Returns
+    -------
+    (faces, 3) int64, or None
+        None where that is impossible: a surface with one side only.
+    """
+    n, m = np.int64(n_vertices), len(faces)
+    start, end = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
+    directed = np.sort(start * n + end)
+    if (directed[1:] != directed[:-1]).all():
+        # No side is run along twice the same way: they agree already.
+        return faces
+    key = np.minimum(start, end) * n + np.maximum(start, end)
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    same = np.flatnonzero(key[1:] == key[:-1])
+    i, j = order[same], order[same + 1]
+    one, other = i // 3, j // 3
+    # Each triangle twice, as it is and turned over: neighbours that run along their common
+    # side in opposite directions agree. A piece with two sides falls into two copies.
+    agree = start[i] != start[j]
+    rows = np.concatenate([one, one + m])
+    columns = np.concatenate([np.where(agree, other, other + m), np.where(agree, other + m, other)])
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * m, 2 * m))
+    _, label = connected_components(graph, directed=False)
+    kept, turned = label[:m], label[m:]
+    if (kept == turned).any():
+        return None
+    first = np.full(int(label.max(initial=0)) + 1, 2 * m)
+    np.minimum.at(first, label, np.arange(2 * m))
+    # Of the two copies of a piece that one is kept in which its first triangle is as it was.
+    turn = first[kept] >= m
+    turn |= first[turned] < first[kept]
+    return np.where(turn[:, None], faces[:, ::-1], faces)
+
+
+def _n_vertices(faces: NDArray[np.int64]) -> int:
+    return int(faces.max(initial=-1)) + 1
+
+
+def _labels(edges: NDArray[np.int64], n_vertices: int) -> NDArray[np.int64]:
+    graph = coo_array(
+        (np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])),
+        shape=(n_vertices, n_vertices),
+    )
+    _, labels = connected_components(graph, directed=False)
+    found: NDArray[np.int64] = labels.astype(np.int64)
+    return found
+
+
+def _loops(border: NDArray[np.int64], n_vertices: int) -> list[NDArray[np.int64]]:
+    if not len(border):
+        return []
+    place = np.full(n_vertices, -1)
+    place[border.ravel()] = 0
+    nodes = np.flatnonzero(place == 0)
+    place[nodes] = np.arange(len(nodes))
+    component = _labels(place[border], len(nodes))[place[border[:, 0]]]
+    loops = [border[component == i] for i in np.unique(component)]
+    return sorted(loops, key=lambda loop: (-len(loop), int(loop.min())))

@@ -1,0 +1,290 @@
+"""Making templates: normalise the reference, recognise it, find its natural coordinates."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.lattice import Lattice
+from modalmotion.mesh import lattice_faces
+from modalmotion.sequence import MeshSequence
+from modalmotion.template.axis import degree
+from modalmotion.template.coordinates import Coordinates
+from modalmotion.template.cup import cup_coordinates
+from modalmotion.template.curve import curve_coordinates, curve_weights
+from modalmotion.template.cylinder import cylinder_coordinates
+from modalmotion.template.landmarks import (
+    GivenLandmarks,
+    Landmarks,
+    require_used,
+    resolve_places,
+)
+from modalmotion.template.lattice_landmarks import lattice_landmarks
+from modalmotion.template.lengths import axis_lengths
+from modalmotion.template.plane import plane_coordinates
+from modalmotion.template.recognition import recognise, require_fit
+from modalmotion.template.sphere import sphere_coordinates
+from modalmotion.template.surface import Surface, surface_of
+from modalmotion.template.template import Template, Weights, template_id
+from modalmotion.template.torus import torus_coordinates
+from modalmotion.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+
+# Below this degree the natural coordinates give one name to too many places.
+_FOLDED = 0.8
+
+_MAKERS = {
+    CUP: cup_coordinates,
+    CYLINDER: cylinder_coordinates,
+    PLANE: plane_coordinates,
+    SPHERE: sphere_coordinates,
+    TORUS: torus_coordinates,
+}
+
+
+def make_template(
+    sequence: MeshSequence,
+    *,
+    reference: int = 0,
+    weights: Weights = Weights.AREA,
+    landmarks: GivenLandmarks | None = None,
+    closed_form: bool = True,
+) -> Template:
+    """Make the template of a sequence from one of its own frames.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+        Its topology is taken at its word where the connectivity allows it, and found from the
+        connectivity where it states none.
+    reference : int
+        Frame whose shape the coordinates and areas are taken from.
+    weights : Weights
+    landmarks : GivenLandmarks, optional
+        Places that are stated and not left to the shape.
+    closed_form : bool
+        False asks for the spring modes of the mesh, whatever its topology.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such frame, or a landmark is no place of the surface.
+    TopologyError
+        If the stated topology does not fit the connectivity, or there are neither triangles
+        nor a stated topology.
+    """
+    if not 0 <= reference < sequence.n_frames:
+        raise ParameterError(
+            f"The reference is frame {reference}, but there are {sequence.n_frames} frames "
+            f"(0 to {sequence.n_frames - 1}).",
+            remedy="Name a frame of the sequence, counted from 0.",
+        )
+    given = GivenLandmarks() if landmarks is None else landmarks
+    start = sequence.vertices[reference].astype(np.float64)
+    faces = _faces_of(sequence)
+    surface, corner, scale = _normalised(start, faces)
+    places = {
+        name: (place - corner) / scale for name, place in resolve_places(given, start).items()
+    }
+    notes = _notes_on_mesh(surface) if len(sequence.faces) else []
+    topology, reason = _decide(sequence, surface, closed_form, notes)
+    found = None if topology is None else _coordinates(sequence, topology, surface, places)
+    if found is not None and topology is not None and topology in _MAKERS and not sequence.grid:
+        cover = degree(surface, found.values, topology)
+        if cover < _FOLDED and topology == SPHERE and sequence.topology is None:
+            found = None
+        elif cover < _FOLDED:
+            notes.append(
+                f"The coordinates fold: they cover their range {cover:.2f} times instead of once, "
+                "so the surface is described badly. Give apex and base where the axis is wrong."
+            )
+    if topology is not None and found is None:
+        topology, reason = None, f"The surface is a {topology}, but around no straight axis."
+    require_used(given, topology, is_lattice=sequence.grid is not None)
+    if reason and topology is None:
+        notes.append(f"{reason} The modes are those of springs along the edges of this mesh.")
+    shares = _shares(surface, sequence, topology, weights, notes)
+    id_ = template_id(
+        sequence, reference=reference, weights=weights, landmarks=given, closed_form=closed_form
+    )
+    isolated = surface.connectivity.isolated if len(faces) else np.zeros(0, dtype=np.int64)
+    values = np.zeros((len(start), 0))
+    lengths: tuple[float, ...] = ()
+    placed: Landmarks | None = None
+    if found is not None:
+        values = _carried_over(found.values, surface, isolated)
+        lengths = axis_lengths(surface, found.topology, sequence.grid, values)
+        notes += found.notes
+        if found.landmarks is not None:
+            placed = found.landmarks.placed(corner, scale)
+            notes += _notes_on_landmarks(found)
+    return Template(
+        id=id_,
+        surface=topology,
+        coordinates=values,
+        weights=shares,
+        lengths=tuple(length * scale for length in lengths),
+        landmarks=placed,
+        vertices=start,
+        faces=faces,
+        isolated=isolated,
+        reason="" if topology is not None else reason,
+        notes=tuple(notes),
+    )
+
+
+def _decide(
+    sequence: MeshSequence, surface: Surface, closed_form: bool, notes: list[str]
+) -> tuple[Topology | None, str]:
+    """Topology whose modes to use, or None and why."""
+    stated = sequence.topology
+    if not closed_form:
+        if not len(surface.faces):
+            raise TopologyError(
+                "Spring modes were asked for, but nothing joins the vertices.",
+                remedy="Send triangles, or a lattice of two axes.",
+            )
+        return None, "Spring modes were asked for."
+    if sequence.grid is not None:
+        if stated is None:
+            raise TopologyError(
+                f"The lattice of {sequence.grid} nodes comes without a topology.",
+                remedy="Say which ends are joined: topology = cup, cylinder, plane, torus, "
+                "sphere, open curve or closed curve.",
+            )
+        return stated, ""
+    if stated is not None:
+        if stated.n_axes == 1:
+            return stated, ""
+        require_fit(surface, stated)
+        return stated, ""
+    if not len(surface.faces):
+        raise TopologyError(
+            f"{sequence.n_vertices} points come without faces, grid or topology.",
+            remedy="Send triangles, or the lattice as grid and topology, or say that the "
+            "points are an open curve or a closed curve.",
+        )
+    found = recognise(surface)
+    if found.topology is not None and found.reason:
+        notes.append(found.reason)
+    return found.topology, found.reason
+
+
+def _coordinates(
+    sequence: MeshSequence,
+    topology: Topology,
+    surface: Surface,
+    places: dict[str, NDArray[np.float64]],
+) -> Coordinates | None:
+    if sequence.grid is not None:
+        values = Lattice(topology, sequence.grid).natural_coordinates
+        return Coordinates(topology, values, lattice_landmarks(surface, topology, values))
+    if topology.n_axes == 1:
+        return curve_coordinates(surface.vertices, topology, places)
+    return _MAKERS[topology](surface, places)
+
+
+def _faces_of(sequence: MeshSequence) -> NDArray[np.int64]:
+    if len(sequence.faces) or sequence.grid is None or sequence.topology is None:
+        return sequence.faces
+    if sequence.topology.n_axes == 2 and min(sequence.grid) > 1:
+        return lattice_faces(sequence.topology, sequence.grid)
+    return sequence.faces
+
+
+def _normalised(
+    start: NDArray[np.float64], faces: NDArray[np.int64]
+) -> tuple[Surface, NDArray[np.float64], float]:
+    """Bring the surface near the origin and near size 1: position = scale * result + corner.
+
+    Vertices of no triangle may lie anywhere and must not set the scale: they are put into
+    the corner.
+    """
+    used = np.ones(len(start), dtype=np.bool_)
+    if len(faces):
+        used[:] = False
+        used[faces.ravel()] = True
+    corner = start[np.argmax(used)]
+    vertices = np.where(used[:, None], start, corner) - corner
+    largest = float(np.abs(vertices).max(initial=0.0))
+    # A power of two near the size: exact, and squares stay in range whatever the unit.
+    scale = 1.0 if largest == 0.0 else float(2.0 ** np.clip(np.frexp(largest)[1], -1000, 1000))
+    return surface_of(vertices / scale, faces), corner, scale
+
+
+def _shares(
+    surface: Surface,
+    sequence: MeshSequence,
+    topology: Topology | None,
+    weights: Weights,
+    notes: list[str],
+) -> NDArray[np.float64]:
+    n = sequence.n_vertices
+    is_curve = topology is not None and topology.n_axes == 1
+    if weights == Weights.UNIFORM:
+        counted = np.ones(n, dtype=np.bool_)
+        if len(surface.faces):
+            counted[surface.connectivity.isolated] = False
+        return np.where(counted, 1.0 / counted.sum(), 0.0)
+    areas = surface.areas
+    if is_curve and topology is not None:
+        areas = curve_weights(surface.vertices, topology)
+    elif not len(surface.faces):
+        notes.append("There are no areas to weigh by; all vertices count alike.")
+        return np.full(n, 1.0 / n)
+    total = float(areas.sum())
+    if not total > 0:
+        notes.append("The surface has no area; all vertices count alike.")
+        return np.full(n, 1.0 / n)
+    weightless = int((areas == 0).sum())
+    if weightless:
+        notes.append(f"{weightless} vertices belong to no area and have no weight in the fit.")
+    shares: NDArray[np.float64] = areas / total
+    return shares
+
+
+def _carried_over(
+    values: NDArray[np.float64], surface: Surface, isolated: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Coordinates with those of isolated vertices taken from the nearest vertex in use."""
+    if not len(isolated):
+        return values
+    used = np.delete(np.arange(len(values)), isolated)
+    _, nearest = cKDTree(surface.vertices[used]).query(surface.vertices[isolated])
+    values = values.copy()
+    values[isolated] = values[used[nearest]]
+    return values
+
+
+def _notes_on_mesh(surface: Surface) -> list[str]:
+    found = surface.connectivity
+    notes = []
+    if len(found.isolated):
+        notes.append(
+            f"{len(found.isolated)} vertices belong to no triangle (first: {found.isolated[0]}); "
+            "they have no weight."
+        )
+    if len(found.degenerate):
+        notes.append(
+            f"{len(found.degenerate)} triangles name a vertex twice (first: face "
+            f"{found.degenerate[0]}); they were left out."
+        )
+    return notes
+
+
+def _notes_on_landmarks(found: Coordinates) -> list[str]:
+    if found.landmarks is None:
+        return []
+    meaning = {
+        "axis": "The direction of the axis",
+        "apex": "Which end is the apex",
+        "base": "Which end is the base",
+        "theta_zero": "The zero of theta",
+        "start": "Which corner s and t start from",
+    }
+    weak = [meaning[name] for name in found.landmarks.weak if name in meaning]
+    notes = [f"{name} is not determined by the shape; give it as a landmark." for name in weak]
+    if "theta_zero" in found.landmarks.weak and found.topology.closed_axes:
+        notes[-1] += " Cosine and sine of a pair can only be compared together."
+    return notes

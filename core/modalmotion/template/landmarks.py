@@ -1,0 +1,218 @@
+"""Landmarks: where the natural coordinates of a surface sit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError
+from modalmotion.topology import Topology
+
+Place = int | tuple[float, float, float]
+"""A vertex by its index, or a point in the coordinates of the reference frame."""
+
+# Below this a direction found by an integral turns by more than a few degrees when the same
+# surface is triangulated anew, and is called weak.
+WEAK = 0.01
+
+
+@dataclass(frozen=True)
+class GivenLandmarks:
+    """What the sender states instead of leaving it to the shape; every one is optional.
+
+    Parameters
+    ----------
+    apex : int or (x, y, z), optional
+        Where the axis starts. On a sphere it names the pole at which s is 0.
+    base : int or (x, y, z), optional
+        Where the axis ends. On a cylinder it names the opening at which s is 1.
+    theta_zero : int or (x, y, z), optional
+        A place with theta = 0, away from the axis; the start of a closed curve.
+    corners : four of int or (x, y, z), optional
+        Of a plane: (s, t) = (0, 0), (1, 0), (1, 1), (0, 1), in this order.
+    """
+
+    apex: Place | None = None
+    base: Place | None = None
+    theta_zero: Place | None = None
+    corners: tuple[Place, Place, Place, Place] | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of those that are given."""
+        return tuple(f.name for f in fields(self) if getattr(self, f.name) is not None)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return those that are given, for headers and answers."""
+        return {name: getattr(self, name) for name in self.names}
+
+    @staticmethod
+    def from_json(values: Mapping[str, Any]) -> GivenLandmarks:
+        """Read what `as_json` gave, lists for tuples."""
+        return GivenLandmarks(**{name: _place_from(value) for name, value in values.items()})
+
+
+def _place_from(value: Any) -> Any:
+    return tuple(_place_from(part) for part in value) if isinstance(value, list) else value
+
+
+@dataclass(frozen=True, eq=False)
+class Landmarks:
+    """Where the natural coordinates sit, each found by integrals unless it was given.
+
+    Parameters
+    ----------
+    origin : (3,) float64, length unit
+        Area centroid (length centroid of a curve), or its foot on a given axis.
+    axis : (3,) float64
+        Unit vector from the apex end to the base end.
+    theta_zero : (3,) float64
+        Unit vector across the axis in which theta is 0; theta is right-handed about the axis.
+    apex, base : (3,) float64, length unit
+        Centres of the two ends: of the cap around the pole, of an opening.
+    strengths : mapping of str to float
+        How well the shape determines "axis", "apex", "base" and "theta_zero": 0 where it
+        could as well be another, 1 where there is no doubt or it was given.
+    n_loops : int
+        Boundary loops of the mesh.
+    given : tuple of str
+        Which ones the sender stated.
+    """
+
+    origin: NDArray[np.float64]
+    axis: NDArray[np.float64]
+    theta_zero: NDArray[np.float64]
+    apex: NDArray[np.float64]
+    base: NDArray[np.float64]
+    strengths: Mapping[str, float]
+    n_loops: int
+    given: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "strengths", MappingProxyType(dict(self.strengths)))
+
+    @property
+    def theta_zero_strength(self) -> float:
+        """How well the zero of theta is determined, 0 to 1."""
+        return self.strengths["theta_zero"]
+
+    @property
+    def weak(self) -> tuple[str, ...]:
+        """Names of those that the shape does not determine."""
+        return tuple(name for name, strength in self.strengths.items() if strength < WEAK)
+
+    def placed(self, corner: NDArray[np.float64], scale: float) -> Landmarks:
+        """Return the same landmarks in other coordinates: scale * position + corner."""
+        return Landmarks(
+            origin=self.origin * scale + corner,
+            axis=self.axis,
+            theta_zero=self.theta_zero,
+            apex=self.apex * scale + corner,
+            base=self.base * scale + corner,
+            strengths=self.strengths,
+            n_loops=self.n_loops,
+            given=self.given,
+        )
+
+
+_USED_ON: dict[str, tuple[str, ...]] = {
+    "open curve": (),
+    "closed curve": ("theta_zero",),
+    "plane": ("corners",),
+    "cylinder": ("apex", "base", "theta_zero"),
+    "cup": ("apex", "base", "theta_zero"),
+    "sphere": ("apex", "base", "theta_zero"),
+    "torus": ("base", "theta_zero"),
+}
+
+
+def resolve_places(
+    given: GivenLandmarks, vertices: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """Positions of the given landmarks.
+
+    Parameters
+    ----------
+    given : GivenLandmarks
+    vertices : (vertices, 3) float64, length unit
+        The reference frame.
+
+    Returns
+    -------
+    dict of str to (3,) or (4, 3) float64, length unit
+
+    Raises
+    ------
+    ParameterError
+        If a vertex does not exist, a point is not three finite numbers, or two corners
+        coincide.
+    """
+    found = {}
+    for name in given.names:
+        value = getattr(given, name)
+        if name != "corners":
+            found[name] = _position(name, value, vertices)
+            continue
+        if not isinstance(value, tuple) or len(value) != 4:
+            raise ParameterError(
+                f"{value!r} are not four corners.",
+                remedy="Give the corners at (s, t) = (0, 0), (1, 0), (1, 1), (0, 1).",
+            )
+        found[name] = np.stack([_position("corners", place, vertices) for place in value])
+        if len(np.unique(found[name], axis=0)) < 4:
+            raise ParameterError(
+                "Two of the four corners are the same place.", remedy="Give four corners."
+            )
+    return found
+
+
+def require_used(given: GivenLandmarks, topology: Topology | None, *, is_lattice: bool) -> None:
+    """Refuse landmarks that the topology has no use for, rather than ignore them.
+
+    A lattice uses none: its rows and columns say where its coordinates are.
+
+    Raises
+    ------
+    ParameterError
+        Naming the landmark and those that would be used.
+    """
+    used = () if topology is None or is_lattice else _USED_ON.get(topology.name, ())
+    for name in given.names:
+        if name not in used:
+            surface = "surface without natural coordinates" if topology is None else topology.name
+            if is_lattice:
+                surface = "lattice, whose rows and columns place its coordinates"
+            raise ParameterError(
+                f"The landmark '{name}' means nothing on a {surface}.",
+                remedy=f"Give {', '.join(used)}." if used else "Leave the landmarks out.",
+                details={"landmark": name},
+            )
+
+
+def _position(name: str, place: object, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+    if isinstance(place, int | np.integer) and not isinstance(place, bool):
+        if not 0 <= place < len(vertices):
+            raise ParameterError(
+                f"The landmark '{name}' is vertex {place}, but there are {len(vertices)} "
+                f"(0 to {len(vertices) - 1}).",
+                remedy="Name a vertex of the sequence, counted from 0, or give a point x, y, z.",
+                vertex=int(place),
+            )
+        position: NDArray[np.float64] = vertices[int(place)]
+        return position
+    try:
+        point = np.asarray(place, dtype=np.float64)
+    except (TypeError, ValueError):
+        point = np.zeros(0)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise ParameterError(
+            f"The landmark '{name}' is {place!r}, neither a vertex nor a point.",
+            remedy="Give the index of a vertex, or three finite coordinates x, y, z in the "
+            "unit of the sequence.",
+        )
+    return point

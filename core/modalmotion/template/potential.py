@@ -1,0 +1,75 @@
+"""Potentials on a surface: the smooth functions that natural coordinates are made of."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+
+from modalmotion.mesh import cotangent_laplacian, graph_laplacian, solve_positive_definite
+from modalmotion.template.surface import Surface
+
+# Springs this weak join vertices that no triangle with area joins.
+_GLUE = 1e-12
+
+
+def potential(
+    surface: Surface,
+    sources: NDArray[np.float64],
+    held: NDArray[np.int64],
+    values: NDArray[np.float64],
+) -> NDArray[np.float64] | None:
+    """Solve -Laplace u = sources with u given on some vertices, by linear elements.
+
+    Parameters
+    ----------
+    surface : Surface
+        In one piece.
+    sources : (vertices,) float64
+        Integrated over each vertex's cell.
+    held : (n,) int64
+        Vertices with a given value; if there are none, the sources must add up to zero and
+        the mean of u over the surface is zero.
+    values : (n,) float64
+
+    Returns
+    -------
+    (vertices,) float64, or None
+        None where the triangles are too thin for a solution. Isolated vertices get zero.
+    """
+    stiffness = _stiffness(surface)
+    n = len(surface.vertices)
+    u = np.zeros(n)
+    u[held] = values
+    is_free = np.ones(n, dtype=np.bool_)
+    is_free[held] = False
+    is_free[surface.connectivity.isolated] = False
+    free = np.flatnonzero(is_free)
+    if not len(held):
+        # Without held values u is known up to a constant: one vertex is held, the mean
+        # taken off afterwards.
+        free = free[1:]
+    if len(free):
+        right = sources[free] - (stiffness @ u)[free]
+        try:
+            u[free] = solve_positive_definite(
+                csc_array(stiffness[free][:, free]), right, surface.vertices[free]
+            )
+        except RuntimeError:
+            return None
+    if not np.isfinite(u).all():
+        return None
+    if not len(held):
+        u -= (surface.areas * u).sum() / surface.area
+    return u
+
+
+def _stiffness(surface: Surface) -> csc_array:
+    stiffness = cotangent_laplacian(surface.vertices, surface.faces)
+    used = np.ones(len(surface.vertices), dtype=np.bool_)
+    used[surface.connectivity.isolated] = False
+    if (surface.areas[used] > 0).all():
+        return stiffness
+    diagonal = stiffness.diagonal()
+    springs = graph_laplacian(surface.connectivity.edges, len(surface.vertices))
+    return csc_array(stiffness + _GLUE * float(diagonal.max(initial=1.0)) * springs)

@@ -1,0 +1,115 @@
+"""Which topology a mesh has: told by its connectivity, and by where its openings lie."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from modalmotion.errors import TopologyError
+from modalmotion.template.cup import FAINT_AXIS, axis_strength, is_flat
+from modalmotion.template.surface import Surface
+from modalmotion.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """What a mesh was taken for, and why.
+
+    Parameters
+    ----------
+    topology : Topology or None
+        None where no natural coordinates are known.
+    reason : str
+        Why there are none, or what was decided on the way; empty if there was no doubt.
+    """
+
+    topology: Topology | None
+    reason: str = ""
+
+
+def recognise(surface: Surface) -> Recognition:
+    """Find the topology of a mesh.
+
+    Parameters
+    ----------
+    surface : Surface
+
+    Returns
+    -------
+    Recognition
+    """
+    reason = _obstacle(surface)
+    if reason:
+        return Recognition(None, reason)
+    found = surface.connectivity
+    openings, genus = surface.openings, found.genus
+    if not openings and genus in (0.0, 1.0):
+        return Recognition(SPHERE if genus == 0.0 else TORUS)
+    if genus != 0.0:
+        return Recognition(None, f"The surface has handles ({found.describe()}).")
+    if len(openings) == 1:
+        if is_flat(surface):
+            return Recognition(
+                PLANE, "The surface is nearly flat and was taken for a plane; state cup otherwise."
+            )
+        return Recognition(CUP)
+    towards = [opening.centre - surface.centroid for opening in openings]
+    if len(openings) == 2 and towards[0] @ towards[1] < 0:
+        return Recognition(CYLINDER)
+    base = surface.base - surface.centroid
+    if axis_strength(surface) < FAINT_AXIS or any(arm @ base <= 0 for arm in towards):
+        return Recognition(None, f"Its {len(openings)} openings do not lie at one end.")
+    return Recognition(CUP)
+
+
+def require_fit(surface: Surface, stated: Topology) -> None:
+    """Check that a stated topology is possible on a mesh.
+
+    Raises
+    ------
+    TopologyError
+        Saying what was found and what could be stated instead.
+    """
+    found = surface.connectivity
+    n = len(surface.openings)
+    reason = _obstacle(surface)
+    possible: tuple[Topology, ...] = ()
+    if not reason:
+        if found.genus == 0.0:
+            possible = {0: (SPHERE,), 1: (CUP, PLANE), 2: (CYLINDER, CUP)}.get(n, (CUP,))
+        elif found.genus == 1.0 and n == 0:
+            possible = (TORUS,)
+    if stated in possible:
+        return
+    names = " or ".join(topology.name for topology in possible)
+    raise TopologyError(
+        f"A {stated} was stated, but the mesh has {found.describe()}. {reason}".strip(),
+        remedy=f"State {names}, or leave the topology out."
+        if possible
+        else "Leave the topology out: the mesh then gets the spring modes of its own connectivity.",
+        details={"stated": stated.name, **found.details()},
+    )
+
+
+def _obstacle(surface: Surface) -> str:
+    """Say what keeps a mesh from being one surface with area; empty if nothing does."""
+    found = surface.connectivity
+    if not len(surface.faces):
+        return "There are no triangles."
+    if len(found.non_manifold_edges):
+        a, b = found.non_manifold_edges[0]
+        return (
+            f"{len(found.non_manifold_edges)} edges belong to more than two triangles, the first "
+            f"between vertices {a} and {b}."
+        )
+    if found.n_components != 1:
+        return (
+            f"The mesh falls into {found.n_components} pieces; vertices at the same place may "
+            "have to be merged."
+        )
+    if len(found.pinched):
+        return f"Boundaries touch in {len(found.pinched)} vertices, the first {found.pinched[0]}."
+    if found.genus != int(found.genus):
+        return "The surface has one side only."
+    if not surface.area > 0:
+        return "The surface has no area in the reference frame."
+    return ""

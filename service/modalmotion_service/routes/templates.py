@@ -1,0 +1,66 @@
+"""Templates: natural coordinates that many sequences of one mesh share."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Header, Query, Request, Response
+
+from modalmotion_service.analysis import Upload
+from modalmotion_service.conditional import is_known, not_modified, tag_of
+from modalmotion_service.dependencies import StateDependency, UploadDependency
+from modalmotion_service.negotiation import JSON, PNG, best_type
+from modalmotion_service.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
+from modalmotion_service.schemas import SequenceId, SignatureQuery, TemplateAnswer, parse_grid
+from modalmotion_service.tasks import Overrides
+
+router = APIRouter(prefix="/v1/templates", tags=["templates"], responses=PROBLEMS)
+
+
+@router.post(
+    "",
+    status_code=201,
+    response_model=TemplateAnswer,
+    openapi_extra=UPLOAD_BODY,
+    responses={200: {"model": TemplateAnswer, "description": "Known already."}},
+)
+async def make(
+    spooled: UploadDependency, query: Annotated[SignatureQuery, Query()], state: StateDependency
+) -> Response:
+    """Make the template of a sequence's reference frame, and keep it.
+
+    A cohort whose vertices correspond names it (`?template=`) and pays for it once.
+    """
+    try:
+        asked = Upload(spooled, Overrides(query.topology, parse_grid(query.grid)), None, None)
+        answer, is_new = await state.analysis.template(asked, query.parameters())
+    finally:
+        spooled.remove()
+    return Response(
+        answer.model_dump_json(),
+        201 if is_new else 200,
+        {"Location": answer.links["self"], "ETag": tag_of(answer.id, JSON)},
+        JSON,
+    )
+
+
+@router.get(
+    "/{template_id}", response_model=TemplateAnswer, responses={200: {"content": {PNG: BINARY}}}
+)
+async def describe(
+    template_id: SequenceId,
+    state: StateDependency,
+    request: Request,
+    accept: Annotated[str, Header(description=f"{JSON}, or {PNG} for a picture.")] = JSON,
+) -> Response:
+    """Say what was found of a surface, or draw s and theta on it."""
+    media_type = best_type(accept, (JSON, PNG))
+    state.store.template_path(template_id)
+    tag = tag_of(template_id, media_type)
+    if is_known(request, tag):
+        return not_modified(tag)
+    headers = {"ETag": tag, "Vary": "Accept"}
+    if media_type == PNG:
+        return Response(await state.analysis.draw_template(template_id), 200, headers, PNG)
+    answer = await state.analysis.describe_template(template_id)
+    return Response(answer.model_dump_json(), 200, headers, JSON)

@@ -1,0 +1,75 @@
+"""The fit done slowly: rotation from SciPy, least squares from NumPy, everything sorted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from template_surfaces import Floats
+
+from modalmotion.fit import Fit
+from modalmotion.template import Template
+
+
+@dataclass(frozen=True, eq=False)
+class SlowFit:
+    amplitudes: Floats
+    matrices: Floats
+    rms: Floats
+    p95: Floats
+    largest: Floats
+    motion: Floats
+
+
+def slow_fit(
+    vertices: Floats,
+    template: Template,
+    shapes: Floats,
+    *,
+    remove_rotation: bool,
+    frames: Floats | None = None,
+    present: np.ndarray | None = None,
+) -> SlowFit:
+    """Frame by frame: rotation from SciPy, least squares from NumPy, everything sorted."""
+    start, results = vertices[0], []
+    centre = template.weights @ start
+    for k, frame in enumerate(vertices):
+        kept = np.ones(len(start), dtype=bool) if present is None else present[k]
+        w = np.where(kept, template.weights, 0.0)
+        w = w / w.sum()
+        here, before = w @ frame, w @ start
+        R = np.eye(3)
+        if remove_rotation:
+            R = Rotation.align_vectors(frame[kept] - here, start[kept] - before, w[kept])[0]
+            R = R.as_matrix()
+        middle = here + R @ (centre - before)
+        u = (frame - middle) @ R + middle - start
+        if frames is not None:
+            u = np.einsum("nij,nj->ni", frames, u)
+        root = np.sqrt(w[kept])[:, None]
+        a = np.linalg.lstsq(root * shapes[kept], root * u[kept], rcond=None)[0]
+        squares = ((u - shapes @ a) ** 2).sum(axis=1)[kept]
+        order = np.argsort(squares)
+        index = np.searchsorted(np.cumsum(w[kept][order]), 0.95)
+        results.append(
+            (
+                a,
+                R,
+                np.sqrt(w[kept] @ squares),
+                np.sqrt(squares[order][index]),
+                np.sqrt(squares.max()),
+                np.sqrt(w[kept] @ (u[kept] ** 2).sum(axis=1)),
+            )
+        )
+    return SlowFit(*(np.array(column) for column in zip(*results, strict=True)))
+
+
+def assert_same(fit: Fit, slow: SlowFit) -> None:
+    assert fit.amplitudes == pytest.approx(slow.amplitudes, abs=1e-10)
+    assert fit.rotations.matrices == pytest.approx(slow.matrices, abs=1e-10)
+    assert fit.rms_errors == pytest.approx(slow.rms, abs=1e-10)
+    assert fit.p95_errors == pytest.approx(slow.p95, abs=1e-10)
+    assert fit.max_errors == pytest.approx(slow.largest, abs=1e-10)
+    assert fit.motion_rms == pytest.approx(slow.motion, abs=1e-10)

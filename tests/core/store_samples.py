@@ -1,0 +1,75 @@
+"""Things to keep in a store, made from numbers."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from dataclasses import fields
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from modalmotion.classify.classification import Classification
+from modalmotion.modes import ModeSet
+from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+
+KEY = SignatureParameters().key
+MODEL = hashlib.sha256(b"a model").hexdigest()
+
+
+@cache
+def sample_sequence(number: int, n_frames: int = 4) -> MeshSequence:
+    """Small lattice that moves, another one for each number."""
+    rng = np.random.default_rng([number, 7])
+    positions = rng.normal(size=(n_frames, 5 * 6, 3))
+    return mesh_sequence(positions, grid=(5, 6), topology="cup", unit="mm")
+
+
+@cache
+def sample_signature(sequence: MeshSequence, modes: int = 7) -> ModalSignature:
+    return modal_signature(sequence, SignatureParameters(modes=modes))
+
+
+def sample_classification(sequence_id: str, model_id: str = MODEL) -> Classification:
+    return Classification(
+        sequence_id=sequence_id,
+        model="sample",
+        model_id=model_id,
+        label="normal",
+        classes=("normal", "akinesia"),
+        probabilities=np.array([0.75, 0.25]),
+        notes=("made up",),
+        provenance={"modalmotion": "0"},
+    )
+
+
+def assert_same(found: object, expected: object) -> None:
+    """Assert that all fields are equal: arrays bit for bit, with their types."""
+    assert type(found) is type(expected)
+    if isinstance(expected, np.ndarray):
+        assert isinstance(found, np.ndarray)
+        assert (found.dtype, found.shape) == (expected.dtype, expected.shape)
+        assert found.tobytes() == expected.tobytes()
+    elif isinstance(expected, float):
+        assert struct.pack("<d", found) == struct.pack("<d", expected)
+    elif isinstance(expected, tuple):
+        assert isinstance(found, tuple)
+        for one, other in zip(found, expected, strict=True):
+            assert_same(one, other)
+    elif isinstance(expected, ModeSet | MappingProxyType) or not hasattr(expected, "__dataclass_fields__"):
+        assert found == expected
+    else:
+        for field in fields(expected):  # type: ignore[arg-type]
+            assert_same(getattr(found, field.name), getattr(expected, field.name))
+
+
+def tree(root: Path) -> dict[str, bytes]:
+    """All files of a store but the lock and SQLite's, with their content."""
+    return {
+        path.relative_to(root).as_posix(): path.read_bytes()
+        for path in sorted(root.rglob("*"))
+        if path.is_file() and not path.name.startswith(("index.sqlite", "lock"))
+    }

@@ -1,0 +1,195 @@
+"""Legacy .vtk and .vtp frames, through VTK in a process of its own."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from format_samples import (
+    FACES,
+    N_FRAMES,
+    VERTICES,
+    VTK_WRITERS,
+    frame_zip,
+    pvd,
+    vtk_text,
+    vtp_text,
+    zipped,
+)
+
+from modalmotion.arrays import FloatArray
+from modalmotion.errors import InputError, LimitError, MalformedFileError
+from modalmotion.formats import ParserProcess, ReadLimits, ReadOptions, read_sequence
+
+pytest.importorskip("vtkmodules", reason="needs the extra 'vtk'")
+
+MIXED = [*FACES.tolist(), [0, 1, 2, 3]]
+
+
+def vtk(name: str) -> Any:
+    return import_module(f"vtkmodules.{name}")
+
+
+@pytest.fixture(scope="module")
+def parser() -> Iterator[ParserProcess]:
+    with ParserProcess(ReadLimits(decompressed_bytes=100_000_000), seconds=30) as process:
+        yield process
+
+
+@pytest.mark.parametrize("name", VTK_WRITERS)
+def test_a_zip_of_frames_is_a_sequence(name: str, parser: ParserProcess) -> None:
+    suffix, write = VTK_WRITERS[name]
+    read = read_sequence(frame_zip(write, suffix), parser=parser)
+    assert np.array_equal(read.sequence.vertices, VERTICES)
+    assert np.array_equal(read.sequence.faces, FACES)
+    assert read.format == suffix
+
+
+@pytest.mark.parametrize("write", [vtk_text, vtp_text])
+def test_polygons_become_fans_from_their_first_corner(
+    write: Callable[..., bytes], parser: ParserProcess
+) -> None:
+    read = read_sequence(write(VERTICES[0], MIXED), parser=parser)
+    assert read.sequence.faces[len(FACES) :].tolist() == [[0, 1, 2], [0, 2, 3]]
+    assert "(1)" in read.notes[0]
+
+
+def surface(positions: np.ndarray[Any, Any], faces: np.ndarray[Any, Any]) -> Any:
+    numpy_support = vtk("util.numpy_support")
+    points, cells = vtk("vtkCommonCore").vtkPoints(), vtk("vtkCommonDataModel").vtkCellArray()
+    points.SetData(numpy_support.numpy_to_vtk(positions, deep=1))
+    cells.SetData(3, numpy_support.numpy_to_vtkIdTypeArray(faces.ravel().copy(), deep=1))
+    made = vtk("vtkCommonDataModel").vtkPolyData()
+    made.SetPoints(points)
+    made.SetPolys(cells)
+    return made
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize(
+    ("module", "writer", "mode"),
+    [
+        ("vtkIOLegacy", "vtkPolyDataWriter", "SetFileTypeToASCII"),
+        ("vtkIOLegacy", "vtkPolyDataWriter", "SetFileTypeToBinary"),
+        ("vtkIOXML", "vtkXMLPolyDataWriter", "SetDataModeToAscii"),
+        ("vtkIOXML", "vtkXMLPolyDataWriter", "SetDataModeToBinary"),
+        ("vtkIOXML", "vtkXMLPolyDataWriter", "SetDataModeToAppended"),
+    ],
+)
+def test_the_formats_own_library_reads_the_same_bits(
+    tmp_path: Path, module: str, writer: str, mode: str, dtype: type, parser: ParserProcess
+) -> None:
+    positions: FloatArray = np.random.default_rng(4).normal(scale=50, size=(12, 3)).astype(dtype)
+    path = tmp_path / "frame"
+    write = getattr(vtk(module), writer)()
+    write.SetInputData(surface(positions, FACES))
+    write.SetFileName(str(path))
+    getattr(write, mode)()
+    write.Write()
+    reader = getattr(vtk(module), writer.replace("Writer", "Reader"))()
+    reader.SetFileName(str(path))
+    reader.Update()
+    to_numpy = vtk("util.numpy_support").vtk_to_numpy
+    read = read_sequence(path, parser=parser).sequence
+    assert np.array_equal(read.vertices[0], to_numpy(reader.GetOutput().GetPoints().GetData()))
+    assert read.vertices.dtype == dtype
+    corners = to_numpy(reader.GetOutput().GetPolys().GetConnectivityArray())
+    assert np.array_equal(read.faces.ravel(), corners)
+
+
+FIELD = """<FieldData><Array type="String" Name="SPACE" NumberOfTuples="1" format="ascii">
+76 80 83 0</Array><DataArray type="Float64" Name="TimeValue" NumberOfTuples="1" format="ascii">
+{}</DataArray></FieldData>"""
+
+
+def test_time_and_coordinate_system_of_each_frame_are_read(parser: ParserProcess) -> None:
+    members = {
+        f"{i}.vtp": vtp_text(VERTICES[i], field=FIELD.format(0.25 * i)) for i in range(N_FRAMES)
+    }
+    read = read_sequence(zipped(members), parser=parser)
+    assert read.coordinate_system == "LPS"
+    assert read.sequence.times is not None
+    assert read.sequence.times.tolist() == [0.0, 0.25, 0.5]
+    listed = zipped(members | {"x.pvd": pvd([(float(i), f"{i}.vtp") for i in range(3)])})
+    times = read_sequence(listed, parser=parser).sequence.times
+    assert times is not None
+    assert times.tolist() == [0.0, 1.0, 2.0]
+
+
+def test_the_title_of_a_legacy_file_states_the_coordinate_system(parser: ParserProcess) -> None:
+    data = vtk_text(VERTICES[0]).replace(b"made by a test", b"3D Slicer output. SPACE=RAS")
+    assert read_sequence(data, parser=parser).coordinate_system == "RAS"
+
+
+DOCTYPE = b"<!DOCTYPE VTKFile [<!ENTITY a SYSTEM 'file:///etc/passwd'>]><VTKFile"
+
+
+@pytest.mark.parametrize(
+    ("data", "error", "words"),
+    [
+        (vtk_text(VERTICES[0])[:300], MalformedFileError, "VTK cannot read"),
+        (vtk_text(VERTICES[0]).replace(b"POINTS 12", b"POINTS 13"), MalformedFileError, "VTK"),
+        (vtk_text(VERTICES[0]).replace(b"POINTS 12", b"POINTS 11"), MalformedFileError, "VTK"),
+        (vtk_text(VERTICES[0]).replace(b"POINTS 12", b"POINTS 1000000000"), LimitError, "vertices"),
+        (vtk_text(VERTICES[0]).replace(b"POLYGONS 12", b"POLYGONS 99999999"), LimitError, "faces"),
+        (vtk_text(VERTICES[0]).replace(b"POLYDATA", b"UNSTRUCTURED_GRID"), MalformedFileError, "V"),
+        (
+            vtk_text(VERTICES[0]).replace(b"POLYGONS", b"TRIANGLE_STRIPS"),
+            MalformedFileError,
+            "strips",
+        ),
+        (vtk_text(VERTICES[0], [[0, 1, 99]]), InputError, "Face 0 names vertex 99"),
+        (vtk_text(VERTICES[0]).replace(b"made by", b"nan"), None, ""),
+        (vtk_text(VERTICES[0] * np.nan), InputError, "not finite"),
+        (vtp_text(VERTICES[0])[:600], MalformedFileError, "VTK cannot read"),
+        (vtp_text(VERTICES[0]).replace(b'Points="12"', b'Points="13"'), MalformedFileError, "VTK"),
+        (vtp_text(VERTICES[0]).replace(b'Points="12"', b'Points="999999999"'), LimitError, "vert"),
+        (vtp_text(VERTICES[0]).replace(b"<VTKFile", DOCTYPE, 1), MalformedFileError, "document"),
+        (vtp_text(VERTICES[0]).replace(b"PolyData", b"ImageData"), MalformedFileError, "ImageData"),
+    ],
+)
+def test_what_cannot_be_read_says_why(
+    data: bytes, error: type[InputError] | None, words: str, parser: ParserProcess
+) -> None:
+    if error is None:
+        read_sequence(data, parser=parser)
+        return
+    with pytest.raises(error) as caught:
+        read_sequence(data, parser=parser)
+    assert words in str(caught.value)
+    assert caught.value.remedy
+
+
+def test_a_frame_that_brings_the_reader_down_is_an_error_like_any_other() -> None:
+    # Declared beyond what the process may have; VTK ends where memory does.
+    bomb = vtp_text(VERTICES[0]).replace(b'Points="12"', b'Points="40000000"')
+    limits = ReadLimits(vertices=10**9, decompressed_bytes=1_000_000)
+    with ParserProcess(limits, seconds=30) as own:
+        with pytest.raises(InputError) as caught:
+            read_sequence(frame_zip(vtp_text, "vtp", **{"frame_1.vtp": bomb}), parser=own)
+        assert caught.value.frame == 1
+        assert caught.value.remedy
+        again = read_sequence(vtp_text(VERTICES[0]), parser=own)
+    assert np.array_equal(again.sequence.vertices[0], VERTICES[0])
+
+
+def test_without_the_extra_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"Install modalmotion\[vtk\]"):
+        read_sequence(vtk_text(VERTICES[0]))
+
+
+def test_a_stored_frame_reads_as_a_compressed_one(parser: ParserProcess) -> None:
+    members = {f"{i}.vtk": vtk_text(VERTICES[i]) for i in range(N_FRAMES)}
+    stored = read_sequence(zipped(members, zipfile.ZIP_STORED), parser=parser)
+    assert stored.sequence.id == read_sequence(zipped(members), parser=parser).sequence.id
+
+
+def test_limits_of_the_options_hold() -> None:
+    with pytest.raises(LimitError):
+        read_sequence(vtk_text(VERTICES[0]), ReadOptions(limits=ReadLimits(vertices=11)))

@@ -1,0 +1,156 @@
+"""Spring modes of a mesh: true eigenvectors, the same whatever solver finds them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from scipy.sparse import csc_array
+from template_surfaces import make_ventricle, ring_points, sheet_points
+
+import modalmotion.eigenpairs as eigenpairs_module
+from modalmotion.eigenpairs import lowest_eigenpairs
+from modalmotion.errors import ModeCountError
+from modalmotion.lattice import Lattice
+from modalmotion.mesh import connectivity_of, graph_laplacian
+from modalmotion.sequence import mesh_sequence
+from modalmotion.spring_modes import spring_modes
+from modalmotion.template import choose_modes, frequencies_on, make_template
+from modalmotion.topology import PLANE
+
+NO_PROBES = np.zeros((0, 0))
+
+
+def laplacian_of(faces: np.ndarray, n: int) -> csc_array:
+    return graph_laplacian(connectivity_of(faces, n).edges, n)
+
+
+def symmetric_torus(rows: int, columns: int) -> csc_array:
+    """A lattice closed both ways: almost every eigenvalue comes four or eight times."""
+    index = np.arange(rows * columns).reshape(rows, columns)
+    edges = np.concatenate(
+        [np.stack([index.ravel(), np.roll(index, -1, axis).ravel()], axis=1) for axis in (0, 1)]
+    )
+    return graph_laplacian(edges, rows * columns)
+
+
+def test_they_are_eigenvectors() -> None:
+    vertices, faces = make_ventricle(650, np.random.default_rng(0))
+    n = vertices.shape[1]
+    modes = spring_modes(faces, n, 25)
+    K = laplacian_of(faces, n)
+    residual = K @ modes.shapes - modes.shapes * modes.eigenvalues
+    assert np.abs(residual).max() <= 1e-10
+    assert modes.shapes.T @ modes.shapes / n == pytest.approx(np.eye(25), abs=1e-10)
+    exact = eigh(K.toarray(), eigvals_only=True)
+    assert modes.eigenvalues == pytest.approx(exact[:25], abs=1e-11)
+    assert modes.shapes[:, 0] == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("shape", [(30, 30), (24, 40), (26, 26)])
+def test_any_solver_gives_the_same_vectors(
+    shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    K = symmetric_torus(*shape)
+    ones = np.ones((K.shape[0], 1))
+    values, vectors = lowest_eigenpairs(K, 13, ones)
+    # Another solver: dense, and its spaces turned at random.
+    exact_values, exact = eigh(K.toarray())
+    rng = np.random.default_rng(0)
+    for i in range(K.shape[0]):
+        same = np.flatnonzero(np.abs(exact_values - exact_values[i]) < 1e-9)
+        if same[0] == i:
+            exact[:, same] = exact[:, same] @ np.linalg.qr(rng.normal(size=(len(same),) * 2))[0]
+    monkeypatch.setattr(
+        eigenpairs_module, "_solve", lambda _, count, __: (exact_values[:count], exact[:, :count])
+    )
+    other_values, others = lowest_eigenpairs(K, 13, ones)
+    assert values == pytest.approx(other_values, abs=1e-10)
+    assert np.abs(vectors - others).max() <= 1e-7
+
+
+def test_no_copy_of_a_multiple_frequency_is_lost() -> None:
+    K = symmetric_torus(40, 40)
+    values, _ = lowest_eigenpairs(K, 30, np.ones((1600, 1)))
+    p = np.arange(40)
+    line = 4 * np.sin(np.pi * p / 40) ** 2
+    exact = np.sort((line[:, None] + line[None, :]).ravel())[:30]
+    assert values == pytest.approx(exact, abs=1e-10)
+
+
+def test_they_are_the_same_over_runs() -> None:
+    vertices, faces = make_ventricle(1500, np.random.default_rng(0))
+    one, other = (spring_modes(faces, vertices.shape[1], 20) for _ in range(2))
+    assert (one.shapes == other.shapes).all()
+    assert one.connectivity_id == other.connectivity_id
+
+
+def test_they_depend_on_the_connectivity_alone() -> None:
+    vertices, faces = make_ventricle(800, np.random.default_rng(0))
+    one = choose_modes(make_template(mesh_sequence(vertices, faces), closed_form=False), 9).modes
+    bent = make_template(mesh_sequence(vertices**3, faces[::-1, [1, 2, 0]]), closed_form=False)
+    other = choose_modes(bent, 9).modes
+    assert (one.shapes == other.shapes).all()  # type: ignore[union-attr]
+    assert one.connectivity_id == other.connectivity_id  # type: ignore[union-attr]
+
+
+def test_pieces_have_a_constant_each() -> None:
+    _, faces = ring_points(200, np.random.default_rng(0))
+    n = int(faces.max()) + 1
+    both = np.concatenate([faces + n + 3, faces])
+    modes = spring_modes(both, 2 * n + 5, 6)
+    first, second = slice(0, n), slice(n + 3, 2 * n + 3)
+    isolated = [n, n + 1, n + 2, 2 * n + 3, 2 * n + 4]
+    assert (modes.shapes[isolated] == 0).all()
+    assert modes.eigenvalues[:2] == pytest.approx(0, abs=1e-10)
+    assert modes.eigenvalues[2] > 1e-3
+    used = np.concatenate([modes.shapes[first], modes.shapes[second]])
+    assert used[:, 0] == pytest.approx(1.0, abs=1e-9)
+    # The piece that holds the first vertex comes first, and with a positive sign.
+    assert modes.shapes[first, 1] == pytest.approx(1.0, abs=1e-9)
+    assert modes.shapes[second, 1] == pytest.approx(-1.0, abs=1e-9)
+    assert (used**2).mean(axis=0) == pytest.approx(1.0)
+
+
+def test_labels_are_ranks() -> None:
+    _, faces = make_ventricle(300, np.random.default_rng(0))
+    modes = spring_modes(faces, int(faces.max()) + 1, 3)
+    assert [str(label) for label in modes.labels] == ["(spring 0)", "(spring 1)", "(spring 2)"]
+    assert [label.rank for label in modes.labels] == [0, 1, 2]
+    assert modes.topology is None
+    assert len(modes) == 3
+
+
+def test_more_than_there_are() -> None:
+    faces = np.array([[0, 1, 2], [1, 2, 3]])
+    assert len(spring_modes(faces, 9, 4)) == 4
+    for n in (0, 5):
+        with pytest.raises(ModeCountError, match="there are 4"):
+            spring_modes(faces, 9, n)
+
+
+def test_frequencies_are_those_of_long_waves() -> None:
+    # On a square grid of springs without diagonals they are the closed form's.
+    rows, columns = 30, 40
+    lattice = Lattice(PLANE, (rows, columns))
+    exact = np.sort(lattice.angular_frequencies(lattice.lowest_modes(6)))
+    index = np.arange(rows * columns).reshape(rows, columns)
+    edges = np.concatenate(
+        [
+            np.stack([index[:-1].ravel(), index[1:].ravel()], axis=1),
+            np.stack([index[:, :-1].ravel(), index[:, 1:].ravel()], axis=1),
+        ]
+    )
+    values, _ = lowest_eigenpairs(
+        graph_laplacian(edges, rows * columns), 6, np.ones((rows * columns, 1))
+    )
+    assert np.sqrt(np.maximum(values, 0)) == pytest.approx(exact, abs=1e-7)
+    # On a flat sheet of triangles, long waves have the wavenumbers of the sheet.
+    places, faces = sheet_points(2000, np.random.default_rng(0), 0.0)
+    flat = np.concatenate([places * [60, 36], np.zeros((len(places), 1))], axis=1)
+    template = make_template(mesh_sequence(flat[None], faces), closed_form=False)
+    springs = choose_modes(template, 4).modes
+    slow = frequencies_on(template, springs, 1.0)
+    k = np.pi * np.array([0, 1 / 60, 1 / 36, np.hypot(1 / 60, 1 / 36)])
+    assert slow == pytest.approx(k, rel=0.1, abs=1e-6)
+    assert frequencies_on(template, springs, 3.0) == pytest.approx(3 * slow)

@@ -1,0 +1,462 @@
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from dataclasses import fields, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from store_samples import assert_same, sample_classification, sample_sequence, sample_signature
+
+from modalmotion.classify.classification import Classification
+from modalmotion.body_frame import Components
+from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
+from modalmotion.modes import lowest_modes
+from modalmotion.rigid import Rotations
+from modalmotion.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
+from modalmotion.signature import INTENDED_USE, ModalSignature, SignatureParameters
+from modalmotion.spring_modes import SpringSpectrum
+from modalmotion.store import (
+    classification_from_hdf5,
+    classification_to_hdf5,
+    sequence_from_hdf5,
+    sequence_to_hdf5,
+    signature_from_hdf5,
+    signature_to_hdf5,
+)
+from modalmotion.store.image import Attribute, Dataset, Layout, json_text, sealed_image, write_image
+from modalmotion.store.sealed import SEAL_LENGTH, digest_of, seal
+from modalmotion.template import GivenLandmarks, Landmarks, Weights
+from modalmotion.topology import CLOSED_CURVE, CUP, SPHERE, TORUS, Topology
+
+IDS = st.text("0123456789abcdef", min_size=64, max_size=64)
+NUMBERS = st.floats(allow_subnormal=True)
+UNITS = st.sampled_from([None, *MM_PER_UNIT])
+
+
+@cache
+def sample_image() -> bytes:
+    return signature_to_hdf5(sample_signature(sample_sequence(1)))
+
+
+def arrays(draw: Any, *shape: int) -> Any:
+    return draw(hnp.arrays(np.float64, shape, elements=NUMBERS))
+
+
+@st.composite
+def signatures(draw: st.DrawFn) -> ModalSignature:
+    topology: Topology = draw(st.sampled_from([CLOSED_CURVE, CUP, SPHERE, TORUS]))
+    n_modes = draw(st.integers(1, 9))
+    springs = SpringSpectrum(arrays(draw, n_modes), draw(IDS))
+    modes = draw(st.sampled_from([lowest_modes(topology, n_modes), springs]))
+    n_frames = draw(st.integers(1, 4))
+    return ModalSignature(
+        modes=modes,
+        amplitudes=arrays(draw, n_frames, n_modes, 3),
+        angular_frequencies=arrays(draw, n_modes),
+        rotations=Rotations(arrays(draw, n_frames, 3, 3), draw(hnp.arrays(np.bool_, n_frames))),
+        translations=arrays(draw, n_frames, 3),
+        rms_errors=arrays(draw, n_frames),
+        p95_errors=arrays(draw, n_frames),
+        max_errors=arrays(draw, n_frames),
+        motion_rms=arrays(draw, n_frames),
+        times=draw(st.none() | hnp.arrays(np.float64, n_frames, elements=NUMBERS)),
+        unit=draw(UNITS),
+        n_vertices=draw(st.integers(1, 2**40)),
+        lengths=tuple(arrays(draw, topology.n_axes).tolist()),
+        landmarks=draw(st.none() | landmarks()),
+        condition=draw(NUMBERS),
+        parameters=SignatureParameters(
+            modes=draw(st.integers(1, 2000)),
+            topology=draw(st.none() | st.text(max_size=9)),
+            grid=draw(st.none() | st.tuples(st.integers(1, 9), st.integers(1, 9))),
+            reference=draw(st.integers(0, 9)),
+            weights=draw(st.sampled_from(Weights)),
+            remove_rotation=draw(st.booleans()),
+            wave_speed=draw(st.floats(1e-300, 1e300)),
+            components=draw(st.sampled_from(Components)),
+            landmarks=GivenLandmarks(
+                apex=draw(st.none() | st.integers(0, 10**9)),
+                base=draw(st.none() | st.tuples(*[st.floats(-1e9, 1e9)] * 3)),
+                corners=draw(st.none() | st.tuples(*[st.integers(0, 99)] * 4)),
+            ),
+            closed_form=draw(st.booleans()),
+            template=draw(st.none() | IDS),
+        ),
+        sequence_id=draw(IDS),
+        template_id=draw(IDS),
+        notes=tuple(draw(st.lists(st.text(max_size=100), max_size=3))),
+        provenance=draw(st.dictionaries(st.text(max_size=9), st.text(max_size=9), max_size=3)),
+    )
+
+
+@st.composite
+def landmarks(draw: st.DrawFn) -> Landmarks:
+    vectors = [arrays(draw, 3) for _ in range(5)]
+    strengths = draw(st.dictionaries(st.sampled_from(["axis", "apex"]), st.floats(0, 1)))
+    given_names = tuple(draw(st.lists(st.sampled_from(["axis", "base"]), max_size=2)))
+    return Landmarks(
+        *vectors, strengths=strengths, n_loops=draw(st.integers(0, 9)), given=given_names
+    )
+
+
+@st.composite
+def sequences(draw: st.DrawFn) -> MeshSequence:
+    dtype = draw(st.sampled_from([np.float32, np.float64]))
+    n_frames, n_vertices = draw(st.integers(1, 4)), draw(st.integers(1, 6))
+    finite = st.floats(allow_nan=False, allow_infinity=False, width=32)
+    n_faces = draw(st.integers(0, 3))
+    return mesh_sequence(
+        draw(hnp.arrays(dtype, (n_frames, n_vertices, 3), elements=finite)),
+        draw(hnp.arrays(np.int64, (n_faces, 3), elements=st.integers(0, n_vertices - 1))),
+        grid=draw(st.sampled_from([None, (n_vertices,)])),
+        topology=draw(st.sampled_from([None, CLOSED_CURVE])),
+        times=draw(st.sampled_from([None, np.arange(n_frames) / 7])),
+        unit=draw(UNITS),
+    )
+
+
+@given(signatures())
+def test_a_signature_comes_back_bit_for_bit(signature: ModalSignature) -> None:
+    image = signature_to_hdf5(signature)
+    found = signature_from_hdf5(image)
+    assert_same(found, signature)
+    assert found.parameters.key == signature.parameters.key
+    assert signature_to_hdf5(found) == image
+
+
+@given(sequences())
+def test_a_sequence_comes_back_bit_for_bit_and_with_its_id(sequence: MeshSequence) -> None:
+    image = sequence_to_hdf5(sequence)
+    found = sequence_from_hdf5(image)
+    assert_same(found, sequence)
+    assert found.id == sequence.id
+    assert sequence_to_hdf5(found) == image
+
+
+@given(
+    st.lists(st.text(min_size=1), min_size=1, max_size=4, unique=True),
+    st.data(),
+)
+def test_a_classification_comes_back_bit_for_bit(classes: list[str], data: Any) -> None:
+    classification = replace(
+        sample_classification("0" * 64),
+        classes=tuple(classes),
+        label=data.draw(st.sampled_from([None, *classes])),
+        probabilities=data.draw(hnp.arrays(np.float64, len(classes), elements=NUMBERS)),
+    )
+    image = classification_to_hdf5(classification)
+    assert_same(classification_from_hdf5(image), classification)
+
+
+def test_every_field_has_a_place_in_the_file() -> None:
+    # A field that is added without one would come back as something else, or not at all.
+    assert len(fields(ModalSignature)) == 20
+    assert len(fields(SignatureParameters)) == 11
+    assert len(fields(Landmarks)) == 8
+    assert len(fields(GivenLandmarks)) == 4
+    assert len(fields(SpringSpectrum)) == 2
+    assert len(fields(Rotations)) == 2
+    assert len(fields(MeshSequence)) == 6
+    assert len(fields(Classification)) == 8
+
+
+def test_a_file_on_disk_reads_like_its_bytes(tmp_path: Path) -> None:
+    signature = sample_signature(sample_sequence(1))
+    path = tmp_path / "a.h5"
+    path.write_bytes(signature_to_hdf5(signature))
+    assert_same(signature_from_hdf5(path), signature)
+
+
+def test_any_hdf5_program_reads_the_file_and_learns_what_is_in_it(tmp_path: Path) -> None:
+    sequence = sample_sequence(2)
+    signature = sample_signature(sequence)
+    classification = sample_classification(sequence.id)
+    images = {
+        "signature": signature_to_hdf5(signature),
+        "sequence": sequence_to_hdf5(sequence),
+        "classification": classification_to_hdf5(classification),
+    }
+    for kind, image in images.items():
+        path = tmp_path / f"{kind}.h5"
+        path.write_bytes(image)
+        with h5py.File(path, "r") as file:
+            assert file.attrs["schema"].decode() == f"modalmotion.{kind}"
+            assert file.attrs["schema_version"] == 1
+            assert file.attrs["kind"].decode() == kind
+            assert file.attrs["intended_use"].decode() == INTENDED_USE
+            assert file.attrs["sequence_id"].decode() == sequence.id
+            for dataset in file.values():
+                axes = [name for name in dataset.attrs["axes"].decode().split(", ") if name]
+                assert len(axes) == dataset.ndim
+                assert dataset.attrs["unit"].decode() in {"mm", "mm^2/s^2", "rad/s", "1", "none"}
+    with h5py.File(tmp_path / "signature.h5", "r") as file:
+        assert file["amplitudes"].attrs["axes"].decode() == "frame, mode, direction"
+        np.testing.assert_array_equal(file["strain_energy"][:], signature.strain_energy)
+        np.testing.assert_array_equal(
+            file["deformation_spectrum"][:], signature.deformation_spectrum
+        )
+
+
+def test_an_unknown_unit_is_called_unknown(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    path.write_bytes(signature_to_hdf5(replace(sample_signature(sample_sequence(1)), unit=None)))
+    with h5py.File(path, "r") as file:
+        assert file["amplitudes"].attrs["unit"] == b"unknown"
+    assert signature_from_hdf5(path).unit is None
+
+
+LAYOUT_DTYPES = st.sampled_from(["<f8", "<f4", "<i8", "|u1", "|S64"])
+
+
+@given(
+    st.lists(
+        st.tuples(LAYOUT_DTYPES, hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=5)),
+        max_size=6,
+    ),
+    IDS,
+    st.integers(0, 2**32 - 1),
+)
+def test_an_image_is_what_the_hdf5_library_would_have_written(
+    kinds: list[tuple[str, tuple[int, ...]]], number: str, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    datasets = [
+        Dataset(
+            f"data{i}",
+            np.frombuffer(
+                rng.integers(1, 120, int(np.prod(shape)) * np.dtype(dtype).itemsize)
+                .astype(np.uint8)
+                .tobytes(),
+                dtype,
+            ).reshape(shape),
+            "mm",
+            "some axes",
+        )
+        for i, (dtype, shape) in enumerate(kinds)
+    ]
+    attributes: dict[str, Attribute] = {
+        "schema": "modalmotion.test",
+        "schema_version": 3,
+        "grid": (4, 5),
+    }
+    fast = sealed_image(attributes, {"some_id": number}, datasets)
+    layout = Layout(
+        tuple(attributes.items()),
+        (("some_id", 64),),
+        tuple((d.name, d.values.shape, d.values.dtype.str, d.unit, d.axes) for d in datasets),
+    )
+    slow, _ = write_image(layout, [number], [d.values for d in datasets])
+    assert fast[:-SEAL_LENGTH] == slow
+
+
+def test_the_seal_is_the_digest_of_what_lies_before_it() -> None:
+    image = sample_image()
+    assert seal([image[:-SEAL_LENGTH]]) == image
+    assert digest_of(image) in image[-SEAL_LENGTH:].decode()
+
+
+@pytest.mark.parametrize("step", [1, 128])
+def test_no_flipped_byte_goes_unnoticed(step: int) -> None:
+    image = bytearray(classification_to_hdf5(sample_classification("1" * 64)))
+    for place in range(0, len(image), 61):
+        image[place] ^= step
+        with pytest.raises(CorruptFileError):
+            classification_from_hdf5(bytes(image))
+        image[place] ^= step
+    classification_from_hdf5(bytes(image))
+
+
+@given(st.data())
+def test_damage_of_any_kind_is_named(data: Any) -> None:
+    image = sample_image()
+    start = data.draw(st.integers(0, len(image) - 1))
+    stop = data.draw(st.integers(start, min(len(image), start + 4096)))
+    put = data.draw(st.binary(max_size=50))
+    damaged = image[:start] + put + image[stop:]
+    if damaged == image:
+        return
+    with pytest.raises(CorruptFileError) as caught:
+        signature_from_hdf5(damaged)
+    assert caught.value.remedy
+
+
+@pytest.mark.parametrize("length", [0, 1, 7, 8, 9, 100, SEAL_LENGTH, 5000, -SEAL_LENGTH, -1])
+def test_a_file_cut_short_is_damaged(length: int) -> None:
+    image = sample_image()
+    with pytest.raises(CorruptFileError):
+        signature_from_hdf5(image[:length])
+
+
+def test_an_error_names_the_file_but_no_folder(tmp_path: Path) -> None:
+    path = tmp_path / "result.h5"
+    with pytest.raises(NotFoundError, match=r"result\.h5") as missing:
+        signature_from_hdf5(path)
+    path.write_bytes(b"\x89HDF\r\n\x1a\n but no more")
+    with pytest.raises(CorruptFileError, match=r"result\.h5") as corrupt:
+        signature_from_hdf5(path)
+    with pytest.raises(StoreError) as folder:
+        signature_from_hdf5(tmp_path)
+    for caught in (missing, corrupt, folder):
+        assert str(tmp_path.parent) not in str(caught.value)
+        assert caught.value.remedy
+        assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)  # noqa: S301
+
+
+@pytest.mark.parametrize("text", [b"", b"text", b"PK\x03\x04" * 40])
+def test_what_is_no_hdf5_is_refused_as_such(text: bytes) -> None:
+    with pytest.raises(CorruptFileError, match=r"empty|HDF5"):
+        signature_from_hdf5(text)
+
+
+def test_hdf5_of_another_program_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "other.h5"
+    with h5py.File(path, "w") as file:
+        file["amplitudes"] = np.zeros((2, 2, 3))
+    with pytest.raises(CorruptFileError, match="seal"):
+        signature_from_hdf5(path)
+    with pytest.raises(CorruptFileError, match="None"):
+        signature_from_hdf5(seal([path.read_bytes()]))
+
+
+def test_another_kind_of_file_is_named() -> None:
+    image = sequence_to_hdf5(sample_sequence(1))
+    with pytest.raises(CorruptFileError, match=r"holds 'modalmotion\.sequence', not a signature"):
+        signature_from_hdf5(image)
+
+
+@pytest.mark.parametrize("version", [0, 2, 999])
+def test_a_newer_schema_is_refused_by_its_number(version: int) -> None:
+    attributes: dict[str, Attribute] = {
+        "schema": "modalmotion.signature",
+        "schema_version": version,
+    }
+    image = sealed_image(attributes, {}, [json_text("notes", [])])
+    with pytest.raises(CorruptFileError, match=f"version {version}") as caught:
+        signature_from_hdf5(image)
+    assert caught.value.details == {"schema_version": version, "newest": 1}
+
+
+def changed(image: bytes, path: Path, change: Callable[[h5py.File], None]) -> bytes:
+    """The same file after a change through the HDF5 library, sealed again."""
+    path.write_bytes(image[:-SEAL_LENGTH])
+    with h5py.File(path, "r+") as file:
+        change(file)
+    return seal([path.read_bytes()])
+
+
+def _delete(name: str) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        del file[name]
+
+    return change
+
+
+def _replace(name: str, value: Any) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        del file[name]
+        file[name] = value
+
+    return change
+
+
+def _drop_topology(file: h5py.File) -> None:
+    del file.attrs["topology"]
+
+
+def _unknown_topology(file: h5py.File) -> None:
+    file.attrs["topology"] = np.bytes_("Klein bottle")
+
+
+def _group_instead(file: h5py.File) -> None:
+    del file["lengths"]
+    file.create_group("lengths")
+
+
+def _fill_values_instead(file: h5py.File) -> None:
+    # A petabyte in a file of 18 kB: HDF5 would make it up from the fill value.
+    del file["amplitudes"]
+    file.create_dataset("amplitudes", (2**40, 7, 3), "<f8")
+
+
+def _chunks_instead(file: h5py.File) -> None:
+    del file["amplitudes"]
+    file.create_dataset("amplitudes", (4, 7, 3), "<f8", chunks=(4, 7, 3), compression="gzip")
+
+
+def _object_instead(file: h5py.File) -> None:
+    file.attrs["topology"] = "cup"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        _delete("amplitudes"),
+        _delete("notes"),
+        _replace("amplitudes", np.zeros((4, 6, 3))),
+        _replace("amplitudes", np.zeros(7)),
+        _replace("amplitudes", np.array([b"text"] * 4)),
+        _replace("rms_errors", np.zeros(5)),
+        _replace("parameters", np.bytes_(b"{")),
+        _replace("parameters", np.bytes_(b"[]")),
+        _replace("parameters", np.bytes_(b'{"modes": 0, "weights": "area"}')),
+        _replace("parameters", np.bytes_(b'{"modes": 7, "weights": "area", "later": 1}')),
+        _replace("n_vertices", np.zeros(2)),
+        _drop_topology,
+        _unknown_topology,
+        _group_instead,
+        _fill_values_instead,
+        _chunks_instead,
+        _object_instead,
+    ],
+)
+def test_a_sealed_file_with_other_contents_is_refused(
+    change: Callable[[h5py.File], None], tmp_path: Path
+) -> None:
+    image = sample_image()
+    with pytest.raises(CorruptFileError) as caught:
+        signature_from_hdf5(changed(image, tmp_path / "a.h5", change))
+    assert caught.value.remedy
+
+
+def test_no_link_leads_out_of_the_file(tmp_path: Path) -> None:
+    (tmp_path / "secret").write_bytes(bytes(4 * 7 * 3 * 8))
+    with h5py.File(tmp_path / "other.h5", "w") as other:
+        other["amplitudes"] = np.zeros((4, 7, 3))
+    image = sample_image()
+
+    def external_link(file: h5py.File) -> None:
+        del file["amplitudes"]
+        file["amplitudes"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/amplitudes")
+
+    def soft_link(file: h5py.File) -> None:
+        del file["p95_errors"]
+        file["p95_errors"] = h5py.SoftLink("/max_errors")
+
+    def external_storage(file: h5py.File) -> None:
+        del file["amplitudes"]
+        place = [(str(tmp_path / "secret"), 0, 4 * 7 * 3 * 8)]
+        file.create_dataset("amplitudes", (4, 7, 3), "<f8", external=place)
+
+    def virtual(file: h5py.File) -> None:
+        del file["amplitudes"]
+        layout = h5py.VirtualLayout((4, 7, 3), "<f8")
+        layout[:] = h5py.VirtualSource(tmp_path / "other.h5", "amplitudes", (4, 7, 3))
+        file.create_virtual_dataset("amplitudes", layout)
+
+    for change in (external_link, soft_link, external_storage, virtual):
+        with pytest.raises(CorruptFileError):
+            signature_from_hdf5(changed(image, tmp_path / "a.h5", change))
+
+
+def test_a_text_that_no_attribute_can_hold_is_refused_before_it_is_written() -> None:
+    for model in ("a\x00b", "a\nb", "\ud800", "x" * 20_000):
+        with pytest.raises(StoreError, match="model"):
+            classification_to_hdf5(replace(sample_classification("1" * 64), model=model))

@@ -1,0 +1,337 @@
+"""Projection and superposition through separable factors, against the shapes themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from dense_lattices import MIDDLE_LATTICES, SMALL_LATTICES, name_of
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from modalmotion.errors import NonFiniteError, ShapeError, TopologyError
+from modalmotion.lattice import Lattice
+from modalmotion.modes import ModeLabel, ModeSet, lowest_modes
+from modalmotion.topology import CLOSED_CURVE, CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+from modalmotion.transform import project, project_with, superpose, superpose_with
+
+SURFACES = (PLANE, CYLINDER, TORUS, CUP, SPHERE)
+
+
+def naive_projection(
+    lattice: Lattice, modes: ModeSet, displacements: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """V'u / nodes, every shape at every node."""
+    sums: NDArray[np.float64] = np.einsum("nm,fnd->fmd", lattice.shapes(modes), displacements)
+    return sums / lattice.n_nodes
+
+
+@pytest.mark.parametrize("lattice", [*SMALL_LATTICES, *MIDDLE_LATTICES], ids=name_of)
+def test_both_are_the_products_with_the_shapes(lattice: Lattice, rng: np.random.Generator) -> None:
+    for n_modes in {1, max(1, lattice.n_nodes // 2), lattice.n_nodes}:
+        modes = lattice.lowest_modes(n_modes)
+        u = rng.standard_normal((2, lattice.n_nodes, 3))
+        a = project(lattice, modes, u)
+        assert np.abs(a - naive_projection(lattice, modes, u)).max() <= 1e-13
+        assert np.abs(superpose(lattice, modes, a) - lattice.shapes(modes) @ a).max() <= 1e-13
+
+
+@pytest.mark.parametrize("topology", SURFACES, ids=str)
+@pytest.mark.parametrize("shape", [(40, 100), (101, 68), (300, 30), (8, 512), (2, 3000)])
+@pytest.mark.parametrize("n_modes", [1, 7, 54, 400])
+def test_larger_lattices_too(
+    topology: Topology, shape: tuple[int, int], n_modes: int, rng: np.random.Generator
+) -> None:
+    lattice = Lattice(topology, shape)
+    modes = lattice.lowest_modes(n_modes)
+    u = rng.standard_normal((1, lattice.n_nodes, 2))
+    a = project(lattice, modes, u)
+    assert np.abs(a - naive_projection(lattice, modes, u)).max() <= 1e-14
+    assert np.abs(superpose(lattice, modes, a) - lattice.shapes(modes) @ a).max() <= 1e-12
+
+
+def scattered_modes(lattice: Lattice, rng: np.random.Generator) -> ModeSet:
+    """Some modes, in any order, some of them twice."""
+    chosen = rng.integers(0, lattice.n_nodes, max(1, lattice.n_nodes // 3))
+    return lattice.all_modes().take(chosen)
+
+
+@pytest.mark.parametrize("lattice", MIDDLE_LATTICES, ids=name_of)
+def test_any_modes_in_any_order(lattice: Lattice, rng: np.random.Generator) -> None:
+    modes = scattered_modes(lattice, rng)
+    u = rng.standard_normal((2, lattice.n_nodes, 1))
+    a = project(lattice, modes, u)
+    assert np.abs(a - naive_projection(lattice, modes, u)).max() <= 1e-13
+    assert np.abs(superpose(lattice, modes, a) - lattice.shapes(modes) @ a).max() <= 1e-12
+
+
+topologies = st.sampled_from(SURFACES)
+shapes = st.tuples(st.integers(1, 12), st.integers(1, 7).map(lambda n: 2 * n))
+
+
+@given(topology=topologies, shape=shapes, seed=st.integers(0, 1000), data=st.data())
+def test_project_after_superpose_gives_the_amplitudes_back(
+    topology: Topology, shape: tuple[int, int], seed: int, data: st.DataObject
+) -> None:
+    lattice = Lattice(topology, shape)
+    modes = lattice.lowest_modes(data.draw(st.integers(1, lattice.n_nodes)))
+    a = np.random.default_rng(seed).standard_normal((3, len(modes), 3))
+    assert np.abs(project(lattice, modes, superpose(lattice, modes, a)) - a).max() <= 1e-13
+
+
+@given(topology=topologies, shape=shapes, seed=st.integers(0, 1000))
+def test_parseval(topology: Topology, shape: tuple[int, int], seed: int) -> None:
+    lattice = Lattice(topology, shape)
+    u = np.random.default_rng(seed).standard_normal((2, lattice.n_nodes, 3))
+    a = project(lattice, lattice.all_modes(), u)
+    assert (a**2).sum(axis=1) == pytest.approx((u**2).mean(axis=1), rel=1e-13)
+
+
+@given(topology=topologies, shape=shapes, kept=st.integers(1, 20), seed=st.integers(0, 1000))
+def test_what_is_left_is_what_was_dropped(
+    topology: Topology, shape: tuple[int, int], kept: int, seed: int
+) -> None:
+    lattice = Lattice(topology, shape)
+    modes = lattice.lowest_modes(min(kept, lattice.n_nodes))
+    u = np.random.default_rng(seed).standard_normal((1, lattice.n_nodes, 1))
+    every = project(lattice, lattice.all_modes(), u)
+    left = u - superpose(lattice, modes, project(lattice, modes, u))
+    assert (left**2).mean() == pytest.approx((every[:, len(modes) :] ** 2).sum(), abs=1e-13)
+    # And it is orthogonal to what was kept.
+    assert np.abs(project(lattice, modes, left)).max() <= 1e-13
+
+
+@given(
+    topology=topologies,
+    shape=shapes,
+    t=st.tuples(*[st.floats(-1e6, 1e6, allow_subnormal=False)] * 3),
+)
+def test_a_translation_excites_only_mode_0(
+    topology: Topology, shape: tuple[int, int], t: tuple[float, float, float]
+) -> None:
+    lattice = Lattice(topology, shape)
+    u = np.broadcast_to(np.array(t), (1, lattice.n_nodes, 3))
+    a = project(lattice, lattice.all_modes(), u)
+    size = max(map(abs, t))
+    assert np.abs(a[0, 0] - t).max() <= 1e-15 * size
+    assert np.abs(a[0, 1:]).max(initial=0.0) <= 1e-15 * size
+
+
+@pytest.mark.parametrize(
+    ("topology", "axis"), [(CLOSED_CURVE, 0), (CYLINDER, 1), (CUP, 1), (SPHERE, 1), (TORUS, 1)]
+)
+@pytest.mark.parametrize("places", [1, 5, 17])
+def test_another_first_node_only_turns_each_pair(
+    topology: Topology, axis: int, places: int, rng: np.random.Generator
+) -> None:
+    shape = (14, 24)[-topology.n_axes :]
+    lattice = Lattice(topology, shape)
+    modes = lattice.whole_modes(30 if topology.n_axes == 2 else 13)
+    u = rng.standard_normal((2, *shape, 3))
+    moved = np.roll(u, -places, axis=1 + axis).reshape(2, -1, 3)
+    before = project(lattice, modes, u.reshape(2, -1, 3))
+    after = project(lattice, modes, moved)
+    phase = 2 * np.pi * modes.wavenumbers[:, axis] * places / shape[axis]
+    sine = np.flatnonzero(modes.is_sine)
+    single = np.setdiff1d(np.arange(len(modes)), np.concatenate([sine, sine - 1]))
+    c, s = np.cos(phase[sine])[:, None], np.sin(phase[sine])[:, None]
+    a, b = before[:, sine - 1], before[:, sine]
+    assert np.abs(after[:, sine - 1] - (c * a + s * b)).max() <= 1e-14
+    assert np.abs(after[:, sine] - (c * b - s * a)).max() <= 1e-14
+    assert np.abs(after[:, single] - before[:, single]).max(initial=0.0) <= 1e-14
+
+
+@pytest.mark.parametrize("topology", [CLOSED_CURVE, CYLINDER, CUP, SPHERE])
+def test_reversed_orientation_flips_the_sines_only(
+    topology: Topology, rng: np.random.Generator
+) -> None:
+    shape = (14, 24)[-topology.n_axes :]
+    lattice = Lattice(topology, shape)
+    modes = lattice.all_modes()
+    u = rng.standard_normal((2, *shape, 3))
+    # theta -> -theta keeps node N, at angle 0, where it is.
+    mirrored = np.roll(u[..., ::-1, :], -1, axis=-2)
+    before = project(lattice, modes, u.reshape(2, -1, 3))
+    after = project(lattice, modes, mirrored.reshape(2, -1, 3))
+    sign = np.where(modes.is_sine, -1.0, 1.0)[:, None]
+    assert np.abs(after - sign * before).max() <= 1e-14
+
+
+@pytest.mark.parametrize("topology", [TORUS, CYLINDER, SPHERE])
+def test_a_checkerboard_lands_in_one_mode(topology: Topology) -> None:
+    shape = (8, 6)
+    lattice = Lattice(topology, shape)
+    modes = lattice.all_modes()
+    if topology is TORUS:
+        u = (-1.0) ** np.add.outer(np.arange(8), np.arange(6))
+        label = ModeLabel((4, 3), "cos")
+    elif topology is CYLINDER:
+        # The highest shape of an open chain alternates too, under an envelope.
+        n = np.arange(8)
+        u = np.sqrt(2) * np.outer(np.cos(7 * np.pi * (2 * n + 1) / 16), (-1.0) ** np.arange(6))
+        label = ModeLabel((7, 3), "cos")
+    else:
+        u = (-1.0) ** np.add.outer(np.arange(8), np.arange(6))
+        label = ModeLabel((7, 3), "cos")
+    a = project(lattice, modes, u.reshape(1, -1, 1))[0, :, 0]
+    hit = modes.labels.index(label)
+    assert abs(a[hit]) == pytest.approx(1.0, rel=1e-14)
+    assert np.abs(np.delete(a, hit)).max() <= 1e-15
+
+
+def test_float32_is_taken_as_it_is(rng: np.random.Generator) -> None:
+    lattice = Lattice(CUP, (12, 16))
+    modes = lattice.lowest_modes(18)
+    u = rng.standard_normal((3, 192, 3)).astype(np.float32)
+    a = project(lattice, modes, u)
+    assert a.dtype == np.float64
+    assert np.array_equal(a, project(lattice, modes, u.astype(np.float64)))
+    assert np.array_equal(a, project(lattice, modes, u.astype(">f4")))
+    assert np.array_equal(a, project(lattice, modes, np.asfortranarray(u)))
+    short = a.astype(np.float32)
+    assert np.array_equal(
+        superpose(lattice, modes, short), superpose(lattice, modes, short.astype(np.float64))
+    )
+
+
+def test_integers_count_as_numbers() -> None:
+    lattice = Lattice(CUP, (2, 4))
+    u = np.ones((1, 8, 3), dtype=np.int16)
+    assert project(lattice, lattice.lowest_modes(2), u)[0].tolist() == [[1.0] * 3, [0.0] * 3]
+
+
+def test_a_frame_does_not_depend_on_its_company(rng: np.random.Generator) -> None:
+    # More frames than fit one block.
+    lattice = Lattice(CYLINDER, (64, 80))
+    modes = lattice.lowest_modes(54)
+    u = rng.standard_normal((150, lattice.n_nodes, 3))
+    a = project(lattice, modes, u)
+    w = superpose(lattice, modes, a)
+    for frame in (0, 1, 67, 68, 69, 149):
+        one = slice(frame, frame + 1)
+        assert np.array_equal(project(lattice, modes, u[one])[0], a[frame])
+        assert np.array_equal(superpose(lattice, modes, a[one])[0], w[frame])
+
+
+def test_no_frames_have_no_amplitudes() -> None:
+    lattice = Lattice(CUP, (3, 4))
+    modes = lattice.lowest_modes(4)
+    a = project(lattice, modes, np.zeros((0, 12, 3)))
+    assert a.shape == (0, 4, 3)
+    assert superpose(lattice, modes, a).shape == (0, 12, 3)
+
+
+def test_a_static_sequence_has_amplitudes_of_exactly_0() -> None:
+    lattice = Lattice(CUP, (9, 12))
+    assert not project(lattice, lattice.all_modes(), np.zeros((3, 108, 3))).any()
+
+
+def test_displacements_are_read_from_a_file_and_written_to_one(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    lattice = Lattice(TORUS, (20, 30))
+    modes = lattice.lowest_modes(21)
+    u = rng.standard_normal((5, 600, 3)).astype(np.float32)
+    np.save(tmp_path / "u.npy", u)
+    a = project(lattice, modes, np.load(tmp_path / "u.npy", mmap_mode="r"))
+    assert np.array_equal(a, project(lattice, modes, u))
+    out = np.memmap(tmp_path / "w.bin", mode="w+", dtype=np.float64, shape=(5, 600, 3))
+    assert superpose(lattice, modes, a, out=out) is out
+    out.flush()
+    written = np.fromfile(tmp_path / "w.bin").reshape(5, 600, 3)
+    assert np.array_equal(written, superpose(lattice, modes, a))
+
+
+def test_factors_at_hand_give_the_same(rng: np.random.Generator) -> None:
+    lattice = Lattice(SPHERE, (12, 16))
+    modes = lattice.lowest_modes(23)
+    factors = lattice.factors(modes)
+    u = rng.standard_normal((2, 192, 3))
+    a = project_with(factors, u)
+    assert np.array_equal(a, project(lattice, modes, u))
+    assert np.array_equal(superpose_with(factors, a), superpose(lattice, modes, a))
+
+
+def test_factors_kept_from_an_earlier_call_are_those_of_the_modes(
+    rng: np.random.Generator,
+) -> None:
+    # Same counts, same shapes: only the labels or the topology differ.
+    u = rng.standard_normal((1, 48, 1))
+    for _ in range(2):
+        for topology in SURFACES:
+            for shape in ((6, 8), (8, 6), (4, 12)):
+                lattice = Lattice(topology, shape)
+                for start in (0, 5):
+                    modes = lattice.all_modes().take(slice(start, start + 7))
+                    a = project(lattice, modes, u)
+                    assert np.abs(a - naive_projection(lattice, modes, u)).max() <= 1e-14
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        np.zeros((12, 3)),
+        np.zeros((2, 11, 3)),
+        np.zeros(12),
+        np.zeros((2, 12, 3), dtype=complex),
+        np.full((2, 12, 3), "x"),
+        np.zeros((2, 12, 3), dtype=bool),
+    ],
+    ids=str,
+)
+def test_other_arrays_are_refused(bad: NDArray[Any]) -> None:
+    lattice = Lattice(CUP, (3, 4))
+    with pytest.raises(ShapeError, match="displacements"):
+        project(lattice, lattice.lowest_modes(4), bad)
+    with pytest.raises(ShapeError, match="amplitudes"):
+        superpose(lattice, lattice.all_modes(), bad)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("n_modes", [1, 4])
+def test_what_is_not_finite_is_named(value: float, n_modes: int) -> None:
+    lattice = Lattice(CUP, (3, 4))
+    modes = lattice.all_modes().take(slice(12 - n_modes, 12))
+    for node in range(12):
+        u = np.zeros((4, 12, 3))
+        u[2, node, 1] = value
+        with pytest.raises(NonFiniteError, match=f"Frame 2, node {node}") as caught:
+            project(lattice, modes, u)
+        assert (caught.value.frame, caught.value.vertex) == (2, node)
+    a = np.zeros((4, n_modes, 3))
+    a[3, -1, 0] = value
+    with pytest.raises(NonFiniteError, match=f"Frame 3, mode {n_modes - 1}"):
+        superpose(lattice, modes, a)
+
+
+def test_a_sum_that_overflows_is_named() -> None:
+    lattice = Lattice(CUP, (3, 4))
+    u = np.zeros((2, 12, 1))
+    u[1] = 1.7e308
+    with pytest.raises(NonFiniteError, match="too large") as caught:
+        project(lattice, lattice.lowest_modes(1), u)
+    assert caught.value.frame == 1
+
+
+@pytest.mark.parametrize(
+    "out",
+    [
+        np.empty((2, 12, 2)),
+        np.empty((2, 12, 3), dtype=np.float32),
+        np.empty((3, 12, 2)).T,
+        np.broadcast_to(0.0, (2, 12, 3)),
+    ],
+    ids=["shape", "float32", "order", "read-only"],
+)
+def test_an_output_that_cannot_receive_is_refused(out: NDArray[Any]) -> None:
+    lattice = Lattice(CUP, (3, 4))
+    with pytest.raises(ShapeError, match="'out'"):
+        superpose(lattice, lattice.lowest_modes(2), np.zeros((2, 2, 3)), out=out)
+
+
+def test_modes_of_another_topology_are_refused() -> None:
+    with pytest.raises(TopologyError):
+        project(Lattice(CYLINDER, (3, 4)), lowest_modes(CUP, 2), np.zeros((1, 12, 3)))

@@ -1,0 +1,150 @@
+"""Templates, landmarks, components and reconstructions over HTTP."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+from modalmotion.formats import read_npz, write_npz
+from modalmotion.reconstruction import reconstruct
+from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.simulate import Acquisition, simulate_ventricle
+
+
+@pytest.fixture(scope="module")
+def mesh() -> bytes:
+    """A simulated ventricle on triangles."""
+    return write_npz(
+        simulate_ventricle(
+            n_vertices=400, acquisition=Acquisition(n_frames=20), rng=np.random.default_rng(3)
+        )
+    )
+
+
+def test_a_template_is_made_once_and_named_by_what_it_was_made_from(
+    client: TestClient, mesh: bytes
+) -> None:
+    first = client.post("/v1/templates", content=mesh)
+    again = client.post("/v1/templates", content=mesh)
+    assert (first.status_code, again.status_code) == (201, 200)
+    assert first.json() == again.json() == client.get(first.headers["location"]).json()
+    answer = first.json()
+    assert answer["topology"] == "cup"
+    assert set(answer["landmarks"]["strengths"]) >= {"axis", "theta_zero"}
+    assert all(0 <= value <= 1 for value in answer["landmarks"]["strengths"].values())
+    stated = client.post("/v1/templates?theta_zero=7", content=mesh).json()
+    assert stated["id"] != answer["id"]
+    assert "theta_zero" in stated["landmarks"]["given"]
+
+
+def test_a_template_has_a_picture(client: TestClient, mesh: bytes) -> None:
+    here = client.post("/v1/templates", content=mesh).headers["location"]
+    picture = client.get(here, headers={"Accept": "image/png"})
+    assert picture.headers["content-type"] == "image/png"
+    assert picture.content.startswith(b"\x89PNG")
+
+
+def test_a_cohort_names_one_template(client: TestClient, mesh: bytes) -> None:
+    template = client.post("/v1/templates", content=mesh).json()["id"]
+    sequence = read_npz(mesh).sequence
+    moved = io.BytesIO()
+    # Another patient with the same vertices, faces and topology: a little larger.
+    np.savez(moved, vertices=sequence.vertices * 1.1, faces=sequence.faces, topology="cup")
+    here = client.post("/v1/sequences", content=moved.getvalue()).headers["location"]
+    own = client.get(f"{here}/signature").json()
+    named = client.get(f"{here}/signature", params={"template": template}).json()
+    assert named["template_id"] == template != own["template_id"]
+    assert named["parameters"]["template"] == template
+    assert np.allclose(named["amplitudes"], own["amplitudes"], rtol=0.05, atol=0.05)
+    unknown = client.get(f"{here}/signature", params={"template": "0" * 64})
+    assert (unknown.status_code, unknown.json()["code"]) == (404, "not_found")
+
+
+def test_a_template_of_another_mesh_is_refused(
+    client: TestClient, mesh: bytes, beat: bytes
+) -> None:
+    template = client.post("/v1/templates", content=mesh).json()["id"]
+    here = client.post("/v1/sequences", content=beat).headers["location"]
+    answer = client.get(f"{here}/signature", params={"template": template})
+    assert answer.status_code == 422
+    assert answer.json()["remedy"]
+
+
+def test_components_along_the_body_leave_less_of_a_beat_with_one_mode(
+    client: TestClient, mesh: bytes
+) -> None:
+    here = client.post("/v1/sequences", content=mesh).headers["location"]
+    plain = client.get(f"{here}/signature?modes=1").json()
+    along = client.get(f"{here}/signature?modes=1&components=cylindrical").json()
+    assert along["components"] == "cylindrical"
+    assert along["rms_error"] < 0.9 * plain["rms_error"]
+
+
+@pytest.mark.parametrize("components", ["cartesian", "cylindrical"])
+def test_a_reconstruction_is_what_the_signature_stands_for(
+    client: TestClient, mesh: bytes, components: str
+) -> None:
+    here = client.post("/v1/sequences", content=mesh).headers["location"]
+    query = {"modes": "18", "components": components}
+    signature = client.get(f"{here}/signature", params=query).json()
+    answer = client.get(f"{here}/reconstruction", params=query)
+    assert answer.headers["content-type"] == "application/x-npz"
+    found = read_npz(answer.content).sequence
+    sequence = read_npz(mesh).sequence
+    assert found.faces.tolist() == sequence.faces.tolist()
+    distance = np.linalg.norm(found.vertices - sequence.vertices, axis=2)
+    assert distance.max(axis=1) == pytest.approx(signature["errors"]["max"], abs=1e-9)
+
+
+def test_a_reconstruction_at_any_time(client: TestClient, mesh: bytes) -> None:
+    here = client.post("/v1/sequences", content=mesh).headers["location"]
+    sequence = read_npz(mesh).sequence
+    assert sequence.times is not None
+    between = float(sequence.times[2] + sequence.times[3]) / 2
+    times = f"{sequence.times[2]!r},{between!r},{sequence.times[3]!r}".replace("np.float64", "")
+    times = times.replace("(", "").replace(")", "")
+    found = read_npz(client.get(f"{here}/reconstruction?times={times}").content).sequence
+    own = reconstruct(modal_signature(sequence, SignatureParameters()), sequence)
+    assert found.vertices[0] == pytest.approx(own[2], abs=1e-12)
+    assert found.vertices[2] == pytest.approx(own[3], abs=1e-12)
+    middle = np.abs(found.vertices[1] - (own[2] + own[3]) / 2).max()
+    assert 0 < middle < np.abs(own[3] - own[2]).max()
+    late = client.get(f"{here}/reconstruction?times=1e9")
+    assert (late.status_code, late.json()["code"]) == (422, "bad_parameter")
+
+
+def test_a_surface_without_natural_coordinates_gets_the_modes_of_its_mesh(
+    client: TestClient, npz: Callable[..., bytes]
+) -> None:
+    rng = np.random.default_rng(5)
+    # Two tetrahedra: two pieces, no cup and no cylinder.
+    faces = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]
+    faces += [[a + 4 for a in face] for face in faces]
+    vertices = rng.normal(size=(4, 8, 3))
+    body = npz(vertices=vertices, faces=faces, unit="mm")
+    here = client.post("/v1/sequences", content=body).headers["location"]
+    answer = client.get(f"{here}/signature?modes=4").json()
+    assert answer["topology"] == "mesh"
+    assert {label["part"] for label in answer["modes"]} == {"spring"}
+    assert any("connectivity" in note for note in answer["notes"])
+    again = client.get(f"{here}/signature?modes=4", headers={"Accept": "application/x-hdf5"})
+    assert again.content.startswith(b"\x89HDF")
+    classified = client.post(f"{here}/classifications").json()
+    assert classified["label"] is None
+    assert classified["notes"]
+
+
+@pytest.mark.parametrize(
+    "query", ["theta_zero=99999", "apex=a", "base=1,2", "components=round", "apex=1e999,0,0"]
+)
+def test_landmarks_that_are_no_place_are_refused(
+    client: TestClient, mesh: bytes, query: str
+) -> None:
+    here = client.post("/v1/sequences", content=mesh).headers["location"]
+    answer = client.get(f"{here}/signature?{query}")
+    assert answer.status_code == 422
+    assert answer.headers["content-type"] == "application/problem+json"
