@@ -6,7 +6,7 @@ import io
 import tempfile
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -48,11 +48,11 @@ class Case:
     data: bytes
     library: str
     read: Callable[[], object] | None
-    options: ReadOptions = ReadOptions()
+    options: ReadOptions = field(default_factory=ReadOptions)
 
 
-def run(folder: Path | None = None) -> list[Table]:
-    """Time every format; `folder` is of no use here."""
+def run(_folder: Path | None = None) -> list[Table]:
+    """Time every format; nothing is drawn."""
     table = Table(
         f"Reading {N_FRAMES} frames of {SHAPE[0] * SHAPE[1]} vertices from bytes (medians)",
         ("format", "MB", "read_sequence", "library", "its time", "ratio"),
@@ -124,7 +124,7 @@ def _cases(place: Path) -> list[Case]:
 
 
 def _beating() -> MeshSequence:
-    """A tube that contracts, in the numbers of a real scan: float32, mm."""
+    """Make a tube that contracts, in the numbers of a real scan: float32, mm."""
     s, theta = np.meshgrid(
         np.arange(SHAPE[0]) / SHAPE[0], 2 * np.pi * np.arange(SHAPE[1]) / SHAPE[1], indexing="ij"
     )

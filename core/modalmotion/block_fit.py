@@ -76,8 +76,6 @@ class PositionFit:
     ----------
     basis : Basis
     shape : ReferenceShape
-    ignored : (n,) int64
-        Vertices that count in no error.
     columns : (vertices, modes + 4 and filling) float64
         Projector, moments of the reference, weights.
     rows : (modes + 4, vertices) float64
@@ -90,14 +88,13 @@ class PositionFit:
 
     basis: Basis
     shape: ReferenceShape
-    ignored: NDArray[np.int64]
     columns: NDArray[np.float64]
     rows: NDArray[np.float64]
     of_one: NDArray[np.float64]
     of_rest: NDArray[np.float64]
 
     @staticmethod
-    def of(basis: Basis, shape: ReferenceShape, ignored: NDArray[np.int64]) -> PositionFit:
+    def of(basis: Basis, shape: ReferenceShape) -> PositionFit:
         """Prepare the products of one basis and one reference."""
         m, n = basis.projector.shape
         # Products are fastest with a multiple of eight columns.
@@ -106,7 +103,7 @@ class PositionFit:
         columns[:, m : m + 4] = shape.moments
         rows = np.concatenate([basis.rows, shape.rest, np.ones((1, n))])
         known = product(rows[m:], basis.columns)[:, :m]
-        return PositionFit(basis, shape, ignored, columns, rows, known[3], known[:3])
+        return PositionFit(basis, shape, columns, rows, known[3], known[:3])
 
     def fit(self, block: PositionBlock, remove_rotation: bool) -> BlockFit:
         """Fit a block in which every position is there."""
@@ -116,7 +113,7 @@ class PositionFit:
         sums = product(rows, self.columns).reshape(f, 3, -1)
         of_x, d = sums[:, :, :m], sums[:, :, m + 3]
         if remove_rotation:
-            rotations = kabsch(sums[:, :, m : m + 3], self.shape.tolerance)
+            rotations = kabsch(sums[:, :, m : m + 3], self.shape.tolerance, self.shape.noise(d))
             rotations.matrices[block.is_still] = np.eye(3)
         else:
             rotations = no_rotations(f)
@@ -132,7 +129,7 @@ class PositionFit:
         model[:, :, m + 3] = d - (R @ d[:, :, None])[:, :, 0]
         model[block.is_still, :, m + 3] = 0.0
         squares = _squared_distances(rows, model.reshape(3 * f, m + 4), self.rows)
-        return _measured(a, rotations, squares, self.basis, self.shape.weights, self.ignored)
+        return _measured(a, rotations, squares, self.basis, self.shape.weights, self.shape.ignored)
 
 
 def _squared_distances(

@@ -19,6 +19,9 @@ _BLOCK = 500_000
 # Vertices turned at once: they stay in the cache, and one thread does it.
 _COLUMNS = 1000
 
+# Relative rounding of sums over thousands of vertices.
+_ROUNDING = 1e-13
+
 # Sizes between these need no scaling: their squares are ordinary numbers.
 _SMALLEST, _LARGEST = 2.0**-200, 2.0**200
 
@@ -40,6 +43,8 @@ class ReferenceShape:
         overflow or vanish.
     tolerance : float
         Of `kabsch`: what rounding of the stored positions gives to a line.
+    ignored : (n,) int64
+        Vertices that are not read in any frame; they do not move.
     """
 
     centre: NDArray[np.float64]
@@ -47,6 +52,17 @@ class ReferenceShape:
     weights: NDArray[np.float64]
     scale: float
     tolerance: float
+    ignored: NDArray[np.int64]
+
+    @property
+    def spread(self) -> float:
+        """Root mean square distance from the centroid, in units of the scale."""
+        return float(np.sqrt((self.weights * (self.rest**2).sum(axis=0)).sum()))
+
+    def noise(self, drift: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Bound the rounding of covariances of frames that drifted so far, (frames,)."""
+        far: NDArray[np.float64] = np.sqrt((drift**2).sum(axis=1))
+        return _ROUNDING * self.spread * far
 
     @property
     def moments(self) -> NDArray[np.float64]:
@@ -54,15 +70,22 @@ class ReferenceShape:
         return np.concatenate([self.rest * self.weights, self.weights[None]]).T
 
     @staticmethod
-    def of(sequence: MeshSequence, weights: NDArray[np.float64], reference: int) -> ReferenceShape:
+    def of(
+        sequence: MeshSequence,
+        weights: NDArray[np.float64],
+        reference: int,
+        ignored: NDArray[np.int64] | None = None,
+    ) -> ReferenceShape:
         """Centre one frame of a sequence."""
+        ignored = np.zeros(0, dtype=np.int64) if ignored is None else ignored
         start = sequence.vertices[reference].T.astype(np.float64)
         counted = weights > 0
         centre = weighted_sum(weights, start.T)
         rest = np.ascontiguousarray(start - centre[:, None])
         tolerance = _rank_tolerance(sequence, counted, centre, rest)
         scale = _scale(sequence, counted, centre)
-        return ReferenceShape(centre, rest / scale, weights, scale, tolerance)
+        rest[:, ignored] = 0.0
+        return ReferenceShape(centre, rest / scale, weights, scale, tolerance, ignored)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +141,6 @@ def position_blocks(
     shape: ReferenceShape,
     reference: int,
     present: NDArray[np.bool_] | None = None,
-    ignored: NDArray[np.int64] | None = None,
 ) -> Iterator[PositionBlock]:
     """Positions of all frames, a block of bounded memory at a time.
 
@@ -130,8 +152,6 @@ def position_blocks(
     reference : int
     present : (frames, vertices) bool, optional
         Which positions are there; the others are not read.
-    ignored : (n,) int64, optional
-        Vertices that are not read in any frame.
     """
     start = sequence.vertices[reference]
     n = max(1, _BLOCK // (3 * sequence.n_vertices))
@@ -141,8 +161,6 @@ def position_blocks(
         if there is not None and there.all():
             there = None
         x = _centred(taken, shape, there)
-        if ignored is not None and len(ignored):
-            x[:, :, ignored] = shape.rest[:, ignored]
         yield PositionBlock(first, x, _is_still(taken, start, there), there)
 
 
@@ -197,6 +215,8 @@ def _centred(
         x /= shape.scale
     if there is not None:
         np.copyto(x, shape.rest, where=~there[:, None, :])
+    if len(shape.ignored):
+        x[:, :, shape.ignored] = 0.0
     return x
 
 
@@ -210,7 +230,7 @@ def _aligned(
     # The sum of w x x_ref' needs no centred x, for the reference's offsets add up to zero.
     sums = product(x.reshape(3 * f, n), shape.moments).reshape(f, 3, 4)
     drift = sums[:, :, 3]
-    rotations = kabsch(sums[:, :, :3], shape.tolerance)
+    rotations = kabsch(sums[:, :, :3], shape.tolerance, shape.noise(drift))
     # u = R'(x - drift) + drift - rest
     turned = np.ascontiguousarray(rotations.matrices.transpose(0, 2, 1))
     shift = drift - (turned @ drift[:, :, None])[:, :, 0]
@@ -243,7 +263,7 @@ def _aligned_partly(
             here, before = weighted_sum(share, x[k].T), weighted_sum(share, shape.rest.T)
             offsets = shape.rest - before[:, None]
             covariance = product(x[k] - here[:, None], np.ascontiguousarray((offsets * share).T))
-            found = kabsch(covariance[None], shape.tolerance)
+            found = kabsch(covariance[None], shape.tolerance, shape.noise(here[None]))
             R = found.matrices[0]
             # The whole reference's centroid, carried along with the part that is there.
             drift = here - R @ before

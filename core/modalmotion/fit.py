@@ -111,10 +111,10 @@ def fit_sequence(
     """
     _require_present(sequence, reference, present)
     frames = None if components == Components.CARTESIAN else local_frames(template)
-    shape = ReferenceShape.of(sequence, template.weights, reference)
-    in_one = PositionFit.of(basis, shape, template.isolated)
+    shape = ReferenceShape.of(sequence, template.weights, reference, template.isolated)
+    in_one = PositionFit.of(basis, shape)
     fit = _empty(sequence.n_frames, len(basis.modes), basis.condition)
-    for block in position_blocks(sequence, shape, reference, present, template.isolated):
+    for block in position_blocks(sequence, shape, reference, present):
         if frames is None and block.present is None:
             _store(fit, block.first, in_one.fit(block, remove_rotation), shape.scale)
             continue
@@ -122,10 +122,10 @@ def fit_sequence(
         if frames is not None:
             u = to_local(u, frames)
         if block.present is None:
-            part = fit_displacements(u, rotations, basis, shape.weights, template.isolated)
+            part = fit_displacements(u, rotations, basis, shape.weights, shape.ignored)
             _store(fit, block.first, part, shape.scale)
         else:
-            _fit_partly(fit, block, u, rotations, basis, template, shape)
+            _fit_partly(fit, block, u, rotations, basis, shape)
     return fit
 
 
@@ -155,7 +155,6 @@ def _fit_partly(
     u: NDArray[np.float64],
     rotations: Rotations,
     basis: Basis,
-    template: Template,
     shape: ReferenceShape,
 ) -> None:
     """Fit each frame of a block to the vertices it has."""
@@ -174,7 +173,7 @@ def _fit_partly(
                 frame=frame,
                 details=error.details,
             ) from error
-        ignored = np.union1d(np.flatnonzero(~kept), template.isolated)
+        ignored = np.union1d(np.flatnonzero(~kept), shape.ignored)
         turned = Rotations(rotations.matrices[k : k + 1], rotations.is_determined[k : k + 1])
         found = fit_displacements(u[k : k + 1], turned, part, share / coverage, ignored)
         _store(fit, frame, found, shape.scale)

@@ -11,11 +11,15 @@ from modalmotion.errors import ParameterError
 from modalmotion.formats.gltf.morph_animation import MorphAnimation
 from modalmotion.sequence import MeshSequence
 from modalmotion.signature import ModalSignature, resolve_sequence, resolve_template
-from modalmotion.template import choose_modes
+from modalmotion.template import Template, choose_modes
 
 
 def modal_animation(
-    signature: ModalSignature, sequence: MeshSequence, max_targets: int | None = None
+    signature: ModalSignature,
+    sequence: MeshSequence,
+    max_targets: int | None = None,
+    *,
+    template: Template | None = None,
 ) -> MorphAnimation:
     """Turn a signature into targets and weights that play what `reconstruct` superposes.
 
@@ -29,6 +33,8 @@ def modal_animation(
         The one it was made from: its reference frame gives the shape to deform.
     max_targets : int, optional
         Keep no more targets than these; `rms_left_out` then says what that costs.
+    template : Template, optional
+        The one that the signature's parameters name, if they name one.
 
     Returns
     -------
@@ -57,17 +63,17 @@ def modal_animation(
             remedy="Fit with components = cartesian.",
         )
     resolved = resolve_sequence(sequence, asked)
-    template = resolve_template(resolved, asked)
-    modes_of_mesh = choose_modes(template, len(signature.modes), resolved.grid).modes
+    used = resolve_template(resolved, asked, template)
+    modes_of_mesh = choose_modes(used, len(signature.modes), resolved.grid).modes
     start = sequence.vertices[asked.reference].astype(np.float64)
-    centre = template.weights @ start
+    centre = used.weights @ start
     # (2) u = sum_p a_p phi_p, each shape taken about its own mean, which moves the whole.
-    phi = make_basis(template, modes_of_mesh).shapes
-    means = template.weights @ phi
+    phi = make_basis(used, modes_of_mesh).shapes
+    means = used.weights @ phi
     a = signature.amplitudes
     drift = np.einsum("m,fmd->fd", means, a)
     phi = phi - means
-    energy = _energies(template.weights, phi, a)
+    energy = _energies(used.weights, phi, a)
     order = np.argsort(-energy.ravel(), kind="stable")
     wanted = order[energy.ravel()[order] > 0]
     kept = wanted if max_targets is None else wanted[:max_targets]
@@ -87,12 +93,12 @@ def modal_animation(
         rotations=signature.rotations.matrices,
         translations=centre + drift,
         faces=sequence.faces,
-        times=sequence.times,
+        times=signature.times,
         unit=sequence.unit,
         topology=sequence.topology,
         grid=sequence.grid,
         n_left_out=len(left_out),
-        rms_left_out=_root_mean_square(template.weights, phi, a, left_out),
+        rms_left_out=_root_mean_square(used.weights, phi, a, left_out),
     )
 
 

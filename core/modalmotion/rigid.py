@@ -39,7 +39,11 @@ class Rotations:
     is_determined: NDArray[np.bool_]
 
 
-def kabsch(covariances: NDArray[np.float64], tolerance: float = RANK_TOLERANCE) -> Rotations:
+def kabsch(
+    covariances: NDArray[np.float64],
+    tolerance: float = RANK_TOLERANCE,
+    noise: NDArray[np.float64] | None = None,
+) -> Rotations:
     """Best proper rotation for each covariance matrix.
 
     Parameters
@@ -48,6 +52,8 @@ def kabsch(covariances: NDArray[np.float64], tolerance: float = RANK_TOLERANCE) 
         sum w (x - centroid) (x_ref - centroid_ref)'.
     tolerance : float
         Smallest second singular value, relative to the first, that is no rounding.
+    noise : (frames,) float64, length unit squared, optional
+        Singular values up to this are rounding, whatever the first one is.
 
     Returns
     -------
@@ -60,6 +66,8 @@ def kabsch(covariances: NDArray[np.float64], tolerance: float = RANK_TOLERANCE) 
     # s2 + sign s3 > 0 (Umeyama 1991).
     margin = S[:, 1] + sign * S[:, 2]
     is_determined = margin > tolerance * np.where(S[:, 0] > 0, S[:, 0], np.inf)
+    if noise is not None:
+        is_determined &= margin * largest[:, 0, 0] > noise
     loose = np.flatnonzero(~is_determined)
     if loose.size:
         # Of all that fit equally well the one nearest to none: the smallest turn.

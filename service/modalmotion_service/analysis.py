@@ -12,12 +12,13 @@ from typing import ParamSpec, TypeVar
 
 from modalmotion.classify import Classification, load_model
 from modalmotion.errors import NotFoundError
-from modalmotion.formats import ReadLimits
+from modalmotion.formats import ReadOptions
 from modalmotion.signature import SignatureParameters
 from modalmotion.store import ResultStore, SequenceRecord
+from modalmotion.superposed import SurfaceFormat
 from modalmotion_service import tasks
 from modalmotion_service.flights import Flights
-from modalmotion_service.schemas import TemplateAnswer
+from modalmotion_service.schemas import ReadingAnswer, TemplateAnswer
 from modalmotion_service.spool import Spool, SpooledUpload
 from modalmotion_service.timing import add_milliseconds, stage
 
@@ -32,12 +33,12 @@ class Upload:
     Parameters
     ----------
     spooled : SpooledUpload
-    overrides : Overrides
+    options : ReadOptions
     subject, label : str or None
     """
 
     spooled: SpooledUpload
-    overrides: tasks.Overrides
+    options: ReadOptions
     subject: str | None
     label: str | None
 
@@ -49,13 +50,13 @@ class Received:
     Parameters
     ----------
     record : SequenceRecord
-    ignored : tuple of str
-        Arrays of the upload that were not used.
+    reading : ReadingAnswer
+        What the upload held besides.
     is_new : bool
     """
 
     record: SequenceRecord
-    ignored: tuple[str, ...]
+    reading: ReadingAnswer
     is_new: bool
 
 
@@ -69,16 +70,12 @@ class Analysis:
         Where parsing and fitting happen.
     spool : Spool
         Where workers leave what they made.
-    limits : ReadLimits
     """
 
-    def __init__(
-        self, store: ResultStore, executor: Executor, spool: Spool, limits: ReadLimits
-    ) -> None:
+    def __init__(self, store: ResultStore, executor: Executor, spool: Spool) -> None:
         self._store = store
         self._executor = executor
         self._spool = spool
-        self._limits = limits
         self._flights = Flights()
 
     async def receive(self, upload: Upload) -> Received:
@@ -86,9 +83,8 @@ class Analysis:
 
         async def make() -> Received:
             with self._image() as image, stage("worker"):
-                found = await self._work(
-                    tasks.ingest, upload.spooled.path, upload.overrides, self._limits, image
-                )
+                work = self._work(tasks.ingest, upload.spooled.path, upload.options, image)
+                found = await work
                 add_milliseconds(found.milliseconds)
                 with stage("store"):
                     record, is_new = await asyncio.to_thread(
@@ -98,7 +94,7 @@ class Analysis:
                         subject=upload.subject,
                         label=upload.label,
                     )
-            return Received(record, found.ignored, is_new)
+            return Received(record, found.reading, is_new)
 
         return await self._flights.join(upload.spooled.path, make)
 
@@ -132,14 +128,8 @@ class Analysis:
     ) -> tuple[TemplateAnswer, bool]:
         """Make and keep the template of an upload; tell whether it is new."""
         with self._image() as image, stage("worker"):
-            made = await self._work(
-                tasks.make_template,
-                upload.spooled.path,
-                upload.overrides,
-                self._limits,
-                parameters,
-                image,
-            )
+            path, options = upload.spooled.path, upload.options
+            made = await self._work(tasks.make_template, path, options, parameters, image)
             add_milliseconds(made.milliseconds)
             with stage("store"):
                 is_new = await asyncio.to_thread(
@@ -158,7 +148,12 @@ class Analysis:
         return await self._work(tasks.draw_template, path)
 
     async def reconstruction(
-        self, sequence_id: str, parameters: SignatureParameters, times: list[float] | None
+        self,
+        sequence_id: str,
+        parameters: SignatureParameters,
+        surface_format: SurfaceFormat,
+        times: list[float] | None,
+        max_targets: int | None,
     ) -> Path:
         """Superpose a signature's surfaces into a file, which the caller removes."""
         signature = await self.signature(sequence_id, parameters)
@@ -171,7 +166,9 @@ class Analysis:
                     sequence,
                     signature,
                     self._template_path(parameters),
+                    surface_format,
                     times,
+                    max_targets,
                     output,
                 )
         except BaseException:

@@ -46,7 +46,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             executor = WorkerPool(chosen.workers, chosen.task_seconds, chosen.task_memory_bytes)
             try:
                 spool = Spool(chosen.data_dir / "spool")
-                analysis = Analysis(store, executor, spool, chosen.read_limits)
+                analysis = Analysis(store, executor, spool)
                 runner = make_runner(chosen, store, spool, analysis)
                 app.state.service = State(chosen, store, spool, analysis, runner)
                 store.idempotency.release_unfinished()

@@ -8,10 +8,9 @@ from urllib.parse import urlencode
 from modalmotion.store import JobState, ResultStore
 from modalmotion_service.analysis import Analysis, Upload
 from modalmotion_service.jobs import JobRunner, Report
-from modalmotion_service.schemas import ManySignatures, SignatureQuery, parse_grid
+from modalmotion_service.schemas import ManySignatures, SignatureQuery, UploadQuery
 from modalmotion_service.settings import Settings
 from modalmotion_service.spool import Spool, SpooledUpload
-from modalmotion_service.tasks import Overrides
 
 
 def make_runner(
@@ -20,12 +19,9 @@ def make_runner(
     """Make the runner of all kinds of jobs, and clear what no job needs from the spool."""
 
     async def upload(request: Any, _: Report) -> Any:
-        sent = Upload(
-            _spooled(spool, request),
-            Overrides(request["topology"], parse_grid(request["grid"]), request["unit"]),
-            request["subject"],
-            request["label"],
-        )
+        query = UploadQuery(**request["query"])
+        options = query.options(settings.read_limits)
+        sent = Upload(_spooled(spool, request), options, query.subject, query.label)
         received = await analysis.receive(sent)
         return {"link": f"/v1/sequences/{received.record.id}"}
 

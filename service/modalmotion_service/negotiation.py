@@ -9,6 +9,9 @@ from starlette.exceptions import HTTPException
 JSON: Final = "application/json"
 HDF5: Final = "application/x-hdf5"
 NPZ: Final = "application/x-npz"
+GLB: Final = "model/gltf-binary"
+VTKHDF: Final = "application/vnd.vtk.vtkhdf"
+ZIP: Final = "application/zip"
 PNG: Final = "image/png"
 
 

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from modalmotion.body_frame import Components
 from modalmotion.classify import Classification
 from modalmotion.errors import ParameterError
+from modalmotion.formats import Format, ReadLimits, ReadOptions, ReadResult
 from modalmotion.modes import ModeLabel
 from modalmotion.signature import INTENDED_USE, MOST_MODES, ModalSignature, SignatureParameters
 from modalmotion.spring_modes import SpringLabel
@@ -26,6 +27,16 @@ PLACE: Final[Any] = Field(
     description="Landmark: the number of a vertex, or a point as x,y,z.",
 )
 
+TOPOLOGY: Final[Any] = Field(
+    None,
+    max_length=80,
+    description="cup, cylinder, plane, torus, sphere, open curve or closed curve; over what "
+    "the file states.",
+)
+GRID: Final[Any] = Field(
+    None, pattern=GRID_PATTERN, description="Nodes along each axis of a lattice, such as 32,64."
+)
+
 JobId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{32}$")]
 SequenceId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
 
@@ -35,6 +46,71 @@ class Health(BaseModel):
 
     status: Literal["ok"] = "ok"
     version: str
+
+
+class ReadingAnswer(BaseModel):
+    """What a reader learned of a file besides the sequence in it."""
+
+    format: str
+    ignored: list[str] = Field(description="Arrays and members that were not used.")
+    coordinate_system: str | None = Field(
+        description="Directions of the axes as the file names them; positions are never turned."
+    )
+    unit_from: str | None = Field(description="Who states the unit: file, format or caller.")
+    times_from: str | None = Field(description="Who states the times: file, format or caller.")
+    notes: list[str]
+
+    @staticmethod
+    def of(read: ReadResult) -> ReadingAnswer:
+        """Write out what was read, but for the sequence."""
+        return ReadingAnswer(
+            format=read.format,
+            ignored=list(read.ignored),
+            coordinate_system=read.coordinate_system,
+            unit_from=read.unit_from,
+            times_from=read.times_from,
+            notes=list(read.notes),
+        )
+
+
+class ReadingQuery(BaseModel):
+    """What may be said of a file beside it, over what it says itself."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    format: Format | None = Field(None, description="Told from the content by default.")
+    topology: str | None = TOPOLOGY
+    grid: str | None = GRID
+    unit: str | None = Field(None, max_length=20, description="m, cm, mm, um or nm.")
+    times: str | None = Field(None, max_length=400_000, description="In s, such as 0,0.04,0.08.")
+    frame_interval: float | None = Field(
+        None, gt=0, allow_inf_nan=False, description="In s, in place of times."
+    )
+    n_vertices: int | None = Field(None, ge=1, description="Of raw numbers: vertices a frame.")
+    dtype: Literal["float32", "float64"] = Field("float32", description="Of raw numbers.")
+    animation: str | None = Field(None, max_length=200, description="Of GLB: by its name.")
+
+    def options(self, limits: ReadLimits) -> ReadOptions:
+        """Translate to the reader's options."""
+        return ReadOptions(
+            format=self.format,
+            limits=limits,
+            unit=self.unit,
+            times=None if self.times is None else tuple(parse_times(self.times)),
+            frame_interval=self.frame_interval,
+            topology=self.topology,
+            grid=parse_grid(self.grid),
+            n_vertices=self.n_vertices,
+            dtype=self.dtype,
+            animation=self.animation,
+        )
+
+
+class UploadQuery(ReadingQuery):
+    """What may be said of an upload beside the file."""
+
+    subject: str | None = Field(None, max_length=200, description="Whose surface it is.")
+    label: str | None = Field(None, max_length=200, description="Known motion class.")
 
 
 class SequenceSummary(BaseModel):
@@ -51,13 +127,13 @@ class SequenceSummary(BaseModel):
     subject: str | None
     label: str | None
     created: str = Field(description="When it was first received, ISO 8601 in UTC.")
-    ignored: list[str] = Field(
-        default_factory=list, description="Arrays of the upload that were not used."
+    reading: ReadingAnswer | None = Field(
+        None, description="What the upload held besides; only in the answer to it."
     )
     links: dict[str, str]
 
     @staticmethod
-    def of(record: SequenceRecord, ignored: tuple[str, ...] = ()) -> SequenceSummary:
+    def of(record: SequenceRecord, reading: ReadingAnswer | None = None) -> SequenceSummary:
         """Summarise a record of the store."""
         here = f"/v1/sequences/{record.id}"
         return SequenceSummary(
@@ -72,7 +148,7 @@ class SequenceSummary(BaseModel):
             subject=record.subject,
             label=record.label,
             created=record.created,
-            ignored=list(ignored),
+            reading=reading,
             links={
                 "self": here,
                 "signature": f"{here}/signature",
@@ -109,17 +185,8 @@ class SignatureQuery(BaseModel):
         description="Number of modes, three amplitudes a frame each; rounded up where a "
         "cosine-sine pair would be split.",
     )
-    topology: str | None = Field(
-        None,
-        max_length=80,
-        description="cup, cylinder, plane, torus, sphere, open curve or closed curve; over "
-        "what the sequence states.",
-    )
-    grid: str | None = Field(
-        None,
-        pattern=GRID_PATTERN,
-        description="Nodes along each axis of a lattice, such as 32,64.",
-    )
+    topology: str | None = TOPOLOGY
+    grid: str | None = GRID
     reference: int = Field(0, ge=0, description="Frame that displacements are measured from.")
     weights: Weights = Field(
         Weights.AREA, description="How much each vertex counts: its area, or all alike."

@@ -10,16 +10,14 @@ import io
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from modalmotion.classify import Classification, classify, load_model
-from modalmotion.formats import ReadLimits, ReadResult, read_npz, write_npz
-from modalmotion.interpolation import at_times
-from modalmotion.reconstruction import reconstruct
+from modalmotion.formats import ParserHere, ReadOptions, ReadResult, read_sequence
 from modalmotion.signature import (
     ModalSignature,
     SignatureParameters,
@@ -37,24 +35,8 @@ from modalmotion.store import (
     template_to_hdf5,
     write_pack,
 )
-from modalmotion.topology import Topology
-from modalmotion_service.schemas import SignatureAnswer, TemplateAnswer
-
-
-@dataclass(frozen=True)
-class Overrides:
-    """What a request says of an upload, over what the file says.
-
-    Parameters
-    ----------
-    topology : str or None
-    grid : tuple of int or None
-    unit : str or None
-    """
-
-    topology: str | None = None
-    grid: tuple[int, ...] | None = None
-    unit: str | None = None
+from modalmotion.superposed import SurfaceFormat, write_superposed
+from modalmotion_service.schemas import ReadingAnswer, SignatureAnswer, TemplateAnswer
 
 
 @dataclass(frozen=True)
@@ -65,27 +47,26 @@ class Ingested:
     ----------
     record : SequenceRecord
         Of the sequence; whose it is and when it came is for the server to say.
-    ignored : tuple of str
-        Arrays that were not used.
+    reading : ReadingAnswer
+        What the file held besides.
     milliseconds : dict
         By stage.
     """
 
     record: SequenceRecord
-    ignored: tuple[str, ...]
+    reading: ReadingAnswer
     milliseconds: dict[str, float]
 
 
-def ingest(upload: Path, overrides: Overrides, limits: ReadLimits, image: Path) -> Ingested:
+def ingest(upload: Path, options: ReadOptions, image: Path) -> Ingested:
     """Read an upload, check it, and write it as a sequence's HDF5 image."""
     watch = _Stopwatch()
     with watch.stage("read"):
-        read = _read(upload, overrides, limits)
-        sequence = read.sequence
+        read = _read(upload, options)
     with watch.stage("image"):
-        record = record_of(sequence, created="", has_upload=True)
-        image.write_bytes(sequence_to_hdf5(sequence))
-    return Ingested(record, read.ignored, watch.milliseconds)
+        record = record_of(read.sequence, created="", has_upload=True)
+        image.write_bytes(sequence_to_hdf5(read.sequence))
+    return Ingested(record, ReadingAnswer.of(read), watch.milliseconds)
 
 
 def sign(
@@ -124,16 +105,12 @@ class Templated:
 
 
 def make_template(
-    upload: Path,
-    overrides: Overrides,
-    limits: ReadLimits,
-    parameters: SignatureParameters,
-    image: Path,
+    upload: Path, options: ReadOptions, parameters: SignatureParameters, image: Path
 ) -> Templated:
     """Make the template of an upload's reference frame and write its HDF5 image."""
     watch = _Stopwatch()
     with watch.stage("read"):
-        sequence = _read(upload, overrides, limits).sequence
+        sequence = _read(upload, options).sequence
     with watch.stage("template"):
         template = resolve_template(sequence, parameters)
     with watch.stage("image"):
@@ -156,15 +133,25 @@ def draw_template(path: Path) -> bytes:
 
 
 def superpose(
-    sequence: Path, signature: Path, template: Path | None, times: list[float] | None, output: Path
+    sequence: Path,
+    signature: Path,
+    template: Path | None,
+    surface_format: SurfaceFormat,
+    times: list[float] | None,
+    max_targets: int | None,
+    output: Path,
 ) -> None:
-    """Write the surfaces that a kept signature stands for, as .npz."""
-    loaded, fitted = sequence_from_hdf5(sequence), signature_from_hdf5(signature)
-    named = None if template is None else template_from_hdf5(template)
-    if times is not None:
-        fitted = at_times(fitted, np.array(times))
-    positions = reconstruct(fitted, loaded, template=named)
-    output.write_bytes(write_npz(replace(loaded, vertices=positions, times=fitted.times)))
+    """Write the surfaces that a kept signature stands for."""
+    output.write_bytes(
+        write_superposed(
+            signature_from_hdf5(signature),
+            sequence_from_hdf5(sequence),
+            surface_format,
+            template=None if template is None else template_from_hdf5(template),
+            times=None if times is None else np.array(times),
+            max_targets=max_targets,
+        )
+    )
 
 
 def name_class(signature: Path, model: str) -> Classification:
@@ -195,13 +182,9 @@ def pack_hdf5(signatures: list[Path], records: list[SequenceRecord], output: Pat
     write_pack(output, zip(loaded, records, strict=True))
 
 
-def _read(upload: Path, overrides: Overrides, limits: ReadLimits) -> ReadResult:
-    read = read_npz(upload.read_bytes(), limits)
-    topology = None if overrides.topology is None else Topology.parse(overrides.topology)
-    sequence = read.sequence.with_topology(topology, overrides.grid)
-    if overrides.unit is not None:
-        sequence = sequence.with_unit(overrides.unit)
-    return replace(read, sequence=sequence)
+def _read(upload: Path, options: ReadOptions) -> ReadResult:
+    # This process may be lost and is limited from outside: parsers need none of their own.
+    return read_sequence(upload.read_bytes(), options, parser=ParserHere(options.limits))
 
 
 def _trajectory(signature: ModalSignature) -> dict[str, Any]:

@@ -59,7 +59,9 @@ def assert_same(found: object, expected: object) -> None:
         assert isinstance(found, tuple)
         for one, other in zip(found, expected, strict=True):
             assert_same(one, other)
-    elif isinstance(expected, ModeSet | MappingProxyType) or not hasattr(expected, "__dataclass_fields__"):
+    elif isinstance(expected, ModeSet | MappingProxyType) or not hasattr(
+        expected, "__dataclass_fields__"
+    ):
         assert found == expected
     else:
         for field in fields(expected):  # type: ignore[arg-type]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from modalmotion.errors import (
     MalformedFileError,
     NonFiniteError,
     ParameterError,
+    ShapeError,
 )
 from modalmotion.formats import ReadLimits, ReadOptions, read_sequence, write_glb
 from modalmotion.formats.gltf.channels import Channel
@@ -108,8 +110,6 @@ def test_weights_run_from_zero_to_one_and_their_ranges_are_kept() -> None:
 
 
 def test_frames_without_times_play_at_a_stated_rate_and_read_back_without() -> None:
-    from dataclasses import replace
-
     data = write_glb(replace(animation(), times=None, unit=None))
     read = read_sequence(data)
     assert read.sequence.times is None
@@ -121,8 +121,6 @@ def test_frames_without_times_play_at_a_stated_rate_and_read_back_without() -> N
 
 
 def test_late_times_survive_and_times_too_close_are_refused() -> None:
-    from dataclasses import replace
-
     late = replace(animation(), times=np.array([1.7e9, 1.7e9 + 0.5, 1.7e9 + 1.25]))
     times = read_sequence(write_glb(late)).sequence.times
     assert times is not None
@@ -132,9 +130,14 @@ def test_late_times_survive_and_times_too_close_are_refused() -> None:
     assert caught.value.frame == 2
 
 
-def test_a_contour_is_written_as_points() -> None:
-    from dataclasses import replace
+@pytest.mark.parametrize("name", ["targets", "rotations", "translations", "times"])
+def test_arrays_that_do_not_fit_each_other_are_refused(name: str) -> None:
+    given = animation(2)
+    with pytest.raises(ShapeError, match=name):
+        replace(given, **{name: getattr(given, name)[:-1]})
 
+
+def test_a_contour_is_written_as_points() -> None:
     read = read_sequence(write_glb(replace(animation(), faces=FACES[:0])))
     assert not len(read.sequence.faces)
 

@@ -121,6 +121,23 @@ def test_negative_indices_count_from_the_last_vertex_so_far() -> None:
     assert frame.faces.tolist() == [[0, 1, 2], [3, 2, 1]]
 
 
+def test_lines_one_by_one_read_as_in_bulk() -> None:
+    bulk = obj(VERTICES[0])
+    # A polygon of four corners, and words set in, take the other way.
+    slow = bulk.replace(b"\nv ", b"\n  v\t").replace(b"\nf ", b"\nf\t") + b"f 1 2 3 4\n"
+    first, second = read_obj(bulk), read_obj(slow)
+    assert np.array_equal(first.positions, second.positions)
+    assert np.array_equal(first.faces, second.faces[:-2])
+    assert first.ignored == second.ignored
+
+
+def test_several_solids_are_one_surface() -> None:
+    twice = stl_text(VERTICES[0]) + stl_text(VERTICES[1]).replace(b"\n", b"\r\n")
+    frame = read_stl(twice)
+    both = np.concatenate([VERTICES[0][FACES], VERTICES[1][FACES]])
+    assert np.array_equal(frame.positions.reshape(-1, 3, 3), both)
+
+
 def test_a_line_that_goes_on_is_one_line() -> None:
     frame = read_obj(b"v 0 0 \\\n0\nv 1 0 0\nv 1 1 0\nf 1 2 \\\r\n3\n")
     assert frame.faces.tolist() == [[0, 1, 2]]
@@ -173,9 +190,11 @@ def test_a_stated_coordinate_system_is_found(name: str, data: bytes) -> None:
         ("stl", stl_binary(VERTICES[0]) + b"\0", "684 bytes"),
         ("stl", stl_binary(VERTICES[0], FACES[:0]), "no triangle"),
         ("stl", stl_text(VERTICES[0]).rpartition(b"facet normal")[0], "cut short"),
-        ("stl", stl_text(VERTICES[0]).replace(b"endfacet", b"", 1), "12 facets begin, 11 end"),
-        ("stl", stl_text(VERTICES[0]).replace(b"vertex", b"vertex 1", 9), "has a line"),
-        ("stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex a 0 0", "no number"),
+        ("stl", stl_text(VERTICES[0]).replace(b"endfacet", b"", 1), "Facet 0"),
+        ("stl", stl_text(VERTICES[0]).replace(b"loop\nvertex", b"loop\nvertex 1", 3), "Facet 0"),
+        ("stl", stl_text(VERTICES[0]).replace(b"solid vertex", b"facet vertex", 1), "no complete"),
+        ("stl", stl_text(VERTICES[0]).replace(b"endsolid", b"solid"), "Facet 12"),
+        ("stl", stl_text(VERTICES[0] * 0).replace(b"vertex 0.0", b"vertex a", 1), "no number"),
         ("off", off(VERTICES[0]).replace(b"12 12", b"12 13"), "fewer"),
         ("off", off(VERTICES[0]).replace(b"12 12", b"12 11"), "more"),
         ("off", off(VERTICES[0]).replace(b"12 12", b"40 12"), "ends after 24"),

@@ -7,6 +7,7 @@ import pytest
 
 from modalmotion.errors import ParameterError
 from modalmotion.formats import read_sequence, write_glb
+from modalmotion.interpolation import at_times
 from modalmotion.modal_animation import modal_animation
 from modalmotion.reconstruction import reconstruct
 from modalmotion.sequence import MeshSequence, mesh_sequence
@@ -79,6 +80,17 @@ def test_what_is_left_out_is_counted_and_measured(
     lost = np.sqrt(((some.positions() - whole.positions()) ** 2).sum(axis=2).mean())
     # A lattice's areas differ from node to node; the measure is over the surface.
     assert some.rms_left_out == pytest.approx(lost, rel=0.2, abs=1e-9)
+
+
+def test_a_resampled_signature_plays_at_its_own_times(
+    beating: MeshSequence, signature: ModalSignature
+) -> None:
+    times = np.array([0.1, 0.5])
+    animation = modal_animation(at_times(signature, times), beating)
+    assert animation.n_frames == 2
+    read = read_sequence(write_glb(animation)).sequence
+    assert read.times is not None
+    assert np.allclose(read.times, times)
 
 
 def test_another_sequence_is_refused(beating: MeshSequence, signature: ModalSignature) -> None:

@@ -23,11 +23,22 @@ from store_samples import (
 
 from modalmotion.cli.store_commands import store as commands
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
+from modalmotion.modes import ModeSet
 from modalmotion.sequence import mesh_sequence
 from modalmotion.signature import modal_signature
-from modalmotion.store import ResultStore, export, rebuild, verify, write_pack
+from modalmotion.store import (
+    ResultStore,
+    export,
+    rebuild,
+    sequence_to_hdf5,
+    template_to_hdf5,
+    verify,
+    write_pack,
+)
 from modalmotion.store.folder import Folder, ResultName
 from modalmotion.store.record import read_record, record_to_json
+from modalmotion.store.sealed import SEAL_LENGTH, seal
+from modalmotion.template import make_template
 
 N = 4
 
@@ -217,6 +228,15 @@ def _flip_upload(root: Path) -> None:
     damage(Folder(root).upload(sample_sequence(1).id))
 
 
+def _flip_template(root: Path) -> None:
+    template = make_template(sample_sequence(1))
+    path = Folder(root).template(template.id)
+    path.parent.mkdir(parents=True)
+    path.write_bytes(template_to_hdf5(template))
+    assert verify(root).is_sound
+    damage(path)
+
+
 def _flip_signature(root: Path) -> None:
     damage(Folder(root).result(ResultName("signature", sample_sequence(1).id, "", KEY)))
 
@@ -267,6 +287,13 @@ def _other_numbers(root: Path) -> None:
     Folder(root).result(name).write_bytes(path.read_bytes())
 
 
+def _other_vertices(root: Path) -> None:
+    # Sealed and under the right id, which does not stand for these vertices.
+    one, other = sample_sequence(1), sample_sequence(9)
+    image = sequence_to_hdf5(other)[:-SEAL_LENGTH].replace(other.id.encode(), one.id.encode())
+    Folder(root).upload(one.id).write_bytes(seal([image]))
+
+
 def _change_index(root: Path) -> None:
     connection = sqlite3.connect(root / "index.sqlite")
     with connection:
@@ -292,6 +319,7 @@ def _no_index(root: Path) -> None:
 
 FAULTS = [
     _flip_upload,
+    _flip_template,
     _flip_signature,
     _flip_classification,
     _cut,
@@ -301,6 +329,7 @@ FAULTS = [
     _swap,
     _another_record,
     _other_numbers,
+    _other_vertices,
     _change_index,
     _empty_index,
     _remove_index,
@@ -382,6 +411,7 @@ def test_the_export_holds_every_trajectory_under_its_parameters(root: Path, tmp_
                     group["times"][frames],
                     np.full(4, np.nan) if signature.times is None else signature.times,
                 )
+                assert isinstance(signature.modes, ModeSet)
                 np.testing.assert_array_equal(group["wavenumbers"], signature.modes.wavenumbers)
                 assert group["amplitudes"].attrs["unit"] == signature.unit
                 record = store.sequence_record(name)

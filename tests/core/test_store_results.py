@@ -39,8 +39,11 @@ from modalmotion.store import (
     record_of,
     sequence_to_hdf5,
     signature_to_hdf5,
+    template_from_hdf5,
+    template_to_hdf5,
     verify,
 )
+from modalmotion.template import make_template
 
 
 @pytest.fixture
@@ -290,6 +293,30 @@ def test_an_image_of_another_process_that_is_damaged_is_refused(
     assert tree(store.root) == before
 
 
+def test_a_template_is_kept_once_and_found_by_its_id(store: ResultStore, tmp_path: Path) -> None:
+    template = make_template(sample_sequence(1))
+    image = tmp_path / "image.h5"
+    image.write_bytes(template_to_hdf5(template))
+    assert store.put_template_image(image, template.id)
+    assert not store.put_template_image(image, template.id)
+    path = store.template_path(template.id)
+    assert_same(template_from_hdf5(path), template)
+    damaged = path.read_bytes()[:-1]
+    path.write_bytes(damaged)
+    assert store.put_template_image(image, template.id)
+    assert path.read_bytes() == image.read_bytes()
+    for bad in ("0" * 64, "", "../" + "a" * 61):
+        with pytest.raises(NotFoundError):
+            store.template_path(bad)
+    before = tree(store.root)
+    with pytest.raises(StoreError, match="digest"):
+        store.put_template_image(image, "../../x")
+    image.write_bytes(damaged)
+    with pytest.raises(CorruptFileError):
+        store.put_template_image(image, "0" * 64)
+    assert tree(store.root) == before
+
+
 def test_without_uploads_only_what_is_known_is_kept(tmp_path: Path) -> None:
     sequence = sample_sequence(1)
     with ResultStore(tmp_path, keep_uploads=False) as store:
@@ -365,13 +392,14 @@ def test_a_deleted_sequence_takes_everything_along(store: ResultStore) -> None:
 
 def all_pages(store: ResultStore, limit: int, **filters: str) -> list[str]:
     ids, cursor = [], None
-    while True:
+    for _ in range(100):
         page: SequencePage = store.list_sequences(limit=limit, cursor=cursor, **filters)
         assert len(page.records) <= limit
         ids += [record.id for record in page.records]
         cursor = page.cursor
         if cursor is None:
             return ids
+    raise AssertionError("the pages do not end")
 
 
 @pytest.mark.parametrize("limit", [1, 2, 3, 11, 12, 13])

@@ -70,12 +70,21 @@ def crash_rounds(service: RunningService, n_rounds: int, rng: random.Random) -> 
     for round_number in range(n_rounds):
         service.start()
         with ThreadPoolExecutor(4) as clients:
-            for client in range(4):
+            uploads = [
                 clients.submit(
                     upload_until_killed, service, round_number * 10 + client + 1, acknowledged
                 )
-            time.sleep(rng.uniform(0.05, 1.0))
+                for client in range(4)
+            ]
+            # Every other round lets some be acknowledged first, however slow the machine is.
+            patience = time.monotonic() + (20.0 if round_number % 2 == 0 else 0.0)
+            enough = len(acknowledged) + 8
+            while len(acknowledged) < enough and time.monotonic() < patience:
+                time.sleep(0.01)
+            time.sleep(rng.uniform(0.0, 0.5))
             service.kill()
+        for upload in uploads:
+            upload.result()
     service.start()
     for link, number in acknowledged.items():
         sequence_id = read_npz(small(number)).sequence.id
@@ -104,7 +113,7 @@ def crash_rounds(service: RunningService, n_rounds: int, rng: random.Random) -> 
 
 
 def test_kill_9_loses_nothing_that_was_acknowledged(service: RunningService) -> None:
-    assert crash_rounds(service, 3, random.Random(1)) > 20  # noqa: S311 (no secret)
+    assert crash_rounds(service, 3, random.Random(1)) >= 16  # noqa: S311 (no secret)
 
 
 @pytest.mark.soak

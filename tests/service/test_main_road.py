@@ -35,7 +35,9 @@ def test_an_upload_is_answered_with_what_was_understood(client: TestClient, beat
     assert (summary["n_frames"], summary["n_vertices"]) == sequence.vertices.shape[:2]
     assert summary["grid"] == list(sequence.grid or ())
     assert summary["unit"] == "mm"
-    assert client.get(answer.headers["location"]).json() == summary
+    assert (summary["reading"]["format"], summary["reading"]["unit_from"]) == ("npz", "file")
+    again = client.get(answer.headers["location"]).json()
+    assert again == {**summary, "reading": None}
 
 
 def test_the_second_upload_is_known_and_does_nothing_twice(

@@ -1,19 +1,21 @@
-"""Commands that look at one sequence: signature and classify."""
+"""Commands that look at one sequence: signature, reconstruct and classify."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 
-from modalmotion.cli.files import GridShape, SequenceFile, read_sequence
+from modalmotion.body_frame import Components
+from modalmotion.cli.files import GridShape, read, sequence_argument
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.template import Weights
 
 
 @click.command()
-@click.argument("file", type=SequenceFile())
+@sequence_argument
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="HDF5 file to write.")
 @click.option("--modes", default=7, show_default=True, help="Modes, 3 amplitudes a frame each.")
 @click.option("--topology", help="cup, cylinder, plane, ...; over what the file states.")
@@ -26,25 +28,38 @@ from modalmotion.template import Weights
     show_default=True,
     help="How much each vertex counts.",
 )
+@click.option(
+    "--components",
+    type=click.Choice([c.value for c in Components]),
+    default=Components.CARTESIAN.value,
+    show_default=True,
+    help="x, y, z or radial, tangential, axial.",
+)
 @click.option("--keep-rotation", is_flag=True, help="Leave each frame's rotation in the motion.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Picture to write (PNG, SVG, PDF).")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def signature(
-    file: Path,
+    source: Path,
     output: Path | None,
     modes: int,
     topology: str | None,
     grid: tuple[int, ...] | None,
     reference: int,
     weights: str,
+    components: str,
     keep_rotation: bool,
     plot: Path | None,
     as_json: bool,
+    **said: Any,
 ) -> None:
-    """Fit the modal signature of the sequence in FILE."""
+    """Fit the modal signature of the sequence in FILE.
+
+    FILE is a file of any format that is understood, a folder of frames, or a pattern of their
+    names such as 'scan_*.ply'.
+    """
     from modalmotion.store import signature_to_hdf5, write_atomic
 
-    sequence = read_sequence(file)
+    sequence = read(source, **said)
     parameters = SignatureParameters(
         modes=modes,
         topology=topology,
@@ -52,6 +67,7 @@ def signature(
         reference=reference,
         weights=Weights(weights),
         remove_rotation=not keep_rotation,
+        components=Components(components),
     )
     result = modal_signature(sequence, parameters)
     if output is not None:
@@ -67,16 +83,57 @@ def signature(
 
 
 @click.command()
-@click.argument("file", type=SequenceFile())
+@sequence_argument
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="File to write: .npz, .vtkhdf, .glb or .zip (of PLY).",
+)
+@click.option("--modes", default=7, show_default=True, help="Modes, 3 amplitudes a frame each.")
+@click.option("--topology", help="Over what the file states.")
+@click.option("--grid", type=GridShape(), help="Lattice shape; over the file's own.")
+@click.option("--max-targets", type=int, help="Of a GLB: most morph targets, by energy.")
+def reconstruct(
+    source: Path,
+    output: Path,
+    modes: int,
+    topology: str | None,
+    grid: tuple[int, ...] | None,
+    max_targets: int | None,
+    **said: Any,
+) -> None:
+    """Write the surfaces that a few modes of the sequence in FILE stand for."""
+    from modalmotion.store import write_atomic
+    from modalmotion.superposed import SUFFIXES, write_superposed
+
+    if output.suffix not in SUFFIXES:
+        raise click.BadParameter(
+            f"{output.name} ends with none of {', '.join(SUFFIXES)}.", param_hint="--output"
+        )
+    sequence = read(source, **said)
+    parameters = SignatureParameters(modes=modes, topology=topology, grid=grid)
+    result = modal_signature(sequence, parameters)
+    data = write_superposed(result, sequence, SUFFIXES[output.suffix], max_targets=max_targets)
+    write_atomic(output, data)
+    click.echo(
+        f"{result.n_frames} frames, error {result.rms_error:.3f} "
+        f"{result.unit or 'length units'} RMS; written: {output}"
+    )
+
+
+@click.command()
+@sequence_argument
 @click.option("--model", default="ventricle-simulated", show_default=True, help="Model to ask.")
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
-def classify(file: Path, model: str, as_json: bool) -> None:
+def classify(source: Path, model: str, as_json: bool, **said: Any) -> None:
     """Name the motion class of the sequence in FILE."""
     from modalmotion.classify import classify as ask
     from modalmotion.classify import load_model
 
     chosen = load_model(model)
-    result = ask(modal_signature(read_sequence(file), chosen.signature_parameters), chosen)
+    result = ask(modal_signature(read(source, **said), chosen.signature_parameters), chosen)
     shares = dict(zip(result.classes, result.probabilities.tolist(), strict=True))
     if as_json:
         answer = {

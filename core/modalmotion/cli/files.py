@@ -1,20 +1,17 @@
-"""Files and shapes named on the command line."""
+"""Sequences and shapes named on the command line."""
 
 from __future__ import annotations
 
+import contextlib
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
-from modalmotion.formats import read_npz
+from modalmotion.formats import Format, ReadOptions, read_sequence
 from modalmotion.sequence import MeshSequence
-
-
-class SequenceFile(click.Path):
-    """A file that holds a mesh sequence."""
-
-    def __init__(self) -> None:
-        super().__init__(exists=True, dir_okay=False, readable=True, path_type=Path)
 
 
 class GridShape(click.ParamType[tuple[int, ...]]):
@@ -25,6 +22,7 @@ class GridShape(click.ParamType[tuple[int, ...]]):
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[int, ...]:
+        """Read what was typed."""
         if isinstance(value, tuple):
             return value
         try:
@@ -33,9 +31,74 @@ class GridShape(click.ParamType[tuple[int, ...]]):
             self.fail(f"{value!r} is no lattice shape; write it as 32,64.", param, ctx)
 
 
-def read_sequence(path: Path) -> MeshSequence:
-    """Read a mesh sequence, saying which of its arrays were not used."""
-    read = read_npz(path.read_bytes())
-    if read.ignored:
-        click.echo(f"not used: {', '.join(read.ignored)}", err=True)
-    return read.sequence
+def sequence_argument(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add FILE and everything that may be said of it to a command.
+
+    The command is called with `source`, the sequence's path, and `options`.
+    """
+    unit = click.option("--unit", help="Length unit: m, cm, mm, um or nm; over the file's own.")
+    form = click.option(
+        "--format",
+        "form",
+        type=click.Choice([f.value for f in Format]),
+        help="Told from the content by default.",
+    )
+    interval = click.option(
+        "--frame-interval", type=float, help="Seconds from frame to frame; over the file's own."
+    )
+    n_vertices = click.option("--n-vertices", type=int, help="Of raw numbers: vertices a frame.")
+    source = click.argument("source", metavar="FILE", type=click.Path(path_type=Path))
+    for decorate in (n_vertices, interval, form, unit, source):
+        command = decorate(command)
+    return command
+
+
+def read(
+    source: Path,
+    *,
+    unit: str | None = None,
+    form: str | None = None,
+    frame_interval: float | None = None,
+    n_vertices: int | None = None,
+    grid: tuple[int, ...] | None = None,
+    topology: str | None = None,
+) -> MeshSequence:
+    """Read a sequence: a file, a folder of frames, or a pattern of their names.
+
+    Frames that are files of their own show a bar; what was not used or guessed is said.
+    """
+    options = ReadOptions(
+        format=None if form is None else Format(form),
+        unit=unit,
+        frame_interval=frame_interval,
+        n_vertices=n_vertices,
+        grid=grid,
+        topology=topology,
+    )
+    with _FrameBar() as bar:
+        result = read_sequence(source, options, progress=bar)
+    if result.ignored:
+        click.echo(f"not used: {', '.join(result.ignored)}", err=True)
+    for note in result.notes:
+        click.echo(f"note: {note}", err=True)
+    return result.sequence
+
+
+class _FrameBar:
+    """A bar that appears when there are frames to count."""
+
+    def __init__(self) -> None:
+        self._bar: Any = None
+        self._open = contextlib.ExitStack()
+
+    def __call__(self, done: int, total: int) -> None:
+        if self._bar is None:
+            bar = click.progressbar(length=total, label="frames", file=sys.stderr)
+            self._bar = self._open.enter_context(bar)
+        self._bar.update(done - self._bar.pos)
+
+    def __enter__(self) -> _FrameBar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()

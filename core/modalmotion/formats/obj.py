@@ -29,6 +29,8 @@ KEYWORDS: Final = frozenset(
 
 # From the first slash of a corner on stand its texture and normal.
 _AFTER_VERTEX: Final = re.compile(rb"/\S*")
+# Vertices and faces that are set in, or apart by tabs.
+_UNUSUAL: Final = (b" ", b"\t", b"v\t", b"f\t")
 _MOST_COMMENTS: Final = 20
 _REMEDY: Final = "Export the frame again as OBJ, without free-form surfaces."
 
@@ -62,12 +64,13 @@ def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     comments: list[bytes] = []
     for lines in line_blocks(data):
         plain = _plain_block(lines)
-        if plain is not None:
+        if plain is None:
+            positions = _read_block(lines, n_vertices, sizes, corners)
+        else:
             positions, triangles = plain
             corners += triangles
             sizes.extend([3] * (len(triangles) // 3))
-        else:
-            positions = _read_block(lines, n_vertices, sizes, corners, others, comments)
+        _note_others(lines, others, comments)
         blocks.append(positions)
         n_vertices += len(positions)
         limits.require("vertices", n_vertices)
@@ -87,20 +90,20 @@ def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
 
 
 def _plain_block(lines: list[bytes]) -> tuple[NDArray[np.float64], array[int]] | None:
-    """Read lines that are all "v x y z" or "f a b c", in bulk; None if there are others."""
+    """Read vertices and triangles in bulk; None where there is anything out of the ordinary."""
     vertices = [line for line in lines if line.startswith(b"v ")]
     faces = [line for line in lines if line.startswith(b"f ")]
     text = b" ".join(faces)
-    # What counts from the last vertex so far needs to know where each line stands.
-    if len(vertices) + len(faces) != len(lines) or b"-" in text:
-        return None
     numbers = b" ".join(vertices).split()
     indices = (_AFTER_VERTEX.sub(b"", text) if b"/" in text else text).split()
     is_plain = (
-        len(numbers) == 4 * len(vertices)
+        # What counts from the last vertex so far needs to know where each line stands.
+        b"-" not in text
+        and len(numbers) == 4 * len(vertices)
         and len(indices) == 4 * len(faces)
-        and numbers.count(b"v") == len(vertices) == numbers[::4].count(b"v")
-        and indices.count(b"f") == len(faces) == indices[::4].count(b"f")
+        and numbers[::4].count(b"v") == len(vertices)
+        and indices[::4].count(b"f") == len(faces)
+        and not any(line.startswith(_UNUSUAL) for line in lines)
     )
     if not is_plain:
         return None
@@ -114,32 +117,32 @@ def _plain_block(lines: list[bytes]) -> tuple[NDArray[np.float64], array[int]] |
 
 
 def _read_block(
-    lines: list[bytes],
-    n_vertices: int,
-    sizes: array[int],
-    corners: array[int],
-    others: dict[bytes, None],
-    comments: list[bytes],
+    lines: list[bytes], n_vertices: int, sizes: array[int], corners: array[int]
 ) -> NDArray[np.float64]:
-    """Read any lines one by one; the block's positions."""
+    """Read vertices and polygons one by one; the block's positions."""
     rows: list[list[bytes]] = []
     for line in lines:
         words = line.split()
-        if not words:
-            continue
-        if words[0] == b"v":
+        if words[:1] == [b"v"]:
             rows.append(words[1:4])
-        elif words[0] == b"f":
+        elif words[:1] == [b"f"]:
             corners += _corners(words[1:], n_vertices + len(rows))
             sizes.append(len(words) - 1)
-        elif words[0][:1] == b"#":
+    return _positions(rows)
+
+
+def _note_others(lines: list[bytes], others: dict[bytes, None], comments: list[bytes]) -> None:
+    for line in lines:
+        if line.startswith((b"v ", b"f ")):
+            continue
+        if line.lstrip().startswith(b"#"):
             if len(comments) < _MOST_COMMENTS:
                 comments.append(line)
-        elif words[0] in KEYWORDS:
-            others[words[0]] = None
-        else:
-            raise MalformedFileError(f"The OBJ file has a line {line[:40]!r}.", remedy=_REMEDY)
-    return _positions(rows)
+        elif words := line.split(None, 1):
+            if words[0] not in KEYWORDS:
+                raise MalformedFileError(f"The OBJ file has a line {line[:40]!r}.", remedy=_REMEDY)
+            if words[0] not in (b"v", b"f"):
+                others[words[0]] = None
 
 
 def _corners(words: list[bytes], n_vertices: int) -> array[int]:

@@ -7,8 +7,7 @@ are not used.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import re
 from typing import Final
 
 import numpy as np
@@ -32,6 +31,8 @@ _FACET: Final = (
 )
 _KEYWORDS: Final = tuple((i, word) for i, word in enumerate(_FACET) if word is not None)
 _FIRST_CORNER: Final = 7
+# The name of a solid may hold any words.
+_NAME_LINE: Final = re.compile(rb"(?m)^[ \t]*((?:end)?solid(?!\S)[^\r\n]*)")
 
 
 def is_binary_stl(data: bytes) -> bool:
@@ -97,13 +98,15 @@ def _read_text(data: bytes, limits: ReadLimits) -> NDArray[np.float64]:
     n_facets = 0
     is_open = False
     for lines in line_blocks(data):
-        for piece in _between_names(lines):
-            if isinstance(piece, _Name):
-                if words or piece.is_end != is_open:
-                    raise _damaged(n_facets, b" ".join(words[:20]) or piece.line)
-                is_open = not piece.is_end
+        # Facets and, in every second place, lines that begin or end a solid.
+        for i, piece in enumerate(_NAME_LINE.split(b"".join(lines).lower())):
+            if i % 2:
+                begins = piece.startswith(b"solid")
+                if words or begins == is_open:
+                    raise _damaged(n_facets, b" ".join(words[:20]) or piece)
+                is_open = begins
                 continue
-            words += piece
+            words += piece.split()
             whole = len(words) // len(_FACET) * len(_FACET)
             if whole and not is_open:
                 raise _damaged(n_facets, b" ".join(words[:20]))
@@ -118,38 +121,12 @@ def _read_text(data: bytes, limits: ReadLimits) -> NDArray[np.float64]:
     return np.concatenate(blocks) if blocks else np.zeros((0, 3))
 
 
-@dataclass(frozen=True)
-class _Name:
-    """A line that begins or ends a solid; its name may hold any words."""
-
-    line: bytes
-    is_end: bool
-
-
-def _between_names(lines: list[bytes]) -> Iterator[_Name | list[bytes]]:
-    text = b"".join(lines).lower()
-    if b"solid" not in text:
-        yield text.split()
-        return
-    words: list[bytes] = []
-    for line in text.splitlines():
-        start = line.split(None, 1)[:1]
-        if start in ([b"solid"], [b"endsolid"]):
-            yield words
-            words = []
-            yield _Name(line, start == [b"endsolid"])
-        else:
-            words += line.split()
-    yield words
-
-
 def _facets(words: list[bytes], n_before: int) -> NDArray[np.float64]:
     n = len(words) // len(_FACET)
-    for i, keyword in _KEYWORDS:
-        column = words[i :: len(_FACET)]
-        if column.count(keyword) != n:
-            bad = next(k for k, word in enumerate(column) if word != keyword)
-            raise _damaged(n_before + bad, b" ".join(words[bad * len(_FACET) :][: len(_FACET)]))
+    if any(words[i :: len(_FACET)].count(keyword) != n for i, keyword in _KEYWORDS):
+        facets = [words[k * len(_FACET) : (k + 1) * len(_FACET)] for k in range(n)]
+        bad = next(k for k in range(n) if any(facets[k][i] != word for i, word in _KEYWORDS))
+        raise _damaged(n_before + bad, b" ".join(facets[bad]))
     corners = np.empty((n, 3, 3))
     try:
         for corner in range(3):

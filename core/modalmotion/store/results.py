@@ -52,6 +52,11 @@ class ResultStore(SequenceStore):
         CorruptFileError
             If the image has no sound seal.
         """
+        if not is_id(template_id):
+            raise StoreError(
+                f"A template cannot be kept as {str(template_id)[:12]!r}: that is no digest.",
+                remedy="Use the template's own id.",
+            )
         path = self._folder.template(template_id)
         with self._changing(template_id):
             if is_sound(path):

@@ -18,6 +18,9 @@ _WORK: Final = 1 << 17
 # Up to so many rows one product with a vector each is faster than one with the matrix.
 _FEW_ROWS: Final = 7
 
+# Up to so many columns they are better one vector; directions are three.
+_FEW_COLUMNS: Final = 3
+
 # Narrower pieces of a row waste what a processor fetches.
 _NARROWEST: Final = 64
 
@@ -37,7 +40,7 @@ def multiply(
     matrix : (m, k) float64
     stack : (stack, k, n) float64
     out : (stack, m, n) float64, optional
-        C-contiguous.
+        C-contiguous, as `stack`.
 
     Returns
     -------
@@ -48,6 +51,9 @@ def multiply(
         out = np.empty((len(stack), m, n))
     if k == 1:
         return np.multiply(matrix, stack, out=out)
+    if n <= _FEW_COLUMNS and m * k * n * n <= _TILE:
+        _multiply_flat(matrix, stack, out)
+        return out
     if k * n <= _TILE and (m <= _FEW_ROWS or (m * k <= _TILE and m * k * n <= _WORK)):
         _multiply_tile(matrix, stack, out)
         return out
@@ -75,6 +81,23 @@ def _multiply_tile(
         np.matmul(matrix[:, None, :], stack[:, None], out=out[:, :, None, :])
     else:
         np.matmul(matrix, stack, out=out)
+
+
+def _multiply_flat(
+    matrix: NDArray[np.float64], stack: NDArray[np.float64], out: NDArray[np.float64]
+) -> None:
+    """Multiply each member of the stack, written as one vector, by the matrix for each column.
+
+    One product with a vector of 9 or 300 is faster than three with vectors of 3.
+    """
+    (m, k), n = matrix.shape, stack.shape[2]
+    # The longer side lies along the rows in memory: long sums, or long vectors to add.
+    each = np.zeros((m, n, k, n) if k > m else (k, n, m, n))
+    for column in range(n):
+        each[:, column, :, column] = matrix if k > m else matrix.T
+    flat = each.reshape(m * n, k * n).T if k > m else each.reshape(k * n, m * n)
+    rows = stack.reshape(len(stack), 1, k * n)
+    np.matmul(rows, flat, out=out.reshape(len(stack), 1, m * n))
 
 
 def _even_piece(length: int, most: int) -> int:

@@ -21,30 +21,14 @@ from modalmotion_service.dependencies import (
 from modalmotion_service.once import IdempotencyKey, once
 from modalmotion_service.openapi_parts import ACCEPTED, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import (
-    GRID_PATTERN,
     SequenceId,
     SequenceNames,
     SequencePageAnswer,
     SequenceSummary,
-    parse_grid,
+    UploadQuery,
 )
-from modalmotion_service.tasks import Overrides
 
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=PROBLEMS)
-
-
-class UploadQuery(BaseModel):
-    """What may be said of an upload beside the file, over what the file says."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    topology: str | None = Field(None, max_length=80)
-    grid: str | None = Field(
-        None, pattern=GRID_PATTERN, description="Nodes along each axis of a lattice: 32,64."
-    )
-    unit: str | None = Field(None, max_length=20, description="m, cm, mm, um or nm.")
-    subject: str | None = Field(None, max_length=200, description="Whose surface it is.")
-    label: str | None = Field(None, max_length=200, description="Known motion class.")
 
 
 @router.post(
@@ -61,7 +45,7 @@ async def upload(
     preference: PreferenceDependency,
     idempotency_key: IdempotencyKey = None,
 ) -> Response:
-    """Keep a mesh sequence, sent as .npz.
+    """Keep a mesh sequence: npz, VTKHDF, a zip of frames, GLB, or raw numbers.
 
     The same content has the same id: 201 when it is new, 200 when it was known, and 202 with a
     job where the client would rather not wait or the work takes long.
@@ -70,13 +54,9 @@ async def upload(
 
     async def make() -> Response:
         nonlocal is_left_to_job
-        sent = Upload(
-            spooled,
-            Overrides(query.topology, parse_grid(query.grid), query.unit),
-            query.subject,
-            query.label,
-        )
-        request = {"file": spooled.path.name, **query.model_dump()}
+        options = query.options(state.settings.read_limits)
+        sent = Upload(spooled, options, query.subject, query.label)
+        request = {"file": spooled.path.name, "query": query.model_dump(mode="json")}
         if preference.is_async or state.settings.wait_seconds < state.settings.task_seconds:
             # A job may be acknowledged before the bytes are read: they must outlive a crash.
             await asyncio.to_thread(spooled.make_durable)
@@ -87,7 +67,7 @@ async def upload(
             is_left_to_job = True
             return accepted(found)
         return _answer(
-            SequenceSummary.of(found.record, found.ignored), 201 if found.is_new else 200
+            SequenceSummary.of(found.record, found.reading), 201 if found.is_new else 200
         )
 
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 from fastapi import APIRouter, Header, Query, Request, Response
 from pydantic import Field
@@ -12,10 +12,11 @@ from starlette.responses import FileResponse
 
 from modalmotion.errors import LimitError
 from modalmotion.store import Job
+from modalmotion.superposed import SurfaceFormat
 from modalmotion_service.conditional import is_known, not_modified, tag_of
 from modalmotion_service.deferral import accepted, result_or_job
 from modalmotion_service.dependencies import PreferenceDependency, StateDependency
-from modalmotion_service.negotiation import HDF5, JSON, NPZ, best_type
+from modalmotion_service.negotiation import GLB, HDF5, JSON, NPZ, VTKHDF, ZIP, best_type
 from modalmotion_service.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.schemas import (
     ManySignatures,
@@ -66,6 +67,15 @@ async def signature(
     return Response(body, media_type=JSON, headers=headers)
 
 
+SURFACES: Final = {
+    NPZ: (SurfaceFormat.NPZ, ".npz"),
+    VTKHDF: (SurfaceFormat.VTKHDF, ".vtkhdf"),
+    GLB: (SurfaceFormat.GLB, ".glb"),
+    ZIP: (SurfaceFormat.PLY, ".zip"),
+}
+"""What surfaces are given as, by media type."""
+
+
 class ReconstructionQuery(SignatureQuery):
     """Which surfaces are asked for."""
 
@@ -76,27 +86,33 @@ class ReconstructionQuery(SignatureQuery):
         description="Times in s (frame numbers where there are none), such as 0,0.1,0.25; "
         "those of the frames by default.",
     )
+    max_targets: int | None = Field(
+        None, ge=0, le=10_000, description="Of a GLB: most morph targets, by energy."
+    )
 
 
 @router.get(
     "/sequences/{sequence_id}/reconstruction",
     response_class=Response,
-    responses={200: {"description": "The surfaces.", "content": {NPZ: BINARY}}},
+    responses={200: {"description": "The surfaces.", "content": dict.fromkeys(SURFACES, BINARY)}},
 )
 async def reconstruction(
     sequence_id: SequenceId,
     query: Annotated[ReconstructionQuery, Query()],
     state: StateDependency,
-    accept: Annotated[str, Header(description=NPZ)] = NPZ,
+    accept: Annotated[str, Header(description=", ".join(SURFACES))] = NPZ,
 ) -> Response:
     """Give the surfaces that the signature stands for, at any of its times."""
-    best_type(accept, (NPZ,))
+    media_type = best_type(accept, tuple(SURFACES))
+    surface_format, suffix = SURFACES[media_type]
     state.store.sequence_record(sequence_id)
     times = None if query.times is None else parse_times(query.times)
-    path = await state.analysis.reconstruction(sequence_id, query.parameters(), times)
-    name = f"{sequence_id[:12]}-reconstruction.npz"
+    path = await state.analysis.reconstruction(
+        sequence_id, query.parameters(), surface_format, times, query.max_targets
+    )
+    name = f"{sequence_id[:12]}-reconstruction{suffix}"
     return FileResponse(
-        path, media_type=NPZ, filename=name, background=BackgroundTask(_remove, path)
+        path, media_type=media_type, filename=name, background=BackgroundTask(_remove, path)
     )
 
 

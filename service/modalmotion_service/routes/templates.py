@@ -11,10 +11,13 @@ from modalmotion_service.conditional import is_known, not_modified, tag_of
 from modalmotion_service.dependencies import StateDependency, UploadDependency
 from modalmotion_service.negotiation import JSON, PNG, best_type
 from modalmotion_service.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
-from modalmotion_service.schemas import SequenceId, SignatureQuery, TemplateAnswer, parse_grid
-from modalmotion_service.tasks import Overrides
+from modalmotion_service.schemas import ReadingQuery, SequenceId, SignatureQuery, TemplateAnswer
 
 router = APIRouter(prefix="/v1/templates", tags=["templates"], responses=PROBLEMS)
+
+
+class TemplateQuery(ReadingQuery, SignatureQuery):
+    """How to read the file, and how to lay natural coordinates over the surface in it."""
 
 
 @router.post(
@@ -25,14 +28,14 @@ router = APIRouter(prefix="/v1/templates", tags=["templates"], responses=PROBLEM
     responses={200: {"model": TemplateAnswer, "description": "Known already."}},
 )
 async def make(
-    spooled: UploadDependency, query: Annotated[SignatureQuery, Query()], state: StateDependency
+    spooled: UploadDependency, query: Annotated[TemplateQuery, Query()], state: StateDependency
 ) -> Response:
     """Make the template of a sequence's reference frame, and keep it.
 
     A cohort whose vertices correspond names it (`?template=`) and pays for it once.
     """
     try:
-        asked = Upload(spooled, Overrides(query.topology, parse_grid(query.grid)), None, None)
+        asked = Upload(spooled, query.options(state.settings.read_limits), None, None)
         answer, is_new = await state.analysis.template(asked, query.parameters())
     finally:
         spooled.remove()

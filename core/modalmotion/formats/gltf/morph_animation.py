@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.errors import ShapeError
 from modalmotion.topology import Topology
 
 
@@ -31,6 +32,11 @@ class MorphAnimation:
         Targets that were wanted but are not there.
     rms_left_out : float, in `unit`
         RMS over vertices and frames of the displacement that they stand for.
+
+    Raises
+    ------
+    ShapeError
+        If the arrays do not fit each other.
     """
 
     base: NDArray[np.float64]
@@ -46,6 +52,23 @@ class MorphAnimation:
     grid: tuple[int, ...] | None = None
     n_left_out: int = 0
     rms_left_out: float = 0.0
+
+    def __post_init__(self) -> None:
+        n_frames, n_targets = self.weights.shape
+        for name, array, shape in (
+            ("base", self.base, (len(self.base), 3)),
+            ("targets", self.targets, (n_targets, len(self.base), 3)),
+            ("rotations", self.rotations, (n_frames, 3, 3)),
+            ("translations", self.translations, (n_frames, 3)),
+            ("times", self.times, (n_frames,)),
+        ):
+            if array is not None and array.shape != shape:
+                raise ShapeError(
+                    f"{name!r} has the shape {array.shape}, not {shape}: there are {n_frames} "
+                    f"frames of {n_targets} weights.",
+                    remedy="Give every frame its weights, rotation, translation and time.",
+                    details={"array": name, "shape": list(array.shape)},
+                )
 
     @property
     def n_frames(self) -> int:
