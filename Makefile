@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 FILE ?=
+# Which benchmarks; all of them by default: make bench ONLY="lattice codec"
+ONLY ?=
 SETUP := pyproject.toml constraints.txt
 
 .PHONY: demo serve test check format bench soak openapi clean
@@ -17,8 +19,12 @@ $(VENV)/.run: $(SETUP) | $(BIN)/python
 	@touch $@
 
 $(VENV)/.dev: $(SETUP) | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[service,plot,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[service,plot,codec,vtk,dev]'
 	@touch $@ $(VENV)/.run
+
+$(VENV)/.bench: $(VENV)/.dev
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
+	@touch $@
 
 demo: $(VENV)/.run
 	$(BIN)/python -m modalmotion_service.demo $(if $(FILE),"$(FILE)")
@@ -40,8 +46,8 @@ format: $(VENV)/.dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: $(VENV)/.dev
-	$(BIN)/python benchmarks/run.py
+bench: $(VENV)/.bench
+	$(BIN)/python benchmarks/run.py $(ONLY)
 
 soak: $(VENV)/.dev
 	$(BIN)/python -m pytest -m soak

@@ -84,9 +84,9 @@ def _add(table: Table, case: Case, process: ParserProcess) -> None:
 def _add_start(table: Table) -> None:
     def start() -> None:
         with ParserProcess(DEFAULT_LIMITS) as fresh:
-            read_sequence(_small, parser=fresh)
+            read_sequence(small, parser=fresh)
 
-    _small = write_vtkhdf(mesh_sequence(np.zeros((1, 1, 3))))
+    small = write_vtkhdf(mesh_sequence(np.zeros((1, 1, 3))))
     seconds = side_by_side({"start": start}, N_SAMPLES)["start"].median
     table.add("start of the parser's process", "", in_words(seconds), "", "", "")
 

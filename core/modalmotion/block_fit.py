@@ -97,8 +97,8 @@ class PositionFit:
     def of(basis: Basis, shape: ReferenceShape) -> PositionFit:
         """Prepare the products of one basis and one reference."""
         m, n = basis.projector.shape
-        # Products are fastest with a multiple of eight columns.
-        columns = np.zeros((n, -(-(m + 4) // 8) * 8))
+        # Products are fastest with a multiple of four columns.
+        columns = np.zeros((n, -(-(m + 4) // 4) * 4))
         columns[:, :m] = basis.columns[:, :m]
         columns[:, m : m + 4] = shape.moments
         rows = np.concatenate([basis.rows, shape.rest, np.ones((1, n))])

@@ -35,24 +35,28 @@ def weighted_quantile(
     """
     allowed = (1.0 - q) * float(weights.sum())
     n = values.shape[1]
-    rank = max(0, n - 2 - int((1.0 + _MARGIN) * (1.0 - q) * n))
-    bounds = np.partition(values, rank, axis=1)[:, rank]
-    result = np.empty(len(values))
-    for k, (row, bound) in enumerate(zip(values, bounds, strict=True)):
-        chosen = np.flatnonzero(row > bound)
-        found = _from_top(row[chosen], weights[chosen], allowed)
-        if found is None:
-            found = _from_top(row, weights, allowed)
-        result[k] = row.min() if found is None else found
+    n_largest = min(n, 1 + int((1.0 + _MARGIN) * (1.0 - q) * n))
+    largest = np.argpartition(values, n - n_largest, axis=1)[:, n - n_largest :]
+    result, is_found = _from_top(
+        np.take_along_axis(values, largest, axis=1), weights[largest], allowed
+    )
+    for k in np.flatnonzero(~is_found):
+        value, whole = _from_top(values[k : k + 1], weights[None], allowed)
+        result[k] = value[0] if whole[0] else values[k].min()
     return result
 
 
 def _from_top(
     values: NDArray[np.float64], weights: NDArray[np.float64], allowed: float
-) -> float | None:
-    """Value at which the weight above it first exceeds what is allowed; None if it never does."""
-    order = np.argsort(values)[::-1]
-    reached = np.cumsum(weights[order])
-    # The weight above a value is what the larger ones have; ties count together.
-    index = int(np.searchsorted(reached, allowed, side="right"))
-    return float(values[order[index]]) if index < len(order) else None
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Value of each row at which the weight from the top first exceeds what is allowed.
+
+    And whether it does at all. Of equal values any may be the one.
+    """
+    order = np.argsort(values, axis=1)[:, ::-1]
+    reached = np.cumsum(np.take_along_axis(weights, order, axis=1), axis=1)
+    index = (reached <= allowed).sum(axis=1)
+    is_found = index < values.shape[1]
+    rows = np.arange(len(values))
+    at = order[rows, np.minimum(index, values.shape[1] - 1)]
+    return values[rows, at], is_found

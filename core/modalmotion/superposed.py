@@ -8,7 +8,6 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError
 from modalmotion.formats import write_glb, write_npz, write_ply_zip, write_vtkhdf
 from modalmotion.interpolation import at_times
 from modalmotion.modal_animation import modal_animation
@@ -73,12 +72,7 @@ def write_superposed(
     """
     moved = signature if times is None else at_times(signature, times)
     if surface_format == SurfaceFormat.GLB:
-        if template is not None:
-            raise ParameterError(
-                "A GLB is written of a sequence's own template.",
-                remedy="Leave the template out, or take another format.",
-            )
-        return write_glb(modal_animation(moved, sequence, max_targets))
+        return write_glb(modal_animation(moved, sequence, max_targets, template=template))
     positions = reconstruct(moved, sequence, template=template)
     surfaces = replace(sequence, vertices=positions, times=moved.times)
     if surface_format == SurfaceFormat.PLY:
