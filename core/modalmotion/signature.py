@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from importlib.metadata import version
 from typing import Final
@@ -78,7 +78,7 @@ class SignatureParameters:
     remove_rotation: bool = True
     wave_speed: float = 1.0
     components: Components = Components.CARTESIAN
-    landmarks: GivenLandmarks = GivenLandmarks()
+    landmarks: GivenLandmarks = field(default_factory=GivenLandmarks)
     closed_form: bool = True
     template: str | None = None
 

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from modalmotion.errors import ModeCountError, ParameterError, TopologyError
 from modalmotion.lattice import Lattice
+from modalmotion.modes import ModeSet
 from modalmotion.reconstruction import reconstruct
 from modalmotion.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
@@ -116,6 +117,7 @@ def test_a_start_angle_only_turns_each_pair(rng: np.random.Generator) -> None:
     turned = np.roll(sequence.vertices.reshape(-1, *SHAPE, 3), 3, axis=2).reshape(-1, 192, 3)
     a = modal_signature(sequence, UNIFORM)
     b = modal_signature(mesh_sequence(turned, grid=SHAPE, topology=CUP, unit="mm"), UNIFORM)
+    assert isinstance(a.modes, ModeSet)
     p = a.modes.wavenumbers[:, 1]
     for mode in range(len(a.modes)):
         if a.modes.is_sine[mode]:
