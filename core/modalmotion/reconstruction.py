@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError
 from modalmotion.basis import make_basis
 from modalmotion.body_frame import Components, from_local, local_frames
+from modalmotion.errors import ParameterError
 from modalmotion.sequence import MeshSequence
 from modalmotion.signature import ModalSignature, resolve_sequence, resolve_template
 from modalmotion.template import Template, choose_modes
