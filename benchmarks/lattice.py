@@ -67,8 +67,8 @@ def against_eigsh() -> Table:
             assert np.abs(eigenvalues - lowest).max() <= 1e-10 * max(1.0, ours.max())
             solver = times["eigsh"].best
             for what, name, bound in (
-                ("shapes at every node", "shapes", bound_of_shapes),
-                ("shapes, in new memory", "new", bound_of_shapes),
+                ("shapes, into memory at hand", "shapes", bound_of_shapes),
+                ("shapes, into new memory", "new", bound_of_shapes),
                 ("separable factors", "factors", bound_of_factors),
             ):
                 ratio = solver / times[name].best

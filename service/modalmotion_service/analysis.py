@@ -12,13 +12,13 @@ from typing import ParamSpec, TypeVar
 
 from modalmotion.classify import Classification, load_model
 from modalmotion.errors import NotFoundError
-from modalmotion.formats import ReadOptions
+from modalmotion.formats import ReadLimits, ReadOptions
 from modalmotion.signature import SignatureParameters
 from modalmotion.store import ResultStore, SequenceRecord
 from modalmotion.superposed import SurfaceFormat
 from modalmotion_service import tasks
 from modalmotion_service.flights import Flights
-from modalmotion_service.schemas import ReadingAnswer, TemplateAnswer
+from modalmotion_service.schemas import EncodedAnswer, EncodingTarget, ReadingAnswer, TemplateAnswer
 from modalmotion_service.spool import Spool, SpooledUpload
 from modalmotion_service.timing import add_milliseconds, stage
 
@@ -170,6 +170,39 @@ class Analysis:
                     times,
                     max_targets,
                     output,
+                )
+        except BaseException:
+            output.unlink(missing_ok=True)
+            raise
+        return output
+
+    async def encoded(
+        self, source: Upload | str, target: EncodingTarget
+    ) -> tuple[Path, EncodedAnswer]:
+        """Encode an upload, or a kept sequence by its id, to a file that the caller removes."""
+        output = self._spool.new_path()
+        try:
+            with stage("encode"):
+                if isinstance(source, str):
+                    path = await asyncio.to_thread(self._store.sequence_path, source)
+                    work = self._work(tasks.encode_kept, path, target, output)
+                else:
+                    path, options = source.spooled.path, source.options
+                    work = self._work(tasks.encode_upload, path, options, target, output)
+                return output, await work
+        except BaseException:
+            output.unlink(missing_ok=True)
+            raise
+
+    async def decoded(
+        self, stream: SpooledUpload, limits: ReadLimits, frames: range | None, media_type: str
+    ) -> Path:
+        """Decode a stream to a file that the caller removes."""
+        output = self._spool.new_path()
+        try:
+            with stage("decode"):
+                await self._work(
+                    tasks.decode_upload, stream.path, limits, frames, media_type, output
                 )
         except BaseException:
             output.unlink(missing_ok=True)

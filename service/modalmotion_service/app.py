@@ -19,6 +19,7 @@ from modalmotion_service.job_kinds import make_runner
 from modalmotion_service.observation import Observation
 from modalmotion_service.routes import (
     classifications,
+    codec,
     health,
     jobs,
     limits,
@@ -74,6 +75,6 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.add_middleware(Concurrency, most=chosen.max_concurrent_requests)
     app.add_middleware(Observation)
-    for module in (sequences, signatures, templates, classifications, jobs, limits, health):
+    for module in (sequences, signatures, templates, codec, classifications, jobs, limits, health):
         app.include_router(module.router)
     return app

@@ -8,7 +8,13 @@ from urllib.parse import urlencode
 from modalmotion.store import JobState, ResultStore
 from modalmotion_service.analysis import Analysis, Upload
 from modalmotion_service.jobs import JobRunner, Report
-from modalmotion_service.schemas import ManySignatures, SignatureQuery, UploadQuery
+from modalmotion_service.negotiation import HDF5, NPZ, STREAM
+from modalmotion_service.schemas import (
+    EncodingTarget,
+    ManySignatures,
+    SignatureQuery,
+    UploadQuery,
+)
 from modalmotion_service.settings import Settings
 from modalmotion_service.spool import Spool, SpooledUpload
 
@@ -35,7 +41,12 @@ def make_runner(
     async def signatures(request: Any, report: Report) -> Any:
         asked = ManySignatures(**{n: v for n, v in request.items() if n != "as_hdf5"})
         path = await analysis.pack(asked.ids, asked.parameters(), request["as_hdf5"], report)
-        return {"file": path.name}
+        return {"file": path.name, "media_type": HDF5 if request["as_hdf5"] else NPZ}
+
+    async def encoding(request: Any, _: Report) -> Any:
+        target = EncodingTarget(**request["target"])
+        path, answer = await analysis.encoded(request["sequence_id"], target)
+        return {"file": path.name, "media_type": STREAM, "headers": answer.headers}
 
     async def classification(request: Any, _: Report) -> Any:
         await analysis.classification(request["sequence_id"], request["model"])
@@ -51,6 +62,7 @@ def make_runner(
             "upload": upload,
             "signature": signature,
             "signatures": signatures,
+            "encoding": encoding,
             "classification": classification,
         },
         {"upload": lambda request: _spooled(spool, request).remove()},

@@ -12,6 +12,8 @@ NPZ: Final = "application/x-npz"
 GLB: Final = "model/gltf-binary"
 VTKHDF: Final = "application/vnd.vtk.vtkhdf"
 ZIP: Final = "application/zip"
+RAW: Final = "application/octet-stream"
+STREAM: Final = "application/vnd.modalmotion.stream"
 PNG: Final = "image/png"
 
 

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from modalmotion.body_frame import Components
 from modalmotion.classify import Classification
+from modalmotion.codec import Effort, Encoded
 from modalmotion.errors import ParameterError
 from modalmotion.formats import Format, ReadLimits, ReadOptions, ReadResult
 from modalmotion.modes import ModeLabel
@@ -443,6 +444,52 @@ class TemplateAnswer(BaseModel):
             notes=list(template.notes),
             links={"self": f"/v1/templates/{template.id}"},
         )
+
+
+class EncodingTarget(BaseModel):
+    """At what error, or at what size, to encode: one of the three."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    rms: float | None = Field(
+        None, gt=0, allow_inf_nan=False, description="RMS distance of vertices, not exceeded."
+    )
+    max_error: float | None = Field(
+        None, gt=0, allow_inf_nan=False, description="Of every coordinate, never exceeded."
+    )
+    bytes: int | None = Field(None, gt=0, description="Size of the stream, not exceeded.")
+    effort: Effort = Field(Effort.BALANCED, description="How many transforms are tried.")
+
+
+class EncodedAnswer(BaseModel):
+    """What was measured on a stream after decoding it; given as headers beside the stream."""
+
+    n_bytes: int
+    bits_per_vertex_and_frame: float
+    rms: float
+    max_error: float
+    kg_error: float
+    transform: str
+
+    @staticmethod
+    def of(found: Encoded) -> EncodedAnswer:
+        """Write out what was measured."""
+        return EncodedAnswer(
+            n_bytes=found.n_bytes,
+            bits_per_vertex_and_frame=found.bits_per_vertex_and_frame,
+            rms=found.rms,
+            max_error=found.max_error,
+            kg_error=found.kg_error,
+            transform=found.transform,
+        )
+
+    @property
+    def headers(self) -> dict[str, str]:
+        """As headers: Encoded-RMS, Encoded-Max-Error, ..."""
+        return {
+            f"Encoded-{name.replace('_', '-').title()}": str(value)
+            for name, value in self.model_dump().items()
+        }
 
 
 class ClassificationRequest(BaseModel):

@@ -17,7 +17,18 @@ from typing import Any
 import numpy as np
 
 from modalmotion.classify import Classification, classify, load_model
-from modalmotion.formats import ParserHere, ReadOptions, ReadResult, read_sequence
+from modalmotion.codec import decode, encode
+from modalmotion.formats import (
+    ParserHere,
+    ReadLimits,
+    ReadOptions,
+    ReadResult,
+    read_sequence,
+    write_npz,
+    write_raw,
+    write_vtkhdf,
+)
+from modalmotion.sequence import MeshSequence
 from modalmotion.signature import (
     ModalSignature,
     SignatureParameters,
@@ -36,7 +47,14 @@ from modalmotion.store import (
     write_pack,
 )
 from modalmotion.superposed import SurfaceFormat, write_superposed
-from modalmotion_service.schemas import ReadingAnswer, SignatureAnswer, TemplateAnswer
+from modalmotion_service.negotiation import NPZ, RAW, VTKHDF
+from modalmotion_service.schemas import (
+    EncodedAnswer,
+    EncodingTarget,
+    ReadingAnswer,
+    SignatureAnswer,
+    TemplateAnswer,
+)
 
 
 @dataclass(frozen=True)
@@ -152,6 +170,39 @@ def superpose(
             max_targets=max_targets,
         )
     )
+
+
+def encode_upload(
+    upload: Path, options: ReadOptions, asked: EncodingTarget, output: Path
+) -> EncodedAnswer:
+    """Read an upload and write it as a compressed stream."""
+    return _encoded(_read(upload, options).sequence, asked, output)
+
+
+def encode_kept(sequence: Path, asked: EncodingTarget, output: Path) -> EncodedAnswer:
+    """Write a kept sequence as a compressed stream."""
+    return _encoded(sequence_from_hdf5(sequence), asked, output)
+
+
+def decode_upload(
+    upload: Path, limits: ReadLimits, frames: range | None, media_type: str, output: Path
+) -> None:
+    """Decode a compressed stream and write its sequence: npz, VTKHDF or raw float32."""
+    sequence = decode(upload.read_bytes(), frames=frames, limits=limits)
+    write = {NPZ: write_npz, VTKHDF: write_vtkhdf, RAW: write_raw}[media_type]
+    output.write_bytes(write(sequence))
+
+
+def _encoded(sequence: MeshSequence, asked: EncodingTarget, output: Path) -> EncodedAnswer:
+    found = encode(
+        sequence,
+        rms=asked.rms,
+        max_error=asked.max_error,
+        n_bytes=asked.bytes,
+        effort=asked.effort,
+    )
+    output.write_bytes(found.data)
+    return EncodedAnswer.of(found)
 
 
 def name_class(signature: Path, model: str) -> Classification:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import sqlite3
 from collections.abc import Callable
 from dataclasses import replace
@@ -509,3 +510,28 @@ def test_a_record_of_a_newer_version_is_not_overwritten(
     assert [fault.file for fault in verify(root).faults] == [folder.short(path)]
     assert rebuild(root).damaged == (folder.short(path),)
     assert path.read_bytes() == newer
+
+
+def documentation() -> str:
+    return (Path(__file__).resolve().parents[2] / "docs" / "storage.md").read_text()
+
+
+def test_the_documented_python_runs() -> None:
+    blocks = re.findall(r"^```python\n(.*?)^```", documentation(), re.MULTILINE | re.DOTALL)
+    assert blocks
+    for block in blocks:
+        exec(block, {})  # noqa: S102 (our own documentation)
+
+
+def test_every_dataset_and_attribute_of_a_file_is_documented(root: Path, tmp_path: Path) -> None:
+    template = tmp_path / "template.h5"
+    template.write_bytes(template_to_hdf5(make_template(sample_sequence(1))))
+    export(root, tmp_path / "out.h5")
+    names: set[str] = set()
+    for path in (template, tmp_path / "out.h5", *root.glob("*/*/*.h5")):
+        with h5py.File(path, "r") as file:
+            for group in (file, *(item for item in file.values() if isinstance(item, h5py.Group))):
+                names |= set(group.attrs)
+                names |= {name for name, item in group.items() if isinstance(item, h5py.Dataset)}
+    text = documentation()
+    assert not {name for name in names if f"`{name}`" not in text}

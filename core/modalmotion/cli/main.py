@@ -7,6 +7,7 @@ from importlib.metadata import entry_points
 import click
 
 from modalmotion.cli.analysis_commands import classify, reconstruct, signature
+from modalmotion.cli.codec_commands import decode, encode
 from modalmotion.cli.simulate_command import simulate
 from modalmotion.cli.store_commands import store
 from modalmotion.errors import ModalMotionError
@@ -42,5 +43,5 @@ def main() -> None:
     """Modal signatures and classes of nonrigidly moving surfaces."""
 
 
-for command in (signature, reconstruct, classify, simulate, store):
+for command in (signature, reconstruct, encode, decode, classify, simulate, store):
     main.add_command(command)

@@ -39,7 +39,7 @@ def write_atomic(path: Path, data: bytes | memoryview) -> None:
     StoreError
         If any step fails. No temporary file remains, and what `path` held before is kept.
     """
-    previous = content_of(path)
+    previous = content_of(path) if path.exists() else None
     temporary = temporary_beside(path)
     try:
         try:

@@ -6,13 +6,13 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
+from starlette.responses import FileResponse
 
 from modalmotion.errors import NotFoundError
 from modalmotion.store import JobState
 from modalmotion_service.dependencies import StateDependency
 from modalmotion_service.negotiation import HDF5, NPZ
 from modalmotion_service.openapi_parts import BINARY, PROBLEMS
-from modalmotion_service.routes.signatures import packed
 from modalmotion_service.schemas import JobAnswer, JobId, JobPageAnswer
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"], responses=PROBLEMS)
@@ -52,16 +52,16 @@ def job(job_id: JobId, state: StateDependency, response: Response) -> JobAnswer:
 def result(job_id: JobId, state: StateDependency) -> Response:
     """Give the file that a job has made."""
     found = state.store.jobs.get(job_id)
-    file = (found.result or {}).get("file")
-    if file is None:
+    made = found.result or {}
+    if "file" not in made:
         raise NotFoundError(
             f"The job is {found.state.value} and has no file.",
             remedy="Follow the result link of its answer, once it has succeeded.",
         )
-    path = state.spool.at(file)
+    path = state.spool.at(made["file"])
     if not path.is_file():
         raise NotFoundError("The job's file is kept no more.", remedy="Start the job again.")
-    return packed(path, HDF5 if found.request["as_hdf5"] else NPZ)
+    return FileResponse(path, media_type=made["media_type"], headers=made.get("headers"))
 
 
 @router.delete("/{job_id}")

@@ -1,0 +1,218 @@
+"""Blocks: some frames, coded on their own."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.arrays import FloatArray
+from modalmotion.codec.corrections import code_corrections
+from modalmotion.codec.entropy import Reader, Writer
+from modalmotion.codec.guard import Guards, code_guards
+from modalmotion.codec.matrix import code_matrix
+from modalmotion.codec.quantiser import Quantiser
+from modalmotion.codec.spatial import Modes
+from modalmotion.codec.temporal import (
+    Temporal,
+    TimeBasis,
+    fixed_components,
+    restore_basis,
+)
+from modalmotion.codec.varint import read_varint, unzigzag, write_varint, zigzag
+from modalmotion.errors import MalformedFileError
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+HASH_BYTES: Final = 8
+MOST_QUANTA: Final = 2**51
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Everything a decoder needs to know of some frames.
+
+    Parameters
+    ----------
+    kind : Temporal
+    quantiser : Quantiser
+    basis : (components, frames x directions) int64
+        Learned components; none for a basis in closed form.
+    coefficients : (rows, modes) int64
+        Modes after the last that is used are left out.
+    exponent : int
+        The quantum is 2^exponent length units.
+    origin : (3,) int64, quanta
+    width : int
+        Quanta of one step of the corrections; 0 if there are none.
+    """
+
+    kind: Temporal
+    n_frames: int
+    quantiser: Quantiser
+    basis: Ints
+    coefficients: Ints
+    exponent: int
+    origin: Ints
+    width: int = 0
+
+    def time_basis(self) -> TimeBasis:
+        """Make the temporal components."""
+        if self.kind in (Temporal.DCT, Temporal.FOURIER):
+            n_components = len(self.coefficients) // 3
+            means = fixed_components(self.kind, self.n_frames, n_components)
+            return TimeBasis(self.kind, means, np.zeros((self.n_frames, 0)))
+        return restore_basis(self.kind, self.basis, self.n_frames, self.quantiser)
+
+    def scaled(self, modes: Modes) -> Floats:
+        """Positions about the origin in quanta, before rounding, (frames, 3, vertices)."""
+        rows = modes.synthesise(self.quantiser.restore(self.coefficients))
+        return self.time_basis().superpose(rows)
+
+
+def positions_of(block: Block, whole: Ints, dtype: np.dtype[np.floating]) -> FloatArray:
+    """Whole quanta about the origin as coordinates, (frames, vertices, 3) in the length unit."""
+    total = (whole + block.origin[:, None]).transpose(0, 2, 1).astype(np.float64)
+    with np.errstate(over="ignore"):
+        positions: FloatArray = np.ascontiguousarray(np.ldexp(total, block.exponent), dtype=dtype)
+    return positions
+
+
+def write_block(
+    block: Block, guards: Guards, corrections: Ints | None, positions: FloatArray
+) -> bytes:
+    """Write a block.
+
+    Parameters
+    ----------
+    block : Block
+    guards : Guards
+    corrections : (frames, 3, vertices) int64, optional
+        In steps of `block.width` quanta.
+    positions : (frames, vertices, 3)
+        What decoding gives; only its hash is written.
+    """
+    writer = Writer()
+    n_values = positions.size
+    if block.basis.shape[0]:
+        code_matrix(writer, block.basis.shape, block.basis)
+    code_matrix(writer, block.coefficients.shape, block.coefficients)
+    code_guards(writer, n_values, guards)
+    if corrections is not None:
+        code_corrections(writer, corrections.shape, corrections)
+    head = struct.pack("<Bf", block.kind, block.quantiser.step)
+    head += struct.pack("<3b", *block.quantiser.shifts)
+    head += write_varint(zigzag(block.exponent))
+    for number in block.origin.tolist():
+        head += write_varint(zigzag(number))
+    head += write_varint(block.width)
+    head += write_varint(len(block.coefficients)) + write_varint(block.coefficients.shape[1])
+    head += write_varint(len(block.basis))
+    return digest(positions) + head + writer.finish()
+
+
+def read_block(
+    data: bytes, n_frames: int, n_vertices: int, modes: Modes, dtype: np.dtype[np.floating]
+) -> FloatArray:
+    """Decode a block.
+
+    Raises
+    ------
+    MalformedFileError
+        If the bytes make no block, or the positions are not those that were encoded.
+    """
+    block, position = _read_head(data, n_frames, n_vertices)
+    reader = Reader(data[position:])
+    basis = block.basis
+    if len(basis):
+        basis = code_matrix(reader, basis.shape, None)
+    coefficients = code_matrix(reader, block.coefficients.shape, None)
+    guards = code_guards(reader, 3 * n_frames * n_vertices, None)
+    block = Block(
+        block.kind,
+        n_frames,
+        block.quantiser,
+        basis,
+        coefficients,
+        block.exponent,
+        block.origin,
+        block.width,
+    )
+    scaled = block.scaled(modes)
+    if not (np.abs(scaled) < MOST_QUANTA).all():
+        raise MalformedFileError(
+            "Decoded positions lie beyond what the stream's quantum can count.",
+            remedy="The stream is damaged: send it again.",
+        )
+    whole = guards.round(scaled)
+    if block.width:
+        whole += block.width * code_corrections(reader, whole.shape, None)
+    positions = positions_of(block, whole, dtype)
+    if digest(positions) != data[:HASH_BYTES]:
+        raise MalformedFileError(
+            "The decoded vertices are not those that were encoded.",
+            remedy="The stream is damaged, or this machine computes its modes differently: "
+            "send the stream again, or encode on this machine.",
+        )
+    return positions
+
+
+def digest(positions: FloatArray) -> bytes:
+    """First bytes of the SHA-256 of the positions, little-endian, (frame, vertex, direction)."""
+    plain = positions.astype(positions.dtype.newbyteorder("<"), copy=False)
+    return hashlib.sha256(np.ascontiguousarray(plain).data).digest()[:HASH_BYTES]
+
+
+def _read_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int]:
+    start = HASH_BYTES + 8
+    if len(data) < start:
+        raise MalformedFileError("A block is cut short.", remedy="Send the stream again.")
+    kind, step = struct.unpack_from("<Bf", data, HASH_BYTES)
+    shifts = struct.unpack_from("<3b", data, HASH_BYTES + 5)
+    position = start
+    numbers = []
+    for _ in range(8):
+        number, position = read_varint(data, position)
+        numbers.append(number)
+    exponent = unzigzag(numbers[0])
+    origin = np.array([unzigzag(n) for n in numbers[1:4]], dtype=np.int64)
+    width, n_rows, n_modes, n_components = numbers[4:]
+    closed_form = kind in (Temporal.DCT, Temporal.FOURIER)
+    each = 1 if kind == Temporal.TRAJECTORY else 3
+    rows = n_rows if closed_form else 3 + each * n_components
+    most = 3 * n_frames if closed_form or kind == Temporal.TRAJECTORY else n_frames
+    if (
+        kind > max(Temporal)
+        or not (np.isfinite(step) and step > 0)
+        or not -1074 <= exponent <= 1023
+        or np.abs(origin).max() > MOST_QUANTA
+        or width > MOST_QUANTA
+        or n_rows != rows
+        or n_rows % 3 * closed_form
+        or n_rows > 3 * n_frames + 3
+        or n_components > (0 if closed_form else most)
+        or not n_modes <= n_vertices
+    ):
+        raise MalformedFileError(
+            "The header of a block makes no sense.",
+            remedy="The stream is damaged: send it again.",
+        )
+    columns = n_frames * (3 if kind == Temporal.TRAJECTORY else 1)
+    return (
+        Block(
+            Temporal(kind),
+            n_frames,
+            Quantiser(step, shifts),
+            np.zeros((n_components, columns), dtype=np.int64),
+            np.zeros((n_rows, n_modes), dtype=np.int64),
+            exponent,
+            origin,
+            width,
+        ),
+        position,
+    )

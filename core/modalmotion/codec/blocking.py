@@ -1,0 +1,173 @@
+"""From motion to a block: projecting, choosing components, quantising."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.codec.block import Block
+from modalmotion.codec.quantiser import Quantiser, fit_quantiser, quantise
+from modalmotion.codec.temporal import (
+    Temporal,
+    TimeBasis,
+    basis_numbers,
+    fixed_components,
+    learned_components,
+    restore_basis,
+)
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+PRICE: Final = 0.13
+"""Squared steps that a bit is worth: the slope of distortion over rate of a fine quantiser."""
+
+
+@dataclass(eq=False)
+class Motion:
+    """Modal coefficients of some frames, and what has been derived from them.
+
+    Parameters
+    ----------
+    amplitudes : (frames, 3, modes) float64, quanta
+        About the origin; the modes are orthonormal.
+    """
+
+    amplitudes: Floats
+    _projected: dict[Temporal, Floats] = field(default_factory=dict)
+    _components: dict[Temporal, Floats] = field(default_factory=dict)
+
+    def projected(self, kind: Temporal) -> Floats:
+        """Coefficients of a basis in closed form, (3 x components, modes), slow ones first."""
+        if kind not in self._projected:
+            n_frames = len(self.amplitudes)
+            means = fixed_components(kind, n_frames, n_frames)
+            basis = TimeBasis(kind, means, np.zeros((n_frames, 0)))
+            self._projected[kind] = basis.project(self.amplitudes)
+        return self._projected[kind]
+
+    def components(self, kind: Temporal) -> Floats:
+        """Numbers of the learned components, unrounded, (components, frames x directions)."""
+        if kind not in self._components:
+            self._components[kind] = basis_numbers(learned_components(self.amplitudes, kind))
+        return self._components[kind]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A block at some step, and the error it makes.
+
+    Parameters
+    ----------
+    kind : Temporal
+    quantiser : Quantiser
+    basis : (components, frames x directions) int64
+    coefficients : (rows, modes) int64
+    squared_error : float, quanta squared
+        Summed over frames and vertices.
+    """
+
+    kind: Temporal
+    quantiser: Quantiser
+    basis: Ints
+    coefficients: Ints
+    squared_error: float
+
+    def block(
+        self,
+        n_frames: int,
+        exponent: int,
+        origin: Ints,
+        width: int = 0,
+    ) -> Block:
+        """Make the block, without modes that no coefficient uses."""
+        used = np.flatnonzero(self.coefficients.any(axis=0))
+        n_modes = int(used[-1]) + 1 if len(used) else 1
+        return Block(
+            self.kind,
+            n_frames,
+            self.quantiser,
+            self.basis,
+            self.coefficients[:, :n_modes],
+            exponent,
+            origin,
+            width,
+        )
+
+
+def attempt(motion: Motion, kind: Temporal, step: float, price: float = PRICE) -> Trial:
+    """Quantise some frames at one step.
+
+    Parameters
+    ----------
+    motion : Motion
+    kind : Temporal
+    step : float, quanta
+    price : float, squared steps per bit
+    """
+    # What the stream holds of it.
+    step = float(np.float32(step))
+    if kind in (Temporal.DCT, Temporal.FOURIER):
+        exact = motion.projected(kind)
+        numbers = quantise(exact, step, price)
+        used = np.flatnonzero(numbers.any(axis=1))
+        n_rows = 3 * (int(used[-1]) // 3 + 1) if len(used) else 3
+        quantiser = fit_quantiser(exact[:n_rows], numbers[:n_rows], step)
+        error = ((exact[:n_rows] - quantiser.restore(numbers[:n_rows])) ** 2).sum()
+        error += (exact[n_rows:] ** 2).sum()
+        empty = np.zeros((0, 0), dtype=np.int64)
+        return Trial(kind, quantiser, empty, numbers[:n_rows], float(error))
+    return _attempt_learned(motion, kind, step, price)
+
+
+def _attempt_learned(motion: Motion, kind: Temporal, step: float, price: float) -> Trial:
+    n_frames = len(motion.amplitudes)
+    each = 1 if kind == Temporal.TRAJECTORY else 3
+    exact_basis = motion.components(kind)
+    exact_basis = exact_basis[: int(np.count_nonzero(np.abs(exact_basis).max(axis=1) > step / 2))]
+    basis = quantise(exact_basis, step, price)
+    basis = basis[: _leading(basis.any(axis=1))]
+    for last in (False, True):
+        exact_basis = exact_basis[: len(basis)]
+        quantiser = fit_quantiser(exact_basis, basis, step)
+        time_basis = restore_basis(kind, basis, n_frames, quantiser)
+        exact = time_basis.project(motion.amplitudes)
+        numbers = quantise(exact, step, price)
+        if last or not len(basis):
+            break
+        restored = Quantiser(step, (0, 0, 0)).restore(numbers[3:])
+        gain = (exact[3:] ** 2 - (exact[3:] - restored) ** 2).sum(axis=1).reshape(-1, each)
+        bits = _rough_bits(numbers[3:]).reshape(-1, each).sum(axis=1) + _rough_bits(basis)
+        worth = np.cumsum(gain.sum(axis=1) / step**2 - price * bits)
+        n_kept = int(np.argmax(worth)) + 1 if worth.max() > 0 else 0
+        if n_kept == len(basis):
+            break
+        basis = basis[:n_kept]
+    together = fit_quantiser(
+        np.concatenate([exact_basis.ravel(), exact.ravel()]),
+        np.concatenate([basis.ravel(), numbers.ravel()]),
+        step,
+    )
+    if together.shifts != quantiser.shifts:
+        time_basis = restore_basis(kind, basis, n_frames, together)
+    rows = together.restore(numbers)
+    error = ((motion.amplitudes - time_basis.superpose(rows)) ** 2).sum()
+    return Trial(kind, together, basis, numbers, float(error))
+
+
+def _leading(used: Any) -> int:
+    """Count the rows before the first that is all zero."""
+    return len(used) if used.all() else int(np.argmin(used))
+
+
+def _rough_bits(numbers: Ints) -> Floats:
+    """Bits of each row, roughly: where its values are, their signs and magnitudes."""
+    n = numbers.shape[1]
+    occupied = np.count_nonzero(numbers, axis=1)
+    share = np.maximum(occupied, 1) / n
+    where = occupied * (np.log2(1.0 / share) + 1.4 * (1.0 - share))
+    bits: Floats = where + occupied + 1.6 * np.log2(np.maximum(np.abs(numbers), 1)).sum(axis=1)
+    return bits

@@ -1,0 +1,273 @@
+"""The container: what stands around the blocks."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.codec.varint import read_varint, write_varint
+from modalmotion.errors import LimitError, MalformedFileError
+from modalmotion.formats.limits import ReadLimits
+from modalmotion.sequence import MM_PER_UNIT
+from modalmotion.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology
+
+LARGEST_BLOCK: Final = 2**26
+"""Coordinates of the largest block, unless a single frame has more."""
+
+MAGIC: Final = b"MMSQ"
+VERSION: Final = 1
+
+_ENDS: Final = (OPEN, CLOSED, POLE_OPEN, POLE_POLE)
+_UNITS: Final = (None, *MM_PER_UNIT)
+_DTYPES: Final = (np.dtype(np.float32), np.dtype(np.float64))
+_CUT: Final = "The stream is cut or damaged: send it again."
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a stream says of itself before anything is decoded.
+
+    Parameters
+    ----------
+    n_frames, n_vertices, n_faces : int
+    is_double : bool
+        Whether the vertices are float64.
+    unit : str or None
+    topology : Topology or None
+        What the sender stated.
+    grid : tuple of int or None
+    times : (frames,) float64, s, or None
+    modes : bytes
+        Which modes the stream is written in.
+    rms, max_error : float, length unit
+        Measured after decoding: root mean square of the distance of a vertex, and the largest
+        difference of a coordinate.
+    kg_error : float, percent
+        100 |A - A'| / |A - E|, E the centroid of each frame.
+    block_frames : tuple of int
+        Frames of each block.
+    """
+
+    n_frames: int
+    n_vertices: int
+    n_faces: int
+    is_double: bool
+    unit: str | None
+    topology: Topology | None
+    grid: tuple[int, ...] | None
+    times: NDArray[np.float64] | None
+    modes: bytes
+    rms: float
+    max_error: float
+    kg_error: float
+    block_frames: tuple[int, ...]
+
+    @property
+    def dtype(self) -> np.dtype[np.floating]:
+        """Type of the decoded vertices."""
+        return _DTYPES[self.is_double]
+
+
+def write_stream(header: Header, faces: bytes, blocks: list[bytes]) -> bytes:
+    """Put a stream together: magic, version, then sections with length and CRC-32."""
+    parts = [MAGIC, bytes([VERSION])]
+    for section in (_write_header(header), faces, *blocks):
+        parts += [write_varint(len(section)), section, struct.pack("<I", zlib.crc32(section))]
+    return b"".join(parts)
+
+
+def read_header(data: bytes, limits: ReadLimits) -> tuple[Header, int]:
+    """Read the header of a stream.
+
+    Returns
+    -------
+    header : Header
+    position : int
+        Where the section of the faces begins.
+
+    Raises
+    ------
+    MalformedFileError
+        If it is no stream, of another version, cut or damaged.
+    LimitError
+        If it declares more than the limits accept.
+    """
+    if data[: len(MAGIC)] != MAGIC:
+        raise MalformedFileError(
+            f"These {len(data)} bytes are no encoded sequence: they begin with {data[:4]!r}, "
+            f"not {MAGIC!r}.",
+            remedy="Send what `modalmotion encode` wrote.",
+        )
+    version = data[4] if len(data) > 4 else None
+    if version != VERSION:
+        raise MalformedFileError(
+            f"The stream has the version {version}; this decoder reads version {VERSION}.",
+            remedy="Decode it with the release that wrote it, or a later one.",
+        )
+    section, position = read_section(data, 5)
+    return _read_header(section, limits), position
+
+
+def read_section(data: bytes, position: int) -> tuple[bytes, int]:
+    """Read one section and check it.
+
+    Raises
+    ------
+    MalformedFileError
+        If it is cut, or its checksum is wrong.
+    """
+    end = skip_section(data, position) - 4
+    _, position = read_varint(data, position)
+    section = data[position:end]
+    if zlib.crc32(section) != struct.unpack_from("<I", data, end)[0]:
+        raise MalformedFileError(
+            f"A checksum is wrong: the bytes from {position} to {end} are damaged.", remedy=_CUT
+        )
+    return section, end + 4
+
+
+def skip_section(data: bytes, position: int) -> int:
+    """Where the section after this one begins.
+
+    Raises
+    ------
+    MalformedFileError
+        If the stream ends before.
+    """
+    length, position = read_varint(data, position)
+    end = position + length + 4
+    if end > len(data):
+        raise MalformedFileError(
+            f"The stream ends after {len(data)} bytes, inside a section that ends at {end}.",
+            remedy=_CUT,
+        )
+    return end
+
+
+def _write_header(header: Header) -> bytes:
+    parts = [
+        write_varint(header.n_frames),
+        write_varint(header.n_vertices),
+        write_varint(header.n_faces),
+        bytes([header.is_double, _UNITS.index(header.unit)]),
+    ]
+    ends = () if header.topology is None else header.topology.ends
+    parts += [bytes([len(ends)]), bytes(_ENDS.index(e) for e in ends)]
+    grid = header.grid or ()
+    parts += [bytes([len(grid)]), *(write_varint(n) for n in grid)]
+    parts += [_write_times(header.times)]
+    parts += [write_varint(len(header.modes)), header.modes]
+    parts += [
+        struct.pack("<3f", *(_up(x) for x in (header.rms, header.max_error, header.kg_error)))
+    ]
+    parts += [write_varint(len(header.block_frames))]
+    parts += [write_varint(n) for n in header.block_frames]
+    return b"".join(parts)
+
+
+def _read_header(section: bytes, limits: ReadLimits) -> Header:
+    try:
+        return _parse_header(section, limits)
+    except (IndexError, ValueError, struct.error, zlib.error) as error:
+        if isinstance(error, MalformedFileError) or hasattr(error, "remedy"):
+            raise
+        raise MalformedFileError("The header of the stream makes no sense.", remedy=_CUT) from error
+
+
+def _parse_header(section: bytes, limits: ReadLimits) -> Header:
+    counts, position = [], 0
+    for name in ("frames", "vertices", "faces"):
+        value, position = read_varint(section, position)
+        limits.require(name, value)
+        counts.append(value)
+    n_frames, n_vertices, n_faces = counts
+    is_double, unit, n_axes = section[position], section[position + 1], section[position + 2]
+    limits.require("decompressed_bytes", n_frames * n_vertices * 3 * (8 if is_double else 4))
+    position += 3
+    ends = tuple(_ENDS[code] for code in section[position : position + n_axes])
+    position += n_axes
+    n_grid, position = section[position], position + 1
+    grid = []
+    for _ in range(n_grid):
+        n, position = read_varint(section, position)
+        grid.append(n)
+    times, position = _read_times(section, position, n_frames)
+    length, position = read_varint(section, position)
+    modes, position = section[position : position + length], position + length
+    rms, max_error, kg_error = struct.unpack_from("<3f", section, position)
+    n_blocks, position = read_varint(section, position + 12)
+    frames = []
+    for _ in range(min(n_blocks, n_frames + 1)):
+        n, position = read_varint(section, position)
+        frames.append(n)
+    longest = max(frames, default=0)
+    if longest > 1 and longest * n_vertices * 3 > 2 * LARGEST_BLOCK:
+        raise LimitError(
+            f"A block of {longest} frames of {n_vertices} vertices takes too much memory.",
+            remedy="No encoder of this project writes such a stream: refuse its sender.",
+            limit="block",
+        )
+    if (
+        position != len(section)
+        or is_double > 1
+        or not n_frames
+        or not n_vertices
+        or sum(frames) != n_frames
+        or 0 in frames
+    ):
+        raise MalformedFileError("The header of the stream makes no sense.", remedy=_CUT)
+    return Header(
+        n_frames,
+        n_vertices,
+        n_faces,
+        bool(is_double),
+        _UNITS[unit],
+        Topology(ends) if ends else None,
+        tuple(grid) or None,
+        times,
+        modes,
+        rms,
+        max_error,
+        kg_error,
+        tuple(frames),
+    )
+
+
+def _write_times(times: NDArray[np.float64] | None) -> bytes:
+    if times is None:
+        return b"\x00"
+    if len(times) > 1:
+        start, step = float(times[0]), float(times[1] - times[0])
+        if np.array_equal(start + step * np.arange(len(times)), times):
+            return b"\x01" + struct.pack("<2d", start, step)
+    packed = zlib.compress(times.astype("<f8").tobytes(), 9)
+    return b"\x02" + write_varint(len(packed)) + packed
+
+
+def _read_times(
+    section: bytes, position: int, n_frames: int
+) -> tuple[NDArray[np.float64] | None, int]:
+    kind, position = section[position], position + 1
+    if kind == 0:
+        return None, position
+    if kind == 1:
+        start, step = struct.unpack_from("<2d", section, position)
+        return start + step * np.arange(n_frames), position + 16
+    length, position = read_varint(section, position)
+    inflate = zlib.decompressobj()
+    plain = inflate.decompress(section[position : position + length], 8 * n_frames + 1)
+    if kind != 2 or len(plain) != 8 * n_frames:
+        raise MalformedFileError("The times of the stream make no sense.", remedy=_CUT)
+    return np.frombuffer(plain, "<f8").astype(np.float64), position + length
+
+
+def _up(value: float) -> float:
+    """Round to float32, never down: what the stream claims is never better than the truth."""
+    with np.errstate(over="ignore"):
+        near = np.float32(value)
+    return float(near if near >= value else np.nextafter(near, np.float32(np.inf)))

@@ -1,0 +1,211 @@
+"""Encoding: a mesh sequence at an error that is asked for."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from modalmotion.codec.choice import Choice, choose
+from modalmotion.codec.container import LARGEST_BLOCK, Header, write_stream
+from modalmotion.codec.decoder import store_positions
+from modalmotion.codec.encoded import Encoded
+from modalmotion.codec.faces import write_faces
+from modalmotion.codec.frames import EncodedBlock, encode_frames
+from modalmotion.codec.measure import Errors, measure
+from modalmotion.codec.modes_section import STORED, write_modes
+from modalmotion.codec.target import Effort, Measure, Target, require_target
+from modalmotion.errors import ParameterError
+from modalmotion.sequence import MeshSequence
+
+LONGEST_BLOCK: Final = 512
+MOST_ROUNDS: Final = 14
+
+Progress = Callable[[float], None]
+
+
+def encode(
+    sequence: MeshSequence,
+    *,
+    rms: float | None = None,
+    max_error: float | None = None,
+    n_bytes: int | None = None,
+    effort: Effort | str = Effort.BALANCED,
+    keep_face_order: bool = False,
+    progress: Progress | None = None,
+) -> Encoded:
+    """Encode a mesh sequence at one of three targets.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    rms : float, length unit, optional
+        Root mean square of the distance of a vertex from its original, over all vertices and
+        frames, that is not exceeded.
+    max_error : float, length unit, optional
+        Difference that no coordinate of any vertex in any frame exceeds.
+    n_bytes : int, optional
+        Bytes that the stream does not exceed.
+    effort : {"fast", "balanced", "thorough"}
+        How many transforms are tried. Decoding takes the same time for all of them, but for
+        spring modes, whose patches grow with the effort.
+    keep_face_order : bool
+        Vertices keep their order and triangles their orientation in any case. The order of the
+        triangles means nothing to a surface, and keeping it can cost more than its motion.
+    progress : callable, optional
+        Called with the share that is done, from 0 to 1.
+
+    Returns
+    -------
+    Encoded
+
+    Raises
+    ------
+    ParameterError
+        If not exactly one target is given, it is not positive, the effort is unknown, or no
+        stream of so few bytes holds the sequence.
+    """
+    target = require_target(rms, max_error, n_bytes)
+    try:
+        effort = Effort(effort)
+    except ValueError:
+        raise ParameterError(
+            f"There is no effort {effort!r}.", remedy=f"Use one of {', '.join(Effort)}."
+        ) from None
+    report = progress or _silent
+    report(0.0)
+    choice = choose(sequence, effort)
+    faces = _faces_section(sequence, keep_face_order)
+    if target.measure == Measure.BYTES:
+        encoded = _within_bytes(sequence, choice, faces, int(target.value), report)
+    else:
+        encoded = _at_error(sequence, choice, faces, target, report)
+    report(1.0)
+    return encoded
+
+
+def _at_error(
+    sequence: MeshSequence, choice: Choice, faces: bytes, target: Target, report: Progress
+) -> Encoded:
+    blocks: list[EncodedBlock] = []
+    n_blocks = max(
+        -(-sequence.n_frames // LONGEST_BLOCK),
+        min(sequence.n_frames, -(-sequence.vertices.size // LARGEST_BLOCK)),
+    )
+    bounds = [sequence.n_frames * i // n_blocks for i in range(n_blocks + 1)]
+    for start, stop in itertools.pairwise(bounds):
+        block = encode_frames(sequence.vertices[start:stop], choice, target)
+        if block is None:
+            return _store(sequence, faces)
+        blocks.append(block)
+        report(stop / sequence.n_frames)
+    decoded = np.concatenate([block.positions for block in blocks])
+    errors = measure(sequence.vertices, decoded)
+    reached = errors.rms if target.measure == Measure.RMS else errors.max_error
+    if not reached <= target.value:
+        return _store(sequence, faces)
+    frames = tuple(len(block.positions) for block in blocks)
+    header = _header(sequence, write_modes(choice.modes), errors, frames)
+    data = write_stream(header, faces, [block.data for block in blocks])
+    names = sorted({block.kind.name.lower() for block in blocks})
+    return _encoded(sequence, data, errors, f"{choice.name}, {' and '.join(names)}")
+
+
+def _store(sequence: MeshSequence, faces: bytes) -> Encoded:
+    """Without loss: for errors finer than the numbers themselves hold."""
+    errors = Errors(0.0, 0.0, 0.0)
+    frames = [
+        sequence.vertices[start : start + LONGEST_BLOCK]
+        for start in range(0, sequence.n_frames, LONGEST_BLOCK)
+    ]
+    header = _header(sequence, STORED, errors, tuple(len(part) for part in frames))
+    data = write_stream(header, faces, [store_positions(part) for part in frames])
+    return _encoded(sequence, data, errors, "stored without loss")
+
+
+def _within_bytes(
+    sequence: MeshSequence, choice: Choice, faces: bytes, n_bytes: int, report: Progress
+) -> Encoded:
+    """Search the error whose stream just fits."""
+    stored = _store(sequence, faces)
+    best = stored if stored.n_bytes <= n_bytes else None
+    extent = float(np.ptp(sequence.vertices.astype(np.float64), axis=(0, 1)).max())
+    if best is not None or not (np.isfinite(extent) and extent > 0):
+        return _require_fit(best, stored.n_bytes, n_bytes)
+    smallest = stored.n_bytes
+    low, high = np.log(extent) - 23.0, np.log(extent) + 2.0
+    log_rms = np.log(extent) - 6.0
+    for done in range(MOST_ROUNDS):
+        trial = _at_error(
+            sequence, choice, faces, Target(Measure.RMS, float(np.exp(log_rms))), _silent
+        )
+        report((done + 1) / MOST_ROUNDS)
+        smallest = min(smallest, trial.n_bytes)
+        if trial.n_bytes <= n_bytes:
+            best = trial if best is None or trial.rms < best.rms else best
+            high = log_rms
+            if trial.n_bytes > 0.99 * n_bytes:
+                break
+        else:
+            low = log_rms
+        # Twice the bytes for a quarter of the error, or thereabouts.
+        aimed = log_rms + np.clip(1.6 * np.log(trial.n_bytes / (0.995 * n_bytes)), -3.0, 3.0)
+        log_rms = aimed if low < aimed < high else (low + high) / 2
+    return _require_fit(best, smallest, n_bytes)
+
+
+def _require_fit(best: Encoded | None, smallest: int, n_bytes: int) -> Encoded:
+    if best is None:
+        raise ParameterError(
+            f"No stream of {n_bytes} bytes holds this sequence; the smallest tried has {smallest}.",
+            remedy="Allow more bytes: connectivity and header alone take some.",
+            details={"smallest": smallest},
+        )
+    return best
+
+
+def _faces_section(sequence: MeshSequence, keep_order: bool) -> bytes:
+    if not len(sequence.faces):
+        return b""
+    lattice = None
+    if sequence.grid is not None and sequence.topology is not None:
+        lattice = (sequence.topology, sequence.grid)
+    return write_faces(sequence.n_vertices, lattice, sequence.faces, keep_order=keep_order)
+
+
+def _header(
+    sequence: MeshSequence, modes: bytes, errors: Errors, block_frames: tuple[int, ...]
+) -> Header:
+    return Header(
+        sequence.n_frames,
+        sequence.n_vertices,
+        len(sequence.faces),
+        sequence.vertices.dtype == np.float64,
+        sequence.unit,
+        sequence.topology,
+        sequence.grid,
+        sequence.times,
+        modes,
+        errors.rms,
+        errors.max_error,
+        errors.kg_error,
+        block_frames,
+    )
+
+
+def _encoded(sequence: MeshSequence, data: bytes, errors: Errors, transform: str) -> Encoded:
+    return Encoded(
+        data,
+        errors.rms,
+        errors.max_error,
+        errors.kg_error,
+        sequence.n_frames,
+        sequence.n_vertices,
+        transform,
+    )
+
+
+def _silent(_: float) -> None:
+    return None

@@ -1,0 +1,178 @@
+"""Encoding of one block of frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.arrays import FloatArray
+from modalmotion.codec.block import MOST_QUANTA, Block, positions_of, write_block
+from modalmotion.codec.blocking import Motion, Trial, attempt
+from modalmotion.codec.choice import Choice
+from modalmotion.codec.guard import find_guards
+from modalmotion.codec.measure import measure
+from modalmotion.codec.search import coarsest, least
+from modalmotion.codec.spring_modes import SpringModes
+from modalmotion.codec.target import Effort, Measure, Target
+from modalmotion.codec.temporal import Temporal
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+QUANTA_PER_RMS: Final = 16
+QUANTA_PER_MAX: Final = 64
+MOST_UNCERTAIN: Final = 1e-2
+# What is tried in turn of the squared error allowed: rounding may take more than its average.
+SHARES: Final = (1.0, 0.995, 0.97, 0.8)
+FIRST_STEP: Final = {Measure.RMS: 7.0, Measure.MAX_ERROR: 3.0}
+
+
+@dataclass(frozen=True, eq=False)
+class EncodedBlock:
+    """A block's bytes, and what they decode to."""
+
+    data: bytes
+    positions: FloatArray
+    kind: Temporal
+
+
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """Frames in quanta about a whole origin.
+
+    Parameters
+    ----------
+    vertices : (frames, vertices, 3), length unit
+    exponent : int
+    origin : (3,) int64, quanta
+    offsets : (frames, 3, vertices) float64, quanta
+    motion : Motion
+    """
+
+    vertices: FloatArray
+    exponent: int
+    origin: Ints
+    offsets: Floats
+    motion: Motion
+
+
+def encode_frames(vertices: FloatArray, choice: Choice, target: Target) -> EncodedBlock | None:
+    """Encode some frames at an error.
+
+    Returns
+    -------
+    EncodedBlock or None
+        None where the target is finer than this way of coding can guarantee.
+    """
+    frames = _prepare(vertices, choice, target)
+    if frames is None:
+        return None
+    wanted = float(np.ldexp(target.value, -frames.exponent))
+    if target.measure == Measure.RMS:
+        return _at_rms(frames, choice, target, wanted)
+    return _at_max_error(frames, choice, target, wanted)
+
+
+def _prepare(vertices: FloatArray, choice: Choice, target: Target) -> _Frames | None:
+    finest = target.value / (
+        np.sqrt(3.0) * QUANTA_PER_RMS if target.measure == Measure.RMS else QUANTA_PER_MAX
+    )
+    exponent = int(np.frexp(finest)[1]) - 1
+    largest = float(np.abs(vertices).max())
+    if exponent < -1070 or exponent > 1000 or np.frexp(largest)[1] - exponent > 50:
+        return None
+    scaled = np.ldexp(vertices.astype(np.float64), -exponent).transpose(0, 2, 1)
+    origin = np.rint(scaled.mean(axis=(0, 2))).astype(np.int64)
+    offsets = np.ascontiguousarray(scaled - origin[:, None])
+    n_frames, _, n_vertices = offsets.shape
+    amplitudes = choice.modes.analyse(offsets.reshape(-1, n_vertices))
+    motion = Motion(amplitudes.reshape(n_frames, 3, n_vertices))
+    return _Frames(vertices, exponent, origin, offsets, motion)
+
+
+def _at_rms(frames: _Frames, choice: Choice, target: Target, wanted: float) -> EncodedBlock | None:
+    n_frames, _, n_vertices = frames.offsets.shape
+    # Rounding to whole quanta adds a twelfth to each coordinate's square.
+    allowed = (wanted**2 - 0.25) * n_frames * n_vertices
+    start = FIRST_STEP[Measure.RMS] * wanted
+    best: EncodedBlock | None = None
+    for kind in choice.kinds:
+        for share in SHARES:
+            trial = coarsest(frames.motion, kind, allowed * share, start)
+            done = None if trial is None else _finish(frames, choice, trial)
+            if trial is None or done is None:
+                break
+            if measure(frames.vertices, done.positions).rms <= target.value:
+                start = trial.quantiser.step
+                if best is None or len(done.data) < len(best.data):
+                    best = done
+                break
+    return best
+
+
+def _at_max_error(
+    frames: _Frames, choice: Choice, target: Target, wanted: float
+) -> EncodedBlock | None:
+    # Half a step of the corrections and the rounding to the type of the vertices stay within.
+    largest = float(np.abs(frames.vertices).max())
+    rounding = float(np.spacing(np.asarray(largest, dtype=frames.vertices.dtype)))
+    room = 2.0 * (wanted - float(np.ldexp(rounding, -frames.exponent))) * (1.0 - 1e-6)
+    width = int(np.floor(room))
+    if width < 2:
+        return None
+    found: dict[float, EncodedBlock | None] = {}
+    best: EncodedBlock | None = None
+    start = FIRST_STEP[Measure.MAX_ERROR] * wanted
+    most = {Effort.FAST: 1, Effort.BALANCED: 5, Effort.THOROUGH: 9}[choice.effort]
+    ratio = 1.2 if choice.effort == Effort.THOROUGH else 1.35
+    for kind in choice.kinds:
+
+        def size(step: float, kind: Temporal = kind) -> int:
+            trial = attempt(frames.motion, kind, step)
+            found[step] = _finish(frames, choice, trial, width)
+            done = found[step]
+            return 2**62 if done is None else len(done.data)
+
+        start = least(size, start, ratio, most)
+        for done in found.values():
+            if done is None or measure(frames.vertices, done.positions).max_error > target.value:
+                continue
+            if best is None or len(done.data) < len(best.data):
+                best = done
+        found.clear()
+    return best
+
+
+def _finish(frames: _Frames, choice: Choice, trial: Trial, width: int = 0) -> EncodedBlock | None:
+    """Decode what a trial would send, add what the decoder cannot know, and write it."""
+    block = trial.block(len(frames.vertices), frames.exponent, frames.origin, width)
+    scaled = block.scaled(choice.modes)
+    if not np.abs(scaled).max() < MOST_QUANTA / 4:
+        return None
+    uncertainty = _uncertainty(block, choice, scaled)
+    if uncertainty > MOST_UNCERTAIN:
+        return None
+    guards = find_guards(scaled, uncertainty)
+    whole = guards.round(scaled)
+    corrections = None
+    if width:
+        corrections = np.rint((frames.offsets - whole) / width).astype(np.int64)
+        whole += width * corrections
+    positions = positions_of(block, whole, frames.vertices.dtype)
+    data = write_block(block, guards, corrections, positions)
+    return EncodedBlock(data, positions, trial.kind)
+
+
+def _uncertainty(block: Block, choice: Choice, scaled: Floats) -> float:
+    """Quanta by which another machine's sums may differ from these."""
+    rounding = 1e-6 + 1e-13 * float(np.abs(scaled).max())
+    if isinstance(choice.modes, SpringModes):
+        each = choice.modes.uncertainty[: block.coefficients.shape[1]]
+        amplitudes = block.quantiser.restore(block.coefficients)
+        # Root mean square over the frames; four of these are more than a frame reaches.
+        motion = np.sqrt((amplitudes**2).sum(axis=0) / block.n_frames)
+        rounding += 4.0 * float(np.sqrt(((motion * each) ** 2).sum()))
+    return rounding

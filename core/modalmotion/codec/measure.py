@@ -1,0 +1,50 @@
+"""Errors of decoded vertices."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from modalmotion.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of a sequence against its original.
+
+    Parameters
+    ----------
+    rms : float, length unit
+        sqrt(mean over frames and vertices of |v - v'|^2).
+    max_error : float, length unit
+        max |coordinate - coordinate'|.
+    kg_error : float, percent
+        100 |A - A'| / |A - E|, E the centroid of each frame (Karni and Gotsman, Compression of
+        soft-body animation sequences, Computers & Graphics, 2004).
+    """
+
+    rms: float
+    max_error: float
+    kg_error: float
+
+
+def measure(original: FloatArray, decoded: FloatArray) -> Errors:
+    """Compare two arrays of positions, (frames, vertices, 3)."""
+    scale = 2.0 ** float(np.clip(_exponent(original), -1000, 1000))
+    squares = spread = largest = 0.0
+    for a, b in zip(original, decoded, strict=True):
+        exact = a.astype(np.float64) / scale
+        with np.errstate(over="ignore", invalid="ignore"):
+            difference = np.abs(b.astype(np.float64) / scale - exact)
+            squares += float((difference**2).sum())
+            largest = max(largest, float(difference.max()))
+        spread += float(((exact - exact.mean(axis=0)) ** 2).sum())
+    n = original.shape[0] * original.shape[1]
+    kg_error = 100.0 * math.sqrt(squares / spread) if spread > 0 else 0.0
+    return Errors(math.sqrt(squares / n) * scale, largest * scale, kg_error)
+
+
+def _exponent(original: FloatArray) -> int:
+    return int(np.frexp(max(float(np.abs(frame).max()) for frame in original))[1])
