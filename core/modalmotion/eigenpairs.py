@@ -20,6 +20,9 @@ from modalmotion.errors import ModeCountError
 # Below this size the dense solver is faster and finds every multiple eigenvalue.
 _DENSE: Final = 600
 
+# Above this one it takes minutes and gigabytes.
+_LARGEST_DENSE: Final = 5000
+
 # Eigenvalues closer than this, relative to them and to the largest possible, are one.
 _SAME: Final = 1e-8
 _ZERO: Final = 1e-11
@@ -86,8 +89,10 @@ def _solve(
         return values[:count], vectors[:, :count]
     shift = -1e-4 * scale * 600 / n
     for attempt in range(3):
+        # More room on each attempt: a larger subspace meets more copies.
+        room = min(n, (attempt + 2) * count + 20)
         values, vectors = eigsh(
-            matrix, k=count, sigma=shift, which="LM", v0=_irregular(n, attempt), tol=0
+            matrix, k=count, sigma=shift, ncv=room, v0=_irregular(n, attempt), tol=0
         )
         order = np.argsort(values, kind="stable")
         values, vectors = values[order], vectors[:, order]
@@ -101,6 +106,13 @@ def _solve(
         if _n_below(matrix, between) == last:
             return values, vectors
         count = min(n - 1, count + _GUARD)
+    if n > _LARGEST_DENSE:
+        raise ModeCountError(
+            f"The lowest {count} spring modes of {n} vertices were not all found: too many "
+            "frequencies coincide.",
+            remedy="Ask for fewer modes, or state a topology.",
+            details={"modes": count},
+        )
     values, vectors = eigh(matrix.toarray())
     return values[:count], vectors[:, :count]
 

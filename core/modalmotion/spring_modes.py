@@ -144,7 +144,7 @@ def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> Spr
     -------
     SpringModes
         Mode 0 is constant over the whole mesh; if there are several pieces, the next ones are
-        constant on each, the pieces in the order of their first vertices.
+        constant on each, the largest piece first, equal ones in the order of first vertices.
 
     Raises
     ------
@@ -171,9 +171,10 @@ def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> Spr
 
 
 def _indicators(edges: NDArray[np.int64], n: int) -> NDArray[np.float64]:
-    """One on everything, then one on each piece, in the order of first vertices."""
+    """One on everything, then one on each piece, the largest first."""
     graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
     _, labels = connected_components(graph, directed=False)
-    _, first = np.unique(labels, return_index=True)
-    columns = [np.ones(n), *(labels == labels[i] for i in np.sort(first))]
+    _, first, size = np.unique(labels, return_index=True, return_counts=True)
+    order = np.lexsort((first, -size))
+    columns = [np.ones(n), *(labels == labels[i] for i in first[order])]
     return np.stack(columns, axis=1).astype(np.float64)

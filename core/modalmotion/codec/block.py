@@ -18,9 +18,10 @@ from modalmotion.codec.matrix import code_matrix
 from modalmotion.codec.quantiser import Quantiser
 from modalmotion.codec.spatial import Modes
 from modalmotion.codec.temporal import (
+    CLOSED_FORM,
     Temporal,
     TimeBasis,
-    fixed_components,
+    closed_form_basis,
     restore_basis,
 )
 from modalmotion.codec.varint import read_varint, unzigzag, write_varint, zigzag
@@ -63,10 +64,8 @@ class Block:
 
     def time_basis(self) -> TimeBasis:
         """Make the temporal components."""
-        if self.kind in (Temporal.DCT, Temporal.FOURIER):
-            n_components = len(self.coefficients) // 3
-            means = fixed_components(self.kind, self.n_frames, n_components)
-            return TimeBasis(self.kind, means, np.zeros((self.n_frames, 0)))
+        if self.kind in CLOSED_FORM:
+            return closed_form_basis(self.kind, self.n_frames)
         return restore_basis(self.kind, self.basis, self.n_frames, self.quantiser)
 
     def scaled(self, modes: Modes) -> Floats:
@@ -182,7 +181,7 @@ def _read_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int]
     exponent = unzigzag(numbers[0])
     origin = np.array([unzigzag(n) for n in numbers[1:4]], dtype=np.int64)
     width, n_rows, n_modes, n_components = numbers[4:]
-    closed_form = kind in (Temporal.DCT, Temporal.FOURIER)
+    closed_form = kind in CLOSED_FORM
     each = 1 if kind == Temporal.TRAJECTORY else 3
     rows = n_rows if closed_form else 3 + each * n_components
     most = 3 * n_frames if closed_form or kind == Temporal.TRAJECTORY else n_frames

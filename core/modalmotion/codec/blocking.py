@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from modalmotion.codec.block import Block
 from modalmotion.codec.quantiser import Quantiser, fit_quantiser, quantise
 from modalmotion.codec.temporal import (
+    CLOSED_FORM,
     Temporal,
-    TimeBasis,
     basis_numbers,
-    fixed_components,
+    closed_form_basis,
     learned_components,
     restore_basis,
 )
@@ -43,9 +43,7 @@ class Motion:
     def projected(self, kind: Temporal) -> Floats:
         """Coefficients of a basis in closed form, (3 x components, modes), slow ones first."""
         if kind not in self._projected:
-            n_frames = len(self.amplitudes)
-            means = fixed_components(kind, n_frames, n_frames)
-            basis = TimeBasis(kind, means, np.zeros((n_frames, 0)))
+            basis = closed_form_basis(kind, len(self.amplitudes))
             self._projected[kind] = basis.project(self.amplitudes)
         return self._projected[kind]
 
@@ -110,7 +108,7 @@ def attempt(motion: Motion, kind: Temporal, step: float, price: float = PRICE) -
     """
     # What the stream holds of it.
     step = float(np.float32(step))
-    if kind in (Temporal.DCT, Temporal.FOURIER):
+    if kind in CLOSED_FORM:
         exact = motion.projected(kind)
         numbers = quantise(exact, step, price)
         used = np.flatnonzero(numbers.any(axis=1))

@@ -36,76 +36,53 @@ class TimeBasis:
     Parameters
     ----------
     kind : Temporal
-    means : (frames, means) float64
-        Components fixed in advance, one row for each direction: all of a cosine or Fourier
-        basis, the constant of a learned one.
+    n_frames : int
     learned : (frames, components) or (frames, 3, components) float64
-        Components that were sent: for each direction alike, or for all three at once.
+        Components that were sent, besides the constant: for each direction alike, or for all
+        three at once. None for a basis in closed form.
     """
 
     kind: Temporal
-    means: Floats
+    n_frames: int
     learned: Floats
-
-    @property
-    def n_rows(self) -> int:
-        """Rows of the matrix of coefficients."""
-        each = 1 if self.kind == Temporal.TRAJECTORY else 3
-        return int(3 * self.means.shape[1] + each * self.learned.shape[-1])
 
     def superpose(self, rows: Floats) -> Floats:
         """Combine components, (rows, n) to (frames, 3, n)."""
         if self.kind in CLOSED_FORM:
-            return _superpose_fast(self.kind, len(self.means), rows)
-        n_fixed = 3 * self.means.shape[1]
-        n_frames = len(self.means)
-        total = self.means @ rows[:n_fixed].reshape(self.means.shape[1], -1)
-        basis = self.learned.reshape(-1, self.learned.shape[-1])
-        rest = rows[n_fixed:].reshape(self.learned.shape[-1], -1)
-        return total.reshape(n_frames, 3, -1) + (basis @ rest).reshape(n_frames, 3, -1)
+            amplitudes = np.zeros((self.n_frames, 3, rows.shape[1]))
+            amplitudes[: len(rows) // 3] = rows.reshape(-1, 3, rows.shape[1])
+            if self.kind == Temporal.FOURIER:
+                return turn_back(amplitudes, 0)
+            return np.asarray(fft.idct(amplitudes, type=2, norm="ortho", axis=0))
+        constant = rows[:3] / np.sqrt(self.n_frames)
+        n_components = self.learned.shape[-1]
+        if not n_components:
+            return np.repeat(constant[None], self.n_frames, axis=0)
+        basis = self.learned.reshape(-1, n_components)
+        moving = basis @ rows[3:].reshape(n_components, -1)
+        return moving.reshape(self.n_frames, 3, -1) + constant
 
     def project(self, motion: Floats) -> Floats:
         """Coefficients that leave the least error, (frames, 3, n) to (rows, n)."""
-        n_frames, _, n = motion.shape
+        n = motion.shape[2]
         if self.kind == Temporal.DCT:
             return np.asarray(fft.dct(motion, type=2, norm="ortho", axis=0)).reshape(-1, n)
         if self.kind == Temporal.FOURIER:
             return turn(motion, 0).reshape(-1, n)
-        flat = motion.reshape(n_frames, -1)
-        fixed = (self.means.T @ flat).reshape(-1, n)
+        mean = motion.mean(axis=0)
+        constant = mean * np.sqrt(self.n_frames)
         if not self.learned.shape[-1]:
-            return fixed
-        # The fixed components are orthonormal, and so are the learned ones to them, up to the
-        # rounding of the learned ones: what is left is fitted with those.
-        rest = (flat - self.means @ (self.means.T @ flat)).reshape(n_frames, 3, n)
+            return constant
+        # Learned components are orthonormal up to their rounding: fitted, not projected.
         basis = self.learned.reshape(-1, self.learned.shape[-1])
-        fitted, *_ = linalg.lstsq(basis, rest.reshape(len(basis), -1), lapack_driver="gelsy")
-        return np.concatenate([fixed, fitted.reshape(-1, n)])
+        moving = (motion - mean).reshape(len(basis), -1)
+        fitted, *_ = linalg.lstsq(basis, moving, lapack_driver="gelsy")
+        return np.concatenate([constant, fitted.reshape(-1, n)])
 
 
-def _superpose_fast(kind: Temporal, n_frames: int, rows: Floats) -> Floats:
-    amplitudes = np.zeros((n_frames, 3, rows.shape[1]))
-    amplitudes[: len(rows) // 3] = rows.reshape(-1, 3, rows.shape[1])
-    if kind == Temporal.FOURIER:
-        return turn_back(amplitudes, 0)
-    return np.asarray(fft.idct(amplitudes, type=2, norm="ortho", axis=0, overwrite_x=True))
-
-
-def fixed_components(kind: Temporal, n_frames: int, n_components: int) -> Floats:
-    """Orthonormal components in closed form, slow ones first, (frames, components) float64."""
-    if kind == Temporal.DCT:
-        columns = fft.idct(np.eye(n_frames)[:, :n_components], type=2, norm="ortho", axis=0)
-    elif kind == Temporal.FOURIER:
-        phase = 2 * np.pi * np.outer(np.arange(n_frames), (np.arange(n_components) + 1) // 2)
-        phase /= n_frames
-        sine = np.arange(n_components) % 2 == 0
-        columns = np.where(sine, np.sin(phase), np.cos(phase)) * np.sqrt(2.0 / n_frames)
-        columns[:, :1] = 1.0 / np.sqrt(n_frames)
-        if n_frames % 2 == 0:
-            columns[:, n_frames - 1 :] /= np.sqrt(2.0)
-    else:
-        columns = np.full((n_frames, 1), 1.0 / np.sqrt(n_frames))
-    return np.asarray(columns, dtype=np.float64)
+def closed_form_basis(kind: Temporal, n_frames: int) -> TimeBasis:
+    """Make a basis that needs no sending."""
+    return TimeBasis(kind, n_frames, np.zeros((n_frames, 0)))
 
 
 def learned_components(motion: Floats, kind: Temporal) -> Floats:
@@ -151,7 +128,6 @@ def restore_basis(kind: Temporal, numbers: Ints, n_frames: int, quantiser: Quant
     n_frames : int
     quantiser : Quantiser
     """
-    means = fixed_components(kind, n_frames, 1)
     directions = numbers.shape[1] // n_frames
     components = quantiser.restore(numbers).reshape(len(numbers), n_frames, directions)
     norms = np.sqrt((components**2).sum(axis=(1, 2), keepdims=True))
@@ -160,4 +136,4 @@ def restore_basis(kind: Temporal, numbers: Ints, n_frames: int, quantiser: Quant
     learned = np.ascontiguousarray(np.moveaxis(components, 0, -1))
     if kind == Temporal.KLT:
         learned = learned[:, 0, :]
-    return TimeBasis(kind, means, learned)
+    return TimeBasis(kind, n_frames, learned)

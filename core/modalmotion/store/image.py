@@ -25,6 +25,7 @@ Attribute = str | int | tuple[int, ...]
 # Texts are padded to a multiple of this, so that few layouts serve many results.
 _TEXT_STEP: Final = 64
 _LONGEST_ATTRIBUTE: Final = 10_000
+_JSON: Final = json.JSONEncoder(sort_keys=True)
 
 
 class Dataset(NamedTuple):
@@ -66,7 +67,7 @@ class Layout:
 
 def json_text(name: str, value: object) -> Dataset:
     """Dataset that holds a value as JSON, in ASCII."""
-    text = json.dumps(value, sort_keys=True).encode()
+    text = _JSON.encode(value).encode()
     size = -(-len(text) // _TEXT_STEP) * _TEXT_STEP
     return Dataset(name, np.array(text.ljust(size), dtype=f"S{size}"), "none", "")
 
@@ -89,9 +90,7 @@ def sealed_image(
     StoreError
         If an attribute is no text that HDF5 can hold.
     """
-    for name, value in attributes.items():
-        _require_storable(name, value)
-    arrays = [np.ascontiguousarray(d.values).reshape(d.values.shape) for d in datasets]
+    arrays = [d.values if d.values.flags.c_contiguous else d.values.copy() for d in datasets]
     layout = Layout(
         tuple(attributes.items()),
         tuple((name, len(value)) for name, value in ids.items()),
@@ -100,9 +99,10 @@ def sealed_image(
             for d, a in zip(datasets, arrays, strict=True)
         ),
     )
+    # Arrays are joined as they lie in memory, without a copy of their own.
     values: list[bytes | memoryview] = [value.encode("ascii") for value in ids.values()]
-    values += [a.reshape(-1).view(np.uint8).data if a.size else b"" for a in arrays]
-    return seal(values[p] if isinstance(p, int) else p for p in _skeleton(layout))
+    values += [array.data for array in arrays]
+    return seal([values[p] if isinstance(p, int) else p for p in _skeleton(layout)])
 
 
 def write_image(layout: Layout, ids: Sequence[str], arrays: Sequence[NDArray[Any]]) -> Any:
@@ -135,6 +135,8 @@ def write_image(layout: Layout, ids: Sequence[str], arrays: Sequence[NDArray[Any
 @lru_cache(maxsize=256)
 def _skeleton(layout: Layout) -> tuple[bytes | int, ...]:
     """Pieces of an image: bytes as they are, and the number of the value to put in."""
+    for name, value in layout.attributes:
+        _require_storable(name, value)
     marks = _marks(layout)
     zeros = [np.zeros(shape, dtype) for _, shape, dtype, _, _ in layout.datasets]
     image, offsets = write_image(layout, marks, zeros)

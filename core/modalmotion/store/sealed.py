@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -23,13 +23,12 @@ SEAL_LENGTH: Final = len(_MARK) + 64 + 1
 _RESTORE = "Restore it from a copy, or delete it and make the result again."
 
 
-def seal(pieces: Iterable[bytes | memoryview]) -> bytes:
+def seal(pieces: Sequence[bytes | memoryview]) -> bytes:
     """Join the pieces of an HDF5 image and put the seal behind them."""
-    pieces = list(pieces)
     digest = hashlib.sha256()
     for piece in pieces:
         digest.update(piece)
-    return b"".join([*pieces, _MARK, digest.hexdigest().encode(), b"\n"])
+    return b"".join((*pieces, _MARK, digest.hexdigest().encode(), b"\n"))
 
 
 def digest_of(data: bytes) -> str:
