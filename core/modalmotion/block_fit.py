@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.basis import Basis
-from modalmotion.displacements import PositionBlock, ReferenceShape, no_rotations
+from modalmotion.displacements import PositionBlock, no_rotations
 from modalmotion.products import product, tile
 from modalmotion.quantile import weighted_quantile
+from modalmotion.reference_shape import ReferenceShape
 from modalmotion.rigid import Rotations, kabsch
 
 

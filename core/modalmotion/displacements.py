@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.products import product, weighted_sum
-from modalmotion.rigid import RANK_TOLERANCE, Rotations, kabsch
+from modalmotion.reference_shape import ReferenceShape
+from modalmotion.rigid import Rotations, kabsch
 from modalmotion.sequence import MeshSequence
 
 # Floats of displacements held at once.
@@ -18,74 +19,6 @@ _BLOCK = 500_000
 
 # Vertices turned at once: they stay in the cache, and one thread does it.
 _COLUMNS = 1000
-
-# Relative rounding of sums over thousands of vertices.
-_ROUNDING = 1e-13
-
-# Sizes between these need no scaling: their squares are ordinary numbers.
-_SMALLEST, _LARGEST = 2.0**-200, 2.0**200
-
-
-@dataclass(frozen=True, eq=False)
-class ReferenceShape:
-    """The shape that displacements are measured from, centred.
-
-    Parameters
-    ----------
-    centre : (3,) float64, length unit
-        Weighted centroid.
-    rest : (3, vertices) float64, in units of `scale`
-        Positions from it.
-    weights : (vertices,) float64
-        Shares that add up to 1.
-    scale : float, length unit
-        A power of two; 1 unless the surface is so large or small that squares would
-        overflow or vanish.
-    tolerance : float
-        Of `kabsch`: what rounding of the stored positions gives to a line.
-    ignored : (n,) int64
-        Vertices that are not read in any frame; they do not move.
-    """
-
-    centre: NDArray[np.float64]
-    rest: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    scale: float
-    tolerance: float
-    ignored: NDArray[np.int64]
-
-    @property
-    def spread(self) -> float:
-        """Root mean square distance from the centroid, in units of the scale."""
-        return float(np.sqrt((self.weights * (self.rest**2).sum(axis=0)).sum()))
-
-    def noise(self, drift: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Bound the rounding of covariances of frames that drifted so far, (frames,)."""
-        far: NDArray[np.float64] = np.sqrt((drift**2).sum(axis=1))
-        return _ROUNDING * self.spread * far
-
-    @property
-    def moments(self) -> NDArray[np.float64]:
-        """Columns that sum positions x to sum w x x_ref' and to sum w x, (vertices, 4)."""
-        return np.concatenate([self.rest * self.weights, self.weights[None]]).T
-
-    @staticmethod
-    def of(
-        sequence: MeshSequence,
-        weights: NDArray[np.float64],
-        reference: int,
-        ignored: NDArray[np.int64] | None = None,
-    ) -> ReferenceShape:
-        """Centre one frame of a sequence."""
-        ignored = np.zeros(0, dtype=np.int64) if ignored is None else ignored
-        start = sequence.vertices[reference].T.astype(np.float64)
-        counted = weights > 0
-        centre = weighted_sum(weights, start.T)
-        rest = np.ascontiguousarray(start - centre[:, None])
-        tolerance = _rank_tolerance(sequence, counted, centre, rest)
-        scale = _scale(sequence, counted, centre)
-        rest[:, ignored] = 0.0
-        return ReferenceShape(centre, rest / scale, weights, scale, tolerance, ignored)
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,30 +227,3 @@ def _is_still(
     likely: NDArray[np.bool_] = (taken[:, probe] == start[probe]).all(axis=(1, 2))
     likely[likely] = [np.array_equal(x, start) for x in taken[likely]]
     return likely
-
-
-def _scale(
-    sequence: MeshSequence, counted: NDArray[np.bool_], centre: NDArray[np.float64]
-) -> float:
-    """Power of two that brings every counted offset from the centre to 1 or below, or 1."""
-    positions = sequence.vertices if counted.all() else sequence.vertices[:, counted]
-    low, high = float(positions.min()), float(positions.max())
-    largest = max(high - float(centre.min()), float(centre.max()) - low)
-    if largest == 0.0 or _SMALLEST < largest < _LARGEST:
-        return 1.0
-    return float(2.0 ** np.clip(np.frexp(largest)[1], -1000, 1000))
-
-
-def _rank_tolerance(
-    sequence: MeshSequence,
-    counted: NDArray[np.bool_],
-    centre: NDArray[np.float64],
-    rest: NDArray[np.float64],
-) -> float:
-    """Square of the thickness that rounding of the stored positions gives to a line."""
-    extent = float(np.abs(rest[:, counted]).max(initial=0.0))
-    if extent == 0.0:
-        return RANK_TOLERANCE
-    largest = float(np.abs(centre).max()) + extent
-    step = float(np.finfo(sequence.vertices.dtype).eps) * largest / extent
-    return max(RANK_TOLERANCE, (4 * step) ** 2)

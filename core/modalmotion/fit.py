@@ -15,13 +15,13 @@ from modalmotion.block_fit import BlockFit, PositionFit, fit_displacements
 from modalmotion.body_frame import Components, local_frames, to_local
 from modalmotion.displacements import (
     PositionBlock,
-    ReferenceShape,
     aligned,
     displacement_blocks,
     position_blocks,
 )
 from modalmotion.errors import ModeCountError, ParameterError, ShapeError
 from modalmotion.products import product
+from modalmotion.reference_shape import ReferenceShape
 from modalmotion.rigid import Rotations
 from modalmotion.sequence import MeshSequence
 from modalmotion.template import Template

@@ -203,6 +203,20 @@ class ModalSignature:
         return float(self.max_errors.max())
 
     @property
+    def closure_gap(self) -> float:
+        """Distance of the last frame's amplitudes from the first's, over the usual step.
+
+        Near 1 for one turn of a cycle whose next frame would be the first, 0 where the last
+        frame repeats the first, large for a movement that does not come back; 0 without motion.
+        """
+        largest = float(np.abs(self.amplitudes).max(initial=0.0))
+        if self.n_frames < 2 or largest == 0.0:
+            return 0.0
+        a = self.amplitudes / largest
+        usual = _root_mean_square(np.linalg.norm(np.diff(a, axis=0), axis=(1, 2)))
+        return float(np.linalg.norm(a[-1] - a[0])) / usual if usual > 0 else 0.0
+
+    @property
     def deformation_spectrum(self) -> NDArray[np.float64]:
         """RMS amplitude of each mode over frames, directions added, (modes,) float64, `unit`."""
         scale = np.abs(self.amplitudes).max(initial=0.0)

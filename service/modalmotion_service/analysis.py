@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 from modalmotion.classify import Classification, load_model
+from modalmotion.comparison import Comparison
 from modalmotion.errors import NotFoundError
 from modalmotion.formats import ReadLimits, ReadOptions
 from modalmotion.signature import SignatureParameters
@@ -116,6 +117,14 @@ class Analysis:
             return await asyncio.to_thread(self._store.signature_path, sequence_id, parameters.key)
         except NotFoundError:
             return await self._flights.join((sequence_id, parameters.key), make)
+
+    async def distance(
+        self, sequence_id: str, other_id: str, parameters: SignatureParameters, closed: bool
+    ) -> Comparison:
+        """Compare the signatures of two sequences, made with the same parameters."""
+        own = await self.signature(sequence_id, parameters)
+        other = await self.signature(other_id, parameters)
+        return await self._work(tasks.compare_signatures, own, other, closed)
 
     async def signature_json(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
         """Give a signature as the service's JSON."""

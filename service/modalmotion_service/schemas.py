@@ -347,6 +347,10 @@ class SignatureAnswer(BaseModel):
     max_error: float = Field(description="Over all frames and vertices.")
     errors: FrameErrors
     motion_rms: list[float] = Field(description="RMS displacement of each frame.")
+    closure_gap: float = Field(
+        description="From the last frame back to the first, over the usual step between frames: "
+        "near 1 for a cycle, large for a movement that does not come back."
+    )
     deformation_spectrum: list[float] = Field(description="RMS amplitude of each mode.")
     strain_energy: list[float] = Field(description="Of each frame, per unit mass.")
     compression: float = Field(description="Coordinates over amplitudes of one frame.")
@@ -393,6 +397,7 @@ class SignatureAnswer(BaseModel):
                 max=signature.max_errors.tolist(),
             ),
             motion_rms=signature.motion_rms.tolist(),
+            closure_gap=signature.closure_gap,
             deformation_spectrum=signature.deformation_spectrum.tolist(),
             strain_energy=signature.strain_energy.sum(axis=1).tolist(),
             compression=signature.compression,
@@ -415,6 +420,16 @@ class SignatureAnswer(BaseModel):
             provenance=signature.provenance,
             file=file,
         )
+
+
+class DistanceAnswer(BaseModel):
+    """Distance of one sequence's signature from another's."""
+
+    distance: float = Field(description="|a - b| / |b| in the frame of the body, by phase.")
+    uses_theta_zero: bool = Field(
+        description="False where the zero of theta is not determined: magnitudes of pairs are "
+        "compared then."
+    )
 
 
 class TemplateAnswer(BaseModel):

@@ -18,6 +18,7 @@ import numpy as np
 
 from modalmotion.classify import Classification, classify, load_model
 from modalmotion.codec import decode, encode
+from modalmotion.comparison import Comparison, compare
 from modalmotion.formats import (
     ParserHere,
     ReadLimits,
@@ -134,6 +135,11 @@ def make_template(
     with watch.stage("image"):
         image.write_bytes(template_to_hdf5(template))
     return Templated(TemplateAnswer.of(template), watch.milliseconds)
+
+
+def compare_signatures(a: Path, b: Path, closed: bool) -> Comparison:
+    """Compare two kept signatures."""
+    return compare(signature_from_hdf5(a), signature_from_hdf5(b), closed=closed)
 
 
 def describe_template(path: Path) -> TemplateAnswer:

@@ -61,12 +61,13 @@ BAD: dict[str, tuple[bytes, int, str, dict[str, object]]] = {
         "unsupported_topology",
         {},
     ),
-    "times backwards": (
-        saved(vertices=VERTICES, times=[2, 1, 0]),
+    "two frames at one time": (
+        saved(vertices=VERTICES, times=[0, 1, 1]),
         422,
         "wrong_shape",
-        {"frame": 1},
+        {"frame": 2},
     ),
+    "too few times": (saved(vertices=VERTICES, times=[0, 1]), 422, "wrong_shape", {}),
     "too many frames": (
         saved(vertices=np.zeros((101, 1, 3))),
         413,

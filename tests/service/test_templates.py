@@ -148,3 +148,34 @@ def test_landmarks_that_are_no_place_are_refused(
     answer = client.get(f"{here}/signature?{query}")
     assert answer.status_code == 422
     assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_two_sequences_are_compared(client: TestClient, mesh: bytes) -> None:
+    sequence = read_npz(mesh).sequence
+    moved = io.BytesIO()
+    np.savez(
+        moved,
+        vertices=sequence.vertices[:, :, [1, 2, 0]] + 100.0,
+        faces=sequence.faces,
+        topology="cup",
+        times=sequence.times,
+        unit="mm",
+    )
+    one = client.post("/v1/sequences", content=mesh).json()["id"]
+    other = client.post("/v1/sequences", content=moved.getvalue()).json()["id"]
+    answer = client.get(f"/v1/sequences/{one}/distance", params={"to": other})
+    assert answer.status_code == 200, answer.text
+    assert answer.json()["distance"] < 1e-9
+    unknown = client.get(f"/v1/sequences/{one}/distance", params={"to": "0" * 64})
+    assert unknown.status_code == 404
+
+
+def test_frames_out_of_order_are_sorted_and_it_is_said(
+    client: TestClient, npz: Callable[..., bytes]
+) -> None:
+    vertices = np.random.default_rng(5).normal(size=(3, 16, 3))
+    sent = npz(vertices=vertices[[2, 0, 1]], times=[0.2, 0.0, 0.1], grid=[4, 4], topology="cup")
+    answer = client.post("/v1/sequences", content=sent).json()
+    assert any("out of order" in note for note in answer["reading"]["notes"])
+    ordered = npz(vertices=vertices, times=[0.0, 0.1, 0.2], grid=[4, 4], topology="cup")
+    assert client.post("/v1/sequences", content=ordered).json()["id"] == answer["id"]

@@ -59,8 +59,9 @@ class TimeBasis:
         if not n_components:
             return np.repeat(constant[None], self.n_frames, axis=0)
         basis = self.learned.reshape(-1, n_components)
-        moving = basis @ rows[3:].reshape(n_components, -1)
-        return moving.reshape(self.n_frames, 3, -1) + constant
+        moving: Floats = basis @ rows[3:].reshape(n_components, -1)
+        total: Floats = moving.reshape(self.n_frames, 3, -1) + constant
+        return total
 
     def project(self, motion: Floats) -> Floats:
         """Coefficients that leave the least error, (frames, 3, n) to (rows, n)."""
@@ -70,7 +71,7 @@ class TimeBasis:
         if self.kind == Temporal.FOURIER:
             return turn(motion, 0).reshape(-1, n)
         mean = motion.mean(axis=0)
-        constant = mean * np.sqrt(self.n_frames)
+        constant: Floats = mean * np.sqrt(self.n_frames)
         if not self.learned.shape[-1]:
             return constant
         # Learned components are orthonormal up to their rounding: fitted, not projected.

@@ -18,6 +18,7 @@ from modalmotion.formats.frame import Frame
 from modalmotion.formats.limits import ReadLimits
 from modalmotion.formats.merge import MergeMap, merge_corners
 from modalmotion.formats.result import ReadResult
+from modalmotion.frame_order import in_time_order
 from modalmotion.sequence import mesh_sequence
 
 _SAME: Final = "Send one mesh that moves: the same vertices and faces in every frame."
@@ -94,15 +95,18 @@ class FrameStack:
         stated = [time for time in self._times if time is not None]
         if times is None and len(stated) == len(self._times):
             times = tuple(float(time) for time in stated)
+        vertices, ordered, notes = self._vertices, None, list(first.notes)
+        if times is not None:
+            vertices, ordered, done = in_time_order(self._vertices, list(times))
+            notes += done
         sequence = mesh_sequence(
-            self._vertices,
+            vertices,
             self._faces,
             grid=_grid(first.stated("grid")),
             topology=first.stated("topology"),
-            times=None if times is None else list(times),
+            times=ordered,
             unit=first.stated("unit"),
         )
-        notes = list(first.notes)
         if self._merge is not None:
             notes.append(
                 f"STL holds no vertices: {len(self._merge.vertex_of)} corners that coincide in "

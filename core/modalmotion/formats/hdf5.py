@@ -14,6 +14,7 @@ from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.parser_tasks import Answer, Parsed, Parser
 from modalmotion.formats.result import ReadResult, Source
 from modalmotion.formats.vtkhdf import parse_vtkhdf
+from modalmotion.frame_order import in_time_order
 from modalmotion.sequence import MeshSequence, mesh_sequence
 
 _OURS: Final = "modalmotion."
@@ -90,12 +91,15 @@ def _parse_ours(data: bytes, limits: ReadLimits) -> Parsed:
 
 def _result(answer: Answer) -> ReadResult:
     info, arrays = answer.info, answer.arrays
+    vertices, times, notes = arrays["vertices"], arrays.get("times"), tuple[str, ...]()
+    if times is not None and vertices.ndim == 3:
+        vertices, times, notes = in_time_order(vertices, times)
     sequence: MeshSequence = mesh_sequence(
-        arrays["vertices"],
+        vertices,
         arrays["faces"],
         grid=None if info["grid"] is None else np.array(info["grid"]),
         topology=info["topology"],
-        times=arrays.get("times"),
+        times=times,
         unit=info["unit"],
     )
     stated: Source = "file"
@@ -106,5 +110,5 @@ def _result(answer: Answer) -> ReadResult:
         coordinate_system=info.get("coordinate_system"),
         unit_from=None if sequence.unit is None else stated,
         times_from=None if sequence.times is None else stated,
-        notes=tuple(info["notes"]),
+        notes=(*info["notes"], *notes),
     )

@@ -21,6 +21,7 @@ import numpy as np
 from modalmotion.errors import MalformedFileError, ShapeError
 from modalmotion.formats.limits import NO_LIMITS, ReadLimits
 from modalmotion.formats.result import ReadResult
+from modalmotion.frame_order import in_time_order
 from modalmotion.sequence import MeshSequence, mesh_sequence
 
 _KNOWN: Final = ("vertices", "faces", "grid", "topology", "times", "times_ms", "unit")
@@ -82,8 +83,11 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> ReadResult:
     if "times_ms" in arrays:
         milliseconds = arrays["times_ms"]
         times = milliseconds / 1e3 if milliseconds.dtype.kind in "fiu" else milliseconds
+    vertices, notes = arrays["vertices"], tuple[str, ...]()
+    if times is not None and vertices.ndim == 3:
+        vertices, times, notes = in_time_order(vertices, times)
     sequence = mesh_sequence(
-        arrays["vertices"],
+        vertices,
         arrays.get("faces"),
         grid=arrays.get("grid"),
         topology=_text(arrays, "topology"),
@@ -96,6 +100,7 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> ReadResult:
         format="npz",
         unit_from=None if sequence.unit is None else "file",
         times_from=None if sequence.times is None else "file",
+        notes=notes,
     )
 
 

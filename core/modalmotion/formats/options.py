@@ -11,6 +11,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.formats.detect import Format
 from modalmotion.formats.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.formats.result import ReadResult
+from modalmotion.frame_order import in_time_order
 from modalmotion.topology import Topology
 
 
@@ -87,7 +88,11 @@ class ReadOptions:
             stated = self.times
             if self.frame_interval is not None:
                 stated = tuple(i * self.frame_interval for i in range(n))
-            times = require_times(list(stated or ()), n)
+            vertices, ordered, notes = in_time_order(sequence.vertices, list(stated or ()))
+            for note in notes:
+                result = _noted(result, note)
+            result = replace(result, sequence=replace(result.sequence, vertices=vertices))
+            times = require_times(ordered, n if len(vertices) == n else len(vertices))
             result = replace(
                 result, sequence=replace(result.sequence, times=times), times_from="caller"
             )

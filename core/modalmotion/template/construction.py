@@ -25,6 +25,7 @@ from modalmotion.template.lattice_landmarks import lattice_landmarks
 from modalmotion.template.lengths import axis_lengths
 from modalmotion.template.plane import plane_coordinates
 from modalmotion.template.recognition import recognise, require_fit
+from modalmotion.template.remarks import notes_on_landmarks, notes_on_mesh
 from modalmotion.template.sphere import sphere_coordinates
 from modalmotion.template.surface import Surface, surface_of
 from modalmotion.template.template import Template, Weights, template_id
@@ -87,7 +88,7 @@ def make_template(
     places = {
         name: (place - corner) / scale for name, place in resolve_places(given, start).items()
     }
-    notes = _notes_on_mesh(surface) if len(sequence.faces) else []
+    notes = notes_on_mesh(surface) if len(sequence.faces) else []
     topology, reason = _decide(sequence, surface, closed_form, notes)
     found = None if topology is None else _coordinates(sequence, topology, surface, places)
     if found is not None and topology is not None and topology in _MAKERS and not sequence.grid:
@@ -118,7 +119,7 @@ def make_template(
         notes += found.notes
         if found.landmarks is not None:
             placed = found.landmarks.placed(corner, scale)
-            notes += _notes_on_landmarks(found)
+            notes += notes_on_landmarks(found)
     return Template(
         id=id_,
         surface=topology,
@@ -255,36 +256,3 @@ def _carried_over(
     values = values.copy()
     values[isolated] = values[used[nearest]]
     return values
-
-
-def _notes_on_mesh(surface: Surface) -> list[str]:
-    found = surface.connectivity
-    notes = []
-    if len(found.isolated):
-        notes.append(
-            f"{len(found.isolated)} vertices belong to no triangle (first: {found.isolated[0]}); "
-            "they have no weight."
-        )
-    if len(found.degenerate):
-        notes.append(
-            f"{len(found.degenerate)} triangles name a vertex twice (first: face "
-            f"{found.degenerate[0]}); they were left out."
-        )
-    return notes
-
-
-def _notes_on_landmarks(found: Coordinates) -> list[str]:
-    if found.landmarks is None:
-        return []
-    meaning = {
-        "axis": "The direction of the axis",
-        "apex": "Which end is the apex",
-        "base": "Which end is the base",
-        "theta_zero": "The zero of theta",
-        "start": "Which corner s and t start from",
-    }
-    weak = [meaning[name] for name in found.landmarks.weak if name in meaning]
-    notes = [f"{name} is not determined by the shape; give it as a landmark." for name in weak]
-    if "theta_zero" in found.landmarks.weak and found.topology.closed_axes:
-        notes[-1] += " Cosine and sine of a pair can only be compared together."
-    return notes

@@ -19,6 +19,7 @@ from modalmotion_service.dependencies import PreferenceDependency, StateDependen
 from modalmotion_service.negotiation import GLB, HDF5, JSON, NPZ, VTKHDF, ZIP, best_type
 from modalmotion_service.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.schemas import (
+    DistanceAnswer,
     ManySignatures,
     SequenceId,
     SignatureAnswer,
@@ -74,6 +75,26 @@ SURFACES: Final = {
     ZIP: (SurfaceFormat.PLY, ".zip"),
 }
 """What surfaces are given as, by media type."""
+
+
+class DistanceQuery(SignatureQuery):
+    """Which signatures are compared, and how."""
+
+    to: SequenceId = Field(description="The sequence to compare with.")
+    closed: bool = Field(
+        True, description="Both are one turn of a cycle; false for a beginning and an end."
+    )
+
+
+@router.get("/sequences/{sequence_id}/distance")
+async def distance(
+    sequence_id: SequenceId, query: Annotated[DistanceQuery, Query()], state: StateDependency
+) -> DistanceAnswer:
+    """Give the distance of a sequence's signature from another's: 0 for the same motion."""
+    for known in (sequence_id, query.to):
+        state.store.sequence_record(known)
+    found = await state.analysis.distance(sequence_id, query.to, query.parameters(), query.closed)
+    return DistanceAnswer(distance=found.distance, uses_theta_zero=found.uses_theta_zero)
 
 
 class ReconstructionQuery(SignatureQuery):
