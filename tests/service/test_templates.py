@@ -152,6 +152,7 @@ def test_landmarks_that_are_no_place_are_refused(
 
 def test_two_sequences_are_compared(client: TestClient, mesh: bytes) -> None:
     sequence = read_npz(mesh).sequence
+    assert sequence.times is not None
     moved = io.BytesIO()
     np.savez(
         moved,
