@@ -121,7 +121,7 @@ def making() -> Table:
         cells = (f"{n:,}", in_words(ours), in_words(theirs), f"{ours / theirs:.2f}")
         table.add_at_most(ours / theirs, 1.0, *cells)
     growth = seconds[1] / seconds[0]
-    table.add_at_most(growth, 30.0, "ten times as many", f"{growth:.1f} times", "", "")
+    table.add_at_most(growth, 20.0, "ten times as many", f"{growth:.1f} times", "", "")
     return table
 
 
