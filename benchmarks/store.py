@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from measure import Table
 
 from modalmotion.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature import ModalSignature, modal_signature
@@ -32,7 +33,13 @@ MOST_RATIO = 2.0
 N_SAMPLES = 200
 
 
-def run(n_few: int = 500, n_many: int = 50_000) -> None:
+def run(_folder: Path | None = None) -> list[Table]:
+    """Print how writes compare with plain ones, and large stores with small ones."""
+    report()
+    return []
+
+
+def report(n_few: int = 500, n_many: int = 50_000) -> None:
     sequence = _sequence()
     signature = modal_signature(sequence)
     with tempfile.TemporaryDirectory() as folder:
@@ -188,4 +195,4 @@ def _sequence() -> MeshSequence:
 
 
 if __name__ == "__main__":
-    run()
+    report()
