@@ -1,0 +1,79 @@
+"""What goes over the wire, as pydantic models."""
+
+from modalmotion_service.schemas.fields import (
+    GRID,
+    GRID_PATTERN,
+    PLACE,
+    TOPOLOGY,
+    JobId,
+    SequenceId,
+    parse_grid,
+    parse_place,
+    parse_times,
+)
+from modalmotion_service.schemas.general import (
+    Health,
+    Problem,
+)
+from modalmotion_service.schemas.results import (
+    ClassificationAnswer,
+    ClassificationList,
+    ClassificationRequest,
+    EncodedAnswer,
+    EncodingTarget,
+    JobAnswer,
+    JobPageAnswer,
+)
+from modalmotion_service.schemas.sequences import (
+    ReadingAnswer,
+    ReadingQuery,
+    SequenceNames,
+    SequencePageAnswer,
+    SequenceSummary,
+    UploadQuery,
+)
+from modalmotion_service.schemas.signatures import (
+    DistanceAnswer,
+    FrameErrors,
+    Label,
+    LandmarksAnswer,
+    ManySignatures,
+    SignatureAnswer,
+    SignatureQuery,
+    TemplateAnswer,
+)
+
+__all__ = [
+    "GRID",
+    "GRID_PATTERN",
+    "PLACE",
+    "TOPOLOGY",
+    "ClassificationAnswer",
+    "ClassificationList",
+    "ClassificationRequest",
+    "DistanceAnswer",
+    "EncodedAnswer",
+    "EncodingTarget",
+    "FrameErrors",
+    "Health",
+    "JobAnswer",
+    "JobId",
+    "JobPageAnswer",
+    "Label",
+    "LandmarksAnswer",
+    "ManySignatures",
+    "Problem",
+    "ReadingAnswer",
+    "ReadingQuery",
+    "SequenceId",
+    "SequenceNames",
+    "SequencePageAnswer",
+    "SequenceSummary",
+    "SignatureAnswer",
+    "SignatureQuery",
+    "TemplateAnswer",
+    "UploadQuery",
+    "parse_grid",
+    "parse_place",
+    "parse_times",
+]

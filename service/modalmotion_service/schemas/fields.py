@@ -1,0 +1,72 @@
+"""Names, shapes, landmarks and times as they stand in a query."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final
+
+from pydantic import Field, StringConstraints
+
+from modalmotion.errors import ParameterError
+from modalmotion.template.landmarks import Place
+
+GRID_PATTERN: Final = r"^[1-9][0-9]{0,8}(,[1-9][0-9]{0,8}){0,2}$"
+
+
+_NUMBER: Final = r"[+-]?[0-9]{1,15}([.][0-9]{0,20})?(e[+-]?[0-9]{1,3})?"
+
+
+PLACE: Final[Any] = Field(
+    None,
+    pattern=f"^([0-9]{{1,9}}|{_NUMBER},{_NUMBER},{_NUMBER})$",
+    description="Landmark: the number of a vertex, or a point as x,y,z.",
+)
+
+
+TOPOLOGY: Final[Any] = Field(
+    None,
+    max_length=80,
+    description="cup, cylinder, plane, torus, sphere, open curve or closed curve; over what "
+    "the file states.",
+)
+
+
+GRID: Final[Any] = Field(
+    None, pattern=GRID_PATTERN, description="Nodes along each axis of a lattice, such as 32,64."
+)
+
+
+JobId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{32}$")]
+
+
+SequenceId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
+
+
+def parse_place(text: str | None) -> Place | None:
+    """Read a landmark: the number of a vertex, or a point such as "1.5,0,-3"."""
+    if text is None:
+        return None
+    if "," not in text:
+        return int(text)
+    x, y, z = (float(part) for part in text.split(","))
+    return x, y, z
+
+
+def parse_times(text: str) -> list[float]:
+    """Read times such as "0,0.1,0.25".
+
+    Raises
+    ------
+    ParameterError
+        If one of them is no number.
+    """
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise ParameterError(
+            f"The times {text[:60]!r} are not all numbers.", remedy="Write them as 0,0.1,0.25."
+        ) from None
+
+
+def parse_grid(text: str | None) -> tuple[int, ...] | None:
+    """Read a lattice shape such as "32,64"."""
+    return None if text is None else tuple(int(n) for n in text.split(","))

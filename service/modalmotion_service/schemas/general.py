@@ -1,0 +1,30 @@
+"""What every part of the service answers with."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Health(BaseModel):
+    """State of the service."""
+
+    status: Literal["ok"] = "ok"
+    version: str
+
+
+class Problem(BaseModel):
+    """An error, after RFC 9457."""
+
+    model_config = ConfigDict(extra="allow")
+
+    type: str
+    title: str
+    status: int
+    code: str = Field(description="Stable name of the kind of problem.")
+    detail: str
+    frame: int | None = Field(None, description="Frame at fault, counted from 0.")
+    vertex: int | None = Field(None, description="Vertex at fault, counted from 0.")
+    limit: str | None = Field(None, description="Limit that was exceeded.")
+    remedy: str | None = Field(None, description="What to do about it.")

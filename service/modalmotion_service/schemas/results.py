@@ -1,0 +1,142 @@
+"""Compressed streams, classes, jobs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from modalmotion.classify import Classification
+from modalmotion.codec import Effort, Encoded
+from modalmotion.signature import INTENDED_USE
+from modalmotion.store import Job, JobState
+
+
+class EncodingTarget(BaseModel):
+    """At what error, or at what size, to encode: one of the three."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    rms: float | None = Field(
+        None, gt=0, allow_inf_nan=False, description="RMS distance of vertices, not exceeded."
+    )
+    max_error: float | None = Field(
+        None, gt=0, allow_inf_nan=False, description="Of every coordinate, never exceeded."
+    )
+    bytes: int | None = Field(None, gt=0, description="Size of the stream, not exceeded.")
+    effort: Effort = Field(Effort.BALANCED, description="How many transforms are tried.")
+
+
+class EncodedAnswer(BaseModel):
+    """What was measured on a stream after decoding it; given as headers beside the stream."""
+
+    n_bytes: int
+    bits_per_vertex_and_frame: float
+    rms: float
+    max_error: float
+    kg_error: float
+    transform: str
+
+    @staticmethod
+    def of(found: Encoded) -> EncodedAnswer:
+        """Write out what was measured."""
+        return EncodedAnswer(
+            n_bytes=found.n_bytes,
+            bits_per_vertex_and_frame=found.bits_per_vertex_and_frame,
+            rms=found.rms,
+            max_error=found.max_error,
+            kg_error=found.kg_error,
+            transform=found.transform,
+        )
+
+    @property
+    def headers(self) -> dict[str, str]:
+        """As headers: Encoded-RMS, Encoded-Max-Error, ..."""
+        return {
+            f"Encoded-{name.replace('_', '-').title()}": str(value)
+            for name, value in self.model_dump().items()
+        }
+
+
+class ClassificationRequest(BaseModel):
+    """Which model is asked."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    model: str = Field(
+        "ventricle-simulated", max_length=100, description="Name of a classification model."
+    )
+
+
+class ClassificationAnswer(BaseModel):
+    """What a model says of one sequence."""
+
+    sequence_id: str
+    model: str
+    model_id: str = Field(description="sha256 of the model.")
+    label: str | None = Field(description="Most probable class; null where the model abstains.")
+    probability: float = Field(description="Of the most probable class.")
+    probabilities: dict[str, float]
+    notes: list[str]
+    provenance: dict[str, str]
+    intended_use: str = INTENDED_USE
+    file: str = Field(description="HDF5 file of this result, within the data folder.")
+
+    @staticmethod
+    def of(result: Classification, file: str) -> ClassificationAnswer:
+        """Write a classification out."""
+        return ClassificationAnswer(
+            sequence_id=result.sequence_id,
+            model=result.model,
+            model_id=result.model_id,
+            label=result.label,
+            probability=result.probability,
+            probabilities=dict(zip(result.classes, result.probabilities.tolist(), strict=True)),
+            notes=list(result.notes),
+            provenance=result.provenance,
+            file=file,
+        )
+
+
+class ClassificationList(BaseModel):
+    """Everything that models have said of one sequence."""
+
+    classifications: list[ClassificationAnswer]
+
+
+class JobAnswer(BaseModel):
+    """Long work, and how far it is."""
+
+    id: str
+    kind: str = Field(description="upload, signature, signatures or classification.")
+    state: JobState
+    progress: float = Field(description="Share that is done, 0 to 1.")
+    result: str | None = Field(description="Link to the result; null until there is one.")
+    error: dict[str, Any] | None = Field(description="The problem it failed with.")
+    created: str = Field(description="ISO 8601 in UTC.")
+    updated: str = Field(description="ISO 8601 in UTC.")
+    links: dict[str, str]
+
+    @staticmethod
+    def of(job: Job) -> JobAnswer:
+        """Write a job out."""
+        here = f"/v1/jobs/{job.id}"
+        done = job.result or {}
+        return JobAnswer(
+            id=job.id,
+            kind=job.kind,
+            state=job.state,
+            progress=job.progress,
+            result=f"{here}/result" if "file" in done else done.get("link"),
+            error=job.error,
+            created=job.created,
+            updated=job.updated,
+            links={"self": here},
+        )
+
+
+class JobPageAnswer(BaseModel):
+    """A page of the list of jobs."""
+
+    jobs: list[JobAnswer]
+    cursor: str | None = Field(description="For the next page; null on the last.")

@@ -1,0 +1,136 @@
+"""Sequences, and how a file is read."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from modalmotion.formats import Format, ReadLimits, ReadOptions, ReadResult
+from modalmotion.store import SequenceRecord
+from modalmotion_service.schemas.fields import GRID, TOPOLOGY, parse_grid, parse_times
+
+
+class ReadingAnswer(BaseModel):
+    """What a reader learned of a file besides the sequence in it."""
+
+    format: str
+    ignored: list[str] = Field(description="Arrays and members that were not used.")
+    coordinate_system: str | None = Field(
+        description="Directions of the axes as the file names them; positions are never turned."
+    )
+    unit_from: str | None = Field(description="Who states the unit: file, format or caller.")
+    times_from: str | None = Field(description="Who states the times: file, format or caller.")
+    notes: list[str]
+
+    @staticmethod
+    def of(read: ReadResult) -> ReadingAnswer:
+        """Write out what was read, but for the sequence."""
+        return ReadingAnswer(
+            format=read.format,
+            ignored=list(read.ignored),
+            coordinate_system=read.coordinate_system,
+            unit_from=read.unit_from,
+            times_from=read.times_from,
+            notes=list(read.notes),
+        )
+
+
+class ReadingQuery(BaseModel):
+    """What may be said of a file beside it, over what it says itself."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    format: Format | None = Field(None, description="Told from the content by default.")
+    topology: str | None = TOPOLOGY
+    grid: str | None = GRID
+    unit: str | None = Field(None, max_length=20, description="m, cm, mm, um or nm.")
+    times: str | None = Field(None, max_length=400_000, description="In s, such as 0,0.04,0.08.")
+    frame_interval: float | None = Field(
+        None, gt=0, allow_inf_nan=False, description="In s, in place of times."
+    )
+    n_vertices: int | None = Field(None, ge=1, description="Of raw numbers: vertices a frame.")
+    dtype: Literal["float32", "float64"] = Field("float32", description="Of raw numbers.")
+    animation: str | None = Field(None, max_length=200, description="Of GLB: by its name.")
+
+    def options(self, limits: ReadLimits) -> ReadOptions:
+        """Translate to the reader's options."""
+        return ReadOptions(
+            format=self.format,
+            limits=limits,
+            unit=self.unit,
+            times=None if self.times is None else tuple(parse_times(self.times)),
+            frame_interval=self.frame_interval,
+            topology=self.topology,
+            grid=parse_grid(self.grid),
+            n_vertices=self.n_vertices,
+            dtype=self.dtype,
+            animation=self.animation,
+        )
+
+
+class UploadQuery(ReadingQuery):
+    """What may be said of an upload beside the file."""
+
+    subject: str | None = Field(None, max_length=200, description="Whose surface it is.")
+    label: str | None = Field(None, max_length=200, description="Known motion class.")
+
+
+class SequenceSummary(BaseModel):
+    """What is known of a kept sequence."""
+
+    id: str = Field(description="sha256 of the content, in hex.")
+    n_frames: int
+    n_vertices: int
+    n_faces: int
+    topology: str | None = Field(description="As stated with the upload; null if it was not.")
+    grid: list[int] | None = Field(description="Nodes along each axis of a lattice.")
+    unit: str | None = Field(description="Length unit; null if unknown.")
+    has_times: bool
+    subject: str | None
+    label: str | None
+    created: str = Field(description="When it was first received, ISO 8601 in UTC.")
+    reading: ReadingAnswer | None = Field(
+        None, description="What the upload held besides; only in the answer to it."
+    )
+    links: dict[str, str]
+
+    @staticmethod
+    def of(record: SequenceRecord, reading: ReadingAnswer | None = None) -> SequenceSummary:
+        """Summarise a record of the store."""
+        here = f"/v1/sequences/{record.id}"
+        return SequenceSummary(
+            id=record.id,
+            n_frames=record.n_frames,
+            n_vertices=record.n_vertices,
+            n_faces=record.n_faces,
+            topology=record.topology,
+            grid=None if record.grid is None else list(record.grid),
+            unit=record.unit,
+            has_times=record.has_times,
+            subject=record.subject,
+            label=record.label,
+            created=record.created,
+            reading=reading,
+            links={
+                "self": here,
+                "signature": f"{here}/signature",
+                "classifications": f"{here}/classifications",
+            },
+        )
+
+
+class SequencePageAnswer(BaseModel):
+    """A page of the list of sequences."""
+
+    sequences: list[SequenceSummary]
+    cursor: str | None = Field(description="For the next page; null on the last.")
+
+
+class SequenceNames(BaseModel):
+    """What people call a sequence; what is left out stays."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    subject: str | None = Field(None, max_length=200, description="Whose surface it is.")
+    label: str | None = Field(None, max_length=200, description="Known motion class.")

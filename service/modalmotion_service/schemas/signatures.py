@@ -1,0 +1,277 @@
+"""Signatures, templates, distances."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from modalmotion.body_frame import Components
+from modalmotion.modes import ModeLabel
+from modalmotion.signature import INTENDED_USE, MOST_MODES, ModalSignature, SignatureParameters
+from modalmotion.spring_modes import SpringLabel
+from modalmotion.template import GivenLandmarks, Landmarks, Template, Weights
+from modalmotion_service.schemas.fields import (
+    GRID,
+    PLACE,
+    TOPOLOGY,
+    SequenceId,
+    parse_grid,
+    parse_place,
+)
+
+
+class SignatureQuery(BaseModel):
+    """Which signature is asked for."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    modes: int = Field(
+        7,
+        ge=1,
+        le=MOST_MODES,
+        description="Number of modes, three amplitudes a frame each; rounded up where a "
+        "cosine-sine pair would be split.",
+    )
+    topology: str | None = TOPOLOGY
+    grid: str | None = GRID
+    reference: int = Field(0, ge=0, description="Frame that displacements are measured from.")
+    weights: Weights = Field(
+        Weights.AREA, description="How much each vertex counts: its area, or all alike."
+    )
+    remove_rotation: bool = Field(True, description="Take out each frame's rotation first.")
+    wave_speed: float = Field(
+        1.0, gt=0, allow_inf_nan=False, description="c of w = c k, length unit per s."
+    )
+    components: Components = Field(
+        Components.CARTESIAN, description="Of the amplitudes: x, y, z or radial, tangential, axial."
+    )
+    apex: str | None = PLACE
+    base: str | None = PLACE
+    theta_zero: str | None = PLACE
+    closed_form: bool = Field(
+        True, description="False asks for the spring modes of the mesh itself."
+    )
+    template: SequenceId | None = Field(
+        None, description="Id of a template to use in place of one of the sequence's own."
+    )
+
+    def parameters(self) -> SignatureParameters:
+        """Translate to the library's parameters."""
+        return SignatureParameters(
+            modes=self.modes,
+            topology=self.topology,
+            grid=parse_grid(self.grid),
+            reference=self.reference,
+            weights=self.weights,
+            remove_rotation=self.remove_rotation,
+            wave_speed=self.wave_speed,
+            components=self.components,
+            landmarks=GivenLandmarks(
+                apex=parse_place(self.apex),
+                base=parse_place(self.base),
+                theta_zero=parse_place(self.theta_zero),
+            ),
+            closed_form=self.closed_form,
+            template=self.template,
+        )
+
+
+class ManySignatures(SignatureQuery):
+    """Which signatures are asked for in one answer."""
+
+    ids: list[SequenceId] = Field(min_length=1, description="Of the sequences, in order.")
+
+
+class Label(BaseModel):
+    """Name of one mode."""
+
+    wavenumbers: list[int] = Field(
+        description="One for each natural coordinate; for spring modes of one mesh their rank."
+    )
+    part: Literal["cos", "sin", "spring"]
+
+    @staticmethod
+    def of(label: ModeLabel | SpringLabel) -> Label:
+        """Write a label out."""
+        if isinstance(label, SpringLabel):
+            return Label(wavenumbers=[label.rank], part="spring")
+        return Label(wavenumbers=list(label.wavenumbers), part=label.part)
+
+
+class LandmarksAnswer(BaseModel):
+    """Where the natural coordinates sit, and how well the shape determines it."""
+
+    origin: list[float]
+    axis: list[float] = Field(description="Unit vector from the apex end to the base end.")
+    theta_zero: list[float] = Field(description="Unit vector across the axis with theta = 0.")
+    apex: list[float]
+    base: list[float]
+    strengths: dict[str, float] = Field(
+        description="0 where the shape could as well say another, 1 where there is no doubt."
+    )
+    given: list[str] = Field(description="Which ones the sender stated.")
+
+    @staticmethod
+    def of(landmarks: Landmarks) -> LandmarksAnswer:
+        """Write landmarks out."""
+        return LandmarksAnswer(
+            origin=landmarks.origin.tolist(),
+            axis=landmarks.axis.tolist(),
+            theta_zero=landmarks.theta_zero.tolist(),
+            apex=landmarks.apex.tolist(),
+            base=landmarks.base.tolist(),
+            strengths=dict(landmarks.strengths),
+            given=list(landmarks.given),
+        )
+
+
+class FrameErrors(BaseModel):
+    """Distances between vertices and their reconstruction, by frame."""
+
+    rms: list[float] = Field(description="Over the surface.")
+    p95: list[float] = Field(description="95th percentile over the surface.")
+    max: list[float] = Field(description="Over all vertices.")
+
+
+class SignatureAnswer(BaseModel):
+    """A modal signature."""
+
+    sequence_id: str
+    template_id: str
+    topology: str
+    n_frames: int
+    n_vertices: int
+    unit: str | None
+    times: list[float] | None = Field(description="s")
+    modes: list[Label]
+    shape: tuple[int, int, int] = Field(description="Of the amplitudes: frames, modes, 3.")
+    amplitudes: list[list[list[float]]] = Field(
+        description="By frame, mode and direction, in the length unit."
+    )
+    components: Components = Field(
+        description="Directions of the amplitudes: x, y, z or radial, tangential, axial."
+    )
+    landmarks: LandmarksAnswer | None = Field(description="Null where there is no axis.")
+    translations: list[list[float]] = Field(description="Path of the centroid.")
+    angular_frequencies: list[float] = Field(description="rad per s, at the stated wave speed.")
+    wave_speed: float
+    lengths: list[float] = Field(description="Of the surface along each natural coordinate.")
+    rotations: list[list[list[float]]] = Field(description="3 x 3 matrix of each frame.")
+    rotation_determined: list[bool]
+    rms_error: float = Field(description="Over all frames.")
+    max_error: float = Field(description="Over all frames and vertices.")
+    errors: FrameErrors
+    motion_rms: list[float] = Field(description="RMS displacement of each frame.")
+    closure_gap: float = Field(
+        description="From the last frame back to the first, over the usual step between frames: "
+        "near 1 for a cycle, large for a movement that does not come back."
+    )
+    deformation_spectrum: list[float] = Field(description="RMS amplitude of each mode.")
+    strain_energy: list[float] = Field(description="Of each frame, per unit mass.")
+    compression: float = Field(description="Coordinates over amplitudes of one frame.")
+    compression_of_sequence: float = Field(
+        description="Numbers in the sequence over amplitudes and reference shape."
+    )
+    condition: float
+    notes: list[str]
+    parameters: dict[str, object] = Field(description="As asked for.")
+    provenance: dict[str, str]
+    intended_use: str = INTENDED_USE
+    file: str = Field(description="HDF5 file of this result, within the data folder.")
+
+    @staticmethod
+    def of(signature: ModalSignature, file: str) -> SignatureAnswer:
+        """Write a signature out as lists."""
+        asked = signature.parameters
+        return SignatureAnswer(
+            sequence_id=signature.sequence_id,
+            template_id=signature.template_id,
+            topology=signature.surface,
+            n_frames=signature.n_frames,
+            n_vertices=signature.n_vertices,
+            unit=signature.unit,
+            times=None if signature.times is None else signature.times.tolist(),
+            modes=[Label.of(label) for label in signature.modes.labels],
+            shape=signature.amplitudes.shape,
+            amplitudes=signature.amplitudes.tolist(),
+            components=asked.components,
+            landmarks=(
+                None if signature.landmarks is None else LandmarksAnswer.of(signature.landmarks)
+            ),
+            translations=signature.translations.tolist(),
+            angular_frequencies=signature.angular_frequencies.tolist(),
+            wave_speed=asked.wave_speed,
+            lengths=list(signature.lengths),
+            rotations=signature.rotations.matrices.tolist(),
+            rotation_determined=signature.rotations.is_determined.tolist(),
+            rms_error=signature.rms_error,
+            max_error=signature.max_error,
+            errors=FrameErrors(
+                rms=signature.rms_errors.tolist(),
+                p95=signature.p95_errors.tolist(),
+                max=signature.max_errors.tolist(),
+            ),
+            motion_rms=signature.motion_rms.tolist(),
+            closure_gap=signature.closure_gap,
+            deformation_spectrum=signature.deformation_spectrum.tolist(),
+            strain_energy=signature.strain_energy.sum(axis=1).tolist(),
+            compression=signature.compression,
+            compression_of_sequence=signature.compression_of_sequence,
+            condition=signature.condition,
+            notes=list(signature.notes),
+            parameters={
+                "modes": asked.modes,
+                "topology": asked.topology,
+                "grid": None if asked.grid is None else list(asked.grid),
+                "reference": asked.reference,
+                "weights": asked.weights.value,
+                "remove_rotation": asked.remove_rotation,
+                "wave_speed": asked.wave_speed,
+                "components": asked.components.value,
+                "landmarks": asked.landmarks.as_json(),
+                "closed_form": asked.closed_form,
+                "template": asked.template,
+            },
+            provenance=signature.provenance,
+            file=file,
+        )
+
+
+class DistanceAnswer(BaseModel):
+    """Distance of one sequence's signature from another's."""
+
+    distance: float = Field(description="|a - b| / |b| in the frame of the body, by phase.")
+    uses_theta_zero: bool = Field(
+        description="False where the zero of theta is not determined: magnitudes of pairs are "
+        "compared then."
+    )
+
+
+class TemplateAnswer(BaseModel):
+    """Natural coordinates of a surface, and how they were found."""
+
+    id: str = Field(description="sha256 of what it was made from, in hex.")
+    topology: str = Field(description='Or "mesh" where no natural coordinates are known.')
+    n_vertices: int
+    n_faces: int
+    lengths: list[float] = Field(description="Along each natural coordinate.")
+    landmarks: LandmarksAnswer | None
+    notes: list[str]
+    links: dict[str, str]
+
+    @staticmethod
+    def of(template: Template) -> TemplateAnswer:
+        """Describe a template."""
+        return TemplateAnswer(
+            id=template.id,
+            topology="mesh" if template.surface is None else template.surface.name,
+            n_vertices=template.n_vertices,
+            n_faces=len(template.faces),
+            lengths=list(template.lengths),
+            landmarks=(
+                None if template.landmarks is None else LandmarksAnswer.of(template.landmarks)
+            ),
+            notes=list(template.notes),
+            links={"self": f"/v1/templates/{template.id}"},
+        )
