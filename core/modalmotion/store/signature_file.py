@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -79,7 +80,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
         Dataset("n_vertices", np.array(signature.n_vertices, dtype=np.int64), "1", ""),
         Dataset("deformation_spectrum", spectrum, unit, "mode"),
         Dataset("strain_energy", energy, f"{unit}^2/s^2", "frame, mode"),
-        json_text("parameters", _fields(signature.parameters)),
+        _parameters_text(signature.parameters),
         json_text("notes", signature.notes),
         json_text("provenance", signature.provenance),
     ]
@@ -176,7 +177,7 @@ def _modes(contents: Contents, n_modes: int) -> ModeSet | SpringSpectrum:
 
 def landmark_datasets(landmarks: Landmarks, unit: str) -> list[Dataset]:
     """Datasets that hold landmarks."""
-    vectors = np.stack([getattr(landmarks, name) for name in _VECTORS])
+    vectors = np.array([getattr(landmarks, name) for name in _VECTORS], dtype=np.float64)
     rest = {
         "strengths": dict(landmarks.strengths),
         "n_loops": landmarks.n_loops,
@@ -200,10 +201,11 @@ def landmarks_from(contents: Contents) -> Landmarks | None:
     )
 
 
-def _fields(parameters: SignatureParameters) -> dict[str, object]:
-    # All are plain values; `asdict` would copy them, at a third of the cost of an image.
+@lru_cache(maxsize=64)
+def _parameters_text(parameters: SignatureParameters) -> Dataset:
+    # All are plain values; `asdict` would copy them. Most signatures are asked for alike.
     values = {field.name: getattr(parameters, field.name) for field in fields(parameters)}
-    return {**values, "landmarks": parameters.landmarks.as_json()}
+    return json_text("parameters", {**values, "landmarks": parameters.landmarks.as_json()})
 
 
 def _parameters(values: dict[str, Any]) -> SignatureParameters:
