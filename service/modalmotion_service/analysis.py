@@ -12,7 +12,6 @@ from typing import ParamSpec, TypeVar
 
 from modalmotion.classify import Classification, load_model
 from modalmotion.comparison import Comparison
-from modalmotion.errors import NotFoundError
 from modalmotion.formats import ReadLimits, ReadOptions
 from modalmotion.signature import SignatureParameters
 from modalmotion.store import ResultStore, SequenceRecord
@@ -100,7 +99,7 @@ class Analysis:
         return await self._flights.join(upload.spooled.path, make)
 
     async def signature(self, sequence_id: str, parameters: SignatureParameters) -> Path:
-        """Give the file of a signature, made if it is not kept yet."""
+        """Give the file of a signature, made if it is not kept yet, or not as it was written."""
 
         async def make() -> Path:
             sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
@@ -113,10 +112,12 @@ class Analysis:
                         self._store.put_signature_image, image, sequence_id, parameters.key
                     )
 
-        try:
-            return await asyncio.to_thread(self._store.signature_path, sequence_id, parameters.key)
-        except NotFoundError:
-            return await self._flights.join((sequence_id, parameters.key), make)
+        kept = await asyncio.to_thread(
+            self._store.sound_signature_path, sequence_id, parameters.key
+        )
+        if kept is not None:
+            return kept
+        return await self._flights.join((sequence_id, parameters.key), make)
 
     async def distance(
         self, sequence_id: str, other_id: str, parameters: SignatureParameters, closed: bool

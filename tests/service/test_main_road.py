@@ -160,3 +160,21 @@ def test_results_outlive_the_service(client: TestClient, beat: bytes, data_dir: 
         kept = store.signature(sequence_id, parameters.key)
         assert np.array_equal(kept.amplitudes, modal_signature(read_npz(beat).sequence).amplitudes)
     client.__enter__()
+
+
+@pytest.mark.parametrize("damage", ["flipped", "cut", "gone"])
+def test_a_damaged_result_is_made_again(
+    client: TestClient, beat: bytes, data_dir: Path, damage: str
+) -> None:
+    link = f"/v1/sequences/{send(client, beat)}/signature"
+    before = client.get(link, headers=HDF5).content
+    kept = next((data_dir / "signatures").rglob("*.h5"))
+    data = bytearray(kept.read_bytes())
+    data[len(data) // 2] ^= 1
+    if damage == "gone":
+        kept.unlink()
+    else:
+        kept.write_bytes(data if damage == "flipped" else data[:-1000])
+    answer = client.get(link, headers=HDF5)
+    assert (answer.status_code, answer.content) == (200, before)
+    assert kept.read_bytes() == before

@@ -64,6 +64,21 @@ def test_a_cohort_names_one_template(client: TestClient, mesh: bytes) -> None:
     assert (unknown.status_code, unknown.json()["code"]) == (404, "not_found")
 
 
+def test_a_template_is_deleted_and_signatures_on_it_stay(client: TestClient, mesh: bytes) -> None:
+    here = client.post("/v1/sequences", content=mesh).headers["location"]
+    template = client.post("/v1/templates?theta_zero=11", content=mesh).json()["id"]
+    assert template in client.get("/v1/templates").json()["templates"]
+    query = {"template": template}
+    before = client.get(f"{here}/signature", params=query).json()
+    assert client.delete(f"/v1/templates/{template}").status_code == 204
+    assert template not in client.get("/v1/templates").json()["templates"]
+    assert client.get(f"/v1/templates/{template}").status_code == 404
+    assert client.delete(f"/v1/templates/{template}").status_code == 404
+    assert client.get(f"{here}/signature", params=query).json() == before
+    assert client.get(f"{here}/signature", params={**query, "modes": 4}).status_code == 404
+    assert client.get(f"{here}/reconstruction", params=query).status_code == 404
+
+
 def test_a_template_of_another_mesh_is_refused(
     client: TestClient, mesh: bytes, beat: bytes
 ) -> None:

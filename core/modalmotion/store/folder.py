@@ -115,6 +115,12 @@ class Folder:
         """File of a template."""
         return self.root / "templates" / template_id[:2] / f"{template_id}.h5"
 
+    def templates(self) -> list[str]:
+        """Ids of all templates, sorted."""
+        names = [path.name for path in _files(self.root / "templates")]
+        ids = [name.removesuffix(".h5") for name in names if name.endswith(".h5")]
+        return sorted(filter(is_id, ids))
+
     def derived(self, sequence_id: str) -> list[Path]:
         """All files of results of a sequence, as they lie there."""
         shards = [self.root / name / sequence_id[:2] for name in _RESULT_FOLDERS]

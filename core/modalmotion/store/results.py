@@ -11,11 +11,11 @@ from modalmotion.signature import ModalSignature
 from modalmotion.store.classification_file import classification_to_hdf5, read_classification
 from modalmotion.store.folder import ResultKind, ResultName, is_id, is_key
 from modalmotion.store.sealed import digest_of, is_sound, load_sealed
-from modalmotion.store.sequences import SequenceStore
 from modalmotion.store.signature_file import read_signature, signature_to_hdf5
+from modalmotion.store.templates import TemplateStore
 
 
-class ResultStore(SequenceStore):
+class ResultStore(TemplateStore):
     """Immutable results in files, found through an index; nothing acknowledged is lost.
 
     Safe for any number of threads of one process, which holds the folder's lock from `open`
@@ -28,57 +28,6 @@ class ResultStore(SequenceStore):
     keep_uploads : bool
         Whether the vertices of new sequences are kept, or only what is known of them.
     """
-
-    def put_template_image(self, image: Path, template_id: str) -> bool:
-        """Keep a template that another process has written with `template_to_hdf5`.
-
-        A template is named by what it was made from, so it needs no row in the index.
-
-        Parameters
-        ----------
-        image : Path
-            Sealed HDF5 file; it is copied.
-        template_id : str
-
-        Returns
-        -------
-        bool
-            True if it was not known before.
-
-        Raises
-        ------
-        StoreError
-            If it cannot be written; the store is as it was.
-        CorruptFileError
-            If the image has no sound seal.
-        """
-        if not is_id(template_id):
-            raise StoreError(
-                f"A template cannot be kept as {str(template_id)[:12]!r}: that is no digest.",
-                remedy="Use the template's own id.",
-            )
-        path = self._folder.template(template_id)
-        with self._changing(template_id):
-            if is_sound(path):
-                return False
-            self._write([(path, load_sealed(image)[1])], lambda: None)
-            return True
-
-    def template_path(self, template_id: str) -> Path:
-        """HDF5 file of a template.
-
-        Raises
-        ------
-        NotFoundError
-            If there is none.
-        """
-        self._open_index()
-        if not is_id(template_id) or not self._folder.template(template_id).is_file():
-            raise NotFoundError(
-                f"There is no template {str(template_id)[:12]!r}.",
-                remedy="Use the id that was answered when it was made, or make it.",
-            )
-        return self._folder.template(template_id)
 
     def put_signature(self, signature: ModalSignature) -> Path:
         """Keep a signature; one that is kept already is not written again.
@@ -140,6 +89,21 @@ class ResultStore(SequenceStore):
             If there is none.
         """
         return self._result_path(ResultName("signature", sequence_id, "", key))
+
+    def sound_signature_path(self, sequence_id: str, key: str) -> Path | None:
+        """HDF5 file of a signature, if there is one and it is as it was written.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence.
+        """
+        self.sequence_record(sequence_id)
+        try:
+            path = self.signature_path(sequence_id, key)
+        except NotFoundError:
+            return None
+        return path if is_sound(path) else None
 
     def signatures(self, sequence_id: str) -> tuple[str, ...]:
         """Keys of the parameters of a sequence's signatures.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response
@@ -11,7 +12,13 @@ from modalmotion_service.conditional import is_known, not_modified, tag_of
 from modalmotion_service.dependencies import StateDependency, UploadDependency
 from modalmotion_service.negotiation import JSON, PNG, best_type
 from modalmotion_service.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
-from modalmotion_service.schemas import ReadingQuery, SequenceId, SignatureQuery, TemplateAnswer
+from modalmotion_service.schemas import (
+    ReadingQuery,
+    SequenceId,
+    SignatureQuery,
+    TemplateAnswer,
+    TemplateList,
+)
 
 router = APIRouter(prefix="/v1/templates", tags=["templates"], responses=PROBLEMS)
 
@@ -47,6 +54,13 @@ async def make(
     )
 
 
+@router.get("")
+async def list_templates(state: StateDependency) -> TemplateList:
+    """List the ids of all templates."""
+    ids = await asyncio.to_thread(state.store.templates)
+    return TemplateList(templates=list(ids))
+
+
 @router.get(
     "/{template_id}", response_model=TemplateAnswer, responses={200: {"content": {PNG: BINARY}}}
 )
@@ -67,3 +81,12 @@ async def describe(
         return Response(await state.analysis.draw_template(template_id), 200, headers, PNG)
     answer = await state.analysis.describe_template(template_id)
     return Response(answer.model_dump_json(), 200, headers, JSON)
+
+
+@router.delete("/{template_id}", status_code=204)
+async def delete(template_id: SequenceId, state: StateDependency) -> None:
+    """Delete a template, and with it the reference vertices that it holds.
+
+    Signatures that were fitted on it stay; they can no longer be reconstructed.
+    """
+    await asyncio.to_thread(state.store.delete_template, template_id)

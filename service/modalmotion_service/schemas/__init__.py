@@ -40,8 +40,8 @@ from modalmotion_service.schemas.signatures import (
     ManySignatures,
     SignatureAnswer,
     SignatureQuery,
-    TemplateAnswer,
 )
+from modalmotion_service.schemas.templates import TemplateAnswer, TemplateList
 
 __all__ = [
     "GRID",
@@ -72,6 +72,7 @@ __all__ = [
     "SignatureAnswer",
     "SignatureQuery",
     "TemplateAnswer",
+    "TemplateList",
     "UploadQuery",
     "parse_grid",
     "parse_place",

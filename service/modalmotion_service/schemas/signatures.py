@@ -1,4 +1,4 @@
-"""Signatures, templates, distances."""
+"""Signatures and distances."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from modalmotion.body_frame import Components
 from modalmotion.modes import ModeLabel
 from modalmotion.signature import INTENDED_USE, MOST_MODES, ModalSignature, SignatureParameters
 from modalmotion.spring_modes import SpringLabel
-from modalmotion.template import GivenLandmarks, Landmarks, Template, Weights
+from modalmotion.template import GivenLandmarks, Landmarks, Weights
 from modalmotion_service.schemas.fields import (
     GRID,
     PLACE,
@@ -246,32 +246,3 @@ class DistanceAnswer(BaseModel):
         description="False where the zero of theta is not determined: magnitudes of pairs are "
         "compared then."
     )
-
-
-class TemplateAnswer(BaseModel):
-    """Natural coordinates of a surface, and how they were found."""
-
-    id: str = Field(description="sha256 of what it was made from, in hex.")
-    topology: str = Field(description='Or "mesh" where no natural coordinates are known.')
-    n_vertices: int
-    n_faces: int
-    lengths: list[float] = Field(description="Along each natural coordinate.")
-    landmarks: LandmarksAnswer | None
-    notes: list[str]
-    links: dict[str, str]
-
-    @staticmethod
-    def of(template: Template) -> TemplateAnswer:
-        """Describe a template."""
-        return TemplateAnswer(
-            id=template.id,
-            topology="mesh" if template.surface is None else template.surface.name,
-            n_vertices=template.n_vertices,
-            n_faces=len(template.faces),
-            lengths=list(template.lengths),
-            landmarks=(
-                None if template.landmarks is None else LandmarksAnswer.of(template.landmarks)
-            ),
-            notes=list(template.notes),
-            links={"self": f"/v1/templates/{template.id}"},
-        )
