@@ -42,6 +42,7 @@ class Observation:
             return
         given = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
         request_id = given if _REQUEST_ID.fullmatch(given) else secrets.token_hex(8)
+        scope["modalmotion.request_id"] = request_id
         stages = timing.begin()
         start = time.perf_counter()
         status = 0
@@ -69,7 +70,7 @@ class Observation:
                 extra={
                     "request_id": request_id,
                     "method": scope["method"],
-                    "route": getattr(route, "path", None),
+                    "route": getattr(route, "path", None) or scope.get("modalmotion.route"),
                     "status": status,
                     "milliseconds": round(1e3 * (time.perf_counter() - start), 1),
                 },

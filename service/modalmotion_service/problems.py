@@ -23,9 +23,12 @@ from modalmotion.errors import (
     StoreError,
 )
 from modalmotion_service.errors import (
+    AuthenticationError,
     BusyError,
     ConflictError,
+    ForbiddenError,
     IdempotencyMismatchError,
+    RateLimitedError,
     SlowClientError,
     WorkerDiedError,
 )
@@ -42,7 +45,10 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     CorruptFileError: 500,
     StoreError: 503,
     SlowClientError: 408,
+    AuthenticationError: 401,
+    ForbiddenError: 403,
     BusyError: 429,
+    RateLimitedError: 429,
     ConflictError: 409,
     IdempotencyMismatchError: 422,
     WorkerDiedError: 422,
@@ -50,6 +56,7 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
 }
 
 _HEADERS_OF: Final[dict[int, dict[str, str]]] = {
+    401: {"WWW-Authenticate": 'Bearer realm="modalmotion"'},
     # Nothing more is read from a slow client, so its connection is of no use.
     408: {"Connection": "close"},
     413: {"Connection": "close"},
@@ -75,7 +82,8 @@ def problem_body(error: ModalMotionError) -> dict[str, object]:
 
 def problem_of(error: ModalMotionError) -> Response:
     """Make the problem answer of one of our own errors."""
-    return _answer(problem_body(error))
+    wait = error.details.get("retry_after_seconds")
+    return _answer(problem_body(error), {"Retry-After": str(wait)} if wait else None)
 
 
 def internal_answer() -> Response:

@@ -9,6 +9,7 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from modalmotion.store import ResultStore
+from modalmotion_service.access.first_key import offer_first_key, secured
 from modalmotion_service.app import create_app
 from modalmotion_service.observation import LOG_CONFIG
 from modalmotion_service.settings import Settings
@@ -70,8 +71,10 @@ def run(settings: Settings, host: str, port: int) -> None:
     """
     with ResultStore(settings.data_dir):
         pass  # Said here, before uvicorn would say it with a traceback.
+    chosen = secured(settings, host)
+    offer_first_key(chosen)
     uvicorn.run(
-        create_app(settings),
+        create_app(chosen),
         host=host,
         port=port,
         http=protocol_with_deadline(settings.header_seconds),
