@@ -42,6 +42,12 @@ def with_access(document: dict[str, Any]) -> dict[str, Any]:
     document.setdefault("components", {})["securitySchemes"] = _SCHEMES
     for path, operations in document["paths"].items():
         for method, operation in operations.items():
+            for status, answer in operation["responses"].items():
+                if status >= "400":
+                    # Every error is a problem, whatever the framework would have it be.
+                    answer["content"] = _PROBLEM
+                elif answer["description"] == "Successful Response":
+                    answer["description"] = "What was asked for."
             scope = SCOPE_OF.get((method.upper(), path), Scope.ADMIN)
             if scope is None:
                 operation["security"] = []

@@ -22,6 +22,7 @@ from modalmotion.errors import (
     NotFoundError,
     StoreError,
 )
+from modalmotion_service.access.scopes import methods_of
 from modalmotion_service.errors import (
     AuthenticationError,
     BusyError,
@@ -159,4 +160,8 @@ async def _on_http_exception(request: Request, error: Exception) -> Response:
     if detail == phrase:
         detail = f"{detail}: {request.method} {request.url.path}"
     code = phrase.lower().replace(" ", "_").replace("-", "_")
-    return _answer(_body(error.status_code, code, detail, {}), error.headers)
+    headers = dict(error.headers or {})
+    if error.status_code == 405:
+        # The router names the methods of one of a path's routes; all are asked for (RFC 9110).
+        headers["Allow"] = ", ".join(methods_of(request.url.path))
+    return _answer(_body(error.status_code, code, detail, {}), headers)

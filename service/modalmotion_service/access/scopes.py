@@ -98,3 +98,8 @@ def target_of(method: str, path: str) -> Target | None:
         if found := pattern.match(path):
             return Target(template, scope, found.groupdict())
     return None
+
+
+def methods_of(path: str) -> list[str]:
+    """List the methods that a path knows, sorted."""
+    return sorted(method for method in _MATCHERS if target_of(method, path) is not None)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from modalmotion_service.documentation.style import CSS
-from modalmotion_service.documentation.types import describe_default, describe_type
+from modalmotion_service.documentation.types import describe_default, describe_type, without_null
 
 _SECTIONS: Final = {
     "sequences": "Sequences",
@@ -124,7 +124,7 @@ def _call(path: str, method: str, operation: dict[str, Any], base: str) -> Itera
     if parameters := operation.get("parameters"):
         yield "<h4>Parameters</h4><table><tr><th>Name<th>In<th>Type<th>Meaning</tr>"
         for parameter in parameters:
-            schema = parameter["schema"]
+            schema = without_null(parameter["schema"])
             words = parameter.get("description") or schema.get("description", "")
             yield _row(
                 parameter["name"],

@@ -5,16 +5,13 @@ from __future__ import annotations
 import html
 from typing import Any, Final
 
-_BOUNDS: Final = (
-    ("exclusiveMinimum", ">", ""),
-    ("minimum", "≥", ""),
-    ("exclusiveMaximum", "<", ""),
-    ("maximum", "≤", ""),
-    ("minLength", "≥", " characters"),
-    ("maxLength", "≤", " characters"),
-    ("minItems", "≥", " items"),
-    ("maxItems", "≤", " items"),
+_SIGNS: Final = (
+    ("exclusiveMinimum", ">"),
+    ("minimum", "≥"),
+    ("exclusiveMaximum", "<"),
+    ("maximum", "≤"),
 )
+_SIZES: Final = (("minLength", "maxLength", "characters"), ("minItems", "maxItems", "items"))
 
 
 def describe_type(schema: dict[str, Any]) -> str:
@@ -44,15 +41,26 @@ def describe_type(schema: dict[str, Any]) -> str:
 def describe_default(schema: dict[str, Any]) -> str:
     """Say in HTML what is taken where nothing is given."""
     default = schema.get("default")
-    if default is None:
+    if default is None or default == "":
         return ""
     return f"; <code>{html.escape(str(default))}</code> if absent"
 
 
+def without_null(schema: dict[str, Any]) -> dict[str, Any]:
+    """Give what a parameter may be when it is there: a query has no null."""
+    kinds = [part for part in schema.get("anyOf", ()) if part.get("type") != "null"]
+    return {**schema, "anyOf": kinds} if kinds else schema
+
+
 def _bounds(schema: dict[str, Any]) -> str:
-    told = [f"{sign} {schema[name]}{unit}" for name, sign, unit in _BOUNDS if schema.get(name)]
-    if schema.get("minimum") == 0:
-        told.insert(0, "≥ 0")
+    told = [f"{sign} {schema[name]}" for name, sign in _SIGNS if name in schema]
+    for least, most, what in _SIZES:
+        if schema.get(least) and most in schema:
+            told.append(f"{schema[least]} to {schema[most]} {what}")
+        elif schema.get(least):
+            told.append(f"at least {schema[least]} {what}")
+        elif most in schema:
+            told.append(f"at most {schema[most]} {what}")
     if pattern := schema.get("pattern"):
         told.append(f"<code>{html.escape(pattern)}</code>" if len(pattern) < 50 else "patterned")
     return f", {', '.join(told)}" if told else ""
