@@ -13,6 +13,7 @@ import secrets
 import time
 from typing import Final
 
+import h11
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -46,16 +47,23 @@ class Observation:
         stages = timing.begin()
         start = time.perf_counter()
         status = 0
+        broken = False
 
         async def observed(message: Message) -> None:
-            nonlocal status
+            nonlocal status, broken
             if message["type"] == "http.response.start":
                 status = message["status"]
                 headers = MutableHeaders(scope=message)
                 headers["X-Request-ID"] = request_id
                 spent = 1e3 * (time.perf_counter() - start)
                 headers["Server-Timing"] = timing.header(stages, spent)
-            await send(message)
+            if broken:
+                return
+            try:
+                await send(message)
+            except h11.LocalProtocolError:
+                # The rest of the request was no HTTP: uvicorn has said so and hung up.
+                broken = True
 
         try:
             await self.app(scope, receive, observed)
