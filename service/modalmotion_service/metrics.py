@@ -12,10 +12,12 @@ from typing import Final, ParamSpec, TypeVar
 from prometheus_client import CollectorRegistry, Counter, Histogram
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from modalmotion_service.access.gate import route_of
 from modalmotion_service.access.scopes import SCOPE_OF
+from modalmotion_service.observation import CLIENT_GONE
 from modalmotion_service.owners import Owners
 
 P = ParamSpec("P")
@@ -112,6 +114,9 @@ class Meter:
 
         try:
             await self.app(scope, received, sent)
+        except ClientDisconnect:
+            status = CLIENT_GONE
+            raise
         finally:
             # Whatever a client makes up is one method and one route.
             method = scope["method"] if scope["method"] in _METHODS else "other"

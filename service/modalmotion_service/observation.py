@@ -15,12 +15,16 @@ from typing import Final
 
 import h11
 from starlette.datastructures import MutableHeaders
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from modalmotion_service import timing
 from modalmotion_service.problems import internal_answer
 
 logger = logging.getLogger("modalmotion_service.requests")
+
+CLIENT_GONE: Final = 499
+"""What logs and figures give as the status where a client leaves before its request is whole."""
 
 _REQUEST_ID: Final = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
@@ -67,6 +71,8 @@ class Observation:
 
         try:
             await self.app(scope, receive, observed)
+        except ClientDisconnect:
+            status = status or CLIENT_GONE
         except Exception:
             logger.exception("request failed", extra={"request_id": request_id})
             if not status:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
 from typing import Any
 
 import requests
@@ -18,13 +17,21 @@ class _ToTheApp(BaseAdapter):
         super().__init__()
         self.client = client
 
-    def send(self, request: requests.PreparedRequest, **_: Any) -> requests.Response:
-        body = request.body
+    def send(
+        self,
+        request: requests.PreparedRequest,
+        stream: bool = False,
+        timeout: Any = None,
+        verify: Any = True,
+        cert: Any = None,
+        proxies: Any = None,
+    ) -> requests.Response:
+        body: Any = request.body
         content = body.encode() if isinstance(body, str) else body
-        if content is not None and not isinstance(content, bytes):
-            content = b"".join(content) if isinstance(content, Iterator) else content.read()
+        if hasattr(content, "read"):
+            content = content.read()
         headers = {
-            name: value if isinstance(value, bytes) else value.encode("latin-1", "replace")
+            name.encode(): value if isinstance(value, bytes) else value.encode("latin-1", "replace")
             for name, value in request.headers.items()
         }
         answer = self.client.request(
@@ -38,7 +45,7 @@ class _ToTheApp(BaseAdapter):
         response.reason = answer.reason_phrase
         response.raw = HTTPResponse(
             io.BytesIO(answer.content),
-            headers=list(answer.headers.multi_items()),
+            headers=dict(answer.headers),
             status=answer.status_code,
             preload_content=False,
         )

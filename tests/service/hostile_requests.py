@@ -9,20 +9,8 @@ from urllib.parse import quote
 
 from modalmotion_service.access.scopes import SCOPE_OF
 
-TEMPLATES = sorted({path for _, path in SCOPE_OF})
-METHODS = [
-    "GET",
-    "GET",
-    "GET",
-    "POST",
-    "POST",
-    "PATCH",
-    "DELETE",
-    "PUT",
-    "HEAD",
-    "OPTIONS",
-    "TRACE",
-]
+ROUTES = sorted(SCOPE_OF)
+METHODS = ["GET", "POST", "PATCH", "DELETE", "PUT", "HEAD", "OPTIONS", "TRACE"]
 ODD_METHODS = ["", "get", "G\x00T", "A" * 5000, "GET /", "CONNECT"]
 TEXTS = [
     *("", " ", "..", "../../../etc/passwd", "..%2f..%2f", "%00", "%ff%fe", "%", "%zz", "~", "*"),
@@ -58,9 +46,9 @@ VALUES = [
 
 def hostile_request(rng: random.Random, ids: Mapping[str, str], token: str, npz: bytes) -> bytes:
     """Make one request: mostly well-formed, wrong in one or several places."""
-    method = rng.choice(METHODS) if rng.random() < 0.95 else rng.choice(ODD_METHODS)
-    template = rng.choice(TEMPLATES)
-    path = template
+    method, path = rng.choice(ROUTES)
+    if rng.random() < 0.1:
+        method = rng.choice(METHODS if rng.random() < 0.8 else ODD_METHODS)
     for name, known in ids.items():
         path = path.replace(f"{{{name}}}", _id(rng, known))
     if rng.random() < 0.08:

@@ -108,10 +108,9 @@ def test_with_every_other_scope_nothing(
     service: Guarded, alices: dict[str, str], method: str, template: str
 ) -> None:
     needed = SCOPE_OF[method, template]
-    answer = service.ask(
-        *("alice", method, filled(template, alices), *(set(Scope) - {needed})),
-        content=b"x" * 3_000_000,
-    )
+    others = set(Scope) - {needed}
+    path = filled(template, alices)
+    answer = service.ask("alice", method, path, *others, content=b"x" * 3_000_000)
     problem = answer.json()
     assert (answer.status_code, problem["code"], problem["scope"]) == (403, "forbidden", needed)
     assert set(problem) == {"type", "title", "status", "code", "detail", "remedy", "scope"}
@@ -121,11 +120,10 @@ def test_with_every_other_scope_nothing(
 def test_with_the_scope_alone_the_call_is_taken(
     service: Guarded, method: str, template: str
 ) -> None:
-    ids = dict(NOBODYS)
-    answer = service.ask(
-        *("nobody", method, filled(template, ids), SCOPE_OF[method, template]),
-        params=NEEDS_QUERY.get(template),
-    )
+    scope = SCOPE_OF[method, template]
+    assert scope is not None
+    path, query = filled(template, NOBODYS), NEEDS_QUERY.get(template)
+    answer = service.ask("nobody", method, path, scope, params=query)
     assert answer.status_code not in (401, 403)
     assert answer.status_code < 500
 

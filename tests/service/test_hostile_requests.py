@@ -87,13 +87,16 @@ def attack(service: RunningService, n_requests: int, seed: int) -> Counter[int]:
         request = hostile_request(rng, ids, token, npz())
         status, answer = answer_to(request, service.port)
         assert status < 500, (number, request[:1500], answer)
+        if status >= 400 and not request.startswith(b"HEAD"):
+            assert b"content-type: application/problem+json" in answer.lower(), (number, answer)
         return status
 
     with ThreadPoolExecutor(4) as clients:
         statuses = Counter(clients.map(one, range(n_requests)))
     assert service.request("GET", "/health/ready").status == 200
     assert service.request("POST", "/v1/sequences", npz(5), key).status in (200, 201)
-    assert "Traceback" not in service.log.read_text()
+    lines = service.log.read_text().splitlines()
+    assert [line[-1500:] for line in lines if "Traceback" in line] == []
     return statuses
 
 
@@ -101,6 +104,15 @@ def test_hostile_requests_are_answered_and_do_no_harm(service: RunningService) -
     statuses = attack(service, 400, seed=1)
     assert sum(statuses.values()) == 400
     assert {200, 400, 401, 404, 405, 422} <= set(statuses)
+
+
+def test_what_is_no_http_is_answered_as_a_problem_too(service: RunningService) -> None:
+    long = b"GET /" + b"a" * 100_000 + b" HTTP/1.1\r\n\r\n"
+    for request in (b"nonsense\r\n\r\n", b"GET / HTTP/1.1\r\nA B: c\r\n\r\n", long):
+        status, answer = answer_to(request, service.port)
+        assert status == 400
+        assert b'"code": "malformed_file"' in answer
+        assert b"application/problem+json" in answer
 
 
 @pytest.mark.soak

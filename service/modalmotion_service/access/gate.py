@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.requests import HTTPConnection
+from starlette.requests import ClientDisconnect, HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 
@@ -28,6 +28,7 @@ from modalmotion_service.access.rates import Rates
 from modalmotion_service.access.scopes import Scope, Target, target_of
 from modalmotion_service.access.site import comes_by_loopback, require_same_site
 from modalmotion_service.errors import AuthenticationError, ForbiddenError, RateLimitedError
+from modalmotion_service.observation import CLIENT_GONE
 from modalmotion_service.problems import problem_of
 
 _IDS: Final = "modalmotion.ids"
@@ -118,15 +119,23 @@ class Gate:
             or (target is None and refused is None)
             or (target is not None and target.scope in (None, Scope.METRICS) and refused is None)
         )
-        started = False
+        started = kept_back = False
 
         async def sent(message: Message) -> None:
-            nonlocal started
+            nonlocal started, kept_back
+            if kept_back:
+                return
             if message["type"] == "http.response.start":
                 answer = MutableHeaders(scope=message)
-                if is_noted:
-                    await self._note(connection, target, message["status"], answer)
                 started = True
+                if is_noted:
+                    try:
+                        await self._note(connection, target, message["status"], answer)
+                    except ModalMotionError as error:
+                        # What cannot be noted is not told.
+                        kept_back = True
+                        await problem_of(error)(scope, receive, send)
+                        return
                 for name, value in headers.items():
                     answer[name] = value
             await send(message)
@@ -136,10 +145,11 @@ class Gate:
             return
         try:
             await self.app(scope, receive, sent)
-        except BaseException:
+        except BaseException as error:
             # Failed, or given up by the client: something may have been done all the same.
             if is_noted and not started:
-                await self._note(connection, target, 500, Headers())
+                status = CLIENT_GONE if isinstance(error, ClientDisconnect) else 500
+                await self._note(connection, target, status, Headers())
             raise
 
     def _admit(self, connection: HTTPConnection, target: Target | None) -> dict[str, str]:
