@@ -4,31 +4,46 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from importlib.metadata import version
+from typing import Any
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 
 from modalmotion.signature import INTENDED_USE
-from modalmotion.store import ResultStore
 from modalmotion_service import problems
-from modalmotion_service.analysis import Analysis
-from modalmotion_service.dependencies import State
+from modalmotion_service.access.audit import AuditLog
+from modalmotion_service.access.gate import Access, Gate, require_judged
+from modalmotion_service.access.keys import KeyRing
+from modalmotion_service.access.rates import Rates
+from modalmotion_service.api_version import API_VERSION
 from modalmotion_service.executor import WorkerPool
 from modalmotion_service.incoming import BodyLimits, Concurrency
-from modalmotion_service.job_kinds import make_runner
+from modalmotion_service.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
 from modalmotion_service.observation import Observation
+from modalmotion_service.openapi_access import with_access
+from modalmotion_service.owners import Owners
 from modalmotion_service.routes import (
+    audit,
     classifications,
     codec,
+    documentation,
     health,
     jobs,
+    kserve,
     limits,
+    prometheus,
     sequences,
     signatures,
     templates,
 )
+from modalmotion_service.security_headers import SecurityHeaders
 from modalmotion_service.settings import Settings
-from modalmotion_service.spool import Spool
+
+
+class _App(FastAPI):
+    def openapi(self) -> dict[str, Any]:
+        if self.openapi_schema is None:
+            self.openapi_schema = with_access(super().openapi())
+        return self.openapi_schema
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
@@ -40,29 +55,38 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         Read from the environment by default.
     """
     chosen = Settings() if settings is None else settings
+    metrics = Metrics()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        with ResultStore(chosen.data_dir, keep_uploads=chosen.keep_uploads) as store:
-            executor = WorkerPool(chosen.workers, chosen.task_seconds, chosen.task_memory_bytes)
-            try:
-                spool = Spool(chosen.data_dir / "spool")
-                analysis = Analysis(store, executor, spool)
-                runner = make_runner(chosen, store, spool, analysis)
-                app.state.service = State(chosen, store, spool, analysis, runner)
-                store.idempotency.release_unfinished()
-                await runner.resume()
+        pool = WorkerPool(chosen.workers, chosen.task_seconds, chosen.task_memory_bytes)
+        executor = MeteredExecutor(pool, metrics)
+        owners = Owners(chosen, executor)
+        things = StateOfThings(owners, metrics, chosen.workers)
+        metrics.registry.register(things)
+        try:
+            await owners.open()
+            with KeyRing(chosen.data_dir) as keys, AuditLog(chosen.data_dir) as log:
+                app.state.owners, app.state.access = owners, Access(keys, log)
+                app.state.metrics = metrics
                 yield
-                await runner.close(chosen.drain_seconds)
-            finally:
-                executor.shutdown(cancel_futures=True)
+                await log.drain()
+        finally:
+            metrics.registry.unregister(things)
+            await owners.close()
+            executor.shutdown(cancel_futures=True)
 
-    app = FastAPI(
+    app = _App(
         title="modalmotion",
-        version=version("modalmotion"),
+        version=API_VERSION,
+        docs_url=None,
+        redoc_url=None,
+        # One address for one thing; a redirect would repeat whatever host the client names.
+        redirect_slashes=False,
         summary="Modal signatures and motion classes of nonrigidly moving surfaces.",
         description=INTENDED_USE,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+        dependencies=[Depends(require_judged)],
         lifespan=lifespan,
     )
     problems.install(app)
@@ -74,7 +98,18 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         upload_seconds=chosen.upload_seconds,
     )
     app.add_middleware(Concurrency, most=chosen.max_concurrent_requests)
+    rates = Rates(
+        chosen.max_requests_per_minute,
+        chosen.max_anonymous_per_minute,
+        chosen.max_failures_per_minute,
+    )
+    app.add_middleware(Gate, require_keys=chosen.require_keys, rates=rates)
+    app.add_middleware(Meter, metrics=metrics)
+    app.add_middleware(SecurityHeaders)
     app.add_middleware(Observation)
-    for module in (sequences, signatures, templates, codec, classifications, jobs, limits, health):
+    for module in (
+        *(sequences, signatures, templates, codec, classifications, jobs, limits),
+        *(audit, health, kserve, prometheus, documentation),
+    ):
         app.include_router(module.router)
     return app

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
-from typing import Annotated, cast
+from typing import Annotated
 
 from fastapi import Depends, Header, Request
 from starlette.datastructures import UploadFile
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.store import ResultStore
+from modalmotion_service.access.keys import key_required
+from modalmotion_service.access.principal import principal_of
 from modalmotion_service.analysis import Analysis
 from modalmotion_service.jobs import JobRunner
 from modalmotion_service.preferences import Preference, parse_preference
@@ -24,7 +26,7 @@ _PIECE = 1 << 20
 
 @dataclass(frozen=True)
 class State:
-    """Everything open while the service runs.
+    """Everything open for one owner while the service runs.
 
     Parameters
     ----------
@@ -42,20 +44,30 @@ class State:
     jobs: JobRunner
 
 
-def get_state(request: Request) -> State:
-    """Give what the lifespan opened."""
-    return cast("State", request.app.state.service)
+async def get_state(request: Request) -> State:
+    """Give what is open for the owner of the key that came; nobody else's.
+
+    Raises
+    ------
+    AuthenticationError
+        If nobody was recognised: an open route has no data to give.
+    """
+    principal = principal_of(request.scope)
+    if principal is None:
+        raise key_required()
+    state: State = await request.app.state.owners.state(principal.owner)
+    return state
 
 
 StateDependency = Annotated[State, Depends(get_state)]
 
 
-def get_store(state: StateDependency) -> ResultStore:
+async def get_store(state: StateDependency) -> ResultStore:
     """Give the open result store."""
     return state.store
 
 
-def get_preference(
+async def get_preference(
     prefer: Annotated[
         str, Header(max_length=200, description="respond-async for a job, or wait=SECONDS.")
     ] = "",

@@ -23,6 +23,24 @@ class ConflictError(ModalMotionError):
     code = "conflict"
 
 
+class AuthenticationError(ModalMotionError):
+    """No key came, or none that is valid."""
+
+    code = "unauthenticated"
+
+
+class ForbiddenError(ModalMotionError):
+    """Whoever asks is known, and may not do this."""
+
+    code = "forbidden"
+
+
+class RateLimitedError(ModalMotionError):
+    """More requests came than may in that time."""
+
+    code = "rate_limited"
+
+
 class IdempotencyMismatchError(ModalMotionError):
     """An idempotency key was used before, with another request."""
 

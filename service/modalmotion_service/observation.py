@@ -13,13 +13,18 @@ import secrets
 import time
 from typing import Final
 
+import h11
 from starlette.datastructures import MutableHeaders
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from modalmotion_service import timing
 from modalmotion_service.problems import internal_answer
 
 logger = logging.getLogger("modalmotion_service.requests")
+
+CLIENT_GONE: Final = 499
+"""What logs and figures give as the status where a client leaves before its request is whole."""
 
 _REQUEST_ID: Final = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
@@ -42,22 +47,32 @@ class Observation:
             return
         given = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
         request_id = given if _REQUEST_ID.fullmatch(given) else secrets.token_hex(8)
+        scope["modalmotion.request_id"] = request_id
         stages = timing.begin()
         start = time.perf_counter()
         status = 0
+        broken = False
 
         async def observed(message: Message) -> None:
-            nonlocal status
+            nonlocal status, broken
             if message["type"] == "http.response.start":
                 status = message["status"]
                 headers = MutableHeaders(scope=message)
                 headers["X-Request-ID"] = request_id
                 spent = 1e3 * (time.perf_counter() - start)
                 headers["Server-Timing"] = timing.header(stages, spent)
-            await send(message)
+            if broken:
+                return
+            try:
+                await send(message)
+            except h11.LocalProtocolError:
+                # The rest of the request was no HTTP: uvicorn has said so and hung up.
+                broken = True
 
         try:
             await self.app(scope, receive, observed)
+        except ClientDisconnect:
+            status = status or CLIENT_GONE
         except Exception:
             logger.exception("request failed", extra={"request_id": request_id})
             if not status:
@@ -69,7 +84,7 @@ class Observation:
                 extra={
                     "request_id": request_id,
                     "method": scope["method"],
-                    "route": getattr(route, "path", None),
+                    "route": getattr(route, "path", None) or scope.get("modalmotion.route"),
                     "status": status,
                     "milliseconds": round(1e3 * (time.perf_counter() - start), 1),
                 },

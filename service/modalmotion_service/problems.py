@@ -22,10 +22,14 @@ from modalmotion.errors import (
     NotFoundError,
     StoreError,
 )
+from modalmotion_service.access.scopes import methods_of
 from modalmotion_service.errors import (
+    AuthenticationError,
     BusyError,
     ConflictError,
+    ForbiddenError,
     IdempotencyMismatchError,
+    RateLimitedError,
     SlowClientError,
     WorkerDiedError,
 )
@@ -42,7 +46,10 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     CorruptFileError: 500,
     StoreError: 503,
     SlowClientError: 408,
+    AuthenticationError: 401,
+    ForbiddenError: 403,
     BusyError: 429,
+    RateLimitedError: 429,
     ConflictError: 409,
     IdempotencyMismatchError: 422,
     WorkerDiedError: 422,
@@ -50,6 +57,7 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
 }
 
 _HEADERS_OF: Final[dict[int, dict[str, str]]] = {
+    401: {"WWW-Authenticate": 'Bearer realm="modalmotion"'},
     # Nothing more is read from a slow client, so its connection is of no use.
     408: {"Connection": "close"},
     413: {"Connection": "close"},
@@ -75,7 +83,8 @@ def problem_body(error: ModalMotionError) -> dict[str, object]:
 
 def problem_of(error: ModalMotionError) -> Response:
     """Make the problem answer of one of our own errors."""
-    return _answer(problem_body(error))
+    wait = error.details.get("retry_after_seconds")
+    return _answer(problem_body(error), {"Retry-After": str(wait)} if wait else None)
 
 
 def internal_answer() -> Response:
@@ -151,4 +160,8 @@ async def _on_http_exception(request: Request, error: Exception) -> Response:
     if detail == phrase:
         detail = f"{detail}: {request.method} {request.url.path}"
     code = phrase.lower().replace(" ", "_").replace("-", "_")
-    return _answer(_body(error.status_code, code, detail, {}), error.headers)
+    headers = dict(error.headers or {})
+    if error.status_code == 405:
+        # The router names the methods of one of a path's routes; all are asked for (RFC 9110).
+        headers["Allow"] = ", ".join(methods_of(request.url.path))
+    return _answer(_body(error.status_code, code, detail, {}), headers)

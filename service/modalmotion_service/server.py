@@ -5,12 +5,16 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
+import h11
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
+from modalmotion.errors import MalformedFileError
 from modalmotion.store import ResultStore
+from modalmotion_service.access.first_key import offer_first_key, secured
 from modalmotion_service.app import create_app
 from modalmotion_service.observation import LOG_CONFIG
+from modalmotion_service.problems import problem_of
 from modalmotion_service.settings import Settings
 
 
@@ -40,6 +44,18 @@ def protocol_with_deadline(header_seconds: float) -> type[H11Protocol]:
             self._stop_waiting()
             super().connection_lost(exc)
 
+        def send_400_response(self, msg: str) -> None:
+            # uvicorn's own is plain text, and fails where an answer is under way already.
+            if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
+                body, headers = bad_request(msg)
+                for event in (
+                    h11.Response(status_code=400, headers=headers, reason=b"Bad Request"),
+                    h11.Data(data=body),
+                    h11.EndOfMessage(),
+                ):
+                    self.transport.write(self.conn.send(event) or b"")
+            self.transport.close()
+
         def _wait_for_headers(self) -> None:
             self._timer = self.loop.call_later(header_seconds, self._give_up)
 
@@ -60,6 +76,15 @@ def protocol_with_deadline(header_seconds: float) -> type[H11Protocol]:
     return Deadline
 
 
+def bad_request(message: str) -> tuple[bytes, list[tuple[bytes, bytes]]]:
+    """Make body and headers of the answer to what is no HTTP request."""
+    error = MalformedFileError(
+        message, remedy="Send a request as RFC 9112 has it; its head is at most 64 KiB."
+    )
+    answer = problem_of(error)
+    return bytes(answer.body), [*answer.raw_headers, (b"connection", b"close")]
+
+
 def run(settings: Settings, host: str, port: int) -> None:
     """Serve until told to stop; then answer what is under way, and let jobs finish.
 
@@ -70,8 +95,10 @@ def run(settings: Settings, host: str, port: int) -> None:
     """
     with ResultStore(settings.data_dir):
         pass  # Said here, before uvicorn would say it with a traceback.
+    chosen = secured(settings, host)
+    offer_first_key(chosen)
     uvicorn.run(
-        create_app(settings),
+        create_app(chosen),
         host=host,
         port=port,
         http=protocol_with_deadline(settings.header_seconds),

@@ -28,6 +28,21 @@ class Settings(BaseSettings):
         20.0, ge=0, le=600, description="How long jobs under way may finish at shutdown."
     )
 
+    require_keys: bool = Field(
+        False,
+        description="Whether requests over loopback need a key too, as behind a reverse proxy; "
+        "those over any other address always do.",
+    )
+    max_requests_per_minute: int = Field(
+        6_000, gt=0, description="Requests a minute with one key; more are answered 429."
+    )
+    max_anonymous_per_minute: int = Field(
+        600, gt=0, description="The same from one address without a key; health checks pass."
+    )
+    max_failures_per_minute: int = Field(
+        30, gt=0, description="Answers 401 a minute to one address; then 429."
+    )
+
     max_body_bytes: int = Field(256_000_000, gt=0, description="Largest request body.")
     max_frames: int = Field(10_000, gt=0, description="Most frames in a sequence.")
     max_vertices: int = Field(2_000_000, gt=0, description="Most vertices in a frame.")
@@ -71,8 +86,9 @@ class Settings(BaseSettings):
         """Everything a client may run into, by the name that errors give it."""
         of_readers = ("frames", "vertices", "faces", "decompressed_bytes")
         names = ("body_bytes", *of_readers, "query_ids", "concurrent_requests", "unfinished_jobs")
+        rates = ("requests_per_minute", "anonymous_per_minute", "failures_per_minute")
         seconds = ("header_seconds", "idle_seconds", "upload_seconds", "task_seconds")
-        limits: dict[str, float] = {name: getattr(self, f"max_{name}") for name in names}
+        limits: dict[str, float] = {name: getattr(self, f"max_{name}") for name in names + rates}
         limits.update({name: getattr(self, name) for name in seconds})
         limits["task_memory_bytes"] = self.task_memory_bytes
         return limits

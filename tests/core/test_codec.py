@@ -451,3 +451,16 @@ def test_a_topology_may_be_stated_without_a_grid(rng) -> None:  # type: ignore[n
     decoded = decode(encode(sequence, rms=0.2).data)
     assert decoded.topology == sequence.topology
     assert decoded.unit == "cm"
+
+
+@pytest.mark.parametrize("target", [1e-12, 1e-17, 1e-160, 5e-324])
+@pytest.mark.parametrize("measure", ["rms", "max_error"])
+@pytest.mark.parametrize("size", [1.0, 0.0, 1e150])
+def test_an_error_that_no_number_holds_is_kept_by_storing_without_loss(
+    measure: str, target: float, size: float, rng: np.random.Generator
+) -> None:
+    vertices = size * rng.normal(size=(3, 16, 3))
+    sequence = mesh_sequence(vertices, grid=(4, 4), topology="cup", unit="mm")
+    rms, max_error = (target, None) if measure == "rms" else (None, target)
+    encoded = encode(sequence, rms=rms, max_error=max_error)
+    assert np.array_equal(decode(encoded.data).vertices, vertices)

@@ -12,6 +12,9 @@ import click
 _FOLDER = click.argument(
     "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="FOLDER"
 )
+_OWNER = click.option(
+    "--owner", help="Whose store in a service's data folder FOLDER; the folder's own by default."
+)
 
 
 @click.group()
@@ -21,12 +24,13 @@ def store() -> None:
 
 @store.command()
 @_FOLDER
-def rebuild(folder: Path) -> None:
+@_OWNER
+def rebuild(folder: Path, owner: str | None) -> None:
     """Build the index of the store in FOLDER anew from its files."""
     from modalmotion.store import rebuild as run
 
     with _progress("reading files") as progress:
-        found = run(folder, progress=progress)
+        found = run(_store_of(folder, owner), progress=progress)
     click.echo(f"{found.n_sequences} sequences, {found.n_results} results are in the index")
     for what, number in (
         ("deletions finished", found.n_deletions),
@@ -47,12 +51,13 @@ def rebuild(folder: Path) -> None:
 
 @store.command()
 @_FOLDER
-def verify(folder: Path) -> None:
+@_OWNER
+def verify(folder: Path, owner: str | None) -> None:
     """Check every file of the store in FOLDER; ends with 1 if something is wrong."""
     from modalmotion.store import verify as run
 
     with _progress("reading files") as progress:
-        report = run(folder, progress=progress)
+        report = run(_store_of(folder, owner), progress=progress)
     for fault in report.faults:
         click.echo(f"{fault.file}: {fault.problem}")
     for file in report.unfinished:
@@ -72,13 +77,23 @@ def verify(folder: Path) -> None:
 @store.command()
 @_FOLDER
 @click.argument("out", type=click.Path(dir_okay=False, path_type=Path), metavar="OUT.h5")
-def export(folder: Path, out: Path) -> None:
+@_OWNER
+def export(folder: Path, out: Path, owner: str | None) -> None:
     """Pack all signatures of the store in FOLDER into one HDF5 file."""
     from modalmotion.store import export as run
 
     with _progress("packing signatures") as progress:
-        n_signatures = run(folder, out, progress=progress)
+        n_signatures = run(_store_of(folder, owner), out, progress=progress)
     click.echo(f"{n_signatures} signatures written: {out}")
+
+
+def _store_of(folder: Path, owner: str | None) -> Path:
+    if owner in (None, "local"):
+        return folder
+    found = folder / "owners" / str(owner)
+    if Path(str(owner)).name != owner or not found.is_dir():
+        raise click.BadParameter(f"{folder} has no store of {owner!r}.", param_hint="--owner")
+    return found
 
 
 @contextmanager

@@ -89,6 +89,10 @@ def encode(
 def _at_error(
     sequence: MeshSequence, choice: Choice, faces: bytes, target: Target, report: Progress
 ) -> Encoded:
+    # Finer than float64 tells positions apart, or than its squares: only the numbers themselves do.
+    finest = float(np.finfo(np.float64).eps) * float(np.abs(sequence.vertices).max())
+    if target.value <= max(finest, 1e-150):
+        return _store(sequence, faces)
     blocks: list[EncodedBlock] = []
     n_blocks = max(
         -(-sequence.n_frames // LONGEST_BLOCK),

@@ -3,7 +3,7 @@
 ::
 
     templates/ab/<id>.h5                            kept until the folder is deleted
-    spool/                                          a service's files under way: not the store's
+    spool/  access/  owners/                        a service's: not the store's
     lock                                            held by the process that has it open
     index.sqlite                                    index, jobs, idempotency keys
     sequences/ab/<id>.json                          record: subject, label, when
@@ -147,7 +147,7 @@ class Folder:
         scan = Scan()
         try:
             for path in self.root.iterdir():
-                if path.name not in (*_INDEX_FILES, "lock", "spool", *_FOLDERS):
+                if path.name not in (*_INDEX_FILES, "lock", *_OF_THE_SERVICE, *_FOLDERS):
                     scan.foreign.append(path)
             for name in _FOLDERS:
                 for path in _files(self.root / name):
@@ -195,6 +195,8 @@ _RESULT_FOLDERS: Final[dict[str, ResultKind]] = {
     "signatures": "signature",
     "classifications": "classification",
 }
+# Files under way; keys and audit log; stores of owners other than the folder's own.
+_OF_THE_SERVICE: Final = ("spool", "access", "owners")
 _FOLDERS: Final = ("sequences", "templates", *_RESULT_FOLDERS)
 
 

@@ -76,6 +76,14 @@ class Index:
         last = to_cursor(records[-1].created, records[-1].id) if len(rows) > limit else None
         return SequencePage(records, last)
 
+    def count(self) -> dict[str, int]:
+        """Count sequences, and results by kind."""
+        rows = self.database.read(
+            "SELECT 'sequence', count(*) FROM sequences "
+            "UNION ALL SELECT kind, count(*) FROM results GROUP BY kind"
+        )
+        return dict(rows)
+
     def put(self, record: SequenceRecord) -> None:
         """Add a record, or write it over the one with its id."""
         with self.database.write() as connection:

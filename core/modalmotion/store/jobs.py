@@ -191,6 +191,11 @@ class Jobs:
         last = to_cursor(jobs[-1].created, jobs[-1].id) if len(rows) > limit else None
         return JobPage(jobs, last)
 
+    def count(self) -> dict[tuple[str, JobState], int]:
+        """Count jobs by kind and state."""
+        rows = self._database.read("SELECT kind, state, count(*) FROM jobs GROUP BY kind, state")
+        return {(kind, JobState(state)): number for kind, state, number in rows}
+
     def unfinished(self) -> tuple[Job, ...]:
         """Jobs to take up again after a restart, oldest first."""
         rows = self._database.read(

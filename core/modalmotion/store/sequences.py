@@ -153,6 +153,10 @@ class SequenceStore(Opening):
         locate = partial(self.sequence_path, sequence_id)
         return self._read(read_sequence, locate, sequence_id=sequence_id)
 
+    def count(self) -> dict[str, int]:
+        """Count what is kept, by kind: sequence, and the kinds of results that there are."""
+        return self._open_index().count()
+
     def has_sequence(self, sequence_id: str) -> bool:
         """Whether a sequence is known."""
         return is_id(sequence_id) and self._open_index().find(sequence_id) is not None

@@ -42,6 +42,7 @@ async def classify(
     201 when the answer is new, 200 when it was known.
     """
     model = (request or ClassificationRequest()).model
+    state.store.sequence_record(sequence_id)
 
     async def make() -> Response:
         found = await result_or_job(

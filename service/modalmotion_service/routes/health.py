@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from importlib.metadata import version
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 
-from modalmotion_service.dependencies import StoreDependency
 from modalmotion_service.schemas import Health
 
 router = APIRouter(prefix="/health", tags=["health"])
@@ -19,7 +18,7 @@ def live() -> Health:
 
 
 @router.get("/ready")
-def ready(store: StoreDependency) -> Health:
+def ready(request: Request) -> Health:
     """Answer while results can be kept: the store is open and answers."""
-    store.list_sequences(limit=1)
+    request.app.state.owners.local.store.list_sequences(limit=1)
     return Health(version=version("modalmotion"))

@@ -13,6 +13,7 @@ from starlette.responses import FileResponse
 from modalmotion.errors import LimitError
 from modalmotion.store import Job
 from modalmotion.superposed import SurfaceFormat
+from modalmotion_service.access.gate import note_ids
 from modalmotion_service.conditional import is_known, not_modified, tag_of
 from modalmotion_service.deferral import accepted, result_or_job
 from modalmotion_service.dependencies import PreferenceDependency, StateDependency
@@ -88,9 +89,13 @@ class DistanceQuery(SignatureQuery):
 
 @router.get("/sequences/{sequence_id}/distance")
 async def distance(
-    sequence_id: SequenceId, query: Annotated[DistanceQuery, Query()], state: StateDependency
+    sequence_id: SequenceId,
+    query: Annotated[DistanceQuery, Query()],
+    state: StateDependency,
+    request: Request,
 ) -> DistanceAnswer:
     """Give the distance of a sequence's signature from another's: 0 for the same motion."""
+    note_ids(request, [query.to])
     for known in (sequence_id, query.to):
         state.store.sequence_record(known)
     found = await state.analysis.distance(sequence_id, query.to, query.parameters(), query.closed)
@@ -147,6 +152,7 @@ async def reconstruction(
 )
 async def signatures(
     asked: ManySignatures,
+    http_request: Request,
     state: StateDependency,
     preference: PreferenceDependency,
     accept: Annotated[str, Header(description=f"{NPZ} or {HDF5}.")] = NPZ,
@@ -161,6 +167,7 @@ async def signatures(
             limit="query_ids",
             details={"value": len(asked.ids), "most": most},
         )
+    note_ids(http_request, asked.ids)
     for sequence_id in asked.ids:
         state.store.sequence_record(sequence_id)
     request = {**asked.model_dump(mode="json"), "as_hdf5": media_type == HDF5}

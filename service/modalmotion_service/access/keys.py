@@ -1,0 +1,219 @@
+"""Keys: made, shown once, kept as a hash, taken back."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import re
+import secrets
+import threading
+from collections.abc import Collection
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+from modalmotion.errors import NotFoundError, ParameterError
+from modalmotion.store.cursor import now
+from modalmotion_service.access.database import explained, open_database
+from modalmotion_service.access.principal import Principal, require_owner
+from modalmotion_service.access.scopes import Scope
+from modalmotion_service.errors import AuthenticationError
+
+_VERSION: Final = 1
+_TABLES: Final = (
+    """CREATE TABLE keys (
+        id TEXT PRIMARY KEY, owner TEXT NOT NULL, scopes TEXT NOT NULL, sha256 TEXT NOT NULL,
+        note TEXT NOT NULL, created TEXT NOT NULL, expires TEXT, revoked TEXT
+    ) WITHOUT ROWID""",
+)
+
+# The name makes a key that has leaked into a repository or a log easy to find there.
+_TOKEN: Final = re.compile(r"mm_([0-9a-f]{16})_([A-Za-z0-9_-]{43})")
+_SECRET_BYTES: Final = 32
+
+_REMEDY: Final = "Send `Authorization: Bearer KEY` with a key made by `modalmotion keys create`."
+
+
+@dataclass(frozen=True)
+class Key:
+    """What is known of a key; not the key.
+
+    Parameters
+    ----------
+    id : str
+    owner : str
+        Whose store it opens.
+    scopes : frozenset of Scope
+    note : str
+        What it is for.
+    created : str
+        UTC, ISO 8601.
+    expires, revoked : str or None
+        UTC, ISO 8601.
+    """
+
+    id: str
+    owner: str
+    scopes: frozenset[Scope]
+    note: str
+    created: str
+    expires: str | None
+    revoked: str | None
+
+    @property
+    def state(self) -> str:
+        """active, expired or revoked."""
+        if self.revoked is not None:
+            return "revoked"
+        return "expired" if self.expires is not None and self.expires <= now() else "active"
+
+    @property
+    def principal(self) -> Principal:
+        """Whom it stands for."""
+        return Principal(self.owner, self.id, self.scopes)
+
+
+class KeyRing:
+    """The keys of a data folder; server and command line may have it open at once.
+
+    Parameters
+    ----------
+    data_dir : Path
+    """
+
+    def __init__(self, data_dir: Path) -> None:
+        self._path = data_dir / "access" / "keys.sqlite"
+        self._lock = threading.Lock()
+        self._connection = open_database(self._path, _TABLES, _VERSION)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        with self._lock:
+            self._connection.close()
+
+    def create(
+        self,
+        owner: str,
+        scopes: Collection[Scope],
+        *,
+        note: str = "",
+        expires: datetime | None = None,
+    ) -> tuple[Key, str]:
+        """Make a key.
+
+        Parameters
+        ----------
+        owner : str
+        scopes : collection of Scope
+        note : str
+        expires : datetime, optional
+            With its time zone.
+
+        Returns
+        -------
+        tuple of Key and str
+            What is kept, and the key itself, which is kept nowhere.
+
+        Raises
+        ------
+        ParameterError
+            If the name of the owner is none, there is no scope, or the time has passed.
+        """
+        require_owner(owner)
+        if not scopes:
+            raise ParameterError("A key without a scope opens nothing.", remedy="Name a scope.")
+        end = None if expires is None else _text(expires)
+        if end is not None and end <= now():
+            raise ParameterError("The key would have expired already.", remedy="Name a later day.")
+        key_id, secret = secrets.token_hex(8), secrets.token_urlsafe(_SECRET_BYTES)
+        key = Key(key_id, owner, frozenset(scopes), note[:200], now(), end, None)
+        self._write(
+            "INSERT INTO keys VALUES (?, ?, ?, ?, ?, ?, ?, NULL)",
+            (key.id, owner, ",".join(sorted(scopes)), _digest(secret), key.note, key.created, end),
+        )
+        return key, f"mm_{key_id}_{secret}"
+
+    def authenticate(self, token: str) -> Key:
+        """Find the key that was sent.
+
+        Raises
+        ------
+        AuthenticationError
+            If it is none, or no longer one.
+        """
+        parts = _TOKEN.fullmatch(token)
+        row = None if parts is None else self._row(parts[1])
+        if parts is None or row is None:
+            raise AuthenticationError("This key is not known.", remedy=_REMEDY)
+        # A digest of 256 random bits needs no salt and no slow hash: it cannot be searched.
+        if not hmac.compare_digest(_digest(parts[2]), str(row[3])):
+            raise AuthenticationError("This key is not known.", remedy=_REMEDY)
+        key = _key(row)
+        if key.state != "active":
+            raise AuthenticationError(f"This key is {key.state}.", remedy=_REMEDY)
+        return key
+
+    def revoke(self, key_id: str) -> Key:
+        """Take a key back, at once and for good.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none of that id.
+        """
+        self._write("UPDATE keys SET revoked = coalesce(revoked, ?) WHERE id = ?", (now(), key_id))
+        row = self._row(key_id)
+        if row is None:
+            raise NotFoundError(
+                f"There is no key {key_id[:40]!r}.", remedy="Use an id of `modalmotion keys list`."
+            )
+        return _key(row)
+
+    def all(self) -> list[Key]:
+        """Every key that was ever made, oldest first."""
+        with self._lock, explained(self._path.name):
+            rows = self._connection.execute("SELECT * FROM keys ORDER BY created, id").fetchall()
+        return [_key(row) for row in rows]
+
+    def _row(self, key_id: str) -> tuple[Any, ...] | None:
+        with self._lock, explained(self._path.name):
+            rows = self._connection.execute("SELECT * FROM keys WHERE id = ?", (key_id,))
+            found: tuple[Any, ...] | None = rows.fetchone()
+            return found
+
+    def _write(self, statement: str, values: tuple[Any, ...]) -> None:
+        with self._lock, explained(self._path.name):
+            self._connection.execute(statement, values)
+
+
+def key_required() -> AuthenticationError:
+    """Make the error of a request that comes without a key."""
+    return AuthenticationError("This request needs a key.", remedy=_REMEDY)
+
+
+def _digest(secret: str) -> str:
+    return hashlib.sha256(secret.encode()).hexdigest()
+
+
+def _text(time: datetime) -> str:
+    # As `now` writes it: the two are compared as text.
+    return time.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+
+
+def _key(row: tuple[Any, ...]) -> Key:
+    key_id, owner, scopes, _, note, created, expires, revoked = row
+    named = frozenset(Scope(name) for name in scopes.split(","))
+    return Key(key_id, owner, named, note, created, expires, revoked)

@@ -1,0 +1,107 @@
+"""Which scope each route asks for: the one table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from starlette.routing import compile_path
+
+
+class Scope(StrEnum):
+    """What a key may do; none of them includes another."""
+
+    READ = "read"
+    WRITE = "write"
+    TRAIN = "train"
+    ADMIN = "admin"
+    METRICS = "metrics"
+
+
+OPEN: Final = None
+"""The scope of what everybody may ask: it tells nothing of anybody's data."""
+
+SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
+    ("GET", "/health/live"): OPEN,
+    ("GET", "/health/ready"): OPEN,
+    ("GET", "/v2"): OPEN,
+    ("GET", "/v2/health/live"): OPEN,
+    ("GET", "/v2/health/ready"): OPEN,
+    ("GET", "/docs"): OPEN,
+    ("GET", "/openapi.json"): OPEN,
+    ("GET", "/metrics"): Scope.METRICS,
+    ("GET", "/v1/limits"): Scope.READ,
+    ("GET", "/v1/audit"): Scope.ADMIN,
+    ("POST", "/v1/sequences"): Scope.WRITE,
+    ("GET", "/v1/sequences"): Scope.READ,
+    ("GET", "/v1/sequences/{sequence_id}"): Scope.READ,
+    ("PATCH", "/v1/sequences/{sequence_id}"): Scope.WRITE,
+    ("DELETE", "/v1/sequences/{sequence_id}"): Scope.WRITE,
+    ("GET", "/v1/sequences/{sequence_id}/signature"): Scope.READ,
+    ("GET", "/v1/sequences/{sequence_id}/distance"): Scope.READ,
+    ("GET", "/v1/sequences/{sequence_id}/reconstruction"): Scope.READ,
+    ("GET", "/v1/sequences/{sequence_id}/encoded"): Scope.READ,
+    ("POST", "/v1/sequences/{sequence_id}/classifications"): Scope.WRITE,
+    ("GET", "/v1/sequences/{sequence_id}/classifications"): Scope.READ,
+    # These keep nothing: a POST only because a body is sent.
+    ("POST", "/v1/signatures/query"): Scope.READ,
+    ("POST", "/v1/encode"): Scope.READ,
+    ("POST", "/v1/decode"): Scope.READ,
+    ("POST", "/v1/templates"): Scope.WRITE,
+    ("GET", "/v1/templates"): Scope.READ,
+    ("GET", "/v1/templates/{template_id}"): Scope.READ,
+    ("DELETE", "/v1/templates/{template_id}"): Scope.WRITE,
+    ("GET", "/v1/jobs"): Scope.READ,
+    ("GET", "/v1/jobs/{job_id}"): Scope.READ,
+    ("GET", "/v1/jobs/{job_id}/result"): Scope.READ,
+    ("DELETE", "/v1/jobs/{job_id}"): Scope.WRITE,
+    ("GET", "/v2/models/{model_name}"): Scope.READ,
+    ("GET", "/v2/models/{model_name}/ready"): Scope.READ,
+}
+"""By method and by the route's template. A route that is not here is refused to everybody."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a request asks for.
+
+    Parameters
+    ----------
+    template : str
+        Of the route's path.
+    scope : Scope or None
+        That it needs; None where everybody may ask.
+    path_parameters : dict
+        As they stand in the path, unchecked.
+    """
+
+    template: str
+    scope: Scope | None
+    path_parameters: dict[str, str]
+
+
+_BY_METHOD: Final[dict[str, list[tuple[str, Scope | None]]]] = {}
+for (_method, _template), _scope in SCOPE_OF.items():
+    _BY_METHOD.setdefault(_method, []).append((_template, _scope))
+# Of two templates that match a path the one with fewer parameters is meant.
+_MATCHERS: Final = {
+    method: [
+        (compile_path(template)[0], template, scope)
+        for template, scope in sorted(routes, key=lambda route: route[0].count("{"))
+    ]
+    for method, routes in _BY_METHOD.items()
+}
+
+
+def target_of(method: str, path: str) -> Target | None:
+    """Find what a request asks for; None where there is nothing."""
+    for pattern, template, scope in _MATCHERS.get("GET" if method == "HEAD" else method, ()):
+        if found := pattern.match(path):
+            return Target(template, scope, found.groupdict())
+    return None
+
+
+def methods_of(path: str) -> list[str]:
+    """List the methods that a path knows, sorted."""
+    return sorted(method for method in _MATCHERS if target_of(method, path) is not None)

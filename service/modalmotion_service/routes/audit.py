@@ -1,0 +1,38 @@
+"""The record of who did what, for administrators: of all owners."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
+from pydantic import BaseModel, ConfigDict, Field
+
+from modalmotion_service.access.gate import Access
+from modalmotion_service.openapi_parts import PROBLEMS
+from modalmotion_service.schemas.access import AuditEntryAnswer, AuditPageAnswer
+
+router = APIRouter(prefix="/v1/audit", tags=["audit"], responses=PROBLEMS)
+
+
+class AuditQuery(BaseModel):
+    """Which entries to list."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    owner: str | None = Field(None, max_length=63, description="Only what this owner did.")
+    limit: int = Field(100, ge=1, le=1000, description="Of one page.")
+    cursor: int | None = Field(None, ge=1, lt=1 << 62, description="Of the page before.")
+
+
+@router.get("")
+async def list_entries(query: Annotated[AuditQuery, Query()], request: Request) -> AuditPageAnswer:
+    """List who did what to which id, from the newest to the oldest, a page at a time."""
+    access: Access = request.app.state.access
+    found = await asyncio.to_thread(
+        access.audit.page, limit=query.limit + 1, before=query.cursor, owner=query.owner
+    )
+    page = [AuditEntryAnswer.of(entry) for entry in found[: query.limit]]
+    return AuditPageAnswer(
+        entries=page, cursor=page[-1].number if len(found) > query.limit else None
+    )

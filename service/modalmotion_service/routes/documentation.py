@@ -1,0 +1,21 @@
+"""The documentation page: made here, from the OpenAPI document; it loads nothing from anywhere."""
+
+from __future__ import annotations
+
+import asyncio
+
+from fastapi import APIRouter, Request
+from starlette.responses import HTMLResponse
+
+from modalmotion_service.documentation.page import render
+from modalmotion_service.documentation.style import CSS
+from modalmotion_service.security_headers import policy_with_style
+
+router = APIRouter(tags=["operation"])
+
+
+@router.get("/docs", response_class=HTMLResponse, include_in_schema=False)
+async def documentation(request: Request) -> HTMLResponse:
+    """Describe every call on one page."""
+    text = await asyncio.to_thread(render, request.app.openapi(), str(request.base_url).rstrip("/"))
+    return HTMLResponse(text, headers={"Content-Security-Policy": policy_with_style(CSS)})

@@ -1,0 +1,29 @@
+"""Figures for Prometheus."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Final
+
+from fastapi import APIRouter, Request, Response
+from prometheus_client.exposition import generate_latest
+
+router = APIRouter(tags=["operation"])
+
+_TEXT: Final = "text/plain; version=0.0.4; charset=utf-8"
+
+
+@router.get(
+    "/metrics",
+    response_class=Response,
+    responses={
+        200: {
+            "description": "Counts and gauges, as Prometheus reads them.",
+            "content": {"text/plain": {"schema": {"type": "string"}}},
+        }
+    },
+)
+async def metrics(request: Request) -> Response:
+    """Give figures of requests, work, jobs and stores, over all owners together."""
+    text = await asyncio.to_thread(generate_latest, request.app.state.metrics.registry)
+    return Response(text, headers={"Content-Type": _TEXT})

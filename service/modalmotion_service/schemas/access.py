@@ -1,0 +1,48 @@
+"""The audit log over the wire."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, Field
+
+from modalmotion_service.access.audit_entry import AuditEntry
+
+
+class AuditEntryAnswer(BaseModel):
+    """Who asked for what."""
+
+    number: int = Field(description="Counted from 1, without gaps.")
+    time: str = Field(description="ISO 8601 in UTC.")
+    owner: str | None = Field(description="Null where nobody was recognised.")
+    key_id: str | None = Field(description="Null for a request from this machine without a key.")
+    client: str = Field(description="Address that the request came from.")
+    method: str
+    route: str = Field(description="By its template; empty where there is none.")
+    ids: list[str] = Field(description="What it was about.")
+    status: int = Field(description="Of the answer.")
+    request_id: str
+    sha256: str = Field(description="Of this entry and of the digest of the one before.")
+
+    @staticmethod
+    def of(entry: AuditEntry) -> AuditEntryAnswer:
+        """Write an entry out."""
+        event = entry.event
+        return AuditEntryAnswer(
+            number=entry.number,
+            time=entry.time,
+            owner=event.owner,
+            key_id=event.key_id,
+            client=event.client,
+            method=event.method,
+            route=event.route,
+            ids=event.ids.split(),
+            status=event.status,
+            request_id=event.request_id,
+            sha256=entry.sha256,
+        )
+
+
+class AuditPageAnswer(BaseModel):
+    """A page of the audit log."""
+
+    entries: list[AuditEntryAnswer]
+    cursor: int | None = Field(description="For the next page; null on the last.")

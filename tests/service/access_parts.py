@@ -1,0 +1,52 @@
+"""A service that needs keys, and keys for it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fastapi.testclient import TestClient
+
+from modalmotion_service.access.keys import KeyRing
+from modalmotion_service.access.scopes import Scope
+from modalmotion_service.app import create_app
+from modalmotion_service.settings import Settings
+
+NOBODYS = {"sequence_id": "0" * 64, "template_id": "0" * 64, "job_id": "0" * 32}
+
+
+@dataclass
+class Guarded:
+    """A service with keys, asked as one owner or another."""
+
+    client: TestClient
+    data_dir: Path
+    tokens: dict[tuple[str, frozenset[Scope]], str] = field(default_factory=dict)
+
+    def token(self, owner: str, *scopes: Scope) -> str:
+        wanted = owner, frozenset(scopes or Scope)
+        if wanted not in self.tokens:
+            with KeyRing(self.data_dir) as ring:
+                self.tokens[wanted] = ring.create(*wanted)[1]
+        return self.tokens[wanted]
+
+    def ask(self, owner: str, method: str, path: str, *scopes: Scope, **more: Any) -> Any:
+        headers = {"Authorization": f"Bearer {self.token(owner, *scopes)}"}
+        headers.update(more.pop("headers", {}))
+        return self.client.request(method, path, headers=headers, **more)
+
+
+@contextmanager
+def guarded(data_dir: Path, **settings: Any) -> Iterator[Guarded]:
+    chosen = {"workers": 1, "require_keys": True, **settings}
+    app = create_app(Settings(data_dir=data_dir, **chosen))
+    with TestClient(app, raise_server_exceptions=False) as client:
+        yield Guarded(client, data_dir)
+
+
+def json_body(ids: list[str]) -> dict[str, Any]:
+    return {"content": json.dumps({"ids": ids}), "headers": {"Content-Type": "application/json"}}
