@@ -75,7 +75,7 @@ class TemplateCache:
         self, template: Template, n_modes: int, grid: tuple[int, ...] | None = None
     ) -> tuple[ModeChoice, Basis]:
         """Choose and factor the modes of a template: see `choose_modes` and `make_basis`."""
-        key = f"{template.id} {n_modes}"
+        key = f"{template.id} {n_modes} {grid}"
         found = self._bases.get(key)
         if found is None:
             choice = choose_modes(template, n_modes, grid)
