@@ -6,6 +6,7 @@ import asyncio
 from typing import Any
 
 import uvicorn
+from fastapi import FastAPI
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from modalmotion.store import ResultStore
@@ -70,8 +71,13 @@ def run(settings: Settings, host: str, port: int) -> None:
     """
     with ResultStore(settings.data_dir):
         pass  # Said here, before uvicorn would say it with a traceback.
+    run_app(create_app(settings), settings, host, port)
+
+
+def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
+    """Serve an application as `run` serves the service's own."""
     uvicorn.run(
-        create_app(settings),
+        app,
         host=host,
         port=port,
         http=protocol_with_deadline(settings.header_seconds),
