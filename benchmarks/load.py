@@ -95,7 +95,7 @@ def _rates(service: RunningService) -> Table:
 
 
 def raw_beat(grid: tuple[int, int], n_frames: int = N_FRAMES) -> bytes:
-    """A simulated beat as raw little-endian float32."""
+    """Simulate a beat and write it as raw little-endian float32."""
     beat = simulate_ventricle(
         grid=grid,
         acquisition=Acquisition(n_frames=n_frames, noise=0.6),

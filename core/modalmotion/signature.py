@@ -308,7 +308,7 @@ def modal_signature(
         amplitudes=fit.amplitudes,
         angular_frequencies=frequencies_on(chosen, modes, asked.wave_speed),
         rotations=fit.rotations,
-        translations=_centroid_path(sequence, chosen.weights, asked.reference),
+        translations=fit.translations,
         rms_errors=fit.rms_errors,
         p95_errors=fit.p95_errors,
         max_errors=fit.max_errors,
@@ -372,17 +372,6 @@ def provenance() -> dict[str, str]:
 def _versions() -> dict[str, str]:
     # Each is read from a file of the installation: 6 ms for all, more than the fit itself.
     return {name: version(name) for name in ("modalmotion", "numpy", "scipy", "h5py")}
-
-
-def _centroid_path(
-    sequence: MeshSequence, weights: NDArray[np.float64], reference: int
-) -> NDArray[np.float64]:
-    start = sequence.vertices[reference].astype(np.float64)
-    path = np.empty((sequence.n_frames, 3))
-    for frame, positions in enumerate(sequence.vertices):
-        # einsum adds in one order whatever the number of threads.
-        path[frame] = np.einsum("n,nc->c", weights, positions - start)
-    return path
 
 
 def _notes_on_sequence(sequence: MeshSequence, reference: int) -> list[str]:

@@ -42,7 +42,11 @@ class State:
     jobs: JobRunner
 
 
-def get_state(request: Request) -> State:
+# Coroutines, though they wait for nothing: FastAPI runs plain functions in threads, and each of
+# the two switches costs more than the function.
+
+
+async def get_state(request: Request) -> State:
     """Give what the lifespan opened."""
     return cast("State", request.app.state.service)
 
@@ -50,12 +54,12 @@ def get_state(request: Request) -> State:
 StateDependency = Annotated[State, Depends(get_state)]
 
 
-def get_store(state: StateDependency) -> ResultStore:
+async def get_store(state: StateDependency) -> ResultStore:
     """Give the open result store."""
     return state.store
 
 
-def get_preference(
+async def get_preference(
     prefer: Annotated[
         str, Header(max_length=200, description="respond-async for a job, or wait=SECONDS.")
     ] = "",
@@ -72,9 +76,11 @@ async def receive_upload(request: Request, state: StateDependency) -> SpooledUpl
     MalformedFileError
         If a form holds no such part.
     """
+    # What an idempotency key stands for is compared by its hash; nothing else asks for one.
+    hashed = "idempotency-key" in request.headers
     with stage("receive"):
         if not request.headers.get("content-type", "").startswith("multipart/form-data"):
-            return await state.spool.receive(request.stream())
+            return await state.spool.receive(request.stream(), hashed=hashed)
         async with request.form(max_files=1, max_fields=20) as form:
             part = form.get("file")
             if not isinstance(part, UploadFile):
@@ -82,7 +88,7 @@ async def receive_upload(request: Request, state: StateDependency) -> SpooledUpl
                     "The form has no file part named 'file'.",
                     remedy="Send one part named 'file', or the bytes as the raw body.",
                 )
-            return await state.spool.receive(_pieces(part))
+            return await state.spool.receive(_pieces(part), hashed=hashed)
 
 
 async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:
