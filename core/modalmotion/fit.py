@@ -162,8 +162,9 @@ def _drifts(
         whole: NDArray[np.float64] = np.einsum("fcn,n->fc", u, weights)
         return whole
     shares = np.where(block.present, weights, 0.0)
-    sums: NDArray[np.float64] = np.einsum("fcn,fn->fc", u, shares)
-    return sums / shares.sum(axis=1)[:, None]
+    shares /= shares.sum(axis=1)[:, None]
+    part: NDArray[np.float64] = np.einsum("fcn,fn->fc", u, shares)
+    return part
 
 
 def _fit_partly(
