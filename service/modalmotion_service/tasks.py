@@ -103,7 +103,7 @@ def sign(
         loaded = sequence_from_hdf5(sequence)
         named = _named(template)
     with watch.stage("fit"):
-        signature = modal_signature(loaded, parameters, template=named, cache=_kept())
+        signature = modal_signature(loaded, parameters, template=named, cache=_cache_for(named))
     with watch.stage("image"):
         image.write_bytes(signature_to_hdf5(signature))
     return watch.milliseconds
@@ -122,7 +122,7 @@ def sign_upload(
         sequence = _read(upload, options).sequence
         named = _named(template)
     with watch.stage("fit"):
-        signature = modal_signature(sequence, parameters, template=named, cache=_kept())
+        signature = modal_signature(sequence, parameters, template=named, cache=_cache_for(named))
     with watch.stage("render"):
         body = _SIGNATURE_WRITERS[media_type](signature)
     return body, watch.milliseconds
@@ -280,6 +280,11 @@ def _named(template: Path | None) -> Template | None:
         return None
     # The path ends with the template's id, which stands for its content.
     return _kept().named(template.name, lambda: template_from_hdf5(template))
+
+
+def _cache_for(template: Template | None) -> TemplateCache | None:
+    # A sequence's own template is seldom asked for again.
+    return None if template is None else _kept()
 
 
 def _as_json(signature: ModalSignature) -> bytes:
