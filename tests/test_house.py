@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 import yaml
 
@@ -38,6 +39,32 @@ def imported_by(statement: str) -> set[str]:
 def test_importing_the_library_pulls_in_only_numpy_and_scipy() -> None:
     heavy = {"h5py", "sklearn", "matplotlib", "click", "fastapi", "pydantic", "pandas"}
     assert not imported_by("import modalmotion") & heavy
+
+
+def test_help_and_the_bare_import_wait_for_nothing() -> None:
+    heavy = {"numpy", "scipy", "h5py", "fastapi", "pydantic", "httpx2"}
+    assert not imported_by("import modalmotion; from modalmotion.cli import main") & heavy
+    assert (
+        not imported_by(
+            "from modalmotion.cli import main; "
+            "main(['--help'], standalone_mode=False) if 'modalmotion' in sys.modules else None"
+        )
+        & heavy
+    )
+
+
+def test_every_command_of_the_list_is_one_and_is_described() -> None:
+    from modalmotion.cli import main
+    from modalmotion.cli.main import COMMANDS
+
+    context = click.Context(main)
+    assert list(COMMANDS) == sorted(COMMANDS)
+    for name, (_, line) in COMMANDS.items():
+        command = main.get_command(context, name)
+        assert command is not None
+        assert command.name == name
+        # The list says the beginning of what the command says of itself.
+        assert (command.help or "").replace("\n", " ").startswith(line.split(" that ")[0][:30])
 
 
 @pytest.mark.parametrize("package", ["modalmotion", "modalmotion_service"])

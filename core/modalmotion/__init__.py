@@ -1,5 +1,8 @@
 """Modal signatures and classes of nonrigid motion, from closed-form lattice modes."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from modalmotion.errors import (
     ConnectivityError,
     CorruptFileError,
@@ -15,26 +18,28 @@ from modalmotion.errors import (
     StoreError,
     TopologyError,
 )
-from modalmotion.formats import ReadLimits, read_npz, write_npz
-from modalmotion.lattice import Lattice
-from modalmotion.modes import ModeLabel, ModeSet, lowest_modes, whole_count
-from modalmotion.reconstruction import reconstruct
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
-from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
-from modalmotion.template import Template, Weights, make_template
-from modalmotion.topology import (
-    CLOSED_CURVE,
-    CUP,
-    CYLINDER,
-    OPEN_CURVE,
-    PLANE,
-    SPHERE,
-    TORUS,
-    End,
-    Topology,
-)
-from modalmotion.transform import project, project_all, superpose, superpose_all
+
+if TYPE_CHECKING:
+    from modalmotion.formats import ReadLimits, read_npz, write_npz
+    from modalmotion.lattice import Lattice
+    from modalmotion.modes import ModeLabel, ModeSet, lowest_modes, whole_count
+    from modalmotion.reconstruction import reconstruct
+    from modalmotion.sequence import MeshSequence, mesh_sequence
+    from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+    from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
+    from modalmotion.template import Template, Weights, make_template
+    from modalmotion.topology import (
+        CLOSED_CURVE,
+        CUP,
+        CYLINDER,
+        OPEN_CURVE,
+        PLANE,
+        SPHERE,
+        TORUS,
+        End,
+        Topology,
+    )
+    from modalmotion.transform import project, project_all, superpose, superpose_all
 
 __all__ = [
     "CLOSED_CURVE",
@@ -84,3 +89,71 @@ __all__ = [
     "whole_count",
     "write_npz",
 ]
+
+# Imported when they are first asked for: all at once take most of a second, and much of what
+# needs this package (a client, the help of a command) needs few of them.
+_HOMES = {
+    "modalmotion.formats": (
+        "ReadLimits",
+        "read_npz",
+        "write_npz",
+    ),
+    "modalmotion.lattice": ("Lattice",),
+    "modalmotion.modes": (
+        "ModeLabel",
+        "ModeSet",
+        "lowest_modes",
+        "whole_count",
+    ),
+    "modalmotion.reconstruction": ("reconstruct",),
+    "modalmotion.sequence": (
+        "MeshSequence",
+        "mesh_sequence",
+    ),
+    "modalmotion.signature": (
+        "ModalSignature",
+        "SignatureParameters",
+        "modal_signature",
+    ),
+    "modalmotion.simulate": (
+        "Acquisition",
+        "VentricleParameters",
+        "simulate_ventricle",
+    ),
+    "modalmotion.template": (
+        "Template",
+        "Weights",
+        "make_template",
+    ),
+    "modalmotion.topology": (
+        "CLOSED_CURVE",
+        "CUP",
+        "CYLINDER",
+        "OPEN_CURVE",
+        "PLANE",
+        "SPHERE",
+        "TORUS",
+        "End",
+        "Topology",
+    ),
+    "modalmotion.transform": (
+        "project",
+        "project_all",
+        "superpose",
+        "superpose_all",
+    ),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name (PEP 562)."""
+    if name not in _HOME_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value: object = getattr(import_module(_HOME_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

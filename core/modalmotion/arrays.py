@@ -55,21 +55,17 @@ def require_vertices(vertices: Any, name: str = "vertices") -> FloatArray:
     dtype = np.float32 if array.dtype == np.float32 else np.float64
     array = np.ascontiguousarray(array, dtype=dtype)
     for frame, positions in enumerate(array):
-        # A sum is finite unless a term is not (or the sum itself overflows): one pass, no copy.
-        with np.errstate(over="ignore", invalid="ignore"):
-            suspicious = not np.isfinite(positions.sum(dtype=np.float64))
-        if suspicious:
+        if not np.isfinite(positions).all():
             bad = np.argwhere(~np.isfinite(positions))
-            if bad.size:
-                vertex, axis = (int(i) for i in bad[0])
-                raise NonFiniteError(
-                    f"Frame {frame}, vertex {vertex}: {'xyz'[axis]} is "
-                    f"{positions[vertex, axis]} ({len(bad)} such values in this frame).",
-                    remedy="Repair or leave out the frame; missing points are not guessed.",
-                    frame=frame,
-                    vertex=vertex,
-                    details={"array": name, "count": len(bad)},
-                )
+            vertex, axis = (int(i) for i in bad[0])
+            raise NonFiniteError(
+                f"Frame {frame}, vertex {vertex}: {'xyz'[axis]} is "
+                f"{positions[vertex, axis]} ({len(bad)} such values in this frame).",
+                remedy="Repair or leave out the frame; missing points are not guessed.",
+                frame=frame,
+                vertex=vertex,
+                details={"array": name, "count": len(bad)},
+            )
     return array
 
 

@@ -23,6 +23,8 @@ class BlockFit:
     ----------
     amplitudes : (frames, 3, modes) float64
     rotations : Rotations
+    drifts : (frames, 3) float64
+        Of the weighted centroid from the reference's.
     mean_squares, p95_squares, max_squares : (frames,) float64
         Of the squared distances between vertices and their reconstruction.
     motion_squares : (frames,) float64
@@ -31,6 +33,7 @@ class BlockFit:
 
     amplitudes: NDArray[np.float64]
     rotations: Rotations
+    drifts: NDArray[np.float64]
     mean_squares: NDArray[np.float64]
     p95_squares: NDArray[np.float64]
     max_squares: NDArray[np.float64]
@@ -40,6 +43,7 @@ class BlockFit:
 def fit_displacements(
     u: NDArray[np.float64],
     rotations: Rotations,
+    drifts: NDArray[np.float64],
     basis: Basis,
     weights: NDArray[np.float64],
     ignored: NDArray[np.int64],
@@ -51,6 +55,8 @@ def fit_displacements(
     u : (frames, 3, vertices) float64
     rotations : Rotations
         Removed from them before.
+    drifts : (frames, 3) float64
+        Of the weighted centroid, part of them.
     basis : Basis
     weights : (vertices,) float64
     ignored : (n,) int64
@@ -60,7 +66,7 @@ def fit_displacements(
     rows = u.reshape(3 * f, n)
     a = product(rows, basis.columns)[:, : len(basis.modes)]
     squares = _squared_distances(rows, np.ascontiguousarray(a), basis.rows)
-    return _measured(a.reshape(f, 3, -1), rotations, squares, basis, weights, ignored)
+    return _measured(a.reshape(f, 3, -1), rotations, drifts, squares, basis, weights, ignored)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +118,8 @@ class PositionFit:
         m = len(self.basis.modes)
         rows = block.positions.reshape(3 * f, n)
         sums = product(rows, self.columns).reshape(f, 3, -1)
-        of_x, d = sums[:, :, :m], sums[:, :, m + 3]
+        of_x, d = sums[:, :, :m], sums[:, :, m + 3].copy()
+        d[block.is_still] = 0.0
         if remove_rotation:
             rotations = kabsch(sums[:, :, m : m + 3], self.shape.tolerance, self.shape.noise(d))
             rotations.matrices[block.is_still] = np.eye(3)
@@ -128,9 +135,9 @@ class PositionFit:
         model[:, :, :m] = R @ a
         model[:, :, m : m + 3] = R
         model[:, :, m + 3] = d - (R @ d[:, :, None])[:, :, 0]
-        model[block.is_still, :, m + 3] = 0.0
         squares = _squared_distances(rows, model.reshape(3 * f, m + 4), self.rows)
-        return _measured(a, rotations, squares, self.basis, self.shape.weights, self.shape.ignored)
+        weights, ignored = self.shape.weights, self.shape.ignored
+        return _measured(a, rotations, d, squares, self.basis, weights, ignored)
 
 
 def _squared_distances(
@@ -156,6 +163,7 @@ def _squared_distances(
 def _measured(
     a: NDArray[np.float64],
     rotations: Rotations,
+    drifts: NDArray[np.float64],
     squares: NDArray[np.float64],
     basis: Basis,
     weights: NDArray[np.float64],
@@ -171,6 +179,7 @@ def _measured(
     return BlockFit(
         amplitudes=a,
         rotations=rotations,
+        drifts=drifts,
         mean_squares=mean,
         p95_squares=weighted_quantile(squares, weights, 0.95),
         max_squares=squares.max(axis=1),

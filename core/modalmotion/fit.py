@@ -47,6 +47,8 @@ class Fit:
         Of x, y, z, or of the radial, tangential and axial displacement.
     rotations : Rotations
         Removed before the fit, about the centroid of each frame.
+    translations : (frames, 3) float64, length unit
+        Path of the weighted centroid from the reference's.
     rms_errors, p95_errors, max_errors : (frames,) float64, length unit
         Of the distances between vertices and their reconstruction; RMS and 95th percentile
         are over the surface (by weight), the maximum over all vertices of it.
@@ -60,6 +62,7 @@ class Fit:
 
     amplitudes: NDArray[np.float64]
     rotations: Rotations
+    translations: NDArray[np.float64]
     rms_errors: NDArray[np.float64]
     p95_errors: NDArray[np.float64]
     max_errors: NDArray[np.float64]
@@ -119,13 +122,14 @@ def fit_sequence(
             _store(fit, block.first, in_one.fit(block, remove_rotation), shape.scale)
             continue
         u, rotations = aligned(block, shape, remove_rotation)
+        drifts = _drifts(u, block, shape.weights)
         if frames is not None:
             u = to_local(u, frames)
         if block.present is None:
-            part = fit_displacements(u, rotations, basis, shape.weights, shape.ignored)
+            part = fit_displacements(u, rotations, drifts, basis, shape.weights, shape.ignored)
             _store(fit, block.first, part, shape.scale)
         else:
-            _fit_partly(fit, block, u, rotations, basis, shape)
+            _fit_partly(fit, block, u, rotations, drifts, basis, shape)
     return fit
 
 
@@ -149,11 +153,26 @@ def project(basis: Basis, displacements: NDArray[np.float64]) -> NDArray[np.floa
     return a.reshape(f, 3, -1).transpose(0, 2, 1)
 
 
+def _drifts(
+    u: NDArray[np.float64], block: PositionBlock, weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Mean displacement of each frame, over what it has: turning about the centroid adds none."""
+    # einsum adds in one order whatever the number of threads.
+    if block.present is None:
+        whole: NDArray[np.float64] = np.einsum("fcn,n->fc", u, weights)
+        return whole
+    shares = np.where(block.present, weights, 0.0)
+    shares /= shares.sum(axis=1)[:, None]
+    part: NDArray[np.float64] = np.einsum("fcn,fn->fc", u, shares)
+    return part
+
+
 def _fit_partly(
     fit: Fit,
     block: PositionBlock,
     u: NDArray[np.float64],
     rotations: Rotations,
+    drifts: NDArray[np.float64],
     basis: Basis,
     shape: ReferenceShape,
 ) -> None:
@@ -175,7 +194,8 @@ def _fit_partly(
             ) from error
         ignored = np.union1d(np.flatnonzero(~kept), shape.ignored)
         turned = Rotations(rotations.matrices[k : k + 1], rotations.is_determined[k : k + 1])
-        found = fit_displacements(u[k : k + 1], turned, part, share / coverage, ignored)
+        here = slice(k, k + 1)
+        found = fit_displacements(u[here], turned, drifts[here], part, share / coverage, ignored)
         _store(fit, frame, found, shape.scale)
         fit.conditions[frame], fit.coverages[frame] = part.condition, coverage
 
@@ -184,6 +204,7 @@ def _empty(n_frames: int, n_modes: int, condition: float) -> Fit:
     return Fit(
         amplitudes=np.empty((n_frames, n_modes, 3)),
         rotations=Rotations(np.empty((n_frames, 3, 3)), np.empty(n_frames, dtype=np.bool_)),
+        translations=np.empty((n_frames, 3)),
         rms_errors=np.empty(n_frames),
         p95_errors=np.empty(n_frames),
         max_errors=np.empty(n_frames),
@@ -198,6 +219,7 @@ def _store(fit: Fit, first: int, part: BlockFit, scale: float) -> None:
     fit.amplitudes[at] = part.amplitudes.transpose(0, 2, 1) * scale
     fit.rotations.matrices[at] = part.rotations.matrices
     fit.rotations.is_determined[at] = part.rotations.is_determined
+    fit.translations[at] = part.drifts * scale
     fit.rms_errors[at] = np.sqrt(part.mean_squares) * scale
     fit.p95_errors[at] = np.sqrt(part.p95_squares) * scale
     fit.max_errors[at] = np.sqrt(part.max_squares) * scale

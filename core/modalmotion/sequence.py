@@ -100,7 +100,8 @@ class MeshSequence:
             "unit": self.unit,
         }
         digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
-        digest.update(np.ascontiguousarray(vertices).astype(vertices.dtype.newbyteorder("<")).data)
+        little = vertices.dtype.newbyteorder("<")
+        digest.update(np.ascontiguousarray(vertices).astype(little, copy=False).data)
         digest.update(np.ascontiguousarray(self.faces.astype("<i8")).data)
         if self.times is not None:
             digest.update(np.ascontiguousarray(self.times.astype("<f8")).data)

@@ -119,6 +119,18 @@ class Analysis:
             return kept
         return await self._flights.join((sequence_id, parameters.key), make)
 
+    async def signature_of_upload(
+        self, upload: Upload, parameters: SignatureParameters, media_type: str
+    ) -> bytes:
+        """Fit an upload and give its signature as the media type; nothing is kept."""
+        template = self._template_path(parameters)
+        path, options = upload.spooled.path, upload.options
+        with stage("worker"):
+            work = self._work(tasks.sign_upload, path, options, parameters, template, media_type)
+            body, milliseconds = await work
+        add_milliseconds(milliseconds)
+        return body
+
     async def distance(
         self, sequence_id: str, other_id: str, parameters: SignatureParameters, closed: bool
     ) -> Comparison:

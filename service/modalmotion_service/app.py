@@ -31,6 +31,7 @@ from modalmotion_service.routes import (
     kserve,
     limits,
     prometheus,
+    sent_signature,
     sequences,
     signatures,
     templates,
@@ -108,7 +109,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(SecurityHeaders)
     app.add_middleware(Observation)
     for module in (
-        *(sequences, signatures, templates, codec, classifications, jobs, limits),
+        *(sequences, signatures, sent_signature, templates, codec, classifications, jobs, limits),
         *(audit, health, kserve, prometheus, documentation),
     ):
         app.include_router(module.router)

@@ -6,9 +6,6 @@ from pathlib import Path
 
 import click
 
-from modalmotion_service.server import run
-from modalmotion_service.settings import Settings
-
 
 @click.command()
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
@@ -20,5 +17,9 @@ from modalmotion_service.settings import Settings
 )
 def serve(host: str, port: int, data_dir: Path | None) -> None:
     """Start the HTTP service; its documentation is at /docs."""
+    # Here, so that the help of all commands need not import the service.
+    from modalmotion_service.server import run
+    from modalmotion_service.settings import Settings
+
     settings = Settings() if data_dir is None else Settings(data_dir=data_dir)
     run(settings, host, port)

@@ -44,6 +44,10 @@ class State:
     jobs: JobRunner
 
 
+# Coroutines, though some wait for nothing: FastAPI runs plain functions in threads, and each of
+# the two switches costs more than the function.
+
+
 async def get_state(request: Request) -> State:
     """Give what is open for the owner of the key that came; nobody else's.
 
@@ -84,9 +88,11 @@ async def receive_upload(request: Request, state: StateDependency) -> SpooledUpl
     MalformedFileError
         If a form holds no such part.
     """
+    # What an idempotency key stands for is compared by its hash; nothing else asks for one.
+    hashed = "idempotency-key" in request.headers
     with stage("receive"):
         if not request.headers.get("content-type", "").startswith("multipart/form-data"):
-            return await state.spool.receive(request.stream())
+            return await state.spool.receive(request.stream(), hashed=hashed)
         async with request.form(max_files=1, max_fields=20) as form:
             part = form.get("file")
             if not isinstance(part, UploadFile):
@@ -94,7 +100,7 @@ async def receive_upload(request: Request, state: StateDependency) -> SpooledUpl
                     "The form has no file part named 'file'.",
                     remedy="Send one part named 'file', or the bytes as the raw body.",
                 )
-            return await state.spool.receive(_pieces(part))
+            return await state.spool.receive(_pieces(part), hashed=hashed)
 
 
 async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:

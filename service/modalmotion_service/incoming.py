@@ -55,7 +55,9 @@ class BodyLimits:
                 return await receive()
             left = end - loop.time()
             try:
-                message = await asyncio.wait_for(receive(), min(self.idle_seconds, max(left, 0)))
+                # Not `wait_for`, which makes a task of each of the body's many pieces.
+                async with asyncio.timeout(min(self.idle_seconds, max(left, 0))):
+                    message = await receive()
             except TimeoutError:
                 raise self._too_slow(received, left) from None
             received += len(message.get("body", b""))

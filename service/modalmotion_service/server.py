@@ -7,6 +7,7 @@ from typing import Any
 
 import h11
 import uvicorn
+from fastapi import FastAPI
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from modalmotion.errors import MalformedFileError
@@ -97,8 +98,13 @@ def run(settings: Settings, host: str, port: int) -> None:
         pass  # Said here, before uvicorn would say it with a traceback.
     chosen = secured(settings, host)
     offer_first_key(chosen)
+    run_app(create_app(chosen), chosen, host, port)
+
+
+def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
+    """Serve an application as `run` serves the service's own."""
     uvicorn.run(
-        create_app(chosen),
+        app,
         host=host,
         port=port,
         http=protocol_with_deadline(settings.header_seconds),

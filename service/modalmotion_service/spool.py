@@ -20,7 +20,7 @@ class SpooledUpload:
     ----------
     path : Path
     sha256 : str
-        Of the bytes, in hex.
+        Of the bytes, in hex; empty where nobody asked for it.
     n_bytes : int
     """
 
@@ -38,9 +38,8 @@ class SpooledUpload:
             raise cannot_write(self.path, error) from error
 
     def remove(self) -> None:
-        """Remove the file, and what was made beside it."""
-        for path in self.path.parent.glob(f"{self.path.name}*"):
-            path.unlink(missing_ok=True)
+        """Remove the file."""
+        self.path.unlink(missing_ok=True)
 
 
 class Spool:
@@ -63,8 +62,14 @@ class Spool:
         """Give the path of a file by its name, as jobs remember it."""
         return self.folder / Path(name).name
 
-    async def receive(self, chunks: AsyncIterator[bytes]) -> SpooledUpload:
+    async def receive(self, chunks: AsyncIterator[bytes], *, hashed: bool = True) -> SpooledUpload:
         """Write what comes in to a file; nothing stays behind if it fails.
+
+        Parameters
+        ----------
+        chunks : async iterator of bytes
+        hashed : bool
+            Whether its sha256 is wanted, which takes as long as writing.
 
         Raises
         ------
@@ -77,7 +82,8 @@ class Spool:
             # Pieces of some 64 KiB go to the page cache: no thread is worth its switch.
             with path.open("xb", buffering=0) as file:
                 async for chunk in chunks:
-                    digest.update(chunk)
+                    if hashed:
+                        digest.update(chunk)
                     n_bytes += len(chunk)
                     view = memoryview(chunk)
                     while view:
@@ -88,7 +94,7 @@ class Spool:
         except BaseException:
             path.unlink(missing_ok=True)
             raise
-        return SpooledUpload(path, digest.hexdigest(), n_bytes)
+        return SpooledUpload(path, digest.hexdigest() if hashed else "", n_bytes)
 
     def clear(self, keep: set[str]) -> None:
         """Remove what an ended process left, but for files that jobs still need."""

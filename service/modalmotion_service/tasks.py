@@ -11,8 +11,9 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -48,7 +49,9 @@ from modalmotion.store import (
     write_pack,
 )
 from modalmotion.superposed import SurfaceFormat, write_superposed
-from modalmotion_service.negotiation import NPZ, RAW, VTKHDF
+from modalmotion.template import Template
+from modalmotion.template_cache import TemplateCache
+from modalmotion_service.negotiation import HDF5, JSON, NPZ, RAW, VTKHDF
 from modalmotion_service.schemas import (
     EncodedAnswer,
     EncodingTarget,
@@ -56,6 +59,9 @@ from modalmotion_service.schemas import (
     SignatureAnswer,
     TemplateAnswer,
 )
+
+# Templates and factored modes that a worker holds on to, each.
+_KEPT_BYTES: Final = 32_000_000
 
 
 @dataclass(frozen=True)
@@ -95,12 +101,31 @@ def sign(
     watch = _Stopwatch()
     with watch.stage("load"):
         loaded = sequence_from_hdf5(sequence)
-        named = None if template is None else template_from_hdf5(template)
+        named = _named(template)
     with watch.stage("fit"):
-        signature = modal_signature(loaded, parameters, template=named)
+        signature = modal_signature(loaded, parameters, template=named, cache=_cache_for(named))
     with watch.stage("image"):
         image.write_bytes(signature_to_hdf5(signature))
     return watch.milliseconds
+
+
+def sign_upload(
+    upload: Path,
+    options: ReadOptions,
+    parameters: SignatureParameters,
+    template: Path | None,
+    media_type: str,
+) -> tuple[bytes, dict[str, float]]:
+    """Fit an upload and write its signature out; gives milliseconds by stage besides."""
+    watch = _Stopwatch()
+    with watch.stage("read"):
+        sequence = _read(upload, options).sequence
+        named = _named(template)
+    with watch.stage("fit"):
+        signature = modal_signature(sequence, parameters, template=named, cache=_cache_for(named))
+    with watch.stage("render"):
+        body = _SIGNATURE_WRITERS[media_type](signature)
+    return body, watch.milliseconds
 
 
 def signature_as_json(path: Path, file: str) -> bytes:
@@ -242,6 +267,46 @@ def pack_hdf5(signatures: list[Path], records: list[SequenceRecord], output: Pat
 def _read(upload: Path, options: ReadOptions) -> ReadResult:
     # This process may be lost and is limited from outside: parsers need none of their own.
     return read_sequence(upload.read_bytes(), options, parser=ParserHere(options.limits))
+
+
+@lru_cache(maxsize=1)
+def _kept() -> TemplateCache:
+    """Give what this process has made ready for cohorts that name a template."""
+    return TemplateCache(most_bytes=_KEPT_BYTES)
+
+
+def _named(template: Path | None) -> Template | None:
+    if template is None:
+        return None
+    # The path ends with the template's id, which stands for its content.
+    return _kept().named(template.name, lambda: template_from_hdf5(template))
+
+
+def _cache_for(template: Template | None) -> TemplateCache | None:
+    # A sequence's own template is seldom asked for again.
+    return None if template is None else _kept()
+
+
+def _as_json(signature: ModalSignature) -> bytes:
+    return SignatureAnswer.of(signature, None).model_dump_json().encode()
+
+
+def _as_npz(signature: ModalSignature) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, **_trajectory(signature))
+    return buffer.getvalue()
+
+
+def _as_raw(signature: ModalSignature) -> bytes:
+    return signature.amplitudes.astype("<f4").tobytes()
+
+
+_SIGNATURE_WRITERS: Final = {
+    JSON: _as_json,
+    HDF5: signature_to_hdf5,
+    NPZ: _as_npz,
+    RAW: _as_raw,
+}
 
 
 def _trajectory(signature: ModalSignature) -> dict[str, Any]:

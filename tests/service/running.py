@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.client
 import json
 import os
@@ -10,7 +11,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,8 @@ class RunningService:
     port: int = 0
     process: subprocess.Popen[bytes] | None = None
     log: Path = Path()
+    program: Sequence[str] = ()
+    """In place of `modalmotion serve`: takes the port and the folder."""
 
     def start(self) -> RunningService:
         with socket.socket() as probe:
@@ -46,10 +49,7 @@ class RunningService:
             self.log = self.data_dir.parent / "service.log"
         with self.log.open("ab") as sink:
             self.process = subprocess.Popen(
-                [
-                    *(sys.executable, "-W", "error", "-m", "modalmotion", "serve"),
-                    *("--port", str(self.port), "--data-dir", str(self.data_dir)),
-                ],
+                [sys.executable, "-W", "error", *self._program()],
                 env=environment,
                 stdout=sink,
                 stderr=subprocess.STDOUT,
@@ -64,6 +64,38 @@ class RunningService:
                 assert self.process.poll() is None, self.log.read_text()[-3000:]
                 time.sleep(0.05)
         raise AssertionError(f"not ready: {self.log.read_text()[-3000:]}")
+
+    def _program(self) -> list[str]:
+        port, folder = str(self.port), str(self.data_dir)
+        if self.program:
+            return [*self.program, port, folder]
+        return ["-m", "modalmotion", "serve", "--port", port, "--data-dir", folder]
+
+    @property
+    def base(self) -> str:
+        return f"http://127.0.0.1:{self.port}"
+
+    def processes(self) -> list[int]:
+        """The server, its fork server, its workers."""
+        assert self.process is not None
+        children: dict[int, list[int]] = {}
+        for stat in Path("/proc").glob("[0-9]*/stat"):
+            with contextlib.suppress(OSError):
+                parent = int(stat.read_text().rpartition(")")[2].split()[1])
+                children.setdefault(parent, []).append(int(stat.parent.name))
+        found = [self.process.pid]
+        for pid in found:
+            found += children.get(pid, [])
+        return found
+
+    def memory(self) -> int:
+        """Bytes in memory of all processes; pages that several share are counted once."""
+        return 1024 * sum(_kilobytes(pid, "smaps_rollup", "Pss:") for pid in self.processes())
+
+    def cpu_seconds(self) -> dict[str, float]:
+        """Processor time so far, of the server and of all it has started."""
+        server, *others = [_cpu_seconds(pid) for pid in self.processes()]
+        return {"server": server, "workers": sum(others)}
 
     def request(
         self,
@@ -108,3 +140,18 @@ class RunningService:
                 self.terminate(30.0)
             except subprocess.TimeoutExpired:
                 self.kill()
+
+
+def _kilobytes(pid: int, file: str, name: str) -> int:
+    with contextlib.suppress(OSError):
+        for line in Path(f"/proc/{pid}/{file}").read_text().splitlines():
+            if line.startswith(name):
+                return int(line.split()[1])
+    return 0
+
+
+def _cpu_seconds(pid: int) -> float:
+    with contextlib.suppress(OSError):
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return 0.0

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from importlib.metadata import entry_points
+from typing import Final
 
 import click
 
-from modalmotion.cli.analysis_commands import classify, reconstruct, signature
-from modalmotion.cli.codec_commands import decode, encode
-from modalmotion.cli.simulate_command import simulate
-from modalmotion.cli.store_commands import store
 from modalmotion.errors import ModalMotionError
+
+COMMANDS: Final = {
+    "classify": ("analysis_commands", "Name the motion class of the sequence in FILE."),
+    "decode": ("codec_commands", "Decode a compressed STREAM, or some of its frames."),
+    "encode": ("codec_commands", "Compress the sequence in FILE at an error that you choose."),
+    "reconstruct": ("analysis_commands", "Write the surfaces that a few modes stand for."),
+    "signature": ("analysis_commands", "Fit the modal signature of the sequence in FILE."),
+    "simulate": ("simulate_command", "Simulate one heartbeat of a left ventricle."),
+    "store": ("store_commands", "Look after a folder of results; no server may have it open."),
+}
+"""Module and one line for each; what a command needs is imported when it is called."""
 
 
 class _Commands(click.Group):
@@ -18,17 +27,19 @@ class _Commands(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         registered = {entry.name for entry in entry_points(group="modalmotion.commands")}
-        return sorted({*super().list_commands(ctx), *registered})
+        return sorted({*super().list_commands(ctx), *COMMANDS, *registered})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        own = super().get_command(ctx, cmd_name)
-        if own is not None:
-            return own
+        if cmd_name in COMMANDS:
+            module = import_module(f"modalmotion.cli.{COMMANDS[cmd_name][0]}")
+            return _command(getattr(module, cmd_name))
         for entry in entry_points(group="modalmotion.commands", name=cmd_name):
-            command = entry.load()
-            if isinstance(command, click.Command):
-                return command
-        return None
+            return _command(entry.load())
+        return super().get_command(ctx, cmd_name)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, self._line(ctx, name)) for name in self.list_commands(ctx)])
 
     def invoke(self, ctx: click.Context) -> object:
         try:
@@ -36,12 +47,18 @@ class _Commands(click.Group):
         except ModalMotionError as error:
             raise click.ClickException(str(error)) from error
 
+    def _line(self, ctx: click.Context, name: str) -> str:
+        if name in COMMANDS:
+            return COMMANDS[name][1]
+        command = self.get_command(ctx, name)
+        return "" if command is None else command.get_short_help_str(limit=80)
+
+
+def _command(found: object) -> click.Command | None:
+    return found if isinstance(found, click.Command) else None
+
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="modalmotion")
 def main() -> None:
     """Modal signatures and classes of nonrigidly moving surfaces."""
-
-
-for command in (signature, reconstruct, encode, decode, classify, simulate, store):
-    main.add_command(command)

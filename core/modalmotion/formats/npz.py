@@ -112,6 +112,13 @@ def write_npz(sequence: MeshSequence) -> bytes:
     bytes
         What `read_npz` reads back with the same id.
     """
+    buffer = io.BytesIO()
+    np.savez(buffer, **npz_arrays(sequence))
+    return buffer.getvalue()
+
+
+def npz_arrays(sequence: MeshSequence) -> dict[str, Any]:
+    """Arrays of the archive that a sequence is written as, by name."""
     arrays: dict[str, Any] = {"vertices": sequence.vertices, "faces": sequence.faces}
     if sequence.grid is not None:
         arrays["grid"] = np.array(sequence.grid)
@@ -121,9 +128,7 @@ def write_npz(sequence: MeshSequence) -> bytes:
         arrays["times"] = sequence.times
     if sequence.unit is not None:
         arrays["unit"] = np.array(sequence.unit)
-    buffer = io.BytesIO()
-    np.savez(buffer, **arrays)
-    return buffer.getvalue()
+    return arrays
 
 
 @dataclass(frozen=True)

@@ -178,10 +178,12 @@ class SignatureAnswer(BaseModel):
     parameters: dict[str, object] = Field(description="As asked for.")
     provenance: dict[str, str]
     intended_use: str = INTENDED_USE
-    file: str = Field(description="HDF5 file of this result, within the data folder.")
+    file: str | None = Field(
+        description="HDF5 file of this result, within the data folder; null where none is kept."
+    )
 
     @staticmethod
-    def of(signature: ModalSignature, file: str) -> SignatureAnswer:
+    def of(signature: ModalSignature, file: str | None) -> SignatureAnswer:
         """Write a signature out as lists."""
         asked = signature.parameters
         return SignatureAnswer(

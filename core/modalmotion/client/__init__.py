@@ -1,0 +1,40 @@
+"""A client of the HTTP service; needs the extra `client`."""
+
+from modalmotion.client.answers import (
+    ClassAnswer,
+    CompressedSequence,
+    SequenceInfo,
+    SignatureArrays,
+    TemplateInfo,
+)
+from modalmotion.client.client import Client
+from modalmotion.client.connection import Answer
+from modalmotion.client.errors import (
+    BrokenAnswerError,
+    JobCancelledError,
+    JobUnfinishedError,
+    RemoteError,
+    UnreachableError,
+)
+from modalmotion.client.jobs import Job, JobStatus
+from modalmotion.client.retries import Retries
+from modalmotion.client.sequence_calls import UNCHANGED
+
+__all__ = [
+    "UNCHANGED",
+    "Answer",
+    "BrokenAnswerError",
+    "ClassAnswer",
+    "Client",
+    "CompressedSequence",
+    "Job",
+    "JobCancelledError",
+    "JobStatus",
+    "JobUnfinishedError",
+    "RemoteError",
+    "Retries",
+    "SequenceInfo",
+    "SignatureArrays",
+    "TemplateInfo",
+    "UnreachableError",
+]

@@ -1,0 +1,206 @@
+"""What the service says, as values."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.client.connection import Answer
+from modalmotion.client.errors import BrokenAnswerError
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class SequenceInfo:
+    """What is known of a kept sequence.
+
+    Parameters
+    ----------
+    id : str
+        sha256 of the content, in hex.
+    n_frames, n_vertices, n_faces : int
+    topology, unit : str or None
+    subject, label : str or None
+    created : str
+        When it was first received, ISO 8601 in UTC.
+    answer : dict
+        All that the service says of it.
+    """
+
+    id: str
+    n_frames: int
+    n_vertices: int
+    n_faces: int
+    topology: str | None
+    unit: str | None
+    subject: str | None
+    label: str | None
+    created: str
+    answer: dict[str, Any] = field(repr=False, compare=False)
+
+
+@dataclass(frozen=True)
+class TemplateInfo:
+    """Natural coordinates of a surface.
+
+    Parameters
+    ----------
+    id : str
+        To be named by sequences whose vertices correspond: `signature(id, template=...)`.
+    topology : str
+        Or "mesh" where no natural coordinates are known.
+    n_vertices, n_faces : int
+    notes : list of str
+    answer : dict
+        All that the service says of it, such as landmarks and how well they are determined.
+    """
+
+    id: str
+    topology: str
+    n_vertices: int
+    n_faces: int
+    notes: list[str]
+    answer: dict[str, Any] = field(repr=False, compare=False)
+
+
+@dataclass(frozen=True)
+class ClassAnswer:
+    """What a model says of one sequence.
+
+    Parameters
+    ----------
+    label : str or None
+        Most probable class; None where the model abstains.
+    probability : float
+        Of the most probable class.
+    probabilities : dict
+        Of each class.
+    model, model_id : str
+    notes : list of str
+        Why it abstains, and what a user should know of the model.
+    answer : dict
+        All that the service says.
+    """
+
+    label: str | None
+    probability: float
+    probabilities: dict[str, float]
+    model: str
+    model_id: str
+    notes: list[str]
+    answer: dict[str, Any] = field(repr=False, compare=False)
+
+
+@dataclass(frozen=True, eq=False)
+class SignatureArrays:
+    """The trajectory of one of many signatures.
+
+    Parameters
+    ----------
+    id : str
+        Of the sequence.
+    label : str
+        Class as users say; empty where nobody does.
+    modes : tuple of str
+        Names of the modes.
+    amplitudes : (frames, modes, 3) float64, length unit
+    angular_frequencies : (modes,) float64, rad per s
+    rms_errors : (frames,) float64, length unit
+    times : (frames,) float64, s, or None
+    """
+
+    id: str
+    label: str
+    modes: tuple[str, ...]
+    amplitudes: NDArray[np.float64]
+    angular_frequencies: NDArray[np.float64]
+    rms_errors: NDArray[np.float64]
+    times: NDArray[np.float64] | None
+
+
+@dataclass(frozen=True)
+class CompressedSequence:
+    """A compressed stream, and what the service measured on it after decoding it.
+
+    Parameters
+    ----------
+    data : bytes
+    rms, max_error : float, length unit
+    kg_error : float
+        Karni-Gotsman error.
+    bits_per_vertex_and_frame : float
+    transform : str
+    """
+
+    data: bytes = field(repr=False)
+    rms: float
+    max_error: float
+    kg_error: float
+    bits_per_vertex_and_frame: float
+    transform: str
+
+
+def value_of(kind: Callable[..., T], answer: Any) -> T:
+    """Make a value of the members of a JSON answer that it has fields for.
+
+    Raises
+    ------
+    BrokenAnswerError
+        If a member is not there.
+    """
+    names = [name for name in kind.__annotations__ if name != "answer"]
+    try:
+        return kind(**{name: answer[name] for name in names}, answer=answer)
+    except (KeyError, TypeError) as error:
+        raise BrokenAnswerError(
+            f"The answer is not what is understood here: {error} is not there.",
+            remedy="Check the address, and the versions of service and client.",
+        ) from error
+
+
+def compressed_of(answer: Answer) -> CompressedSequence:
+    """Read a compressed stream and its headers."""
+    try:
+        return CompressedSequence(
+            data=answer.content,
+            rms=float(answer.headers["encoded-rms"]),
+            max_error=float(answer.headers["encoded-max-error"]),
+            kg_error=float(answer.headers["encoded-kg-error"]),
+            bits_per_vertex_and_frame=float(answer.headers["encoded-bits-per-vertex-and-frame"]),
+            transform=answer.headers["encoded-transform"],
+        )
+    except (KeyError, ValueError) as error:
+        raise BrokenAnswerError(
+            "The answer does not say what was measured on the stream.",
+            remedy="Check that nothing on the way takes headers off.",
+        ) from error
+
+
+def pack_of(answer: Answer) -> list[SignatureArrays]:
+    """Read many signatures from one .npz archive."""
+    try:
+        with np.load(io.BytesIO(answer.content), allow_pickle=False) as pack:
+            labels = pack["labels"]
+            return [
+                SignatureArrays(
+                    id=str(sequence_id),
+                    label=str(labels[number]),
+                    modes=tuple(map(str, pack[f"modes_{number}"])),
+                    amplitudes=pack[f"amplitudes_{number}"],
+                    angular_frequencies=pack[f"angular_frequencies_{number}"],
+                    rms_errors=pack[f"rms_errors_{number}"],
+                    times=pack.get(f"times_{number}"),
+                )
+                for number, sequence_id in enumerate(pack["ids"])
+            ]
+    except (KeyError, ValueError, OSError, IndexError) as error:
+        raise BrokenAnswerError(
+            "The answer is no archive of signatures.",
+            remedy="Check the address, and the versions of service and client.",
+        ) from error

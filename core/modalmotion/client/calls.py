@@ -1,0 +1,124 @@
+"""What every group of calls is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from modalmotion.client.bodies import Progress
+from modalmotion.client.connection import Answer, Call, Connection
+from modalmotion.client.errors import BrokenAnswerError
+from modalmotion.client.jobs import Job, JobStatus, awaited
+from modalmotion.client.query import Option
+from modalmotion.errors import ParameterError, StoreError
+from modalmotion.formats.npz import read_npz
+from modalmotion.sequence import MeshSequence
+
+T = TypeVar("T")
+
+JSON: Final = "application/json"
+HDF5: Final = "application/x-hdf5"
+NPZ: Final = "application/x-npz"
+PNG: Final = "image/png"
+STREAM: Final = "application/vnd.modalmotion.stream"
+
+
+class Calls:
+    """A group of calls to one service.
+
+    Parameters
+    ----------
+    connection : Connection
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def _get(
+        self, path: str, query: Mapping[str, Option] | None = None, accept: str = JSON
+    ) -> Answer:
+        return self._connection.send(Call("GET", path, query, accept))
+
+    def _awaited(
+        self,
+        call: Call,
+        read: Callable[[Answer], T],
+        progress: Callable[[float], None] | None = None,
+    ) -> T:
+        return awaited(self._connection, self._connection.send(call), read, call.accept, progress)
+
+    def _started(
+        self, call: Call, read: Callable[[Answer], T], progress: Progress | None = None
+    ) -> Job[T]:
+        """Have the service make a job of a call.
+
+        Raises
+        ------
+        BrokenAnswerError
+            If it answers with the result all the same.
+        """
+        answer = self._connection.send(call.with_headers(Prefer="respond-async"), progress)
+        if answer.status != 202:
+            raise BrokenAnswerError(
+                f"The service answered {answer.status} where a job was asked for.",
+                remedy="Make the call that waits for its result.",
+            )
+        return Job(self._connection, JobStatus.of(answer.json), read, call.accept)
+
+    def _pages(self, path: str, member: str, **query: Option) -> Iterator[dict[str, Any]]:
+        """Members of a list, one page after the other."""
+        cursor: str | None = None
+        while True:
+            page = self._get(path, {**query, "cursor": cursor}).json
+            try:
+                yield from page[member]
+                cursor = page["cursor"]
+            except (KeyError, TypeError) as error:
+                raise BrokenAnswerError(
+                    f"The answer is no page of {member}.",
+                    remedy="Check the version of the service.",
+                ) from error
+            if cursor is None:
+                return
+
+
+def sequence_of(answer: Answer) -> MeshSequence:
+    """Read a sequence that came as .npz."""
+    return read_npz(answer.content).sequence
+
+
+def save(content: bytes, path: Path) -> None:
+    """Write a file, all of it or none.
+
+    Raises
+    ------
+    StoreError
+        If it cannot be written.
+    """
+    part = path.with_name(f"{path.name}.part")
+    try:
+        part.write_bytes(content)
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise StoreError(
+            f"'{path.name}' cannot be written: {error.strerror}.",
+            remedy="Check its folder, and the room on its disk.",
+        ) from error
+
+
+def require_suffix(path: Path, known: dict[str, str]) -> str:
+    """Media type that a file's suffix stands for.
+
+    Raises
+    ------
+    ParameterError
+        If it stands for none.
+    """
+    found = known.get(path.suffix.lower())
+    if found is None:
+        raise ParameterError(
+            f"'{path.name}' does not say what to write.", remedy=f"Use one of {', '.join(known)}."
+        )
+    return found

@@ -1,0 +1,53 @@
+"""Compressed streams."""
+
+from __future__ import annotations
+
+from modalmotion.client.answers import CompressedSequence, compressed_of
+from modalmotion.client.bodies import Progress, Source, body_of
+from modalmotion.client.calls import NPZ, STREAM, Calls, sequence_of
+from modalmotion.client.connection import Call
+from modalmotion.client.query import Option
+from modalmotion.sequence import MeshSequence
+
+
+class CodecCalls(Calls):
+    """Compressed streams."""
+
+    def encode(
+        self, source: Source, *, progress: Progress | None = None, **options: Option
+    ) -> CompressedSequence:
+        """Compress a sequence at an error you choose; nothing is stored.
+
+        Parameters
+        ----------
+        source : path, bytes or MeshSequence
+        progress : callable, optional
+            Called with the bytes sent so far and those to send in all.
+        **options
+            One of rms, max_error (length unit of the sequence) and bytes; effort; and how to
+            read the file.
+        """
+        call = Call("POST", "/v1/encode", options, STREAM, body_of(source), is_repeatable=True)
+        return compressed_of(self._connection.send(call, progress))
+
+    def encoded(self, sequence_id: str, **options: Option) -> CompressedSequence:
+        """Give a kept sequence as a compressed stream: rms, max_error or bytes; effort."""
+        call = Call("GET", f"/v1/sequences/{sequence_id}/encoded", options, STREAM)
+        return self._awaited(call, compressed_of)
+
+    def decode(
+        self, source: Source, *, frames: range | None = None, progress: Progress | None = None
+    ) -> MeshSequence:
+        """Decode a stream.
+
+        Parameters
+        ----------
+        source : path or bytes
+        frames : range, optional
+            Without gaps; all frames by default.
+        progress : callable, optional
+            Called with the bytes sent so far and those to send in all.
+        """
+        ends = {} if frames is None else {"first": frames.start, "stop": frames.stop}
+        call = Call("POST", "/v1/decode", ends, NPZ, body_of(source), is_repeatable=True)
+        return sequence_of(self._connection.send(call, progress))

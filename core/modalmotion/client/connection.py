@@ -1,0 +1,284 @@
+"""One service over HTTP: requests, retries, and errors in the library's own words."""
+
+from __future__ import annotations
+
+import ipaddress
+import json
+import secrets
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit
+
+from modalmotion.client.bodies import Body, Progress
+from modalmotion.client.errors import (
+    BrokenAnswerError,
+    RemoteError,
+    UnreachableError,
+    error_of_answer,
+)
+from modalmotion.client.query import Option, query_of
+from modalmotion.client.retries import Retries, is_passing, retry_after
+from modalmotion.errors import ParameterError
+
+if TYPE_CHECKING:
+    import httpx2
+
+JSON: Final = "application/json"
+
+# A request with a key whose first attempt is still at work is answered so.
+_STILL_UNDER_WAY: Final = 409
+
+# What may be sent twice whatever it does.
+_SAFE: Final = frozenset({"GET", "HEAD", "PUT", "DELETE", "PATCH"})
+
+
+@dataclass(frozen=True)
+class Call:
+    """A request that has not been sent.
+
+    Parameters
+    ----------
+    method, path : str
+        The path begins with a slash, and may hold a query.
+    query : mapping
+    accept : str
+        Media type that is wanted.
+    body : Body, optional
+    headers : mapping
+    is_repeatable : bool
+        Whether it may be sent twice though it is a POST: it keeps nothing, or the same once.
+    is_keyed : bool
+        It is sent with an idempotency key, and may be sent twice for that.
+    """
+
+    method: str
+    path: str
+    query: Mapping[str, Option] | None = None
+    accept: str = JSON
+    body: Body | None = None
+    headers: Mapping[str, str] | None = None
+    is_repeatable: bool = False
+    is_keyed: bool = False
+
+    def with_headers(self, **headers: str) -> Call:
+        """Return the same call with more headers."""
+        named = {name.replace("_", "-"): value for name, value in headers.items()}
+        return replace(self, headers={**(self.headers or {}), **named})
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the service answered with, read to the end.
+
+    Parameters
+    ----------
+    status : int
+        Below 400.
+    headers : mapping
+        Names in lower case.
+    content : bytes
+    """
+
+    status: int
+    headers: Mapping[str, str]
+    content: bytes
+
+    @property
+    def json(self) -> Any:
+        """The content as JSON.
+
+        Raises
+        ------
+        BrokenAnswerError
+            If it is none.
+        """
+        try:
+            return json.loads(self.content)
+        except ValueError as error:
+            raise BrokenAnswerError(
+                "The answer is no JSON.",
+                remedy="Check that the address is that of a modalmotion service.",
+            ) from error
+
+
+class Connection:
+    """Connections to one service, kept open between calls.
+
+    Parameters
+    ----------
+    base_url : str
+        Such as http://127.0.0.1:8000; a path before the service's own is kept.
+    key : str or None
+        API key; sent to this service alone, for no redirection is followed.
+    timeout : float, s
+        For connecting, and for each pause within a request or an answer.
+    retries : Retries
+    transport : httpx2.BaseTransport, optional
+        In place of the network, such as an application in the same process.
+    sleep : function
+        Of seconds; kept as `sleep` for whatever waits for this service.
+    """
+
+    def __init__(
+        self,
+        base_url: str,
+        key: str | None,
+        timeout: float,
+        retries: Retries,
+        transport: httpx2.BaseTransport | None = None,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        import httpx2
+
+        parts = urlsplit(base_url)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise ParameterError(
+                f"{base_url[:80]!r} is no address of a service.",
+                remedy="Give one such as http://127.0.0.1:8000.",
+            )
+        headers = {"User-Agent": f"modalmotion-client/{version('modalmotion')}"}
+        if key is not None:
+            headers["Authorization"] = f"Bearer {key}"
+        self._retries = retries
+        self.sleep = sleep
+        self._http = httpx2.Client(
+            base_url=base_url,
+            headers=headers,
+            timeout=timeout,
+            transport=transport,
+            # What the environment names as a proxy is for the world outside.
+            trust_env=not _is_loopback(parts.hostname),
+        )
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    def send(self, call: Call, progress: Progress | None = None) -> Answer:
+        """Send a request, again where that is safe and may help, and read its answer.
+
+        Parameters
+        ----------
+        call : Call
+        progress : callable, optional
+            Of the body's bytes; begins anew with each attempt.
+
+        Raises
+        ------
+        RemoteError
+            If the service answers with a problem.
+        UnreachableError
+            If no answer comes.
+        """
+        if call.is_keyed:
+            call = call.with_headers(Idempotency_Key=secrets.token_hex(16))
+        end = time.monotonic() + self._retries.deadline
+        for attempt in range(self._retries.attempts):
+            asked = None
+            try:
+                return self._attempt(call, progress, end)
+            except RemoteError as error:
+                if attempt and call.method == "DELETE" and error.status == 404:
+                    # Deleted by an attempt whose answer was lost.
+                    return Answer(204, {}, b"")
+                asked = error.details.get("retry_after")
+                waits = (is_passing(error.status) and _may_repeat(call)) or (
+                    attempt > 0 and call.is_keyed and error.status == _STILL_UNDER_WAY
+                )
+                failure: RemoteError | UnreachableError = error
+            except UnreachableError as error:
+                # Where nothing was sent nothing can happen twice.
+                waits = _may_repeat(call) or bool(error.details.get("nothing_sent"))
+                failure = error
+            wait = self._retries.wait(attempt, asked if isinstance(asked, float) else None)
+            is_last = attempt + 1 == self._retries.attempts
+            if not waits or is_last or time.monotonic() + wait > end:
+                raise failure
+            self.sleep(wait)
+        raise AssertionError("at least one attempt is made")
+
+    def _attempt(self, call: Call, progress: Progress | None, end: float) -> Answer:
+        headers = {"Accept": call.accept, **(call.headers or {})}
+        content: Iterator[bytes] | None = None
+        if call.body is not None:
+            headers["Content-Type"] = call.body.media_type
+            if call.body.length is not None:
+                headers["Content-Length"] = str(call.body.length)
+            content = _until(end, call.body.sent(progress))
+        with _explained(call):
+            request = self._http.build_request(
+                call.method,
+                call.path.lstrip("/"),
+                params=query_of(call.query) if call.query else None,
+                headers=headers,
+                content=content,
+            )
+            response = self._http.send(request, stream=True)
+            try:
+                answered = b"".join(_until(end, response.iter_bytes()))
+            finally:
+                response.close()
+        known = {name.lower(): value for name, value in response.headers.items()}
+        if response.status_code < 300:
+            return Answer(response.status_code, known, answered)
+        error = error_of_answer(
+            response.status_code,
+            answered,
+            known.get("content-type", ""),
+            known.get("x-request-id", ""),
+        )
+        wait = retry_after(known.get("retry-after"))
+        if wait is not None:
+            error.details["retry_after"] = wait
+        raise error
+
+
+def _may_repeat(call: Call) -> bool:
+    return call.method in _SAFE or call.is_repeatable or call.is_keyed
+
+
+def _until(end: float, pieces: Iterator[bytes]) -> Iterator[bytes]:
+    """Give pieces while there is time: one may come just before every timeout, for ever."""
+    for piece in pieces:
+        if time.monotonic() > end:
+            raise UnreachableError(
+                "The time for the call is over, and it is not done.",
+                remedy="Allow a longer deadline, or send and ask for less.",
+            )
+        yield piece
+
+
+@contextmanager
+def _explained(call: Call) -> Iterator[None]:
+    import httpx2
+
+    what = f"{call.method} {call.path.partition('?')[0]}"
+    try:
+        yield
+    except (httpx2.ConnectError, httpx2.ConnectTimeout, httpx2.PoolTimeout) as error:
+        raise UnreachableError(
+            f"{what}: there is no connection to the service ({error}).",
+            remedy="Check the address, and that the service runs.",
+            details={"nothing_sent": True},
+        ) from error
+    except httpx2.TimeoutException as error:
+        raise UnreachableError(
+            f"{what}: the service did not go on within the timeout ({type(error).__name__}).",
+            remedy="Allow a longer timeout, or look at the service's log.",
+        ) from error
+    except (httpx2.HTTPError, httpx2.StreamError, httpx2.InvalidURL) as error:
+        raise UnreachableError(
+            f"{what}: the connection broke ({type(error).__name__}: {error}).",
+            remedy="Send it again; look at the service's log if it comes back.",
+        ) from error
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

@@ -1,0 +1,201 @@
+"""Long work of the service, waited for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, Generic, TypeVar
+
+from modalmotion.client.connection import Answer, Call, Connection
+from modalmotion.client.errors import (
+    BrokenAnswerError,
+    JobCancelledError,
+    JobUnfinishedError,
+    remote_error,
+)
+from modalmotion.client.retries import retry_after
+
+T = TypeVar("T")
+
+# Between two looks at a job: soon at first, for most are short.
+_FIRST_LOOK: Final = 0.05
+_LONGEST_LOOK: Final = 2.0
+
+
+@dataclass(frozen=True)
+class JobStatus:
+    """How far a job is.
+
+    Parameters
+    ----------
+    id, kind : str
+    state : str
+        queued, running, succeeded, failed or cancelled.
+    progress : float
+        Share that is done, 0 to 1.
+    result : str or None
+        Link to the result, once there is one.
+    error : dict or None
+        The problem it failed with.
+    """
+
+    id: str
+    kind: str
+    state: str
+    progress: float
+    result: str | None
+    error: dict[str, Any] | None
+
+    @staticmethod
+    def of(answer: Any) -> JobStatus:
+        """Read what the service says of a job."""
+        try:
+            return JobStatus(
+                id=str(answer["id"]),
+                kind=str(answer["kind"]),
+                state=str(answer["state"]),
+                progress=float(answer["progress"]),
+                result=answer["result"],
+                error=answer["error"],
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise BrokenAnswerError(
+                "The answer describes no job.", remedy="Check the version of the service."
+            ) from error
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether it will not change any more."""
+        return self.state in ("succeeded", "failed", "cancelled")
+
+
+class Job(Generic[T]):
+    """A job, and what its result is read as.
+
+    Parameters
+    ----------
+    connection : Connection
+    status : JobStatus
+        When it was last looked at.
+    read : function
+        Makes the result of the answer to its link.
+    accept : str
+        Media type in which the result is asked for.
+    """
+
+    def __init__(
+        self,
+        connection: Connection,
+        status: JobStatus,
+        read: Callable[[Answer], T],
+        accept: str,
+    ) -> None:
+        self.status = status
+        self._connection = connection
+        self._read = read
+        self._accept = accept
+
+    def __repr__(self) -> str:
+        return f"Job({self.id}, {self.status.kind}, {self.status.state})"
+
+    @property
+    def id(self) -> str:
+        """By which the service knows it."""
+        return self.status.id
+
+    def refresh(self) -> JobStatus:
+        """Look how far it is."""
+        self._look()
+        return self.status
+
+    def cancel(self) -> None:
+        """End it.
+
+        Raises
+        ------
+        RemoteError
+            With the code `conflict` if it is finished.
+        """
+        self.status = JobStatus.of(self._connection.send(Call("DELETE", self._path)).json)
+
+    def wait(
+        self, *, timeout: float | None = None, progress: Callable[[float], None] | None = None
+    ) -> T:
+        """Wait for the result.
+
+        Parameters
+        ----------
+        timeout : float, s, optional
+            For ever by default; the job goes on when it is over.
+        progress : callable, optional
+            Called with the share that is done, 0 to 1, at each look.
+
+        Raises
+        ------
+        RemoteError
+            The problem that the job failed with.
+        JobCancelledError
+            If somebody ended it.
+        JobUnfinishedError
+            If the time is over.
+        """
+        end = None if timeout is None else time.monotonic() + timeout
+        pause = _FIRST_LOOK
+        while True:
+            asked = None if self.status.is_finished else self._look()
+            if progress is not None:
+                progress(self.status.progress)
+            if self.status.is_finished:
+                return self._result()
+            pause = min(2 * pause, _LONGEST_LOOK if asked is None else max(asked, _FIRST_LOOK))
+            if end is not None and time.monotonic() + pause > end:
+                raise JobUnfinishedError(
+                    f"The job {self.id} is {self.status.state} after {timeout:g} s, "
+                    f"{100 * self.status.progress:.0f} % done.",
+                    remedy="Wait longer, now or later: it goes on by itself.",
+                    details={"job": self.id},
+                )
+            self._connection.sleep(pause)
+
+    @property
+    def _path(self) -> str:
+        return f"/v1/jobs/{self.id}"
+
+    def _look(self) -> float | None:
+        answer = self._connection.send(Call("GET", self._path))
+        self.status = JobStatus.of(answer.json)
+        return retry_after(answer.headers.get("retry-after"))
+
+    def _result(self) -> T:
+        if self.status.state == "cancelled":
+            raise JobCancelledError(
+                f"The job {self.id} was ended before it had a result.",
+                remedy="Start it again.",
+                details={"job": self.id},
+            )
+        if self.status.error is not None:
+            problem = self.status.error
+            error = remote_error(problem, int(problem.get("status", 500)))
+            error.details["job"] = self.id
+            raise error
+        link = self.status.result
+        if link is None or not link.startswith("/"):
+            raise BrokenAnswerError(
+                f"The job {self.id} has succeeded and names no result.",
+                remedy="Check the version of the service.",
+            )
+        return self._read(self._connection.send(Call("GET", link, accept=self._accept)))
+
+
+def awaited(
+    connection: Connection,
+    answer: Answer,
+    read: Callable[[Answer], T],
+    accept: str,
+    progress: Callable[[float], None] | None = None,
+) -> T:
+    """Read an answer; where it is a job (202), wait for its result and read that."""
+    if answer.status != 202:
+        return read(answer)
+    return Job(connection, JobStatus.of(answer.json), read, accept).wait(progress=progress)

@@ -1,0 +1,93 @@
+"""When a request is sent again, and how long to wait before."""
+
+from __future__ import annotations
+
+import email.utils
+import time
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from modalmotion.errors import ParameterError
+
+# The service is busy, restarting, or something before it lost it.
+_PASSING: Final = frozenset({408, 425, 429, 502, 503, 504})
+
+
+@dataclass(frozen=True)
+class Retries:
+    """How often a request is sent again, and after how long.
+
+    Only requests that may be repeated are: those that change nothing, that leave the same
+    state however often they come, or that carry an idempotency key.
+
+    Parameters
+    ----------
+    attempts : int
+        How often a request is sent at most; 1 never sends one again.
+    first_wait, longest_wait : float, s
+        Before the second attempt, doubled before each further one up to the longest. The
+        service may ask for more (Retry-After).
+    deadline : float, s
+        For a call with all its attempts; no waiting goes on beyond it.
+    rng : numpy.random.Generator
+        Spreads the waits, so that clients that failed together do not come back together.
+
+    Notes
+    -----
+    Brooker, Exponential backoff and jitter, AWS Architecture Blog, 2015.
+    """
+
+    attempts: int = 5
+    first_wait: float = 0.2
+    longest_wait: float = 20.0
+    deadline: float = 600.0
+    rng: np.random.Generator = field(default_factory=np.random.default_rng, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.attempts < 1 or not 0 <= self.first_wait <= self.longest_wait:
+            raise ParameterError(
+                f"{self.attempts} attempts with waits of {self.first_wait} to "
+                f"{self.longest_wait} s are no way to retry.",
+                remedy="Use at least one attempt, and a first wait not above the longest.",
+            )
+
+    def wait(self, attempt: int, asked: float | None = None) -> float:
+        """Seconds to wait after an attempt has failed.
+
+        Parameters
+        ----------
+        attempt : int
+            Counted from 0.
+        asked : float, s, optional
+            What the service asked for.
+        """
+        longest = min(self.longest_wait, self.first_wait * 2.0**attempt)
+        own = float(self.rng.uniform(0.5, 1.0)) * longest
+        return own if asked is None else asked + 0.1 * own
+
+
+def is_passing(status: int) -> bool:
+    """Tell whether an answer says that the same request may do better later."""
+    return status in _PASSING
+
+
+def retry_after(header: str | None) -> float | None:
+    """Read a Retry-After header (RFC 9110, 10.2.3): seconds, or a date.
+
+    Returns
+    -------
+    float, s, or None
+        None where there is none that is understood.
+    """
+    if header is None:
+        return None
+    text = header.strip()
+    if text.isdigit() and len(text) < 10:
+        return float(text)
+    try:
+        date = email.utils.parsedate_to_datetime(text)
+    except (TypeError, ValueError):
+        return None
+    return max(0.0, date.timestamp() - time.time())

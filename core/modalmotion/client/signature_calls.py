@@ -1,0 +1,183 @@
+"""Signatures, and what is made of them: arrays, surfaces, distances, classes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Final
+
+from modalmotion.client.answers import ClassAnswer, SignatureArrays, pack_of, value_of
+from modalmotion.client.bodies import Progress, Source, body_of, json_body
+from modalmotion.client.calls import HDF5, NPZ, Calls, require_suffix, save, sequence_of
+from modalmotion.client.connection import Answer, Call
+from modalmotion.client.errors import BrokenAnswerError
+from modalmotion.client.jobs import Job
+from modalmotion.client.query import Option, plain
+from modalmotion.comparison import Comparison
+from modalmotion.sequence import MeshSequence
+from modalmotion.signature import ModalSignature
+
+SURFACES: Final = {
+    ".npz": NPZ,
+    ".vtkhdf": "application/vnd.vtk.vtkhdf",
+    ".glb": "model/gltf-binary",
+    ".zip": "application/zip",
+}
+"""What surfaces are saved as, by suffix; a zip holds PLY files."""
+
+# Until the service has said how many signatures it gives at once.
+_AT_ONCE: Final = 1000
+
+
+class SignatureCalls(Calls):
+    """Signatures, and what is made of them."""
+
+    def signature(
+        self,
+        sequence_id: str,
+        *,
+        progress: Callable[[float], None] | None = None,
+        **options: Option,
+    ) -> ModalSignature:
+        """Give the modal signature of a kept sequence: the library's own, bit for bit.
+
+        Parameters
+        ----------
+        sequence_id : str
+        progress : callable, optional
+            Called with the share that is done where the service makes it in a job.
+        **options
+            As the service names them: modes, topology, grid, reference, weights, components,
+            template, apex, base, theta_zero, ...
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence.
+        RemoteError
+            If there is no such signature.
+        """
+        return self._awaited(_signature(sequence_id, options), _own, progress)
+
+    def start_signature(self, sequence_id: str, **options: Option) -> Job[ModalSignature]:
+        """Have a job of the service make a signature."""
+        return self._started(_signature(sequence_id, options), _own)
+
+    def signature_of(
+        self, source: Source, *, progress: Progress | None = None, **options: Option
+    ) -> ModalSignature:
+        """Give the modal signature of what is sent; nothing of it is kept.
+
+        Parameters
+        ----------
+        source : path, bytes or MeshSequence
+        progress : callable, optional
+            Called with the bytes sent so far and those to send in all.
+        **options
+            Of reading (format, grid, unit, ...) and of the signature (modes, template, ...).
+        """
+        call = Call("POST", "/v1/signature", options, HDF5, body_of(source), is_repeatable=True)
+        return _own(self._connection.send(call, progress))
+
+    def signatures(
+        self,
+        sequence_ids: Iterable[str],
+        *,
+        progress: Callable[[float], None] | None = None,
+        **options: Option,
+    ) -> list[SignatureArrays]:
+        """Give the trajectories of many sequences, in the order of their ids.
+
+        Parameters
+        ----------
+        sequence_ids : iterable of str
+            As many as there are: they are asked for in as few requests as the service allows.
+        progress : callable, optional
+            Called with the share that is done.
+        **options
+            Of all the signatures.
+        """
+        ids = list(sequence_ids)
+        at_once = _AT_ONCE
+        if len(ids) > 1:
+            limits = self._get("/v1/limits").json
+            at_once = int(limits.get("query_ids", _AT_ONCE))
+        found: list[SignatureArrays] = []
+        for start in range(0, len(ids), at_once):
+            asked = {"ids": ids[start : start + at_once], **plain(options)}
+            call = Call(
+                *("POST", "/v1/signatures/query", None, NPZ),
+                body=json_body(asked),
+                is_repeatable=True,
+            )
+            found += self._awaited(call, pack_of)
+            if progress is not None:
+                progress(len(found) / len(ids))
+        return found
+
+    def reconstruction(self, sequence_id: str, **options: Option) -> MeshSequence:
+        """Give the surfaces that a signature stands for.
+
+        Parameters
+        ----------
+        sequence_id : str
+        **options
+            Of the signature; and times, in s: those of the frames by default.
+        """
+        return sequence_of(self._get(_reconstruction(sequence_id), options, NPZ))
+
+    def save_reconstruction(self, sequence_id: str, path: str | Path, **options: Option) -> None:
+        """Write the surfaces that a signature stands for: .npz, .vtkhdf, .glb, or .zip of PLY."""
+        target = Path(path)
+        accept = require_suffix(target, SURFACES)
+        save(self._get(_reconstruction(sequence_id), options, accept).content, target)
+
+    def distance(self, sequence_id: str, to: str, **options: Option) -> Comparison:
+        """Give the distance of a sequence's signature from another's: 0 for the same motion."""
+        answer = self._get(f"/v1/sequences/{sequence_id}/distance", {**options, "to": to}).json
+        try:
+            return Comparison(float(answer["distance"]), bool(answer["uses_theta_zero"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise BrokenAnswerError(
+                "The answer is no distance.", remedy="Check the version of the service."
+            ) from error
+
+    def classify(self, sequence_id: str, **request: Option) -> ClassAnswer:
+        """Ask a model for the class of a kept sequence's motion.
+
+        Parameters
+        ----------
+        sequence_id : str
+        **request
+            Members of the request, such as model: the shipped one by default.
+        """
+        path = f"/v1/sequences/{sequence_id}/classifications"
+        call = Call("POST", path, body=json_body(plain(request)), is_keyed=True)
+        return self._awaited(call, _class)
+
+    def classifications(self, sequence_id: str) -> list[ClassAnswer]:
+        """List what models have said of a sequence."""
+        answer = self._get(f"/v1/sequences/{sequence_id}/classifications").json
+        return [value_of(ClassAnswer, member) for member in answer["classifications"]]
+
+
+def _signature(sequence_id: str, options: dict[str, Option]) -> Call:
+    return Call("GET", f"/v1/sequences/{sequence_id}/signature", options, HDF5)
+
+
+def _reconstruction(sequence_id: str) -> str:
+    return f"/v1/sequences/{sequence_id}/reconstruction"
+
+
+def _own(answer: Answer) -> ModalSignature:
+    from modalmotion.store import signature_from_hdf5
+
+    return signature_from_hdf5(answer.content)
+
+
+def _class(answer: Answer) -> ClassAnswer:
+    # A job's result is the list of all; this one is the newest of its model.
+    found = answer.json
+    if isinstance(found, dict) and "classifications" in found:
+        found = found["classifications"][-1]
+    return value_of(ClassAnswer, found)

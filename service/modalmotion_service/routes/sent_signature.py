@@ -1,0 +1,45 @@
+"""The modal signature of what is sent, in one request; nothing is stored."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+
+from fastapi import APIRouter, Header, Query, Response
+
+from modalmotion_service.analysis import Upload
+from modalmotion_service.dependencies import StateDependency, UploadDependency
+from modalmotion_service.negotiation import HDF5, JSON, NPZ, RAW, best_type
+from modalmotion_service.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
+from modalmotion_service.routes.templates import TemplateQuery
+from modalmotion_service.schemas import SignatureAnswer
+
+router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
+
+OFFERED: Final = (JSON, HDF5, NPZ, RAW)
+"""What a signature is given as; RAW is its amplitudes as little-endian float32."""
+
+
+@router.post(
+    "/signature",
+    response_model=SignatureAnswer,
+    openapi_extra=UPLOAD_BODY,
+    responses={200: {"content": dict.fromkeys(OFFERED[1:], BINARY)}},
+)
+async def signature(
+    spooled: UploadDependency,
+    query: Annotated[TemplateQuery, Query()],
+    state: StateDependency,
+    accept: Annotated[str, Header(description=", ".join(OFFERED))] = JSON,
+) -> Response:
+    """Give the modal signature of a sequence that is sent with the request; nothing is stored.
+
+    As JSON, the result's HDF5 file, npz, or the amplitudes alone as little-endian float32
+    (frame by frame, mode by mode, three directions), by `Accept`.
+    """
+    try:
+        media_type = best_type(accept, OFFERED)
+        sent = Upload(spooled, query.options(state.settings.read_limits), None, None)
+        body = await state.analysis.signature_of_upload(sent, query.parameters(), media_type)
+    finally:
+        spooled.remove()
+    return Response(body, media_type=media_type, headers={"Vary": "Accept"})
