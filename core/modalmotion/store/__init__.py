@@ -10,6 +10,15 @@ from modalmotion.store.idempotency import IdempotencyKeys, IdempotentRequest
 from modalmotion.store.index import SequencePage
 from modalmotion.store.jobs import UNSET, Job, JobPage, Jobs, JobState, Unset
 from modalmotion.store.maintenance import rebuild
+from modalmotion.store.model_file import KeptModel, kept_model, model_from_hdf5, model_to_hdf5
+from modalmotion.store.model_record import (
+    NAME_PATTERN,
+    VERSION_PATTERN,
+    ModelRecord,
+    ModelReference,
+    parse_reference,
+    require_model_name,
+)
 from modalmotion.store.record import SequenceRecord, record_of
 from modalmotion.store.recovery import Reconciliation
 from modalmotion.store.results import ResultStore
@@ -19,7 +28,9 @@ from modalmotion.store.template_file import template_from_hdf5, template_to_hdf5
 from modalmotion.store.verification import Fault, VerifyReport, verify
 
 __all__ = [
+    "NAME_PATTERN",
     "UNSET",
+    "VERSION_PATTERN",
     "Fault",
     "IdempotencyKeys",
     "IdempotentRequest",
@@ -27,6 +38,9 @@ __all__ = [
     "JobPage",
     "JobState",
     "Jobs",
+    "KeptModel",
+    "ModelRecord",
+    "ModelReference",
     "Reconciliation",
     "ResultStore",
     "SequencePage",
@@ -36,8 +50,13 @@ __all__ = [
     "classification_from_hdf5",
     "classification_to_hdf5",
     "export",
+    "kept_model",
+    "model_from_hdf5",
+    "model_to_hdf5",
+    "parse_reference",
     "rebuild",
     "record_of",
+    "require_model_name",
     "sequence_from_hdf5",
     "sequence_to_hdf5",
     "signature_from_hdf5",
