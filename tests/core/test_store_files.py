@@ -182,7 +182,7 @@ def test_every_field_has_a_place_in_the_file() -> None:
     # A field that is added without one would come back as something else, or not at all.
     assert len(fields(ModalSignature)) == 20
     assert len(fields(SignatureParameters)) == 11
-    assert len(fields(Landmarks)) == 12
+    assert len(fields(Landmarks)) == 8
     assert len(fields(GivenLandmarks)) == 4
     assert len(fields(SpringSpectrum)) == 2
     assert len(fields(Rotations)) == 2
