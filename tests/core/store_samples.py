@@ -12,6 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from modalmotion.classify.classification import Classification
+from modalmotion.classify.explanation import ModeContribution
 from modalmotion.modes import ModeSet
 from modalmotion.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
@@ -41,6 +42,10 @@ def sample_classification(sequence_id: str, model_id: str = MODEL) -> Classifica
         label="normal",
         classes=("normal", "akinesia"),
         probabilities=np.array([0.75, 0.25]),
+        class_set=("normal",),
+        coverage=0.9,
+        flags=(),
+        explanation=(ModeContribution(("(0, 1, cos)", "(0, 1, sin)"), 1.25, 0.5, "mm"),),
         notes=("made up",),
         provenance={"modalmotion": "0"},
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classify.classification import Classification
+from modalmotion.classify.classification import OUT_OF_DOMAIN, Classification
 from modalmotion.classify.model import Model, load_model
 from modalmotion.features import READINGS, motion_features
 from modalmotion.modes import lowest_modes
@@ -18,7 +18,9 @@ _MIRRORED_NOTE = (
 )
 
 
-def classify(signature: ModalSignature, model: Model | None = None) -> Classification:
+def classify(
+    signature: ModalSignature, model: Model | None = None, coverage: float = 0.9
+) -> Classification:
     """Name the class of a motion, or abstain.
 
     Parameters
@@ -59,6 +61,10 @@ def classify(signature: ModalSignature, model: Model | None = None) -> Classific
         label=label,
         classes=chosen.classes,
         probabilities=probabilities,
+        class_set=chosen.classes if label is None else (label,),
+        coverage=coverage,
+        flags=() if label is not None else (OUT_OF_DOMAIN,),
+        explanation=(),
         notes=notes,
         provenance=provenance(),
     )

@@ -142,7 +142,7 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
     ----------
     which : str or Path
         A str is the name of a model that comes with the package, and never a path, so that it
-        may come from a stranger; a Path is a file written by `model_to_json`.
+        may come from a stranger; a Path is a file written by `model_to_bytes`.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
     """
     if isinstance(which, Path):
         try:
-            return model_from_json(which.read_bytes())
+            return model_from_bytes(which.read_bytes())
         except OSError as error:
             raise NotFoundError(
                 f"The model file {which.name!r} cannot be read: {error.strerror}.",
@@ -173,18 +173,18 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
 
 @cache
 def _load_shipped(name: str) -> Model:
-    return model_from_json((files(__package__) / "data" / f"{name}.json").read_bytes())
+    return model_from_bytes((files(__package__) / "data" / f"{name}.json").read_bytes())
 
 
-def model_to_json(model: Model) -> bytes:
+def model_to_bytes(model: Model) -> bytes:
     """Write a model as JSON text: the same bytes for the same model."""
     contents = {"schema": SCHEMA, "id": model.id, **_contents(model)}
     lines = ",\n".join(f"{json.dumps(name)}: {_rows(value)}" for name, value in contents.items())
     return f"{{\n{lines}\n}}\n".encode()
 
 
-def model_from_json(text: bytes) -> Model:
-    """Read what `model_to_json` wrote.
+def model_from_bytes(text: bytes) -> Model:
+    """Read what `model_to_bytes` wrote.
 
     Raises
     ------
@@ -227,7 +227,7 @@ def model_from_json(text: bytes) -> Model:
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise CorruptFileError(
             "The file holds no model of this package.",
-            remedy="Use a file written by `model_to_json`.",
+            remedy="Use a file written by `model_to_bytes`.",
         ) from error
     if model.id != found:
         raise CorruptFileError(

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.classify.classifier import classify
-from modalmotion.classify.model import DEFAULT_MODEL, Model, model_to_json
+from modalmotion.classify.model import DEFAULT_MODEL, Model, model_to_bytes
 from modalmotion.classify.training import train_model
 from modalmotion.signature import INTENDED_USE, ModalSignature, SignatureParameters, modal_signature
 from modalmotion.simulate import Case, MotionClass, simulate_cohort
@@ -133,7 +133,7 @@ def main(arguments: Sequence[str]) -> None:
     results = {mesh: held_out(model, cases) for mesh, cases in tested.items()}
     results["all"] = held_out(model, [case for cases in tested.values() for case in cases])
     model = replace(model, card=_card(n_train, n_test, results))
-    path.write_bytes(model_to_json(model))
+    path.write_bytes(model_to_bytes(model))
     sys.stdout.write(f"{path} {model.id}\n")
     for mesh, result in results.items():
         sys.stdout.write(

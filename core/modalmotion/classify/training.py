@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.classify.cases import TrainingCase
 from modalmotion.classify.model import Model
+from modalmotion.classify.options import TrainingOptions
 from modalmotion.errors import ParameterError
 from modalmotion.features import READINGS, motion_features
 from modalmotion.signature import ModalSignature
@@ -27,7 +29,7 @@ _N_GOLDEN: Final = 10
 
 
 @dataclass(frozen=True)
-class TrainingOptions:
+class LinearOptions:
     """How a model is trained.
 
     Parameters
@@ -48,11 +50,37 @@ class TrainingOptions:
     least_periodic_share: float = 0.5
 
 
+def train(
+    cases: Iterable[TrainingCase],
+    name: str,
+    options: TrainingOptions | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> Model:
+    """Train a model on labelled signatures.
+
+    Parameters
+    ----------
+    cases : iterable of TrainingCase
+        Read one by one; nothing but their features is kept.
+    name : str
+    options : TrainingOptions, optional
+    progress : callable, optional
+        Called with the share that is done, 0 to 1, and what is done now.
+    """
+    chosen = TrainingOptions() if options is None else options
+    if progress is not None:
+        progress(0.0, f"reading signatures of {chosen.modes} modes")
+    model = train_model(name, ((case.signature, case.label) for case in cases))
+    if progress is not None:
+        progress(1.0, "trained")
+    return model
+
+
 def train_model(
     name: str,
     cases: Iterable[tuple[ModalSignature, str]],
     *,
-    options: TrainingOptions | None = None,
+    options: LinearOptions | None = None,
     notes: dict[str, tuple[str, ...]] | None = None,
     card: dict[str, Any] | None = None,
 ) -> Model:
@@ -63,7 +91,7 @@ def train_model(
     name : str
     cases : iterable of (ModalSignature, str)
         Right-handed, all with the same modes.
-    options : TrainingOptions, optional
+    options : LinearOptions, optional
     notes, card : dict, optional
         See `Model`.
 
@@ -78,7 +106,7 @@ def train_model(
     """
     from sklearn.linear_model import LogisticRegression
 
-    options = TrainingOptions() if options is None else options
+    options = LinearOptions() if options is None else options
     both, labels, feature_names, topologies, n_modes = _collected(cases)
     classes = tuple(sorted(set(labels)))
     if len(classes) < 2:

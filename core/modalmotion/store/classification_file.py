@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
 from modalmotion.classify.classification import Classification
+from modalmotion.classify.explanation import ModeContribution
 from modalmotion.signature import INTENDED_USE
 from modalmotion.store.contents import Contents, read_contents
 from modalmotion.store.image import Attribute, Dataset, json_text, sealed_image
@@ -49,6 +51,10 @@ def classification_to_hdf5(
         Dataset("probabilities", classification.probabilities, "1", "class"),
         json_text("classes", classification.classes),
         json_text("label", classification.label),
+        json_text("class_set", classification.class_set),
+        json_text("coverage", classification.coverage),
+        json_text("flags", classification.flags),
+        json_text("explanation", [asdict(part) for part in classification.explanation]),
         json_text("notes", classification.notes),
         json_text("provenance", classification.provenance),
     ]
@@ -86,6 +92,13 @@ def read_classification(source: bytes | Path) -> tuple[Classification, Contents]
             label=None if label is None else str(label),
             classes=classes,
             probabilities=contents.array("probabilities", (len(classes),)),
+            class_set=tuple(contents.json("class_set", list)),
+            coverage=float(contents.json("coverage", float)),
+            flags=tuple(contents.json("flags", list)),
+            explanation=tuple(
+                ModeContribution(**{**part, "modes": tuple(part["modes"])})
+                for part in contents.json("explanation", list)
+            ),
             notes=tuple(contents.json("notes", list)),
             provenance=contents.json("provenance", dict),
         )
