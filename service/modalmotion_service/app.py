@@ -15,20 +15,24 @@ from modalmotion_service.analysis import Analysis
 from modalmotion_service.dependencies import State
 from modalmotion_service.executor import WorkerPool
 from modalmotion_service.incoming import BodyLimits, Concurrency
-from modalmotion_service.job_kinds import make_runner
+from modalmotion_service.job_kinds import make_runner, trainings_at_once
+from modalmotion_service.models import Models
 from modalmotion_service.observation import Observation
 from modalmotion_service.routes import (
     classifications,
+    classify,
     codec,
     health,
     jobs,
     limits,
+    models,
     sequences,
     signatures,
     templates,
 )
 from modalmotion_service.settings import Settings
 from modalmotion_service.spool import Spool
+from modalmotion_service.training import Trainer
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
@@ -45,16 +49,26 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         with ResultStore(chosen.data_dir, keep_uploads=chosen.keep_uploads) as store:
             executor = WorkerPool(chosen.workers, chosen.task_seconds, chosen.task_memory_bytes)
+            # Processes of its own, started when they are needed: no request waits for a training.
+            training_executor = WorkerPool(
+                trainings_at_once(chosen),
+                chosen.training_seconds,
+                chosen.task_memory_bytes,
+                seconds_limit="training_seconds",
+            )
             try:
                 spool = Spool(chosen.data_dir / "spool")
                 analysis = Analysis(store, executor, spool)
-                runner = make_runner(chosen, store, spool, analysis)
-                app.state.service = State(chosen, store, spool, analysis, runner)
+                all_models = Models(store, analysis, executor)
+                trainer = Trainer(store, analysis, training_executor, spool, chosen.workers)
+                runner = make_runner(chosen, store, spool, analysis, all_models, trainer)
+                app.state.service = State(chosen, store, spool, analysis, all_models, runner)
                 store.idempotency.release_unfinished()
                 await runner.resume()
                 yield
                 await runner.close(chosen.drain_seconds)
             finally:
+                training_executor.shutdown(cancel_futures=True)
                 executor.shutdown(cancel_futures=True)
 
     app = FastAPI(
@@ -75,6 +89,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.add_middleware(Concurrency, most=chosen.max_concurrent_requests)
     app.add_middleware(Observation)
-    for module in (sequences, signatures, templates, codec, classifications, jobs, limits, health):
+    of_sequences = (sequences, signatures, templates, codec)
+    of_models = (classifications, classify, models)
+    for module in (*of_sequences, *of_models, jobs, limits, health):
         app.include_router(module.router)
     return app

@@ -13,6 +13,7 @@ from modalmotion.errors import MalformedFileError
 from modalmotion.store import ResultStore
 from modalmotion_service.analysis import Analysis
 from modalmotion_service.jobs import JobRunner
+from modalmotion_service.models import Models
 from modalmotion_service.preferences import Preference, parse_preference
 from modalmotion_service.settings import Settings
 from modalmotion_service.spool import Spool, SpooledUpload
@@ -32,6 +33,7 @@ class State:
     store : ResultStore
     spool : Spool
     analysis : Analysis
+    models : Models
     jobs : JobRunner
     """
 
@@ -39,6 +41,7 @@ class State:
     store: ResultStore
     spool: Spool
     analysis: Analysis
+    models: Models
     jobs: JobRunner
 
 

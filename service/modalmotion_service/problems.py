@@ -19,6 +19,7 @@ from modalmotion.errors import (
     LimitError,
     MalformedFileError,
     ModalMotionError,
+    ModelNotReproducedError,
     NotFoundError,
     StoreError,
 )
@@ -40,6 +41,7 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     InputError: 422,
     NotFoundError: 404,
     CorruptFileError: 500,
+    ModelNotReproducedError: 409,
     StoreError: 503,
     SlowClientError: 408,
     BusyError: 429,

@@ -4,6 +4,7 @@ from modalmotion.store.analysis_file import export, write_pack
 from modalmotion.store.atomic import write_atomic
 from modalmotion.store.classification_file import (
     classification_from_hdf5,
+    classification_key,
     classification_to_hdf5,
 )
 from modalmotion.store.idempotency import IdempotencyKeys, IdempotentRequest
@@ -48,6 +49,7 @@ __all__ = [
     "Unset",
     "VerifyReport",
     "classification_from_hdf5",
+    "classification_key",
     "classification_to_hdf5",
     "export",
     "kept_model",

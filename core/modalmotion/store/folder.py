@@ -132,7 +132,8 @@ class Folder:
     def last_version(self, name: str) -> int:
         """Highest version of a model that was ever given, whatever became of it; 0 for none."""
         folder = self.root / "models" / name
-        found = [_MODEL.fullmatch(path.name) for path in folder.iterdir()] if folder.is_dir() else []
+        names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+        found = map(_MODEL.fullmatch, names)
         return max((int(match[1]) for match in found if match is not None), default=0)
 
     def derived(self, sequence_id: str) -> list[Path]:

@@ -59,7 +59,8 @@ def kept_model(model: Model, *, training: str | None = None) -> KeptModel:
         created="",
         training=training,
     )
-    return KeptModel(record, dict(model.card.as_json()), model_to_bytes(model))
+    card = model.card.as_json() if hasattr(model.card, "as_json") else model.card
+    return KeptModel(record, card, model_to_bytes(model))
 
 
 def model_to_hdf5(model: Model | KeptModel) -> bytes:
@@ -124,8 +125,7 @@ def model_from_hdf5(source: bytes | Path) -> Model:
     except CorruptFileError as error:
         # The seal is right: the bytes are those that were written.
         raise ModelNotReproducedError(
-            f"The model {named} is whole, but is not what it was when it was made: "
-            f"{error.message}",
+            f"The model {named} is whole, but is not what it was when it was made: {error.message}",
             remedy="Name another version, train it again, or use the versions of the libraries "
             "that its card states.",
             details={"model": named.name, "version": named.version},

@@ -18,7 +18,7 @@ _TABLE: Final = """CREATE TABLE IF NOT EXISTS models (
     parameters TEXT NOT NULL, created TEXT NOT NULL, training TEXT, deleted TEXT,
     PRIMARY KEY (name, version)
 ) WITHOUT ROWID"""
-_BY_ID: Final = "CREATE INDEX IF NOT EXISTS models_by_id ON models (id)"
+_COLUMNS: Final = "name, version, id, classes, parameters, created, training, deleted"
 
 
 class ModelIndex:
@@ -42,7 +42,6 @@ class ModelIndex:
         """Make the table where it is missing."""
         with self._database.write() as connection:
             connection.execute(_TABLE)
-            connection.execute(_BY_ID)
 
     def versions(self, name: str) -> list[ModelRecord]:
         """All versions of that name, deleted ones too, from the first to the newest."""
@@ -68,8 +67,7 @@ class ModelIndex:
 
     def _find(self, condition: str, values: tuple[Any, ...]) -> list[ModelRecord]:
         rows = self._database.read(
-            "SELECT name, version, id, classes, parameters, created, training, deleted "
-            f"FROM models {condition}",  # noqa: S608 (constants)
+            f"SELECT {_COLUMNS} FROM models {condition}",  # noqa: S608 (constants)
             values,
         )
         return [
@@ -90,8 +88,7 @@ class ModelIndex:
 def put_models(connection: sqlite3.Connection, records: Iterable[ModelRecord]) -> None:
     """Write models inside a transaction."""
     connection.executemany(
-        "INSERT OR REPLACE INTO models "
-        "(name, version, id, classes, parameters, created, training, deleted) "
+        f"INSERT OR REPLACE INTO models ({_COLUMNS}) "  # noqa: S608 (constants)
         "VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
         (
             (

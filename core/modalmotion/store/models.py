@@ -74,6 +74,23 @@ class ModelStore(Opening):
             self._write([(path, model_to_hdf5(whole))], lambda: index.put(whole.record))
             return whole.record
 
+    def put_model_image(self, image: Path) -> ModelRecord:
+        """Keep a model that another process has written with `model_to_hdf5`.
+
+        Parameters
+        ----------
+        image : Path
+            Sealed HDF5 file; what it holds is copied.
+
+        Raises
+        ------
+        ParameterError, StoreError
+            As `put_model` does.
+        CorruptFileError
+            If the image is not whole.
+        """
+        return self.put_model(read_kept_model(image)[0])
+
     def model_record(self, name: str, version: int | None = None) -> ModelRecord:
         """Look up a version of a model, the newest by default.
 

@@ -140,7 +140,7 @@ def reconcile(
 
 
 def _models(folder: Folder, index: Index, scan: Scan, damaged: list[str]) -> list[ModelRecord]:
-    """Records of all versions of models; they are few, so every file is read each time."""
+    """Read the records of all versions of models, which are few, from their files."""
     known = {record.reference: record for record in ModelIndex(index.database).all()}
     records = []
     for reference in sorted(scan.models - scan.deleted_models):

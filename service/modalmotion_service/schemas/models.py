@@ -1,0 +1,131 @@
+"""Models: what is asked for a new one, and what is said of one."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+
+from modalmotion.classify import TrainingOptions
+from modalmotion.store import NAME_PATTERN, VERSION_PATTERN, KeptModel, ModelRecord
+from modalmotion.store.signature_file import parameters_as_json
+from modalmotion_service.schemas.fields import SequenceId
+
+ModelName = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
+ModelVersion = Annotated[str, StringConstraints(pattern=f"^{VERSION_PATTERN}$")]
+
+_LONGEST_NAME: Final = 200
+
+
+class LabelledSequence(BaseModel):
+    """A kept sequence, and what to call it in this training."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    id: SequenceId
+    label: str | None = Field(
+        None, min_length=1, max_length=_LONGEST_NAME, description="Its own by default."
+    )
+    subject: str | None = Field(
+        None, min_length=1, max_length=_LONGEST_NAME, description="Its own by default."
+    )
+
+
+class TrainingRequest(BaseModel):
+    """What a model is to be trained on, and how."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [
+                {
+                    "name": "wall-motion",
+                    "sequences": ["0" * 64, {"id": "1" * 64, "label": "akinesia"}],
+                    "options": {"modes": 7, "coverage": 0.9},
+                }
+            ]
+        },
+    )
+
+    name: str = Field(
+        min_length=1,
+        max_length=_LONGEST_NAME,
+        description="1 to 64 lower-case letters, digits, '.', '_' and '-'. A name that is known "
+        "gets its next version.",
+    )
+    sequences: list[SequenceId | LabelledSequence] = Field(
+        description="Ids; label and subject are those kept with the sequence, or stated here. "
+        "Sequences of one subject are never on both sides of a split."
+    )
+    options: dict[str, Any] = Field(
+        default_factory=dict,
+        description="Where they differ from "
+        + ", ".join(f"{name} {value!r}" for name, value in TrainingOptions().as_json().items())
+        + ".",
+    )
+
+    @property
+    def cases(self) -> list[LabelledSequence]:
+        """All sequences in the longer form."""
+        return [
+            case if isinstance(case, LabelledSequence) else LabelledSequence(id=case)
+            for case in self.sequences
+        ]
+
+
+class ModelSummary(BaseModel):
+    """One version of a model: in a list, the newest of its name."""
+
+    name: str
+    version: int
+    id: str = Field(description="sha256 of everything that its answers depend on.")
+    origin: Literal["trained", "shipped"]
+    classes: list[str]
+    created: str | None = Field(description="ISO 8601 in UTC; null for one that is shipped.")
+    versions: list[int] = Field(description="All of its name that there are.")
+    links: dict[str, str]
+
+    @staticmethod
+    def of(record: ModelRecord, versions: list[int]) -> ModelSummary:
+        """Write out what a record says."""
+        here = f"/v1/models/{record.name}"
+        return ModelSummary(
+            name=record.name,
+            version=record.version,
+            id=record.id,
+            origin="trained" if record.created else "shipped",
+            classes=list(record.classes),
+            created=record.created or None,
+            versions=versions,
+            links={"self": f"{here}/versions/{record.version}", "newest": here},
+        )
+
+
+class ModelAnswer(ModelSummary):
+    """One version of a model, with its card."""
+
+    parameters: dict[str, Any] = Field(description="Of the signatures that it reads.")
+    card: dict[str, Any] = Field(
+        description="Training set, accuracy in grouped cross-validation, confusion, calibration, "
+        "versions of libraries, intended use."
+    )
+    file: str | None = Field(
+        description="HDF5 file within the data folder; null for one that is shipped."
+    )
+
+    @staticmethod
+    def with_card(kept: KeptModel, versions: list[int], file: str | None) -> ModelAnswer:
+        """Write out what a file says."""
+        return ModelAnswer(
+            **ModelSummary.of(kept.record, versions).model_dump(),
+            parameters=parameters_as_json(kept.record.parameters),
+            card=kept.card,
+            file=file,
+        )
+
+
+class ModelPageAnswer(BaseModel):
+    """A page of the list of models."""
+
+    models: list[ModelSummary]
+    cursor: str | None = Field(description="For the next page; null on the last.")
