@@ -6,8 +6,9 @@ from importlib.metadata import entry_points
 
 import click
 
-from modalmotion.cli.analysis_commands import classify, reconstruct, signature
+from modalmotion.cli.analysis_commands import reconstruct, signature
 from modalmotion.cli.codec_commands import decode, encode
+from modalmotion.cli.model_commands import classify, evaluate, train
 from modalmotion.cli.simulate_command import simulate
 from modalmotion.cli.store_commands import store
 from modalmotion.errors import ModalMotionError
@@ -43,5 +44,5 @@ def main() -> None:
     """Modal signatures and classes of nonrigidly moving surfaces."""
 
 
-for command in (signature, reconstruct, encode, decode, classify, simulate, store):
+for command in (signature, reconstruct, encode, decode, train, evaluate, classify, simulate, store):
     main.add_command(command)

@@ -97,7 +97,8 @@ class Folder:
     @property
     def exists(self) -> bool:
         """Whether there is a store at all."""
-        return self.index.is_file() or (self.root / "sequences").is_dir()
+        kept = (self.root / name for name in ("sequences", "models"))
+        return self.index.is_file() or any(folder.is_dir() for folder in kept)
 
     def record(self, sequence_id: str) -> Path:
         """Record of a sequence."""
