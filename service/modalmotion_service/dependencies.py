@@ -75,6 +75,14 @@ async def receive_upload(request: Request, state: StateDependency) -> SpooledUpl
     MalformedFileError
         If a form holds no such part.
     """
+    spooled = await _receive(request, state)
+    # Handlers remove what they were given; one that is never called, for its query is not
+    # valid, cannot.
+    request.state.remove_upload = spooled.remove
+    return spooled
+
+
+async def _receive(request: Request, state: State) -> SpooledUpload:
     with stage("receive"):
         if not request.headers.get("content-type", "").startswith("multipart/form-data"):
             return await state.spool.receive(request.stream())

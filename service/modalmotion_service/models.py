@@ -97,8 +97,6 @@ class Models:
 
         Raises
         ------
-        ParameterError
-            If that names no model.
         NotFoundError
             If there is none of that name, or of that version.
         """

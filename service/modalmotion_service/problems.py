@@ -132,8 +132,10 @@ async def _on_own_error(request: Request, error: Exception) -> Response:
     return answer
 
 
-async def _on_invalid_request(_: Request, error: Exception) -> Response:
+async def _on_invalid_request(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)  # noqa: S101 (registered for this type alone)
+    if hasattr(request.state, "remove_upload"):
+        request.state.remove_upload()
     errors: list[dict[str, Any]] = [
         {"where": ".".join(map(str, item["loc"])), "message": item["msg"]}
         for item in error.errors()

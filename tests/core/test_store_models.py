@@ -78,7 +78,7 @@ def test_other_names_are_refused(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", ["a@", "a@0", "a@01", "a@-1", "a@1.0", "a@1@2", "@1", "a@1\n"])
 def test_what_names_no_version_is_refused(text: str) -> None:
-    with pytest.raises(ParameterError, match="names no model"):
+    with pytest.raises(NotFoundError, match="names no model"):
         parse_reference(text)
 
 

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from modalmotion.errors import ParameterError
+from modalmotion.errors import NotFoundError, ParameterError
 from modalmotion.signature import SignatureParameters
 
 NAME_PATTERN: Final = "[a-z0-9](?:[a-z0-9._-]{0,62}[a-z0-9])?"
@@ -99,12 +99,12 @@ def parse_reference(text: str) -> ModelReference:
 
     Raises
     ------
-    ParameterError
-        If it is neither.
+    NotFoundError
+        If it is neither: nothing is kept under such a name.
     """
     found = _REFERENCE.fullmatch(text)
     if found is None:
-        raise ParameterError(
+        raise NotFoundError(
             f"{text[:80]!r} names no model.",
             remedy="Write its name, such as wall-motion, for the newest version, or its name "
             "and a version, such as wall-motion@3.",
