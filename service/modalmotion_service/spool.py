@@ -39,8 +39,13 @@ class SpooledUpload:
 
     def remove(self) -> None:
         """Remove the file, and what was made beside it."""
-        for path in self.path.parent.glob(f"{self.path.name}*"):
-            path.unlink(missing_ok=True)
+        remove_with_beside(self.path)
+
+
+def remove_with_beside(path: Path) -> None:
+    """Remove a file, and those beside it whose names begin with its own."""
+    for found in path.parent.glob(f"{path.name}*"):
+        found.unlink(missing_ok=True)
 
 
 class Spool:

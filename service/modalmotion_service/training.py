@@ -18,7 +18,7 @@ from modalmotion.store import ModelRecord, ResultStore
 from modalmotion_service import training_task
 from modalmotion_service.analysis import Analysis
 from modalmotion_service.jobs import Report
-from modalmotion_service.spool import Spool
+from modalmotion_service.spool import Spool, remove_with_beside
 from modalmotion_service.training_set import Case
 
 # Share of a training's progress that fitting the signatures is counted as.
@@ -107,7 +107,7 @@ class Trainer:
             return await asyncio.to_thread(self._store.put_model_image, image)
         finally:
             for path in (plan, image, progress):
-                path.unlink(missing_ok=True)
+                remove_with_beside(path)
 
     async def _fit(
         self, cases: list[Case], parameters: SignatureParameters, report: Report

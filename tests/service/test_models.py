@@ -298,7 +298,7 @@ def test_a_training_says_how_far_it_is(trained: Trained, monkeypatch: pytest.Mon
     original = Trainer.train
 
     async def listening(self: Trainer, *args: Any) -> Any:
-        *rest, report = args
+        report = args[-1]
 
         def told(share: float, text: str = "") -> None:
             seen.append((share, text))
@@ -306,7 +306,7 @@ def test_a_training_says_how_far_it_is(trained: Trained, monkeypatch: pytest.Mon
             jobs = trained.client.app.state.service.jobs  # type: ignore[attr-defined]
             trained.texts += [jobs.text(job) for job in list(jobs._texts)]
 
-        return await original(self, *rest, told)
+        return await original(self, *args[:-1], told)
 
     monkeypatch.setattr(Trainer, "train", listening)
     train(trained.client, "told", trained.ids)

@@ -9,7 +9,7 @@ import click
 from modalmotion.cli.analysis_commands import reconstruct, signature
 from modalmotion.cli.codec_commands import decode, encode
 from modalmotion.cli.model_commands import classify, evaluate, train
-from modalmotion.cli.simulate_command import simulate
+from modalmotion.cli.simulate_command import simulate, simulate_cohort
 from modalmotion.cli.store_commands import store
 from modalmotion.errors import ModalMotionError
 
@@ -44,5 +44,9 @@ def main() -> None:
     """Modal signatures and classes of nonrigidly moving surfaces."""
 
 
-for command in (signature, reconstruct, encode, decode, train, evaluate, classify, simulate, store):
+for command in (
+    *(signature, reconstruct, encode, decode),
+    *(train, evaluate, classify),
+    *(simulate, simulate_cohort, store),
+):
     main.add_command(command)

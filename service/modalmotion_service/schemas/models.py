@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
-from modalmotion.classify import TrainingOptions
+from modalmotion.classify import ModelCard, TrainingOptions
 from modalmotion.store import NAME_PATTERN, VERSION_PATTERN, KeptModel, ModelRecord
 from modalmotion.store.signature_file import parameters_as_json
 from modalmotion_service.schemas.fields import SequenceId
@@ -101,14 +101,60 @@ class ModelSummary(BaseModel):
         )
 
 
+class CalibrationPoint(BaseModel):
+    """Answers of about the same stated probability."""
+
+    probability: float = Field(description="Mean of what was stated.")
+    right: float = Field(description="Share that was right.")
+    n_cases: int
+
+
+class ModelCardAnswer(BaseModel):
+    """What a user should know of a model before relying on it."""
+
+    training_set: str = Field(
+        description="sha256 of sequence ids, labels and subjects, in any order."
+    )
+    n_cases: dict[str, int] = Field(description="Training sequences of each class.")
+    n_subjects: dict[str, int] = Field(description="Subjects of each class.")
+    accuracy: float | None = Field(description="Of cross-validation; null where there was none.")
+    accuracy_interval: tuple[float, float] | None = Field(
+        description="95 %, wider where several sequences are of one subject."
+    )
+    is_grouped: bool = Field(description="Whether no subject was on both sides of a split.")
+    confusion: list[list[int]] = Field(
+        description="Rows are true classes, columns answers, in the order of the classes; a "
+        "last column more counts answers without a class."
+    )
+    calibration_curve: list[CalibrationPoint]
+    calibration_error: float | None = Field(description="Expected calibration error.")
+    coverage: float = Field(description="Level of the class sets below.")
+    class_coverage: dict[str, float] = Field(
+        description="Share of each class whose set held it, in cross-validation."
+    )
+    mean_set_size: float | None
+    options: dict[str, Any] = Field(description="As trained.")
+    versions: dict[str, str] = Field(description="Of the libraries that trained it.")
+    intended_use: str
+    has_seen: str
+    has_not_seen: str
+    notes: list[str] = Field(description="What was met in training.")
+    extra: dict[str, Any]
+
+    @staticmethod
+    def of(card: ModelCard) -> ModelCardAnswer:
+        """Write a card out."""
+        values = card.as_json()
+        names = CalibrationPoint.model_fields
+        curve = [dict(zip(names, point, strict=True)) for point in values["calibration_curve"]]
+        return ModelCardAnswer(**{**values, "calibration_curve": curve})
+
+
 class ModelAnswer(ModelSummary):
     """One version of a model, with its card."""
 
     parameters: dict[str, Any] = Field(description="Of the signatures that it reads.")
-    card: dict[str, Any] = Field(
-        description="Training set, accuracy in grouped cross-validation, confusion, calibration, "
-        "versions of libraries, intended use."
-    )
+    card: ModelCardAnswer
     file: str | None = Field(
         description="HDF5 file within the data folder; null for one that is shipped."
     )
@@ -119,7 +165,7 @@ class ModelAnswer(ModelSummary):
         return ModelAnswer(
             **ModelSummary.of(kept.record, versions).model_dump(),
             parameters=parameters_as_json(kept.record.parameters),
-            card=kept.card,
+            card=ModelCardAnswer.of(ModelCard.from_json(kept.card)),
             file=file,
         )
 
