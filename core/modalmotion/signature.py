@@ -6,7 +6,7 @@ import hashlib
 import json
 import platform
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.metadata import version
 from typing import Final
 
@@ -363,8 +363,15 @@ def resolve_template(
 
 def provenance() -> dict[str, str]:
     """Versions of everything that takes part in a result."""
+    return dict(_versions())
+
+
+@cache
+def _versions() -> tuple[tuple[str, str], ...]:
+    """Look up once what each time reads files."""
     packages = ("modalmotion", "numpy", "scipy", "h5py")
-    return {**{name: version(name) for name in packages}, "python": platform.python_version()}
+    found = [(name, version(name)) for name in packages]
+    return (*found, ("python", platform.python_version()))
 
 
 def _centroid_path(

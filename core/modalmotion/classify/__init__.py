@@ -5,16 +5,11 @@ from modalmotion.classify.cases import TrainingCase
 from modalmotion.classify.classification import FLAGS, Classification
 from modalmotion.classify.classifier import classify
 from modalmotion.classify.evaluation import Evaluation, evaluate
-from modalmotion.classify.explanation import ModeContribution
-from modalmotion.classify.model import (
-    DEFAULT_MODEL,
-    Model,
-    available_models,
-    load_model,
-    model_from_bytes,
-    model_to_bytes,
-)
+from modalmotion.classify.explanation import ModeContribution, only_modes
+from modalmotion.classify.model import Model
+from modalmotion.classify.model_file import model_from_bytes, model_to_bytes
 from modalmotion.classify.options import TrainingOptions
+from modalmotion.classify.shipped import DEFAULT_MODEL, available_models, load_model
 from modalmotion.classify.training import train
 
 __all__ = [
@@ -33,5 +28,6 @@ __all__ = [
     "load_model",
     "model_from_bytes",
     "model_to_bytes",
+    "only_modes",
     "train",
 ]

@@ -23,6 +23,7 @@ class Estimator(StrEnum):
     AUTO = "auto"
     LINEAR = "linear"
     KERNEL = "kernel"
+    BLEND = "blend"
     SVM = "svm"
     FOREST = "forest"
 
@@ -49,6 +50,14 @@ class PoseOf(StrEnum):
     FIXED = "fixed"
 
 
+class Walls(StrEnum):
+    """Whether walls are told apart by the zero of theta; `AUTO` where every case was given one."""
+
+    AUTO = "auto"
+    YES = "yes"
+    NO = "no"
+
+
 @dataclass(frozen=True)
 class TrainingOptions:
     """How a model is trained; every one is text, a number or a mapping of these.
@@ -62,6 +71,7 @@ class TrainingOptions:
     timing : Timing
     pose : PoseOf
         ANY makes the answer independent of how the recording is turned.
+    walls : Walls
     estimator : Estimator
     class_weights : ClassWeights or mapping of label to float
     folds : int
@@ -82,6 +92,7 @@ class TrainingOptions:
     harmonics: int = 2
     timing: Timing = Timing.AUTO
     pose: PoseOf = PoseOf.ANY
+    walls: Walls = Walls.AUTO
     estimator: Estimator = Estimator.AUTO
     class_weights: ClassWeights | Mapping[str, float] = ClassWeights.NONE
     folds: int = 5
@@ -90,7 +101,12 @@ class TrainingOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name, kind in (("timing", Timing), ("pose", PoseOf), ("estimator", Estimator)):
+        for name, kind in (
+            ("timing", Timing),
+            ("pose", PoseOf),
+            ("walls", Walls),
+            ("estimator", Estimator),
+        ):
             object.__setattr__(self, name, _member(kind, name, getattr(self, name)))
         for name, least, most in (
             ("modes", 1, MOST_MODES),
