@@ -14,7 +14,8 @@
     │   └── LimitError                  larger than a stated limit
     └── StoreError                      results that cannot be kept or read back
         ├── NotFoundError               nothing is kept under that id
-        └── CorruptFileError            a result file that does not read as written
+        ├── CorruptFileError            a result file that does not read as written
+        └── ModelNotReproducedError     a model that no longer answers as when it was made
 """
 
 from __future__ import annotations
@@ -143,3 +144,9 @@ class CorruptFileError(StoreError):
     """A result file does not read as it was written."""
 
     code = "corrupt_file"
+
+
+class ModelNotReproducedError(StoreError):
+    """A model does not answer here as it did where it was made."""
+
+    code = "model_not_reproduced"

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-from modalmotion.classify import Classification, load_model
 from modalmotion.comparison import Comparison
 from modalmotion.formats import ReadLimits, ReadOptions
 from modalmotion.signature import SignatureParameters
@@ -235,28 +234,6 @@ class Analysis:
         if parameters.template is None:
             return None
         return self._store.template_path(parameters.template)
-
-    async def classification(
-        self, sequence_id: str, model_name: str
-    ) -> tuple[Classification, Path, bool]:
-        """Give a classification, its file, and whether it is new."""
-        model = await asyncio.to_thread(load_model, model_name)
-        key = model.signature_parameters.key
-
-        async def make() -> None:
-            signature = await self.signature(sequence_id, model.signature_parameters)
-            with stage("worker"):
-                result = await self._work(tasks.name_class, signature, model_name)
-            with stage("store"):
-                await asyncio.to_thread(self._store.put_classification, result, key)
-
-        is_new = (model.id, key) not in await asyncio.to_thread(
-            self._store.classifications, sequence_id
-        )
-        if is_new:
-            await self._flights.join((sequence_id, model.id, key), make)
-        result = await asyncio.to_thread(self._store.classification, sequence_id, model.id, key)
-        return result, self._store.classification_path(sequence_id, model.id, key), is_new
 
     async def pack(
         self,

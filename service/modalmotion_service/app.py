@@ -17,6 +17,7 @@ from modalmotion_service.access.rates import Rates
 from modalmotion_service.api_version import API_VERSION
 from modalmotion_service.executor import WorkerPool
 from modalmotion_service.incoming import BodyLimits, Concurrency
+from modalmotion_service.job_kinds import trainings_at_once
 from modalmotion_service.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
 from modalmotion_service.observation import Observation
 from modalmotion_service.openapi_access import with_access
@@ -24,12 +25,14 @@ from modalmotion_service.owners import Owners
 from modalmotion_service.routes import (
     audit,
     classifications,
+    classify,
     codec,
     documentation,
     health,
     jobs,
     kserve,
     limits,
+    models,
     prometheus,
     sent_signature,
     sequences,
@@ -62,7 +65,14 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         pool = WorkerPool(chosen.workers, chosen.task_seconds, chosen.task_memory_bytes)
         executor = MeteredExecutor(pool, metrics)
-        owners = Owners(chosen, executor)
+        # Processes of its own, started when they are needed: no request waits for a training.
+        training_pool = WorkerPool(
+            trainings_at_once(chosen),
+            chosen.training_seconds,
+            chosen.task_memory_bytes,
+            seconds_limit="training_seconds",
+        )
+        owners = Owners(chosen, executor, MeteredExecutor(training_pool, metrics))
         things = StateOfThings(owners, metrics, chosen.workers)
         metrics.registry.register(things)
         try:
@@ -75,6 +85,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         finally:
             metrics.registry.unregister(things)
             await owners.close()
+            training_pool.shutdown(cancel_futures=True)
             executor.shutdown(cancel_futures=True)
 
     app = _App(
@@ -109,7 +120,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(SecurityHeaders)
     app.add_middleware(Observation)
     for module in (
-        *(sequences, signatures, sent_signature, templates, codec, classifications, jobs, limits),
+        *(sequences, signatures, sent_signature, templates, codec),
+        *(classifications, classify, models, jobs, limits),
         *(audit, health, kserve, prometheus, documentation),
     ):
         app.include_router(module.router)

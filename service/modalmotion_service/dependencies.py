@@ -15,6 +15,7 @@ from modalmotion_service.access.keys import key_required
 from modalmotion_service.access.principal import principal_of
 from modalmotion_service.analysis import Analysis
 from modalmotion_service.jobs import JobRunner
+from modalmotion_service.models import Models
 from modalmotion_service.preferences import Preference, parse_preference
 from modalmotion_service.settings import Settings
 from modalmotion_service.spool import Spool, SpooledUpload
@@ -34,6 +35,7 @@ class State:
     store : ResultStore
     spool : Spool
     analysis : Analysis
+    models : Models
     jobs : JobRunner
     """
 
@@ -41,6 +43,7 @@ class State:
     store: ResultStore
     spool: Spool
     analysis: Analysis
+    models: Models
     jobs: JobRunner
 
 
@@ -88,6 +91,14 @@ async def receive_upload(request: Request, state: StateDependency) -> SpooledUpl
     MalformedFileError
         If a form holds no such part.
     """
+    spooled = await _receive(request, state)
+    # Handlers remove what they were given; one that is never called, for its query is not
+    # valid, cannot.
+    request.state.remove_upload = spooled.remove
+    return spooled
+
+
+async def _receive(request: Request, state: State) -> SpooledUpload:
     # What an idempotency key stands for is compared by its hash; nothing else asks for one.
     hashed = "idempotency-key" in request.headers
     with stage("receive"):

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, InvalidStateError
 from concurrent.futures import TimeoutError as TaskTimeoutError
 from dataclasses import dataclass
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Final, ParamSpec, TypeVar
 
 import pebble
 
@@ -25,6 +25,9 @@ from modalmotion_service.errors import WorkerDiedError
 
 P = ParamSpec("P")
 T = TypeVar("T")
+
+
+_PRELOADED: Final = ["modalmotion_service.tasks", "modalmotion_service.classification_tasks"]
 
 
 @dataclass
@@ -52,11 +55,19 @@ class WorkerPool(Executor):
         Address space of each process; a task that needs more fails with LimitError.
     attempts : int
         How often a task whose process died is tried.
+    seconds_limit : str
+        What errors call the limit on time.
     """
 
     def __init__(
-        self, n_workers: int, task_seconds: float, memory_bytes: int, attempts: int = 3
+        self,
+        n_workers: int,
+        task_seconds: float,
+        memory_bytes: int,
+        attempts: int = 3,
+        seconds_limit: str = "task_seconds",
     ) -> None:
+        self._seconds_limit = seconds_limit
         self._task_seconds = task_seconds
         self._memory_bytes = memory_bytes
         self._attempts = attempts
@@ -99,7 +110,7 @@ class WorkerPool(Executor):
         # A worker is forked from a process that has imported what tasks need and opened
         # nothing: it starts at once, and inherits no lock, socket or database connection.
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["modalmotion_service.tasks"])
+        context.set_forkserver_preload(_PRELOADED)
         return pebble.ProcessPool(
             max_workers=1,
             context=context,
@@ -173,7 +184,7 @@ class WorkerPool(Executor):
                 f"The work took longer than {self._task_seconds:g} s and was ended.",
                 remedy="Send fewer frames or a coarser mesh, ask for fewer modes, or have the "
                 "limit raised.",
-                limit="task_seconds",
+                limit=self._seconds_limit,
                 details={"most": self._task_seconds},
             )
         if isinstance(error, MemoryError):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+import asyncio
+from typing import Any, Final
 from urllib.parse import urlencode
 
+from modalmotion.classify import TrainingOptions
 from modalmotion.store import JobState, ResultStore
 from modalmotion_service.analysis import Analysis, Upload
 from modalmotion_service.jobs import JobRunner, Report
+from modalmotion_service.models import Models
 from modalmotion_service.negotiation import HDF5, NPZ, STREAM
 from modalmotion_service.schemas import (
     EncodingTarget,
@@ -17,10 +20,25 @@ from modalmotion_service.schemas import (
 )
 from modalmotion_service.settings import Settings
 from modalmotion_service.spool import Spool, SpooledUpload
+from modalmotion_service.training import Trainer
+from modalmotion_service.training_set import read_cases
+
+# Kinds of jobs whose request names a file in the spool, kept until the job is finished.
+_WITH_FILES: Final = ("upload", "training")
+
+
+def trainings_at_once(settings: Settings) -> int:
+    """Give how many models are trained at a time; each may take all of a processor for long."""
+    return max(1, settings.workers // 2)
 
 
 def make_runner(
-    settings: Settings, store: ResultStore, spool: Spool, analysis: Analysis
+    settings: Settings,
+    store: ResultStore,
+    spool: Spool,
+    analysis: Analysis,
+    models: Models,
+    trainer: Trainer,
 ) -> JobRunner:
     """Make the runner of all kinds of jobs, and clear what no job needs from the spool."""
 
@@ -49,10 +67,17 @@ def make_runner(
         return {"file": path.name, "media_type": STREAM, "headers": answer.headers}
 
     async def classification(request: Any, _: Report) -> Any:
-        await analysis.classification(request["sequence_id"], request["model"])
+        chosen = await asyncio.to_thread(models.choose, request["model"])
+        await models.classification(request["sequence_id"], chosen, request["coverage"])
         return {"link": f"/v1/sequences/{request['sequence_id']}/classifications"}
 
-    needed = {job.request["file"] for job in store.jobs.unfinished() if job.kind == "upload"}
+    async def training(request: Any, report: Report) -> Any:
+        cases = await asyncio.to_thread(read_cases, _spooled(spool, request))
+        options = TrainingOptions.from_json(request["options"])
+        made = await trainer.train(request["file"], request["name"], options, cases, report)
+        return {"link": f"/v1/models/{made.name}/versions/{made.version}"}
+
+    needed = {job.request["file"] for job in store.jobs.unfinished() if job.kind in _WITH_FILES}
     done = store.jobs.list(state=JobState.SUCCEEDED, limit=1000).jobs
     needed |= {job.result["file"] for job in done if "file" in job.result}
     spool.clear(keep=needed)
@@ -64,10 +89,12 @@ def make_runner(
             "signatures": signatures,
             "encoding": encoding,
             "classification": classification,
+            "training": training,
         },
-        {"upload": lambda request: _spooled(spool, request).remove()},
+        dict.fromkeys(_WITH_FILES, lambda request: _spooled(spool, request).remove()),
         n_at_once=2 * settings.workers,
         most_unfinished=settings.max_unfinished_jobs,
+        apart={"training": trainings_at_once(settings)},
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 from modalmotion.errors import ModalMotionError
 from modalmotion.store import Job, JobState, ResultStore
@@ -18,7 +18,14 @@ from modalmotion_service.problems import internal_problem, problem_body
 
 logger = logging.getLogger(__name__)
 
-Report = Callable[[float], None]
+
+class Report(Protocol):
+    """Says how far a job is."""
+
+    def __call__(self, share: float, text: str = "") -> None:
+        """Note the share that is done, 0 to 1, and in words what is done now."""
+
+
 Handler = Callable[[Any, Report], Awaitable[Any]]
 
 
@@ -30,13 +37,16 @@ class JobRunner:
     store : ResultStore
     handlers : dict
         For each kind of job what does it: an async function of the request and of a function
-        that takes the share done; it gives the result. Both are JSON values.
+        that says how far it is; it gives the result. Request and result are JSON values.
     clean_up : dict
         For kinds that keep something for their work: what removes it, given the request, once
         the job is finished.
     n_at_once : int
     most_unfinished : int
         More than so many queued and running jobs are refused.
+    apart : dict
+        Kinds of which so many run at once, in places of their own: hours of one kind should
+        not keep the others waiting.
     """
 
     def __init__(
@@ -46,11 +56,14 @@ class JobRunner:
         clean_up: Mapping[str, Callable[[Any], None]],
         n_at_once: int,
         most_unfinished: int,
+        apart: Mapping[str, int] | None = None,
     ) -> None:
         self._jobs = store.jobs
         self._handlers = handlers
         self._clean_up = clean_up
         self._places = asyncio.Semaphore(n_at_once)
+        self._apart = {kind: asyncio.Semaphore(n) for kind, n in (apart or {}).items()}
+        self._texts: dict[str, str] = {}
         self._most = most_unfinished
         self._tasks: dict[str, asyncio.Task[None]] = {}
 
@@ -87,6 +100,11 @@ class JobRunner:
         job = await asyncio.to_thread(self._jobs.create, kind, request)
         self._begin(job, instead_of)
         return job
+
+    def text(self, job_id: str) -> str | None:
+        """Say what a job is doing now; None where it is not running or does not say."""
+        # Kept here and not in the store: it means nothing once the work has stopped.
+        return self._texts.get(job_id)
 
     async def cancel(self, job_id: str) -> Job:
         """End a job.
@@ -127,13 +145,14 @@ class JobRunner:
 
         def end(_: asyncio.Task[None]) -> None:
             del self._tasks[job.id]
+            self._texts.pop(job.id, None)
             if instead_of is not None:
                 instead_of.cancel()
 
         task.add_done_callback(end)
 
     async def _run(self, job: Job) -> None:
-        async with self._places:
+        async with self._apart.get(job.kind, self._places):
             if not await self._update(job, state=JobState.RUNNING):
                 return
             try:
@@ -159,7 +178,8 @@ class JobRunner:
         loop = asyncio.get_running_loop()
         pending: set[asyncio.Future[bool]] = set()
 
-        def report(share: float) -> None:
+        def report(share: float, text: str = "") -> None:
+            self._texts[job.id] = text
             # One write under way at a time: what comes meanwhile is soon out of date.
             if not pending:
                 writing = asyncio.ensure_future(self._update(job, progress=share), loop=loop)

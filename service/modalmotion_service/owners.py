@@ -19,8 +19,10 @@ from modalmotion_service.access.principal import LOCAL, require_owner
 from modalmotion_service.analysis import Analysis
 from modalmotion_service.dependencies import State
 from modalmotion_service.job_kinds import make_runner
+from modalmotion_service.models import Models
 from modalmotion_service.settings import Settings
 from modalmotion_service.spool import Spool
+from modalmotion_service.training import Trainer
 
 logger = logging.getLogger(__name__)
 
@@ -46,11 +48,14 @@ class Owners:
     ----------
     settings : Settings
     executor : Executor
+        For requests.
+    training_executor : Executor
     """
 
-    def __init__(self, settings: Settings, executor: Executor) -> None:
+    def __init__(self, settings: Settings, executor: Executor, training_executor: Executor) -> None:
         self._settings = settings
         self._executor = executor
+        self._training_executor = training_executor
         self._states: dict[str, State] = {}
         self._opening = asyncio.Lock()
 
@@ -113,8 +118,10 @@ class Owners:
             store.idempotency.release_unfinished()
             spool = Spool(root / "spool")
             analysis = Analysis(store, self._executor, spool)
-            runner = make_runner(settings, store, spool, analysis)
-            state = State(settings, store, spool, analysis, runner)
+            models = Models(store, analysis, self._executor)
+            trainer = Trainer(store, analysis, self._training_executor, spool, settings.workers)
+            runner = make_runner(settings, store, spool, analysis, models, trainer)
+            state = State(settings, store, spool, analysis, models, runner)
             await runner.resume()
         except BaseException:
             await asyncio.to_thread(store.close)

@@ -19,6 +19,7 @@ from modalmotion.errors import (
     LimitError,
     MalformedFileError,
     ModalMotionError,
+    ModelNotReproducedError,
     NotFoundError,
     StoreError,
 )
@@ -44,6 +45,7 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     InputError: 422,
     NotFoundError: 404,
     CorruptFileError: 500,
+    ModelNotReproducedError: 409,
     StoreError: 503,
     SlowClientError: 408,
     AuthenticationError: 401,
@@ -139,8 +141,10 @@ async def _on_own_error(request: Request, error: Exception) -> Response:
     return answer
 
 
-async def _on_invalid_request(_: Request, error: Exception) -> Response:
+async def _on_invalid_request(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)  # noqa: S101 (registered for this type alone)
+    if hasattr(request.state, "remove_upload"):
+        request.state.remove_upload()
     errors: list[dict[str, Any]] = [
         {"where": ".".join(map(str, item["loc"])), "message": item["msg"]}
         for item in error.errors()

@@ -66,6 +66,12 @@ class Settings(BaseSettings):
     upload_seconds: float = Field(
         300.0, gt=0, description="Time for a request's whole body; then 408."
     )
+    max_training_sequences: int = Field(
+        100_000, gt=0, description="Most sequences that a model is trained on."
+    )
+    training_seconds: float = Field(
+        3600.0, gt=0, description="Longest time of a training, once its signatures are there."
+    )
     task_seconds: float = Field(300.0, gt=0, description="Longest time of one piece of work.")
     task_memory_bytes: int = Field(
         6_000_000_000, ge=1_000_000_000, description="Address space of one piece of work."
@@ -85,9 +91,11 @@ class Settings(BaseSettings):
     def limits(self) -> dict[str, float]:
         """Everything a client may run into, by the name that errors give it."""
         of_readers = ("frames", "vertices", "faces", "decompressed_bytes")
-        names = ("body_bytes", *of_readers, "query_ids", "concurrent_requests", "unfinished_jobs")
+        counts = ("query_ids", "training_sequences", "concurrent_requests", "unfinished_jobs")
+        names = ("body_bytes", *of_readers, *counts)
         rates = ("requests_per_minute", "anonymous_per_minute", "failures_per_minute")
-        seconds = ("header_seconds", "idle_seconds", "upload_seconds", "task_seconds")
+        of_requests = ("header_seconds", "idle_seconds", "upload_seconds")
+        seconds = (*of_requests, "task_seconds", "training_seconds")
         limits: dict[str, float] = {name: getattr(self, f"max_{name}") for name in names + rates}
         limits.update({name: getattr(self, name) for name in seconds})
         limits["task_memory_bytes"] = self.task_memory_bytes

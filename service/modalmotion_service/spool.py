@@ -38,8 +38,14 @@ class SpooledUpload:
             raise cannot_write(self.path, error) from error
 
     def remove(self) -> None:
-        """Remove the file."""
-        self.path.unlink(missing_ok=True)
+        """Remove the file, and what was made beside it."""
+        remove_with_beside(self.path)
+
+
+def remove_with_beside(path: Path) -> None:
+    """Remove a file, and those beside it whose names begin with its own."""
+    for found in path.parent.glob(f"{path.name}*"):
+        found.unlink(missing_ok=True)
 
 
 class Spool:

@@ -17,7 +17,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.classify import Classification, classify, load_model
 from modalmotion.codec import decode, encode
 from modalmotion.comparison import Comparison, compare
 from modalmotion.formats import (
@@ -234,11 +233,6 @@ def _encoded(sequence: MeshSequence, asked: EncodingTarget, output: Path) -> Enc
     )
     output.write_bytes(found.data)
     return EncodedAnswer.of(found)
-
-
-def name_class(signature: Path, model: str) -> Classification:
-    """Ask a model for the class of a kept signature's motion."""
-    return classify(signature_from_hdf5(signature), load_model(model))
 
 
 def pack_npz(signatures: list[Path], records: list[SequenceRecord], output: Path) -> None:

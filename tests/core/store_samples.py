@@ -12,9 +12,11 @@ from types import MappingProxyType
 import numpy as np
 
 from modalmotion.classify.classification import Classification
+from modalmotion.classify.explanation import ModeContribution
 from modalmotion.modes import ModeSet
 from modalmotion.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.store import KeptModel, ModelRecord
 
 KEY = SignatureParameters().key
 MODEL = hashlib.sha256(b"a model").hexdigest()
@@ -41,9 +43,29 @@ def sample_classification(sequence_id: str, model_id: str = MODEL) -> Classifica
         label="normal",
         classes=("normal", "akinesia"),
         probabilities=np.array([0.75, 0.25]),
+        class_set=("normal",),
+        coverage=0.9,
+        flags=(),
+        explanation=(ModeContribution(("(0, 1, cos)", "(0, 1, sin)"), 1.25, 0.5, "mm"),),
         notes=("made up",),
         provenance={"modalmotion": "0"},
     )
+
+
+def sample_model(
+    number: int = 0, name: str = "wall-motion", training: str | None = None
+) -> KeptModel:
+    """A model whose bytes mean nothing, another one for each number."""
+    record = ModelRecord(
+        name=name,
+        version=0,
+        id=f"{number:064x}",
+        classes=("normal", "akinesia"),
+        parameters=SignatureParameters(modes=4 + number % 3),
+        created="",
+        training=training,
+    )
+    return KeptModel(record, {"accuracy": 0.9, "number": number}, bytes([number % 251]) * 100)
 
 
 def assert_same(found: object, expected: object) -> None:

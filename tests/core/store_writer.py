@@ -13,7 +13,13 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from store_samples import KEY, sample_classification, sample_sequence, sample_signature
+from store_samples import (
+    KEY,
+    sample_classification,
+    sample_model,
+    sample_sequence,
+    sample_signature,
+)
 
 from modalmotion.store import ResultStore
 
@@ -34,10 +40,12 @@ def changes_of(store: ResultStore, number: int) -> dict[str, Callable[[], object
         "signature": lambda: store.put_signature(signature),
         "update": lambda: store.update_sequence(sequence.id, subject="after"),
         "classification": lambda: store.put_classification(classification, KEY),
+        "model": lambda: store.put_model(sample_model(number, name=f"m{number}")),
         "job": lambda: store.jobs.create("test", {"number": number}),
     }
     if number % 2:
         changes["delete"] = lambda: store.delete_sequence(sequence.id)
+        changes["delete-model"] = lambda: store.delete_model(f"m{number}", 1)
     return changes
 
 

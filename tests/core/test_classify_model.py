@@ -18,8 +18,8 @@ from modalmotion.classify import (
     Model,
     available_models,
     load_model,
-    model_from_json,
-    model_to_json,
+    model_from_bytes,
+    model_to_bytes,
 )
 from modalmotion.errors import CorruptFileError, NotFoundError
 
@@ -69,10 +69,10 @@ def test_probabilities_add_up_to_one_however_far_the_features_lie(values: list[f
 
 
 def test_a_model_read_back_is_the_same(small: Model, tmp_path: Path) -> None:
-    text = model_to_json(small)
-    again = model_from_json(text)
+    text = model_to_bytes(small)
+    again = model_from_bytes(text)
     assert again.id == small.id
-    assert model_to_json(again) == text
+    assert model_to_bytes(again) == text
     assert again.notes == small.notes
     path = tmp_path / "small.json"
     path.write_bytes(text)
@@ -90,30 +90,30 @@ def altered(text: bytes, **changes: object) -> bytes:
 
 
 def test_an_altered_model_is_refused(small: Model) -> None:
-    text = model_to_json(small)
+    text = model_to_bytes(small)
     with pytest.raises(CorruptFileError, match="sha256"):
-        model_from_json(altered(text, farthest=1e9))
+        model_from_bytes(altered(text, farthest=1e9))
     wrong = replace(small, golden_probabilities=small.golden_probabilities + 1e-6)
     with pytest.raises(CorruptFileError, match="golden"):
-        model_from_json(model_to_json(wrong))
+        model_from_bytes(model_to_bytes(wrong))
     with pytest.raises(CorruptFileError, match="schema"):
-        model_from_json(altered(text, schema=99))
+        model_from_bytes(altered(text, schema=99))
 
 
 @pytest.mark.parametrize("text", [b"", b"[]", b"not json", b'{"schema": 1}', b"\xff\xfe"])
 def test_what_is_no_model_is_refused(text: bytes) -> None:
     with pytest.raises(CorruptFileError):
-        model_from_json(text)
+        model_from_bytes(text)
 
 
 def test_half_a_model_is_refused(small: Model) -> None:
-    text = model_to_json(small)
+    text = model_to_bytes(small)
     with pytest.raises(CorruptFileError):
-        model_from_json(text[: len(text) // 2])
+        model_from_bytes(text[: len(text) // 2])
     with pytest.raises(CorruptFileError):
-        model_from_json(altered(text, centre=[1.0, 2.0, 3.0]))
+        model_from_bytes(altered(text, centre=[1.0, 2.0, 3.0]))
     with pytest.raises(CorruptFileError):
-        model_from_json(altered(text, coefficients="many"))
+        model_from_bytes(altered(text, coefficients="many"))
 
 
 @pytest.mark.parametrize("name", ["none", "../data/ventricle-simulated", "/model.json", ""])
@@ -131,7 +131,7 @@ def test_a_missing_file_is_not_found(tmp_path: Path) -> None:
 def test_the_shipped_model_is_small_whole_and_honest() -> None:
     assert available_models() == (DEFAULT_MODEL,)
     model = load_model()
-    assert len(model_to_json(model)) < 200_000
+    assert len(model_to_bytes(model)) < 200_000
     assert model.card["has_seen_patients"] is False
     assert any("no patient" in note for note in model.notes[""])
     assert model.card["held_out"]["all"]["accuracy"] > 0.9

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from modalmotion.classify import classify, model_to_json
+from modalmotion.classify import classify, model_to_bytes
 from modalmotion.classify.train_shipped import NOTES, held_out, training_signatures
-from modalmotion.classify.training import TrainingOptions, train_model
+from modalmotion.classify.training import LinearOptions, train_model
 from modalmotion.errors import ParameterError
 from modalmotion.features import motion_features
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
@@ -23,7 +23,7 @@ def cases() -> Labelled:
 
 def test_training_again_gives_the_same_model_to_the_byte(cases: Labelled) -> None:
     first, second = (train_model("small", cases, notes=NOTES) for _ in range(2))
-    assert model_to_json(first) == model_to_json(second)
+    assert model_to_bytes(first) == model_to_bytes(second)
     assert first.id != train_model("small", cases[1:], notes=NOTES).id
 
 
@@ -58,7 +58,7 @@ def test_cases_of_different_modes_are_refused(cases: Labelled) -> None:
 
 
 def test_the_limit_leaves_out_the_share_it_is_asked_to(cases: Labelled) -> None:
-    known = train_model("half", cases, options=TrainingOptions(known_share=0.5))
+    known = train_model("half", cases, options=LinearOptions(known_share=0.5))
     answers = [classify(signature, known) for signature, _ in cases]
     assert np.mean([answer.label is None for answer in answers]) == pytest.approx(0.5, abs=0.1)
 

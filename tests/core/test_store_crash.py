@@ -13,6 +13,7 @@ from store_samples import (
     MODEL,
     assert_same,
     sample_classification,
+    sample_model,
     sample_sequence,
     sample_signature,
     tree,
@@ -63,6 +64,13 @@ def check_round(store: ResultStore, lines: list[str], jobs: set[int]) -> set[str
     for number, changes in begun.items():
         sequence, done = sample_sequence(number), acknowledged[number]
         assert "job" not in done or number in jobs
+        try:
+            model = store.kept_model(f"m{number}", 1)
+        except NotFoundError:
+            assert "model" not in done or "delete-model" in changes
+        else:
+            assert "delete-model" not in done
+            assert model.data == sample_model(number).data
         if not store.has_sequence(sequence.id):
             assert "put" not in done or "delete" in changes
             with pytest.raises(NotFoundError):

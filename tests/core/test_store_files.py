@@ -187,7 +187,7 @@ def test_every_field_has_a_place_in_the_file() -> None:
     assert len(fields(SpringSpectrum)) == 2
     assert len(fields(Rotations)) == 2
     assert len(fields(MeshSequence)) == 6
-    assert len(fields(Classification)) == 8
+    assert len(fields(Classification)) == 12
     assert len(fields(Template)) == 11
 
 

@@ -17,6 +17,7 @@ from store_samples import (
     MODEL,
     assert_same,
     sample_classification,
+    sample_model,
     sample_sequence,
     sample_signature,
     tree,
@@ -56,6 +57,7 @@ def root(tmp_path: Path) -> Path:
             store.put_signature(sample_signature(sequence, modes=4))
             store.put_classification(sample_classification(sequence.id), KEY)
         store.update_sequence(sample_sequence(0).id, label=None)
+        store.put_model(sample_model(1))
         store.jobs.create("signature", {"number": 1})
         store.idempotency.claim("key", "fingerprint")
     return folder
@@ -66,7 +68,7 @@ def index_of(root: Path) -> dict[str, list[tuple[object, ...]]]:
     try:
         return {
             table: connection.execute(f"SELECT * FROM {table} ORDER BY 1, 2, 3, 4").fetchall()  # noqa: S608
-            for table in ("sequences", "results", "jobs", "idempotency")
+            for table in ("sequences", "results", "models", "jobs", "idempotency")
         }
     finally:
         connection.close()
@@ -95,7 +97,8 @@ def test_an_index_that_is_lost_comes_back_without_jobs(root: Path) -> None:
     (root / "index.sqlite").unlink()
     rebuild(root)
     after = index_of(root)
-    assert (after["sequences"], after["results"]) == (before["sequences"], before["results"])
+    for table in ("sequences", "results", "models"):
+        assert after[table] == before[table]
     assert (after["jobs"], after["idempotency"]) == ([], [])
 
 
@@ -357,7 +360,7 @@ def test_verify_counts_what_it_read(root: Path) -> None:
     report = verify(root, progress=lambda done, total: seen.append((done, total)))
     assert (report.n_sequences, report.n_results) == (N, 3 * N)
     assert report.n_bytes == sum(map(len, tree(root).values()))
-    assert seen[-1] == (5 * N, 5 * N)
+    assert seen[-1] == (5 * N + 1, 5 * N + 1)
 
 
 @pytest.mark.parametrize("look", [rebuild, verify, lambda root: export(root, root / "out.h5")])

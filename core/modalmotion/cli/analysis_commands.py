@@ -1,4 +1,4 @@
-"""Commands that look at one sequence: signature, reconstruct and classify."""
+"""Commands that look at one sequence: signature and reconstruct."""
 
 from __future__ import annotations
 
@@ -121,38 +121,6 @@ def reconstruct(
         f"{result.n_frames} frames, error {result.rms_error:.3f} "
         f"{result.unit or 'length units'} RMS; written: {output}"
     )
-
-
-@click.command()
-@sequence_argument
-@click.option("--model", default="ventricle-simulated", show_default=True, help="Model to ask.")
-@click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
-def classify(source: Path, model: str, as_json: bool, **said: Any) -> None:
-    """Name the motion class of the sequence in FILE."""
-    from modalmotion.classify import classify as ask
-    from modalmotion.classify import load_model
-
-    chosen = load_model(model)
-    result = ask(modal_signature(read(source, **said), chosen.signature_parameters), chosen)
-    shares = dict(zip(result.classes, result.probabilities.tolist(), strict=True))
-    if as_json:
-        answer = {
-            "model": result.model,
-            "model_id": result.model_id,
-            "label": result.label,
-            "probabilities": shares,
-            "notes": list(result.notes),
-        }
-        click.echo(json.dumps(answer, indent=2))
-        return
-    if result.label is None:
-        click.echo(f"{result.model}: no class")
-    else:
-        click.echo(f"{result.model}: {result.label}, probability {result.probability:.3f}")
-    for name, share in sorted(shares.items(), key=lambda item: -item[1]):
-        click.echo(f"  {share:6.3f}  {name}")
-    for note in result.notes:
-        click.echo(f"note: {note}")
 
 
 def summary(result: ModalSignature) -> dict[str, object]:

@@ -62,10 +62,12 @@ def read(
     n_vertices: int | None = None,
     grid: tuple[int, ...] | None = None,
     topology: str | None = None,
+    quiet: bool = False,
 ) -> MeshSequence:
     """Read a sequence: a file, a folder of frames, or a pattern of their names.
 
-    Frames that are files of their own show a bar; what was not used or guessed is said.
+    Frames that are files of their own show a bar; what was not used or guessed is said, unless
+    this is one file of many (`quiet`).
     """
     options = ReadOptions(
         format=None if form is None else Format(form),
@@ -75,6 +77,8 @@ def read(
         grid=grid,
         topology=topology,
     )
+    if quiet:
+        return read_sequence(source, options).sequence
     with _FrameBar() as bar:
         result = read_sequence(source, options, progress=bar)
     if result.ignored:

@@ -11,13 +11,16 @@ import click
 from modalmotion.errors import ModalMotionError
 
 COMMANDS: Final = {
-    "classify": ("analysis_commands", "Name the motion class of the sequence in FILE."),
+    "classify": ("model_commands", "Name the motion class of the sequence in FILE."),
     "decode": ("codec_commands", "Decode a compressed STREAM, or some of its frames."),
     "encode": ("codec_commands", "Compress the sequence in FILE at an error that you choose."),
+    "evaluate": ("model_commands", "Test MODEL on labelled sequences that it has not seen."),
     "reconstruct": ("analysis_commands", "Write the surfaces that a few modes stand for."),
     "signature": ("analysis_commands", "Fit the modal signature of the sequence in FILE."),
     "simulate": ("simulate_command", "Simulate one heartbeat of a left ventricle."),
+    "simulate-cohort": ("simulate_command", "Simulate labelled ventricles, each another."),
     "store": ("store_commands", "Look after a folder of results; no server may have it open."),
+    "train": ("model_commands", "Train a model on labelled sequences."),
 }
 """Module and one line for each; what a command needs is imported when it is called."""
 

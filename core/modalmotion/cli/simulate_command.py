@@ -1,7 +1,10 @@
-"""The command that simulates a ventricle; every parameter of the model is an option."""
+"""Commands that simulate ventricles: one, by every parameter of the model; or a cohort."""
 
 from __future__ import annotations
 
+import csv
+import io
+import sys
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -12,7 +15,13 @@ import numpy as np
 
 from modalmotion.cli.files import GridShape
 from modalmotion.formats import write_npz
-from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
+from modalmotion.simulate import (
+    Acquisition,
+    MotionClass,
+    VentricleParameters,
+    simulate_ventricle,
+)
+from modalmotion.simulate import simulate_cohort as cohort
 from modalmotion.store import write_atomic
 
 
@@ -64,3 +73,37 @@ def simulate(
     )
     write_atomic(output, write_npz(sequence))
     click.echo(f"{sequence.n_frames} frames of {sequence.n_vertices} vertices, in mm: {output}")
+
+
+@click.command("simulate-cohort")
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder to write: files, and cases.csv with path, label and subject.",
+)
+@click.option(
+    "--per-class",
+    default=20,
+    show_default=True,
+    type=click.IntRange(min=1),
+    help="Ventricles of each class.",
+)
+@click.option("--noise", default=0.6, show_default=True, help="Of each coordinate, in mm.")
+@click.option("--seed", default=0, show_default=True, help="Of everything that is random.")
+def simulate_cohort(output: Path, per_class: int, noise: float, seed: int) -> None:
+    """Simulate labelled ventricles that differ in motion, shape, mesh, frames and pose."""
+    output.mkdir(parents=True, exist_ok=True)
+    table = io.StringIO()
+    rows = csv.writer(table, lineterminator="\n")
+    rows.writerow(["path", "label", "subject"])
+    total = per_class * len(MotionClass)
+    cases = cohort(per_class, rng=np.random.default_rng(seed), noise=noise)
+    with click.progressbar(cases, length=total, label="ventricles", file=sys.stderr) as bar:
+        for number, case in enumerate(bar):
+            name = f"ventricle-{seed}-{number:04d}"
+            write_atomic(output / f"{name}.npz", write_npz(case.sequence))
+            rows.writerow([f"{name}.npz", case.label, name])
+    write_atomic(output / "cases.csv", table.getvalue().encode())
+    click.echo(f"{total} ventricles of {len(MotionClass)} classes: {output / 'cases.csv'}")

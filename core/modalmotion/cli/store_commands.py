@@ -31,7 +31,10 @@ def rebuild(folder: Path, owner: str | None) -> None:
 
     with _progress("reading files") as progress:
         found = run(_store_of(folder, owner), progress=progress)
-    click.echo(f"{found.n_sequences} sequences, {found.n_results} results are in the index")
+    click.echo(
+        f"{found.n_sequences} sequences, {found.n_results} results, {found.n_models} models "
+        "are in the index"
+    )
     for what, number in (
         ("deletions finished", found.n_deletions),
         ("unfinished files removed", found.n_temporaries),
@@ -67,7 +70,7 @@ def verify(folder: Path, owner: str | None) -> None:
     n_faults = len(report.faults)
     verdict = "sound" if report.is_sound else f"{n_faults} fault{'s' * (n_faults > 1)}"
     click.echo(
-        f"{report.n_sequences} sequences, {report.n_results} results, "
+        f"{report.n_sequences} sequences, {report.n_results} results, {report.n_models} models, "
         f"{report.n_bytes / 1e6:.1f} MB: {verdict}"
     )
     if not report.is_sound:

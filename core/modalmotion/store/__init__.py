@@ -4,12 +4,22 @@ from modalmotion.store.analysis_file import export, write_pack
 from modalmotion.store.atomic import write_atomic
 from modalmotion.store.classification_file import (
     classification_from_hdf5,
+    classification_key,
     classification_to_hdf5,
 )
 from modalmotion.store.idempotency import IdempotencyKeys, IdempotentRequest
 from modalmotion.store.index import SequencePage
 from modalmotion.store.jobs import UNSET, Job, JobPage, Jobs, JobState, Unset
 from modalmotion.store.maintenance import rebuild
+from modalmotion.store.model_file import KeptModel, kept_model, model_from_hdf5, model_to_hdf5
+from modalmotion.store.model_record import (
+    NAME_PATTERN,
+    VERSION_PATTERN,
+    ModelRecord,
+    ModelReference,
+    parse_reference,
+    require_model_name,
+)
 from modalmotion.store.record import SequenceRecord, record_of
 from modalmotion.store.recovery import Reconciliation
 from modalmotion.store.results import ResultStore
@@ -19,7 +29,9 @@ from modalmotion.store.template_file import template_from_hdf5, template_to_hdf5
 from modalmotion.store.verification import Fault, VerifyReport, verify
 
 __all__ = [
+    "NAME_PATTERN",
     "UNSET",
+    "VERSION_PATTERN",
     "Fault",
     "IdempotencyKeys",
     "IdempotentRequest",
@@ -27,6 +39,9 @@ __all__ = [
     "JobPage",
     "JobState",
     "Jobs",
+    "KeptModel",
+    "ModelRecord",
+    "ModelReference",
     "Reconciliation",
     "ResultStore",
     "SequencePage",
@@ -34,10 +49,16 @@ __all__ = [
     "Unset",
     "VerifyReport",
     "classification_from_hdf5",
+    "classification_key",
     "classification_to_hdf5",
     "export",
+    "kept_model",
+    "model_from_hdf5",
+    "model_to_hdf5",
+    "parse_reference",
     "rebuild",
     "record_of",
+    "require_model_name",
     "sequence_from_hdf5",
     "sequence_to_hdf5",
     "signature_from_hdf5",

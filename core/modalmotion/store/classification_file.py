@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import hashlib
+from dataclasses import asdict
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from modalmotion.classify.classification import Classification
-from modalmotion.signature import INTENDED_USE
+from modalmotion.classify.explanation import ModeContribution
+from modalmotion.signature import INTENDED_USE, SignatureParameters
 from modalmotion.store.contents import Contents, read_contents
 from modalmotion.store.image import Attribute, Dataset, json_text, sealed_image
 
 KIND: Final = "classification"
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
+
+
+def classification_key(parameters: SignatureParameters, coverage: float) -> str:
+    """Short name of what was asked of a model: which signature, and how sure a class set."""
+    return hashlib.sha256(f"{parameters.key} {coverage!r}".encode()).hexdigest()[:16]
 
 
 def classification_to_hdf5(
@@ -23,7 +31,7 @@ def classification_to_hdf5(
     ----------
     classification : Classification
     parameters_key : str, optional
-        Key of the parameters of the signature that was classified.
+        Key of what was asked; see `classification_key`.
 
     Returns
     -------
@@ -49,6 +57,10 @@ def classification_to_hdf5(
         Dataset("probabilities", classification.probabilities, "1", "class"),
         json_text("classes", classification.classes),
         json_text("label", classification.label),
+        json_text("class_set", classification.class_set),
+        json_text("coverage", classification.coverage),
+        json_text("flags", classification.flags),
+        json_text("explanation", [asdict(part) for part in classification.explanation]),
         json_text("notes", classification.notes),
         json_text("provenance", classification.provenance),
     ]
@@ -88,5 +100,21 @@ def read_classification(source: bytes | Path) -> tuple[Classification, Contents]
             probabilities=contents.array("probabilities", (len(classes),)),
             notes=tuple(contents.json("notes", list)),
             provenance=contents.json("provenance", dict),
+            **_since_version_2(contents, classes),
         )
     return classification, contents
+
+
+def _since_version_2(contents: Contents, classes: tuple[str, ...]) -> dict[str, Any]:
+    if contents.attributes["schema_version"] == 1:
+        # Nothing was ruled out then: the set of all classes, which is always right.
+        return {"class_set": classes, "coverage": 1.0, "flags": (), "explanation": ()}
+    return {
+        "class_set": tuple(contents.json("class_set", list)),
+        "coverage": float(contents.json("coverage", float)),
+        "flags": tuple(contents.json("flags", list)),
+        "explanation": tuple(
+            ModeContribution(**{**part, "modes": tuple(part["modes"])})
+            for part in contents.json("explanation", list)
+        ),
+    }

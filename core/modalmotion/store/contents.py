@@ -79,7 +79,7 @@ def read_contents(source: bytes | Path, kind: str, version: int) -> Iterator[Con
     ----------
     source : bytes or Path
     kind : str
-        What it must hold: "signature", "sequence" or "classification".
+        What it must hold: "signature", "sequence", "classification" or "model".
     version : int
         Newest version of its schema that is understood.
 
@@ -172,7 +172,7 @@ def _require_kind(contents: Contents, kind: str, version: int) -> None:
         )
 
 
-def require_match(path: Path, contents: Contents, **ids: str) -> None:
+def require_match(path: Path, contents: Contents, **ids: str | int | None) -> None:
     """Refuse a file whose ids are not those that it was looked up by.
 
     Raises

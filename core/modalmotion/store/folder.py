@@ -11,6 +11,8 @@
     sequences/ab/<id>.deleted                       a deletion that is under way
     signatures/ab/<id>-<key>.h5
     classifications/ab/<id>-<model id>-<key>.h5
+    models/<name>/<version>.h5
+    models/<name>/<version>.deleted                 stays, so that the number is never given again
 
 `ab` are the first two digits of the id, so that no folder grows too large to list.
 """
@@ -25,11 +27,13 @@ from typing import Final, Literal, NamedTuple
 
 from modalmotion.errors import StoreError
 from modalmotion.store.atomic import is_temporary
+from modalmotion.store.model_record import VERSION_PATTERN, ModelReference, is_model_name
 
 _ID: Final = "[0-9a-f]{64}"
 _KEY: Final = "[0-9a-f]{16}"
 _SEQUENCE: Final = re.compile(rf"({_ID})\.(json|h5|deleted)")
 _RESULT: Final = re.compile(rf"({_ID})-(?:({_ID})-)?({_KEY})\.h5")
+_MODEL: Final = re.compile(rf"({VERSION_PATTERN})\.(h5|deleted)")
 _INDEX_FILES: Final = ("index.sqlite", "index.sqlite-wal", "index.sqlite-shm")
 
 ResultKind = Literal["signature", "classification"]
@@ -63,6 +67,8 @@ class Scan:
     deletions: set[str] = field(default_factory=set)
     results: set[ResultName] = field(default_factory=set)
     templates: set[str] = field(default_factory=set)
+    models: set[ModelReference] = field(default_factory=set)
+    deleted_models: set[ModelReference] = field(default_factory=set)
     temporaries: list[Path] = field(default_factory=list)
     foreign: list[Path] = field(default_factory=list)
 
@@ -91,7 +97,8 @@ class Folder:
     @property
     def exists(self) -> bool:
         """Whether there is a store at all."""
-        return self.index.is_file() or (self.root / "sequences").is_dir()
+        kept = (self.root / name for name in ("sequences", "models"))
+        return self.index.is_file() or any(folder.is_dir() for folder in kept)
 
     def record(self, sequence_id: str) -> Path:
         """Record of a sequence."""
@@ -120,6 +127,21 @@ class Folder:
         names = [path.name for path in _files(self.root / "templates")]
         ids = [name.removesuffix(".h5") for name in names if name.endswith(".h5")]
         return sorted(filter(is_id, ids))
+
+    def model(self, reference: ModelReference) -> Path:
+        """File of a version of a model."""
+        return self.root / "models" / reference.name / f"{reference.version}.h5"
+
+    def deleted_model(self, reference: ModelReference) -> Path:
+        """File that stays in place of a version that was deleted."""
+        return self.root / "models" / reference.name / f"{reference.version}.deleted"
+
+    def last_version(self, name: str) -> int:
+        """Highest version of a model that was ever given, whatever became of it; 0 for none."""
+        folder = self.root / "models" / name
+        names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+        found = map(_MODEL.fullmatch, names)
+        return max((int(match[1]) for match in found if match is not None), default=0)
 
     def derived(self, sequence_id: str) -> list[Path]:
         """All files of results of a sequence, as they lie there."""
@@ -164,7 +186,13 @@ class Folder:
         if is_temporary(name):
             scan.temporaries.append(path)
             return
-        if name[:2] == path.parent.name:
+        if folder == "models":
+            found = _MODEL.fullmatch(name)
+            if found is not None and is_model_name(path.parent.name):
+                kept = scan.models if found[2] == "h5" else scan.deleted_models
+                kept.add(ModelReference(path.parent.name, int(found[1])))
+                return
+        elif name[:2] == path.parent.name:
             if folder == "sequences":
                 found = _SEQUENCE.fullmatch(name)
                 if found is not None:
@@ -197,7 +225,7 @@ _RESULT_FOLDERS: Final[dict[str, ResultKind]] = {
 }
 # Files under way; keys and audit log; stores of owners other than the folder's own.
 _OF_THE_SERVICE: Final = ("spool", "access", "owners")
-_FOLDERS: Final = ("sequences", "templates", *_RESULT_FOLDERS)
+_FOLDERS: Final = ("sequences", "templates", "models", *_RESULT_FOLDERS)
 
 
 def is_id(text: object) -> bool:

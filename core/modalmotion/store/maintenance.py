@@ -13,6 +13,7 @@ from modalmotion.store.database import Database
 from modalmotion.store.folder import Folder
 from modalmotion.store.index import Index
 from modalmotion.store.lock import folder_lock
+from modalmotion.store.model_index import ModelIndex
 from modalmotion.store.recovery import Progress, Reconciliation, reconcile
 
 
@@ -39,6 +40,7 @@ def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
         database, jobs_lost = _usable(folder)
         try:
             index = Index(database)
+            ModelIndex(database).prepare()
             found = reconcile(folder, index, thorough=True, progress=progress)
             index.set_clean(True)
         finally:

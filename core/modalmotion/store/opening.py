@@ -20,6 +20,7 @@ from modalmotion.store.idempotency import IdempotencyKeys
 from modalmotion.store.index import Index
 from modalmotion.store.jobs import Jobs
 from modalmotion.store.lock import FolderLock
+from modalmotion.store.model_index import ModelIndex
 from modalmotion.store.recovery import reconcile
 
 _N_STRIPES: Final = 64
@@ -66,6 +67,7 @@ class Opening:
             database = Database(self._folder.index)
             try:
                 index = Index(database)
+                ModelIndex(database).prepare()
                 if not index.is_clean:
                     reconcile(self._folder, index, thorough=False)
                 index.set_clean(False)

@@ -14,6 +14,10 @@ from modalmotion.store.cursor import to_text
 from modalmotion.store.deletion import finish_deletion
 from modalmotion.store.folder import Folder, ResultName, Scan
 from modalmotion.store.index import Index, put_records, put_results
+from modalmotion.store.model_deletion import deleted_record, finish_model_deletion
+from modalmotion.store.model_file import read_kept_model
+from modalmotion.store.model_index import ModelIndex, put_models
+from modalmotion.store.model_record import ModelRecord
 from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
 from modalmotion.store.sealed import digest_of, is_sound, load_sealed
 from modalmotion.store.sequence_file import read_sequence
@@ -42,6 +46,8 @@ class Reconciliation:
         Results of no sequence, and files that are none of the store's.
     jobs_lost : bool
         Whether the index was so damaged that jobs and idempotency keys are lost.
+    n_models : int
+        Versions of models in the index now, without deleted ones.
     """
 
     n_sequences: int
@@ -52,6 +58,7 @@ class Reconciliation:
     damaged: tuple[str, ...]
     orphans: tuple[str, ...]
     jobs_lost: bool = False
+    n_models: int = 0
 
 
 def reconcile(
@@ -77,6 +84,8 @@ def reconcile(
     remove_durably(*scan.temporaries)
     for sequence_id in sorted(scan.deletions):
         finish_deletion(folder, index, sequence_id)
+    for reference in sorted(scan.models & scan.deleted_models):
+        finish_model_deletion(folder, reference)
     known = {record.id: record for record in index.records()}
     digests = {} if thorough else index.results()
     there = sorted((scan.records | scan.uploads) - scan.deletions)
@@ -111,10 +120,13 @@ def reconcile(
         except StoreError:
             damaged.append(folder.short(path))
         _tell(progress, number, len(there) + len(results))
+    models = _models(folder, index, scan, damaged)
     with index.database.write() as connection:
         connection.execute("DELETE FROM sequences")
         put_records(connection, records)
         put_results(connection, rows)
+        connection.execute("DELETE FROM models")
+        put_models(connection, models)
     return Reconciliation(
         n_sequences=len(records),
         n_results=len(rows),
@@ -123,7 +135,33 @@ def reconcile(
         restored=tuple(restored),
         damaged=tuple(damaged),
         orphans=tuple(sorted(orphans)),
+        n_models=sum(record.deleted is None for record in models),
     )
+
+
+def _models(folder: Folder, index: Index, scan: Scan, damaged: list[str]) -> list[ModelRecord]:
+    """Read the records of all versions of models, which are few, from their files."""
+    known = {record.reference: record for record in ModelIndex(index.database).all()}
+    records = []
+    for reference in sorted(scan.models - scan.deleted_models):
+        path = folder.model(reference)
+        try:
+            kept, contents = read_kept_model(path)
+            require_match(path, contents, model=reference.name, version=reference.version)
+        except StoreError:
+            damaged.append(folder.short(path))
+        else:
+            records.append(kept.record)
+    for reference in sorted(scan.deleted_models):
+        path = folder.deleted_model(reference)
+        try:
+            records.append(deleted_record(path, reference))
+        except StoreError:
+            # The number is taken all the same; what the model was, the index may know.
+            damaged.append(folder.short(path))
+            if reference in known and known[reference].deleted is not None:
+                records.append(known[reference])
+    return records
 
 
 def _record(

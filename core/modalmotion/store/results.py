@@ -1,4 +1,4 @@
-"""The store: sequences, signatures and classifications in one folder."""
+"""The store: sequences, signatures, classifications and models in one folder."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.signature import ModalSignature
 from modalmotion.store.classification_file import classification_to_hdf5, read_classification
 from modalmotion.store.folder import ResultKind, ResultName, is_id, is_key
+from modalmotion.store.models import ModelStore
 from modalmotion.store.sealed import digest_of, is_sound, load_sealed
 from modalmotion.store.signature_file import read_signature, signature_to_hdf5
 from modalmotion.store.templates import TemplateStore
 
 
-class ResultStore(TemplateStore):
+class ResultStore(TemplateStore, ModelStore):
     """Immutable results in files, found through an index; nothing acknowledged is lost.
 
     Safe for any number of threads of one process, which holds the folder's lock from `open`

@@ -141,7 +141,7 @@ def _signature(contents: Contents) -> ModalSignature:
         lengths=tuple(contents.array("lengths", (None,)).tolist()),
         landmarks=landmarks_from(contents),
         condition=contents.number("condition"),
-        parameters=_parameters(contents.json("parameters", dict)),
+        parameters=parameters_from_json(contents.json("parameters", dict)),
         sequence_id=contents.text("sequence_id"),
         template_id=contents.text("template_id"),
         notes=tuple(contents.json("notes", list)),
@@ -203,12 +203,19 @@ def landmarks_from(contents: Contents) -> Landmarks | None:
 
 @lru_cache(maxsize=64)
 def _parameters_text(parameters: SignatureParameters) -> Dataset:
-    # All are plain values; `asdict` would copy them. Most signatures are asked for alike.
+    # Most signatures are asked for alike.
+    return json_text("parameters", parameters_as_json(parameters))
+
+
+def parameters_as_json(parameters: SignatureParameters) -> dict[str, Any]:
+    """Values of a signature's parameters, ready for JSON."""
+    # All are plain values; `asdict` would copy them.
     values = {field.name: getattr(parameters, field.name) for field in fields(parameters)}
-    return json_text("parameters", {**values, "landmarks": parameters.landmarks.as_json()})
+    return {**values, "landmarks": parameters.landmarks.as_json()}
 
 
-def _parameters(values: dict[str, Any]) -> SignatureParameters:
+def parameters_from_json(values: dict[str, Any]) -> SignatureParameters:
+    """Read what `parameters_as_json` gave."""
     # JSON knows no tuples and no enumerations; fields that came later keep their defaults.
     grid = values.get("grid")
     return SignatureParameters(

@@ -15,6 +15,10 @@ from modalmotion.store.folder import Folder, ResultName, Scan
 from modalmotion.store.index import Index
 from modalmotion.store.lock import folder_lock
 from modalmotion.store.maintenance import existing_store
+from modalmotion.store.model_deletion import deleted_record
+from modalmotion.store.model_file import read_kept_model
+from modalmotion.store.model_index import ModelIndex
+from modalmotion.store.model_record import ModelRecord, ModelReference
 from modalmotion.store.record import SequenceRecord, read_record
 from modalmotion.store.recovery import Progress
 from modalmotion.store.sealed import digest_of, load_sealed
@@ -53,6 +57,8 @@ class VerifyReport:
         What a crash left, and the next `open` finishes or removes.
     orphans : tuple of str
         Results of no sequence, and files that are none of the store's.
+    n_models : int
+        Files of models.
     """
 
     n_sequences: int
@@ -61,6 +67,7 @@ class VerifyReport:
     faults: tuple[Fault, ...]
     unfinished: tuple[str, ...]
     orphans: tuple[str, ...]
+    n_models: int = 0
 
     @property
     def is_sound(self) -> bool:
@@ -93,6 +100,11 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
             *((folder.upload(name), partial(check.upload, name)) for name in scan.uploads),
             *((folder.result(name), partial(check.result, name)) for name in scan.results),
             *((folder.template(name), partial(check.template, name)) for name in scan.templates),
+            *((folder.model(name), partial(check.model, name)) for name in scan.models),
+            *(
+                (folder.deleted_model(name), partial(check.deleted_model, name))
+                for name in scan.deleted_models
+            ),
         ]
         for number, (path, look) in enumerate(sorted(looks, key=lambda pair: pair[0])):
             try:
@@ -114,6 +126,7 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
         faults=tuple(check.faults),
         unfinished=tuple(sorted(unfinished + check.unfinished)),
         orphans=tuple(sorted([folder.short(path) for path in scan.foreign] + check.orphans)),
+        n_models=len(scan.models),
     )
 
 
@@ -125,6 +138,7 @@ class _Check:
     scan: Scan
     rows: dict[str, SequenceRecord] = field(default_factory=dict)
     digests: dict[ResultName, str] = field(default_factory=dict)
+    models: dict[ModelReference, ModelRecord] = field(default_factory=dict)
     has_index: bool = False
     is_clean: bool = False
     n_bytes: int = 0
@@ -148,6 +162,10 @@ class _Check:
             index = Index(database)
             self.rows = {record.id: record for record in index.records()}
             self.digests = index.results()
+            models = ModelIndex(database)
+            # An index of before models were kept has no such table, until the next `open`.
+            found = models.all() if models.exists else []
+            self.models = {record.reference: record for record in found}
             self.is_clean = index.is_clean
             self.has_index = True
         except StoreError as error:
@@ -192,11 +210,30 @@ class _Check:
         path = self.folder.template(template_id)
         require_match(path, read_template(path)[1], template_id=template_id)
 
+    def model(self, reference: ModelReference) -> None:
+        path = self.folder.model(reference)
+        kept, contents = read_kept_model(path)
+        require_match(path, contents, model=reference.name, version=reference.version)
+        if reference in self.scan.deleted_models:
+            # What is noted as deleted and still there is removed by the next `open`.
+            self.unfinished.append(self.folder.short(path))
+        elif self.models.get(reference) != kept.record:
+            self._differs(path)
+
+    def deleted_model(self, reference: ModelReference) -> None:
+        path = self.folder.deleted_model(reference)
+        if self.models.get(reference) != deleted_record(path, reference):
+            self._differs(path)
+
     def rows_without_files(self) -> None:
         """Find what the index knows and the folder does not have."""
         missing = [
             *(self.folder.record(row) for row in self.rows.keys() - self.scan.records),
             *(self.folder.result(row) for row in self.digests.keys() - self.scan.results),
+            *(
+                self.folder.model(row)
+                for row in self.models.keys() - self.scan.models - self.scan.deleted_models
+            ),
         ]
         deleted = self.scan.deletions
         self.faults += [

@@ -8,7 +8,8 @@ from fastapi import APIRouter, Response
 
 from modalmotion.store import Job
 from modalmotion_service.deferral import accepted, result_or_job
-from modalmotion_service.dependencies import PreferenceDependency, StateDependency
+from modalmotion_service.dependencies import PreferenceDependency, State, StateDependency
+from modalmotion_service.models import KeptClassification
 from modalmotion_service.once import IdempotencyKey, once
 from modalmotion_service.openapi_parts import ACCEPTED, PROBLEMS
 from modalmotion_service.schemas import (
@@ -41,26 +42,33 @@ async def classify(
 
     201 when the answer is new, 200 when it was known.
     """
-    model = (request or ClassificationRequest()).model
     state.store.sequence_record(sequence_id)
+    asked = request or ClassificationRequest()
 
     async def make() -> Response:
+        chosen = await asyncio.to_thread(state.models.choose, asked.model)
         found = await result_or_job(
             state,
             preference,
             "classification",
-            {"sequence_id": sequence_id, "model": model},
-            state.analysis.classification(sequence_id, model),
+            # By its version, for the newest may be another when the job is taken up again.
+            {
+                "sequence_id": sequence_id,
+                "model": f"{chosen.name}@{chosen.version}",
+                "coverage": asked.coverage,
+            },
+            state.models.classification(sequence_id, chosen, asked.coverage),
         )
         if isinstance(found, Job):
             return accepted(found)
-        result, path, is_new = found
-        answer = ClassificationAnswer.of(result, state.analysis.within_store(path))
+        kept, is_new = found
         return Response(
-            answer.model_dump_json(), 201 if is_new else 200, media_type="application/json"
+            _answer(kept, state).model_dump_json(),
+            201 if is_new else 200,
+            media_type="application/json",
         )
 
-    fingerprint = ("POST classifications", sequence_id, model)
+    fingerprint = ("POST classifications", sequence_id, asked.model_dump_json())
     return await once(state.store, idempotency_key, fingerprint, make)
 
 
@@ -71,11 +79,11 @@ async def list_classifications(
     """List what models have said of a sequence."""
 
     def read() -> list[ClassificationAnswer]:
-        answers = []
-        for model_id, key in state.store.classifications(sequence_id):
-            result = state.store.classification(sequence_id, model_id, key)
-            path = state.store.classification_path(sequence_id, model_id, key)
-            answers.append(ClassificationAnswer.of(result, state.analysis.within_store(path)))
-        return answers
+        return [_answer(kept, state) for kept in state.models.classifications(sequence_id)]
 
     return ClassificationList(classifications=await asyncio.to_thread(read))
+
+
+def _answer(kept: KeptClassification, state: State) -> ClassificationAnswer:
+    file = state.analysis.within_store(kept.path)
+    return ClassificationAnswer.of(kept.result, kept.version, file)

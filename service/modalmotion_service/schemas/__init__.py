@@ -15,6 +15,15 @@ from modalmotion_service.schemas.general import (
     Health,
     Problem,
 )
+from modalmotion_service.schemas.models import (
+    LabelledSequence,
+    ModelAnswer,
+    ModelName,
+    ModelPageAnswer,
+    ModelSummary,
+    ModelVersion,
+    TrainingRequest,
+)
 from modalmotion_service.schemas.results import (
     ClassificationAnswer,
     ClassificationList,
@@ -23,6 +32,7 @@ from modalmotion_service.schemas.results import (
     EncodingTarget,
     JobAnswer,
     JobPageAnswer,
+    UploadClassificationAnswer,
 )
 from modalmotion_service.schemas.sequences import (
     ReadingAnswer,
@@ -60,8 +70,14 @@ __all__ = [
     "JobId",
     "JobPageAnswer",
     "Label",
+    "LabelledSequence",
     "LandmarksAnswer",
     "ManySignatures",
+    "ModelAnswer",
+    "ModelName",
+    "ModelPageAnswer",
+    "ModelSummary",
+    "ModelVersion",
     "Problem",
     "ReadingAnswer",
     "ReadingQuery",
@@ -73,6 +89,8 @@ __all__ = [
     "SignatureQuery",
     "TemplateAnswer",
     "TemplateList",
+    "TrainingRequest",
+    "UploadClassificationAnswer",
     "UploadQuery",
     "parse_grid",
     "parse_place",

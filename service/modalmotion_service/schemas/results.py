@@ -6,10 +6,11 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from modalmotion.classify import Classification
+from modalmotion.classify import DEFAULT_MODEL, FLAGS, Classification
 from modalmotion.codec import Effort, Encoded
 from modalmotion.signature import INTENDED_USE
 from modalmotion.store import Job, JobState
+from modalmotion_service.schemas.sequences import ReadingAnswer
 
 
 class EncodingTarget(BaseModel):
@@ -59,13 +60,33 @@ class EncodedAnswer(BaseModel):
 
 
 class ClassificationRequest(BaseModel):
-    """Which model is asked."""
+    """Which model is asked, and how sure its class set is to be."""
 
     model_config = ConfigDict(extra="forbid")
 
     model: str = Field(
-        "ventricle-simulated", max_length=100, description="Name of a classification model."
+        DEFAULT_MODEL,
+        max_length=100,
+        description="Name of a model for its newest version, or name@version.",
     )
+    coverage: float = Field(
+        0.9,
+        gt=0,
+        lt=1,
+        description="Probability that the class set holds the true class, whatever the class.",
+    )
+
+
+class ContributionAnswer(BaseModel):
+    """What one mode, or a cosine-sine pair, did to a prediction."""
+
+    modes: list[str]
+    score: float = Field(
+        description="Added to the log of (probability of the most probable class over that of "
+        "the next), beyond those of an average training case."
+    )
+    amplitude: float = Field(description="RMS over time, in the unit beside it.")
+    unit: str | None
 
 
 class ClassificationAnswer(BaseModel):
@@ -73,29 +94,59 @@ class ClassificationAnswer(BaseModel):
 
     sequence_id: str
     model: str
+    version: int | None = Field(
+        description="Of the model; null where no version of its name is this model any more."
+    )
     model_id: str = Field(description="sha256 of the model.")
     label: str | None = Field(description="Most probable class; null where the model abstains.")
     probability: float = Field(description="Of the most probable class.")
     probabilities: dict[str, float]
+    class_set: list[str] = Field(description="Classes that cannot be ruled out at `coverage`.")
+    coverage: float = Field(description="Probability that the set holds the true class.")
+    flags: list[str] = Field(description=f"{', '.join(FLAGS)}: where one is set there is no label.")
+    explanation: list[ContributionAnswer] = Field(
+        description="Which modes moved the prediction, the strongest first."
+    )
     notes: list[str]
     provenance: dict[str, str]
     intended_use: str = INTENDED_USE
-    file: str = Field(description="HDF5 file of this result, within the data folder.")
+    file: str | None = Field(
+        description="HDF5 file of this result, within the data folder; null where none is kept."
+    )
 
     @staticmethod
-    def of(result: Classification, file: str) -> ClassificationAnswer:
+    def of(result: Classification, version: int | None, file: str | None) -> ClassificationAnswer:
         """Write a classification out."""
         return ClassificationAnswer(
             sequence_id=result.sequence_id,
             model=result.model,
+            version=version,
             model_id=result.model_id,
             label=result.label,
             probability=result.probability,
             probabilities=dict(zip(result.classes, result.probabilities.tolist(), strict=True)),
+            class_set=list(result.class_set),
+            coverage=result.coverage,
+            flags=list(result.flags),
+            explanation=[
+                ContributionAnswer(
+                    modes=list(part.modes),
+                    score=part.score,
+                    amplitude=part.amplitude,
+                    unit=part.unit,
+                )
+                for part in result.explanation
+            ],
             notes=list(result.notes),
             provenance=result.provenance,
             file=file,
         )
+
+
+class UploadClassificationAnswer(ClassificationAnswer):
+    """What a model says of an upload that is not kept."""
+
+    reading: ReadingAnswer = Field(description="What the upload held besides.")
 
 
 class ClassificationList(BaseModel):
@@ -108,9 +159,12 @@ class JobAnswer(BaseModel):
     """Long work, and how far it is."""
 
     id: str
-    kind: str = Field(description="upload, signature, signatures or classification.")
+    kind: str = Field(
+        description="upload, signature, signatures, encoding, classification or training."
+    )
     state: JobState
     progress: float = Field(description="Share that is done, 0 to 1.")
+    text: str | None = Field(description="What is done now, in words; null where nothing is.")
     result: str | None = Field(description="Link to the result; null until there is one.")
     error: dict[str, Any] | None = Field(description="The problem it failed with.")
     created: str = Field(description="ISO 8601 in UTC.")
@@ -118,7 +172,7 @@ class JobAnswer(BaseModel):
     links: dict[str, str]
 
     @staticmethod
-    def of(job: Job) -> JobAnswer:
+    def of(job: Job, text: str | None = None) -> JobAnswer:
         """Write a job out."""
         here = f"/v1/jobs/{job.id}"
         done = job.result or {}
@@ -127,6 +181,7 @@ class JobAnswer(BaseModel):
             kind=job.kind,
             state=job.state,
             progress=job.progress,
+            text=text or None,
             result=f"{here}/result" if "file" in done else done.get("link"),
             error=job.error,
             created=job.created,

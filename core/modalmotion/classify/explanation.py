@@ -1,0 +1,141 @@
+"""What moved a prediction: which modes, by how much, in millimetres."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError
+from modalmotion.features import Column
+from modalmotion.signature import ModalSignature
+
+if TYPE_CHECKING:
+    from modalmotion.classify.model import Model
+
+
+@dataclass(frozen=True)
+class ModeContribution:
+    """What one mode, or a cosine-sine pair of them, did to a prediction.
+
+    Parameters
+    ----------
+    modes : tuple of str
+        Labels of the modes.
+    score : float
+        What their amplitudes added to the log of (probability of the most probable class over
+        that of the next), beyond those of an average training case.
+    amplitude : float, `unit`
+        RMS over time of their deviation from the temporal mean.
+    unit : str or None
+    """
+
+    modes: tuple[str, ...]
+    score: float
+    amplitude: float
+    unit: str | None
+
+
+def explain(
+    signature: ModalSignature,
+    model: Model,
+    values: NDArray[np.float64],
+    columns: tuple[Column, ...],
+    probabilities: NDArray[np.float64],
+) -> tuple[ModeContribution, ...]:
+    """Contributions of the modes to a prediction, the strongest first.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    model : Model
+    values : (features,) float64
+        As they were read.
+    columns : tuple of Column
+    probabilities : (classes,) float64
+
+    Returns
+    -------
+    tuple of ModeContribution
+
+    Notes
+    -----
+    The score of a group of features is the mean of what it adds to an average case and of what
+    it takes from this one: the Shapley value of two players, the group and all others (Shapley,
+    A value for n-person games, 1953). For a linear score these add up to the whole.
+    """
+    groups = dict.fromkeys(column.modes for column in columns)
+    # Features of many modes belong to none of them.
+    groups = {g: None for g in groups if len(g) <= 2}
+    if not groups:
+        return ()
+    pairs = [g for g in groups if len(g) == 2 and _is_pair(signature, g)]
+    paired = {k for g in pairs for k in g}
+    chosen = pairs + [(k,) for k in range(len(signature.modes)) if k not in paired]
+    member = np.array([[set(c.modes) <= set(g) for c in columns] for g in chosen])
+    chosen = [g for g, m in zip(chosen, member, strict=True) if m.any()]
+    member = member[member.any(axis=1)]
+    average = model.blend.centre
+    added = np.where(member, values, average)
+    taken = np.where(member, average, values)
+    logs = model.log_shares(np.concatenate([added, taken, values[None], average[None]]))
+    first, second = np.argsort(-probabilities, kind="stable")[:2]
+    lead = logs[:, first] - logs[:, second]
+    n = len(chosen)
+    scores = 0.5 * ((lead[:n] - lead[-1]) + (lead[-2] - lead[n : 2 * n]))
+    moving = signature.amplitudes - signature.amplitudes.mean(axis=0)
+    sizes = np.sqrt((moving**2).sum(axis=2).mean(axis=0))
+    labels = tuple(map(str, signature.modes.labels))
+    found = [
+        ModeContribution(
+            modes=tuple(labels[k] for k in g),
+            score=float(score),
+            amplitude=float(np.linalg.norm(sizes[list(g)])),
+            unit=signature.unit,
+        )
+        for g, score in zip(chosen, scores, strict=True)
+    ]
+    return tuple(sorted(found, key=lambda part: -abs(part.score)))
+
+
+def only_modes(signature: ModalSignature, modes: Iterable[str]) -> ModalSignature:
+    """Signature in which only some modes move: the moving mesh that an explanation stands for.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    modes : iterable of str
+        Labels, as in `ModeContribution.modes`.
+
+    Returns
+    -------
+    ModalSignature
+        To be given to `reconstruct` or `write_superposed` together with the sequence. The other
+        modes keep their temporal mean; rotation and drift are kept.
+
+    Raises
+    ------
+    ParameterError
+        If the signature has no such mode.
+    """
+    place = {str(label): k for k, label in enumerate(signature.modes.labels)}
+    kept = np.zeros(len(place), dtype=np.bool_)
+    for label in modes:
+        if label not in place:
+            raise ParameterError(
+                f"The signature has no mode {str(label)[:40]!r}.",
+                remedy=f"Use some of: {', '.join(list(place)[:20])}.",
+            )
+        kept[place[label]] = True
+    still = np.broadcast_to(signature.amplitudes.mean(axis=0), signature.amplitudes.shape)
+    amplitudes = np.where(kept[None, :, None], signature.amplitudes, still)
+    return replace(signature, amplitudes=amplitudes)
+
+
+def _is_pair(signature: ModalSignature, group: tuple[int, ...]) -> bool:
+    labels = [signature.modes.labels[k] for k in group]
+    names = [getattr(label, "wavenumbers", label) for label in labels]
+    return len(set(names)) == 1

@@ -1,0 +1,99 @@
+"""Ridge regression on class indicators, with every case predicted without its subject."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Ridge:
+    """Singular value decomposition of weighted features, from which every penalty is cheap.
+
+    Parameters
+    ----------
+    U : (cases, rank) float64
+    singular : (rank,) float64
+    Vt : (rank, features + 1) float64
+        The last feature is 1 and gives the intercept.
+    Y : (cases, classes) float64
+        Indicators, times the roots of the weights.
+    roots : (cases,) float64
+        Of the weights.
+    groups : tuple of (n,) int64
+        Cases of one subject each.
+    """
+
+    U: NDArray[np.float64]
+    singular: NDArray[np.float64]
+    Vt: NDArray[np.float64]
+    Y: NDArray[np.float64]
+    roots: NDArray[np.float64]
+    groups: tuple[NDArray[np.int64], ...]
+
+    def weights(self, penalty: float) -> NDArray[np.float64]:
+        """Weights of the features and the intercept, (features + 1, classes) float64."""
+        s = self.singular
+        # V s / (s^2 + penalty) U' Y
+        solved: NDArray[np.float64] = self.Vt.T @ (
+            (s / (s**2 + penalty))[:, None] * (self.U.T @ self.Y)
+        )
+        return solved
+
+    def held_out(self, penalty: float) -> NDArray[np.float64]:
+        """Scores of each case by the fit without its group, (cases, classes) float64.
+
+        Notes
+        -----
+        With the hat matrix H of the whole fit the residuals of a group that is left out are
+        (I - H_gg)^-1 (Y_g - (H Y)_g) (Cook and Weisberg, Residuals and influence in
+        regression, 1982), so nothing is fitted anew.
+        """
+        shares = self.singular**2 / (self.singular**2 + penalty)
+        residuals = self.Y - self.U @ (shares[:, None] * (self.U.T @ self.Y))
+        left = np.empty_like(residuals)
+        single = np.array([g[0] for g in self.groups if len(g) == 1], dtype=np.int64)
+        if len(single):
+            leverage = (self.U[single] ** 2) @ shares
+            left[single] = residuals[single] / (1.0 - leverage)[:, None]
+        for g in self.groups:
+            if len(g) > 1:
+                H = (self.U[g] * shares) @ self.U[g].T
+                left[g] = np.linalg.solve(np.eye(len(g)) - H, residuals[g])
+        scores: NDArray[np.float64] = (self.Y - left) / self.roots[:, None]
+        return scores
+
+
+def ridge(
+    features: NDArray[np.float64],
+    y: NDArray[np.int64],
+    n_classes: int,
+    weights: NDArray[np.float64],
+    groups: NDArray[np.int64],
+) -> Ridge:
+    """Prepare a ridge regression.
+
+    Parameters
+    ----------
+    features : (cases, features) float64
+    y : (cases,) int64
+    n_classes : int
+    weights : (cases,) float64
+    groups : (cases,) int64
+        Counted from 0.
+    """
+    roots = np.sqrt(weights)
+    # A large constant, so that the penalty hardly touches the intercept.
+    with_one = np.concatenate([features, np.full((len(features), 1), INTERCEPT)], axis=1)
+    U, singular, Vt = np.linalg.svd(roots[:, None] * with_one, full_matrices=False)
+    kept = singular > 1e-10 * singular[0]
+    Y = np.eye(n_classes)[y] * roots[:, None]
+    order = np.argsort(groups, kind="stable")
+    edges = np.flatnonzero(np.diff(groups[order])) + 1
+    return Ridge(U[:, kept], singular[kept], Vt[kept], Y, roots, tuple(np.split(order, edges)))
+
+
+INTERCEPT = 10.0
+"""Value of the constant feature."""

@@ -1,0 +1,56 @@
+"""Probabilities from scores, by one number that makes them reliable."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+# Between these no probability is more than rounding away from 0 and 1, or from equal.
+_LOG_LIMITS: Final = (-6.0, 3.0)
+
+
+def softmax(scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Shares exp(s) / sum exp(s) along the last axis, without overflow."""
+    shares: NDArray[np.float64] = np.exp(scores - scores.max(axis=-1, keepdims=True))
+    shares /= shares.sum(axis=-1, keepdims=True)
+    return shares
+
+
+def log_loss(
+    scores: NDArray[np.float64], y: NDArray[np.int64], weights: NDArray[np.float64] | None = None
+) -> float:
+    """Mean of -log p(y) under `softmax` of the scores, in nats."""
+    shifted = scores - scores.max(axis=1, keepdims=True)
+    losses = np.log(np.exp(shifted).sum(axis=1)) - shifted[np.arange(len(y)), y]
+    return float(np.average(losses, weights=weights))
+
+
+def fit_temperature(
+    scores: NDArray[np.float64], y: NDArray[np.int64], weights: NDArray[np.float64] | None = None
+) -> float:
+    """Temperature T for which softmax(scores / T) makes the held-out labels most likely.
+
+    Guo, Pleiss, Sun and Weinberger, On calibration of modern neural networks, ICML, 2017.
+
+    Parameters
+    ----------
+    scores : (cases, classes) float64
+        Of cases that the scores were not fitted to.
+    y : (cases,) int64
+    weights : (cases,) float64, optional
+
+    Returns
+    -------
+    float
+    """
+    spread = float(np.abs(scores - scores.mean(axis=1, keepdims=True)).mean()) or 1.0
+    found = minimize_scalar(
+        lambda log_t: log_loss(scores / (spread * np.exp(log_t)), y, weights),
+        bounds=_LOG_LIMITS,
+        method="bounded",
+        options={"xatol": 1e-3},
+    )
+    return spread * float(np.exp(found.x))

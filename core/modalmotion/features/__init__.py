@@ -1,0 +1,21 @@
+"""Features of a motion: numbers that do not depend on pose, size, start angle or sampling."""
+
+from modalmotion.features.alignment import align, mean_motion
+from modalmotion.features.axis import READINGS, Reading, axis_features, has_axis
+from modalmotion.features.columns import Column, MotionFeatures
+from modalmotion.features.reader import FeatureReader, Motion, motion_of, surface_size
+
+__all__ = [
+    "READINGS",
+    "Column",
+    "FeatureReader",
+    "Motion",
+    "MotionFeatures",
+    "Reading",
+    "align",
+    "axis_features",
+    "has_axis",
+    "mean_motion",
+    "motion_of",
+    "surface_size",
+]

@@ -1,0 +1,130 @@
+"""Features of any topology that do not depend on pose, start or, where it is free, theta."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.features.columns import Column
+from modalmotion.modes import ModeSet
+from modalmotion.spring_modes import SpringSpectrum
+
+
+class Waves(NamedTuple):
+    """Modes taken together where a start angle would mix them.
+
+    Parameters
+    ----------
+    names : tuple of str
+    cosines, sines : (waves,) int64
+        Indices of the modes; the sine is -1 where there is none, or where theta is fixed.
+    turns : (waves, axes) int64
+        Waves of the same turns keep their products under a start angle.
+    """
+
+    names: tuple[str, ...]
+    cosines: NDArray[np.int64]
+    sines: NDArray[np.int64]
+    turns: NDArray[np.int64]
+
+    def modes(self, wave: int) -> tuple[int, ...]:
+        """Give the indices of the modes of one wave."""
+        both = int(self.cosines[wave]), int(self.sines[wave])
+        return both if both[1] >= 0 else both[:1]
+
+
+@lru_cache(maxsize=32)
+def waves_of(modes: ModeSet | SpringSpectrum, *, theta_is_free: bool) -> Waves:
+    """Group modes into waves: each by itself, but pairs together where theta is free."""
+    if isinstance(modes, SpringSpectrum) or not theta_is_free:
+        n = len(modes)
+        return Waves(
+            tuple(map(str, modes.labels)),
+            np.arange(n),
+            np.full(n, -1),
+            np.zeros((n, 1), dtype=np.int64),
+        )
+    index = {label: k for k, label in enumerate(modes.labels)}
+    cosines = [k for k, sine in enumerate(modes.is_sine) if not sine]
+    sines = [index.get(modes.labels[k]._replace(part="sin"), -1) for k in cosines]
+    closed = list(modes.topology.closed_axes)
+    names = tuple(f"({', '.join(map(str, modes.labels[k].wavenumbers))})" for k in cosines)
+    turns = modes.wavenumbers[cosines][:, closed]
+    return Waves(names, np.array(cosines), np.array(sines), turns)
+
+
+def invariants(
+    motion: NDArray[np.complex128], waves: Waves, *, is_cycle: bool
+) -> NDArray[np.float64]:
+    """Values of the columns of `invariant_columns`.
+
+    Parameters
+    ----------
+    motion : (terms, modes, 3) complex128
+        Harmonics of a cycle; of a course cosine terms, which are real.
+    waves : Waves
+    is_cycle : bool
+
+    Returns
+    -------
+    (features,) float64
+        All in the unit of the motion: roots of squares and of products.
+    """
+    z = _stacked(motion, waves)
+    sizes = np.sqrt((np.abs(z) ** 2).sum(axis=(2, 3)))
+    i, j = _pairs(waves)
+    # Over directions and the two members of a pair, then over terms.
+    products = np.einsum("hncd,hncd->hn", z[:, i].conj(), z[:, j])
+    together = products.real.sum(axis=0)
+    spread = np.linalg.svd(
+        np.concatenate([z.real, z.imag]).reshape(-1, 3), compute_uv=False, full_matrices=False
+    )
+    parts = [sizes.T.ravel(), _root(together), spread]
+    if is_cycle:
+        parts.append(_root(products.imag.sum(axis=0)))
+    return np.concatenate(parts)
+
+
+def invariant_columns(waves: Waves, n_terms: int, *, is_cycle: bool) -> tuple[Column, ...]:
+    """Names of what `invariants` gives."""
+    term = "harmonic" if is_cycle else "term"
+    found = [
+        Column(f"size {name} {term} {h}", waves.modes(k))
+        for k, name in enumerate(waves.names)
+        for h in range(1, n_terms + 1)
+    ]
+    pairs = list(zip(*(index.tolist() for index in _pairs(waves)), strict=True))
+    names = [f"{waves.names[i]} {waves.names[j]}" for i, j in pairs]
+    modes = [waves.modes(i) + waves.modes(j) for i, j in pairs]
+    found += [Column(f"together {n}", m) for n, m in zip(names, modes, strict=True)]
+    everything = tuple(m for k in range(len(waves.names)) for m in waves.modes(k))
+    found += [Column(f"spread {axis}", everything) for axis in (1, 2, 3)]
+    if is_cycle:
+        found += [Column(f"ahead {n}", m) for n, m in zip(names, modes, strict=True)]
+    return tuple(found)
+
+
+def _stacked(motion: NDArray[np.complex128], waves: Waves) -> NDArray[np.complex128]:
+    """Cosine and sine parts, (terms, waves, 2, 3)."""
+    sines = np.where((waves.sines >= 0)[:, None], motion[:, waves.sines], 0.0)
+    return np.stack([motion[:, waves.cosines], sines], axis=2)
+
+
+@lru_cache(maxsize=32)
+def _pairs_of(turns: tuple[tuple[int, ...], ...]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    n = len(turns)
+    pairs = [(i, j) for i in range(n) for j in range(i + 1, n) if turns[i] == turns[j]]
+    both = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    return both[:, 0], both[:, 1]
+
+
+def _pairs(waves: Waves) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    return _pairs_of(tuple(map(tuple, waves.turns.tolist())))
+
+
+def _root(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    rooted: NDArray[np.float64] = np.sign(values) * np.sqrt(np.abs(values))
+    return rooted

@@ -1,0 +1,128 @@
+"""A trajectory over its time: first harmonics of a cycle, first cosines of a course."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.signature import ModalSignature
+
+# Terms that a smooth motion may hold, for telling it from noise.
+_N_SMOOTH: Final = 3
+
+# Singular values of the design below this share are not determined by the frames.
+_RANK_TOLERANCE: Final = 1e-8
+
+Complex = NDArray[np.complex128]
+
+
+def elapsed_share(signature: ModalSignature) -> NDArray[np.float64]:
+    """Time of each frame, (frames,) float64, 0 for the first and 1 for the last.
+
+    Frames are evenly spaced where there are no times.
+    """
+    n = signature.n_frames
+    if signature.times is None:
+        return np.arange(n) / (n - 1)
+    elapsed: NDArray[np.float64] = signature.times - signature.times[0]
+    elapsed /= elapsed[-1]
+    return elapsed
+
+
+def cycle_angle(share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Phase in a cycle, (frames,) float64, rad, which ends one mean step after the last frame."""
+    n = len(share)
+    angle: NDArray[np.float64] = 2 * np.pi * share * ((n - 1) / n)
+    return angle
+
+
+def harmonics(angle: NDArray[np.float64], signals: NDArray[np.float64], count: int) -> Complex:
+    """First harmonics c_h of signals = mean + sum Re(c_h exp(-i h angle)), by least squares.
+
+    Parameters
+    ----------
+    angle : (frames,) float64, rad
+        Of any spacing.
+    signals : (frames, signals) float64
+    count : int
+
+    Returns
+    -------
+    (count, signals) complex128
+        Zero where there are too few frames.
+    """
+    found = min(count, max(1, (len(angle) - 1) // 2))
+    solution = _solved(_cycle_design(angle, found), signals)
+    result = np.zeros((count, signals.shape[1]), dtype=np.complex128)
+    result[:found] = solution[1 : 1 + found] + 1j * solution[1 + found :]
+    return result
+
+
+def cosines(
+    share: NDArray[np.float64], signals: NDArray[np.float64], count: int
+) -> NDArray[np.float64]:
+    """First terms c_k of signals = mean + sum c_k cos(k pi share), by least squares.
+
+    Parameters
+    ----------
+    share : (frames,) float64
+        Of any spacing, from 0 to 1.
+    signals : (frames, signals) float64
+    count : int
+
+    Returns
+    -------
+    (count, signals) float64
+        Zero where there are too few frames.
+    """
+    found = min(count, len(share) - 1)
+    result = np.zeros((count, signals.shape[1]))
+    result[:found] = _solved(_course_design(share, found), signals)[1:]
+    return result
+
+
+def smooth_share(
+    share: NDArray[np.float64], signals: NDArray[np.float64], *, is_cycle: bool
+) -> float:
+    """Share of a motion that its first terms hold beyond what they would hold of white noise.
+
+    Parameters
+    ----------
+    share : (frames,) float64
+    signals : (frames, signals) float64
+        Without their means.
+    is_cycle : bool
+
+    Returns
+    -------
+    float
+        1 for a smooth motion, 0 for noise; 1 where there are too few frames to tell.
+    """
+    n, n_terms = len(share), 2 * _N_SMOOTH
+    total = float((signals**2).sum())
+    free = n - 1 - n_terms
+    if free < 2 or total == 0.0:
+        return 1.0
+    design = (
+        _cycle_design(cycle_angle(share), _N_SMOOTH) if is_cycle else _course_design(share, n_terms)
+    )
+    rest = signals - design @ _solved(design, signals)
+    # Of white noise n - 1 - terms of n - 1 parts remain.
+    return max(0.0, 1.0 - float((rest**2).sum()) / free * (n - 1) / total)
+
+
+def _cycle_design(angle: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    h = np.arange(1, count + 1) * angle[:, None]
+    return np.concatenate([np.ones((len(angle), 1)), np.cos(h), np.sin(h)], axis=1)
+
+
+def _course_design(share: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    design: NDArray[np.float64] = np.cos(np.pi * np.arange(count + 1) * share[:, None])
+    return design
+
+
+def _solved(design: NDArray[np.float64], signals: NDArray[np.float64]) -> NDArray[np.float64]:
+    solution = np.linalg.lstsq(design, signals, rcond=_RANK_TOLERANCE)[0]
+    return np.asarray(solution, dtype=np.float64)

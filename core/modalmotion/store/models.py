@@ -1,0 +1,219 @@
+"""The part of the store that keeps models."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from modalmotion.classify.model import Model
+from modalmotion.errors import CorruptFileError, NotFoundError
+from modalmotion.store.contents import require_match
+from modalmotion.store.cursor import now
+from modalmotion.store.model_deletion import begin_model_deletion, finish_model_deletion
+from modalmotion.store.model_file import (
+    KeptModel,
+    kept_model,
+    model_from_hdf5,
+    model_to_hdf5,
+    numbered,
+    read_kept_model,
+)
+from modalmotion.store.model_index import ModelIndex
+from modalmotion.store.model_record import (
+    ModelRecord,
+    ModelReference,
+    is_model_name,
+    require_model_name,
+)
+from modalmotion.store.opening import Opening
+
+
+class ModelStore(Opening):
+    """Models in a folder, each an immutable version of a name.
+
+    Parameters
+    ----------
+    root : Path
+        The folder; made where it is missing.
+    """
+
+    def put_model(self, model: Model | KeptModel) -> ModelRecord:
+        """Keep a model as the next version of its name.
+
+        Parameters
+        ----------
+        model : Model or KeptModel
+            If it says which training made it, and that training has put one already, then
+            that one is given back: a training that is begun again after a crash ends once.
+
+        Returns
+        -------
+        ModelRecord
+            With its version and time.
+
+        Raises
+        ------
+        ParameterError
+            If its name cannot be kept.
+        StoreError
+            If it cannot be written; the store is as it was.
+        """
+        kept = kept_model(model) if isinstance(model, Model) else model
+        name = require_model_name(kept.record.name)
+        index = self._models()
+        with self._changing(_lock_of(name)):
+            training = kept.record.training
+            known = None if training is None else index.of_training(training)
+            if known is not None:
+                return known
+            # By the files, for one that is damaged has no row, and keeps its number.
+            versions = [record.version for record in index.versions(name)]
+            version = 1 + max(self._folder.last_version(name), *versions, 0)
+            whole = numbered(kept, version, now())
+            path = self._folder.model(whole.record.reference)
+            self._write([(path, model_to_hdf5(whole))], lambda: index.put(whole.record))
+            return whole.record
+
+    def put_model_image(self, image: Path) -> ModelRecord:
+        """Keep a model that another process has written with `model_to_hdf5`.
+
+        Parameters
+        ----------
+        image : Path
+            Sealed HDF5 file; what it holds is copied.
+
+        Raises
+        ------
+        ParameterError, StoreError
+            As `put_model` does.
+        CorruptFileError
+            If the image is not whole.
+        """
+        return self.put_model(read_kept_model(image)[0])
+
+    def model_record(self, name: str, version: int | None = None) -> ModelRecord:
+        """Look up a version of a model, the newest by default.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none, or it was deleted.
+        """
+        versions = self._models().versions(name) if is_model_name(name) else []
+        left = [record for record in versions if record.deleted is None]
+        asked = [record for record in versions if version in (None, record.version)]
+        for record in reversed(asked):
+            if record.deleted is None:
+                return record
+        if version is None or not left:
+            raise NotFoundError(
+                f"There is no model named {str(name)[:80]!r}"
+                + (": all of its versions were deleted." if versions else "."),
+                remedy="Use one that is listed, or train it.",
+                details={"model": str(name)[:80]},
+            )
+        deleted = " any more: it was deleted" if asked else ""
+        raise NotFoundError(
+            f"There is no version {version} of the model {name!r}{deleted}.",
+            remedy=f"Use one of {', '.join(str(record.version) for record in left[-20:])}.",
+            details={"model": name, "version": version},
+        )
+
+    def model_versions(self, name: str) -> tuple[ModelRecord, ...]:
+        """Versions of a model from the first to the newest, without deleted ones.
+
+        Raises
+        ------
+        NotFoundError
+            If there are none.
+        """
+        self.model_record(name)
+        return tuple(r for r in self._models().versions(name) if r.deleted is None)
+
+    def models(self) -> tuple[ModelRecord, ...]:
+        """All versions of all models by name and number, without deleted ones."""
+        return tuple(record for record in self._models().all() if record.deleted is None)
+
+    def models_with_id(self, model_id: str) -> tuple[ModelRecord, ...]:
+        """All versions that are the model of that id, deleted ones too."""
+        return tuple(self._models().with_id(model_id))
+
+    def model_of_training(self, training: str) -> ModelRecord | None:
+        """Find the version that a training has made, None where it has made none yet."""
+        return self._models().of_training(training)
+
+    def model_path(self, name: str, version: int) -> Path:
+        """HDF5 file of a version of a model.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        """
+        return self._folder.model(self.model_record(name, version).reference)
+
+    def kept_model(self, name: str, version: int) -> KeptModel:
+        """Read the file of a version without interpreting the model in it.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        CorruptFileError
+            If its file is damaged or missing.
+        """
+        path = self.model_path(name, version)
+        try:
+            kept, contents = read_kept_model(path)
+        except NotFoundError:
+            self.model_record(name, version)
+            raise CorruptFileError(
+                f"The file of the model {name}@{version} is missing, though the index knows it.",
+                remedy="Restore it from a copy, or run `modalmotion store rebuild`.",
+            ) from None
+        require_match(path, contents, model=name, version=version)
+        return kept
+
+    def model(self, name: str, version: int | None = None) -> Model:
+        """Load a version of a model, the newest by default.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        CorruptFileError
+            If its file is damaged or missing.
+        ModelNotReproducedError
+            If it does not answer here as where it was made.
+        """
+        found = self.model_record(name, version)
+        return model_from_hdf5(self._folder.model(found.reference))
+
+    def delete_model(self, name: str, version: int) -> None:
+        """Delete a version of a model; its number is not given again.
+
+        What it has said of sequences stays.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        StoreError
+            If it could not be begun, and nothing is changed; or not be finished, which the
+            next `open` does.
+        """
+        index = self._models()
+        with self._changing(_lock_of(name)):
+            record = self.model_record(name, version)
+            gone = begin_model_deletion(self._folder, record)
+            # From here on it is deleted, whatever happens.
+            index.put(gone)
+            finish_model_deletion(self._folder, ModelReference(name, version))
+
+    def _models(self) -> ModelIndex:
+        return ModelIndex(self._open_index().database)
+
+
+def _lock_of(name: str) -> str:
+    # Locks are chosen by the digits of a sequence's id; a name has none.
+    return hashlib.sha256(name.encode()).hexdigest()

@@ -1,0 +1,39 @@
+"""The class of an upload's motion, nothing stored."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+
+from modalmotion_service.analysis import Upload
+from modalmotion_service.dependencies import StateDependency, UploadDependency
+from modalmotion_service.openapi_parts import PROBLEMS, UPLOAD_BODY
+from modalmotion_service.schemas import (
+    ClassificationAnswer,
+    ClassificationRequest,
+    ReadingQuery,
+    UploadClassificationAnswer,
+)
+
+router = APIRouter(prefix="/v1", tags=["classifications"], responses=PROBLEMS)
+
+
+class ClassifyQuery(ReadingQuery, ClassificationRequest):
+    """How to read the file, which model is asked, and how sure its class set is to be."""
+
+
+@router.post("/classify", openapi_extra=UPLOAD_BODY)
+async def classify(
+    spooled: UploadDependency, query: Annotated[ClassifyQuery, Query()], state: StateDependency
+) -> UploadClassificationAnswer:
+    """Ask a model for the class of a sequence's motion; nothing is stored."""
+    try:
+        chosen = await asyncio.to_thread(state.models.choose, query.model)
+        sent = Upload(spooled, query.options(state.settings.read_limits), None, None)
+        result, reading = await state.models.classify(sent, chosen, query.coverage)
+    finally:
+        spooled.remove()
+    answer = ClassificationAnswer.of(result, chosen.version, None)
+    return UploadClassificationAnswer(**answer.model_dump(), reading=reading)

@@ -1,0 +1,150 @@
+"""Models: trained on labelled sequences, listed, described, deleted."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated, Final
+
+from fastapi import APIRouter, Header, Query, Request, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from modalmotion.classify import TrainingOptions, available_models
+from modalmotion.store import ModelRecord, model_to_hdf5, require_model_name
+from modalmotion.store.cursor import from_cursor, to_cursor
+from modalmotion_service.conditional import is_known, not_modified, tag_of
+from modalmotion_service.deferral import accepted
+from modalmotion_service.dependencies import State, StateDependency
+from modalmotion_service.models import ChosenModel, shipped_name
+from modalmotion_service.negotiation import HDF5, JSON, PNG, best_type
+from modalmotion_service.once import IdempotencyKey, once
+from modalmotion_service.openapi_parts import ACCEPTED, BINARY, PROBLEMS
+from modalmotion_service.schemas import (
+    ModelAnswer,
+    ModelName,
+    ModelPageAnswer,
+    ModelSummary,
+    ModelVersion,
+    TrainingRequest,
+)
+from modalmotion_service.spool import SpooledUpload
+from modalmotion_service.training_set import look_up, write_cases
+
+router = APIRouter(prefix="/v1/models", tags=["models"], responses=PROBLEMS)
+
+_DESCRIPTION: Final[dict[int | str, dict[str, object]]] = {
+    200: {"content": {PNG: BINARY, HDF5: BINARY}}
+}
+
+AcceptHeader = Annotated[
+    str,
+    Header(description=f"{JSON}, {PNG} for confusion and calibration, or {HDF5} for the model."),
+]
+
+
+@router.post("", status_code=202, response_class=Response, responses=ACCEPTED)
+async def train(
+    asked: TrainingRequest, state: StateDependency, idempotency_key: IdempotencyKey = None
+) -> Response:
+    """Train a model on kept, labelled sequences: the next version of its name.
+
+    Always a job, which ends with a link to the new version. Signatures that the model needs and
+    that are not kept yet are made on the way. Labels and subjects are those of this moment.
+    """
+
+    async def make() -> Response:
+        name = require_model_name(asked.name)
+        if name in available_models():
+            raise shipped_name(name, "gets no versions of yours", "Choose another name.")
+        options = TrainingOptions.from_json(asked.options)
+        most = state.settings.max_training_sequences
+        cases = await asyncio.to_thread(look_up, state.store, asked.cases, most)
+        file = SpooledUpload(state.spool.new_path(), sha256="", n_bytes=0)
+        try:
+            await asyncio.to_thread(write_cases, file, cases)
+            job = await state.jobs.start(
+                "training",
+                {"file": file.path.name, "name": name, "options": options.as_json()},
+            )
+        except BaseException:
+            file.remove()
+            raise
+        return accepted(job)
+
+    return await once(state.store, idempotency_key, ("POST models", asked.model_dump_json()), make)
+
+
+class ListQuery(BaseModel):
+    """Which models to list."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    limit: int = Field(100, ge=1, le=1000, description="Of one page.")
+    cursor: str | None = Field(None, max_length=200, description="Of the page before.")
+
+
+@router.get("")
+def list_models(query: Annotated[ListQuery, Query()], state: StateDependency) -> ModelPageAnswer:
+    """List models by name, those that are shipped too, each with its newest version."""
+    records = state.models.records()
+    after = "" if query.cursor is None else from_cursor(query.cursor)[1]
+    names = sorted(name for name in records if name > after)
+    page = names[: query.limit]
+    return ModelPageAnswer(
+        models=[_summary(records[name]) for name in page],
+        cursor=to_cursor("model", page[-1]) if len(names) > len(page) else None,
+    )
+
+
+@router.get("/{name}", response_model=ModelAnswer, responses=_DESCRIPTION)
+async def newest(
+    name: ModelName, state: StateDependency, request: Request, accept: AcceptHeader = JSON
+) -> Response:
+    """Describe the newest version of a model: its card, as data or as a picture."""
+    chosen = await asyncio.to_thread(state.models.choose, name)
+    return await _described(chosen, state, request, accept)
+
+
+@router.get("/{name}/versions/{version}", response_model=ModelAnswer, responses=_DESCRIPTION)
+async def version(
+    name: ModelName,
+    version: ModelVersion,
+    state: StateDependency,
+    request: Request,
+    accept: AcceptHeader = JSON,
+) -> Response:
+    """Describe a version of a model: its card, as data or as a picture; or give its file."""
+    chosen = await asyncio.to_thread(state.models.choose, f"{name}@{version}")
+    return await _described(chosen, state, request, accept)
+
+
+@router.delete("/{name}/versions/{version}", status_code=204)
+async def delete(name: ModelName, version: ModelVersion, state: StateDependency) -> None:
+    """Delete a version. Its number is not given again, and what it has said stays."""
+
+    def remove() -> None:
+        state.models.delete(state.models.choose(f"{name}@{version}"))
+
+    await asyncio.to_thread(remove)
+
+
+async def _described(chosen: ChosenModel, state: State, request: Request, accept: str) -> Response:
+    media_type = best_type(accept, (JSON, PNG, HDF5))
+    kept = await asyncio.to_thread(state.models.describe, chosen)
+    versions = await asyncio.to_thread(state.models.versions, chosen.name)
+    tag = tag_of(chosen.id, str(chosen.version), repr(versions), media_type)
+    if is_known(request, tag):
+        return not_modified(tag)
+    headers = {"ETag": tag, "Vary": "Accept"}
+    if media_type == PNG:
+        return Response(await state.models.draw(kept), 200, headers, PNG)
+    if media_type == HDF5:
+        headers["Content-Disposition"] = f'attachment; filename="{chosen.name}-{chosen.version}.h5"'
+        return Response(await asyncio.to_thread(model_to_hdf5, kept), 200, headers, HDF5)
+    source = chosen.source
+    file = None if isinstance(source, str) else state.analysis.within_store(source)
+    answer = ModelAnswer.with_card(kept, versions, file)
+    return Response(answer.model_dump_json(), 200, headers, JSON)
+
+
+def _summary(records: list[ModelRecord]) -> ModelSummary:
+    return ModelSummary.of(records[-1], [record.version for record in records])

@@ -1,0 +1,177 @@
+"""Models: what is asked for a new one, and what is said of one."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+
+from modalmotion.classify import ModelCard, TrainingOptions
+from modalmotion.store import NAME_PATTERN, VERSION_PATTERN, KeptModel, ModelRecord
+from modalmotion.store.signature_file import parameters_as_json
+from modalmotion_service.schemas.fields import SequenceId
+
+ModelName = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
+ModelVersion = Annotated[str, StringConstraints(pattern=f"^{VERSION_PATTERN}$")]
+
+_LONGEST_NAME: Final = 200
+
+
+class LabelledSequence(BaseModel):
+    """A kept sequence, and what to call it in this training."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    id: SequenceId
+    label: str | None = Field(
+        None, min_length=1, max_length=_LONGEST_NAME, description="Its own by default."
+    )
+    subject: str | None = Field(
+        None, min_length=1, max_length=_LONGEST_NAME, description="Its own by default."
+    )
+
+
+class TrainingRequest(BaseModel):
+    """What a model is to be trained on, and how."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [
+                {
+                    "name": "wall-motion",
+                    "sequences": ["0" * 64, {"id": "1" * 64, "label": "akinesia"}],
+                    "options": {"modes": 7, "coverage": 0.9},
+                }
+            ]
+        },
+    )
+
+    name: str = Field(
+        min_length=1,
+        max_length=_LONGEST_NAME,
+        description="1 to 64 lower-case letters, digits, '.', '_' and '-'. A name that is known "
+        "gets its next version.",
+    )
+    sequences: list[SequenceId | LabelledSequence] = Field(
+        description="Ids; label and subject are those kept with the sequence, or stated here. "
+        "Sequences of one subject are never on both sides of a split."
+    )
+    options: dict[str, Any] = Field(
+        default_factory=dict,
+        description="Where they differ from "
+        + ", ".join(f"{name} {value!r}" for name, value in TrainingOptions().as_json().items())
+        + ".",
+    )
+
+    @property
+    def cases(self) -> list[LabelledSequence]:
+        """All sequences in the longer form."""
+        return [
+            case if isinstance(case, LabelledSequence) else LabelledSequence(id=case)
+            for case in self.sequences
+        ]
+
+
+class ModelSummary(BaseModel):
+    """One version of a model: in a list, the newest of its name."""
+
+    name: str
+    version: int
+    id: str = Field(description="sha256 of everything that its answers depend on.")
+    origin: Literal["trained", "shipped"]
+    classes: list[str]
+    created: str | None = Field(description="ISO 8601 in UTC; null for one that is shipped.")
+    versions: list[int] = Field(description="All of its name that there are.")
+    links: dict[str, str]
+
+    @staticmethod
+    def of(record: ModelRecord, versions: list[int]) -> ModelSummary:
+        """Write out what a record says."""
+        here = f"/v1/models/{record.name}"
+        return ModelSummary(
+            name=record.name,
+            version=record.version,
+            id=record.id,
+            origin="trained" if record.created else "shipped",
+            classes=list(record.classes),
+            created=record.created or None,
+            versions=versions,
+            links={"self": f"{here}/versions/{record.version}", "newest": here},
+        )
+
+
+class CalibrationPoint(BaseModel):
+    """Answers of about the same stated probability."""
+
+    probability: float = Field(description="Mean of what was stated.")
+    right: float = Field(description="Share that was right.")
+    n_cases: int
+
+
+class ModelCardAnswer(BaseModel):
+    """What a user should know of a model before relying on it."""
+
+    training_set: str = Field(
+        description="sha256 of sequence ids, labels and subjects, in any order."
+    )
+    n_cases: dict[str, int] = Field(description="Training sequences of each class.")
+    n_subjects: dict[str, int] = Field(description="Subjects of each class.")
+    accuracy: float | None = Field(description="Of cross-validation; null where there was none.")
+    accuracy_interval: tuple[float, float] | None = Field(
+        description="95 %, wider where several sequences are of one subject."
+    )
+    is_grouped: bool = Field(description="Whether no subject was on both sides of a split.")
+    confusion: list[list[int]] = Field(
+        description="Rows are true classes, columns answers, in the order of the classes; a "
+        "last column more counts answers without a class."
+    )
+    calibration_curve: list[CalibrationPoint]
+    calibration_error: float | None = Field(description="Expected calibration error.")
+    coverage: float = Field(description="Level of the class sets below.")
+    class_coverage: dict[str, float] = Field(
+        description="Share of each class whose set held it, in cross-validation."
+    )
+    mean_set_size: float | None
+    options: dict[str, Any] = Field(description="As trained.")
+    versions: dict[str, str] = Field(description="Of the libraries that trained it.")
+    intended_use: str
+    has_seen: str
+    has_not_seen: str
+    notes: list[str] = Field(description="What was met in training.")
+    extra: dict[str, Any]
+
+    @staticmethod
+    def of(card: ModelCard) -> ModelCardAnswer:
+        """Write a card out."""
+        values = card.as_json()
+        names = CalibrationPoint.model_fields
+        curve = [dict(zip(names, point, strict=True)) for point in values["calibration_curve"]]
+        return ModelCardAnswer(**{**values, "calibration_curve": curve})
+
+
+class ModelAnswer(ModelSummary):
+    """One version of a model, with its card."""
+
+    parameters: dict[str, Any] = Field(description="Of the signatures that it reads.")
+    card: ModelCardAnswer
+    file: str | None = Field(
+        description="HDF5 file within the data folder; null for one that is shipped."
+    )
+
+    @staticmethod
+    def with_card(kept: KeptModel, versions: list[int], file: str | None) -> ModelAnswer:
+        """Write out what a file says."""
+        return ModelAnswer(
+            **ModelSummary.of(kept.record, versions).model_dump(),
+            parameters=parameters_as_json(kept.record.parameters),
+            card=ModelCardAnswer.of(ModelCard.from_json(kept.card)),
+            file=file,
+        )
+
+
+class ModelPageAnswer(BaseModel):
+    """A page of the list of models."""
+
+    models: list[ModelSummary]
+    cursor: str | None = Field(description="For the next page; null on the last.")

@@ -1,0 +1,198 @@
+"""Training, testing and asking a model on the command line."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from modalmotion.classify import classify
+from modalmotion.cli import main
+from modalmotion.formats import read_npz, write_npz
+from modalmotion.sequence import mesh_sequence
+from modalmotion.signature import modal_signature
+from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simulate_ventricle
+from modalmotion.store import model_from_hdf5
+
+N_PER_CLASS = 6
+CLASSES = (MotionClass.NORMAL, MotionClass.HYPOKINESIA)
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def succeed(*arguments: object) -> Result:
+    result = run(*arguments)
+    assert result.exit_code == 0, result.output
+    return result
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Labelled ventricles in folders named by class, a manifest of them, and a model."""
+    folder = tmp_path_factory.mktemp("cases")
+    rng = np.random.default_rng(1)
+    rows = []
+    for number in range(N_PER_CLASS + 2):
+        for label in CLASSES:
+            sequence = simulate_ventricle(
+                draw_parameters(label, rng),
+                grid=(6, 12),
+                acquisition=Acquisition(n_frames=10, noise=0.3),
+                rng=rng,
+            )
+            path = folder / label / f"{number}.npz"
+            path.parent.mkdir(exist_ok=True)
+            path.write_bytes(write_npz(sequence))
+            rows.append([f"{label}/{number}.npz", str(label), f"{label} {number}"])
+    split = 2 * N_PER_CLASS
+    for name, some in (("train", rows[:split]), ("test", rows[split:])):
+        with (folder / f"{name}.csv").open("w", newline="") as file:
+            csv.writer(file).writerows([["path", "label", "subject"], *some])
+    succeed("train", folder / "train.csv", "--name", "wall", "-o", folder / "wall.h5")
+    return folder
+
+
+def test_training_writes_a_model_and_says_how_it_does(folder: Path, tmp_path: Path) -> None:
+    out, plot = tmp_path / "m.h5", tmp_path / "m.png"
+    result = succeed("train", folder / "train.csv", "--name", "wall", "-o", out, "--plot", plot)
+    for words in ("95 % interval", "confusion", "class sets at 90 %", "calibration", "subjects"):
+        assert words in result.output
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    # The same cases give the same model, to the last bit of every answer.
+    assert model_from_hdf5(out).id == model_from_hdf5(folder / "wall.h5").id
+    other = tmp_path / "other.h5"
+    succeed("train", folder / "train.csv", "--name", "wall", "-o", other, "--harmonics", 1)
+    assert model_from_hdf5(other).id != model_from_hdf5(out).id
+
+
+def test_files_are_labelled_by_the_folders_they_lie_in(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "m.h5"
+    files = sorted(folder.glob("*/*.npz"))
+    succeed("train", *files, "--name", "by-folder", "-o", out)
+    model = model_from_hdf5(out)
+    assert model.classes == tuple(sorted(map(str, CLASSES)))
+    assert sum(model.card.n_cases.values()) == len(files)
+
+
+def test_a_model_is_tested_on_other_cases(folder: Path, tmp_path: Path) -> None:
+    plot = tmp_path / "test.png"
+    model, manifest = folder / "wall.h5", folder / "test.csv"
+    result = succeed("evaluate", model, manifest, "--coverage", 0.8, "--plot", plot)
+    for words in ("on 4 sequences", "95 % interval", "confusion", "class sets at 80 %"):
+        assert words in result.output
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    answer = json.loads(succeed("evaluate", model, manifest, "--json").stdout)
+    assert answer["n_cases"] == 4
+    assert answer["model_id"] == model_from_hdf5(model).id
+    with (folder / "test.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    right = 0
+    for row in rows:
+        path = folder / row["path"]
+        said = json.loads(succeed("classify", path, "--model", model, "--json").stdout)
+        right += said["label"] == row["label"]
+    assert answer["accuracy"] == right / len(rows)
+
+
+def test_classify_says_what_the_library_says(folder: Path, tmp_path: Path) -> None:
+    path, plot = folder / "normal" / "0.npz", tmp_path / "answer.png"
+    model = model_from_hdf5(folder / "wall.h5")
+    sequence = read_npz(path.read_bytes()).sequence
+    own = classify(modal_signature(sequence, model.signature_parameters), model, 0.8)
+    asked = ("classify", path, "--model", folder / "wall.h5", "--coverage", 0.8)
+    answer = json.loads(succeed(*asked, "--json").stdout)
+    assert list(answer["probabilities"].values()) == own.probabilities.tolist()
+    assert (answer["label"], answer["class_set"]) == (own.label, list(own.class_set))
+    assert answer["sequence_id"] == sequence.id
+    text = succeed(*asked, "--plot", plot).output
+    assert "cannot be ruled out at 80 %" in text
+    assert all(label in text for label in model.classes)
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_simulated_cohort_is_a_manifest_and_its_files(tmp_path: Path) -> None:
+    first, second, other = (tmp_path / name for name in "abc")
+    for folder, seed in ((first, 3), (second, 3), (other, 4)):
+        succeed("simulate-cohort", "-o", folder, "--per-class", 1, "--seed", seed)
+    files = {path.name: path.read_bytes() for path in first.iterdir()}
+    assert files == {path.name: path.read_bytes() for path in second.iterdir()}
+    assert set(files) != {path.name for path in other.iterdir()}
+    with (first / "cases.csv").open() as table:
+        rows = list(csv.DictReader(table))
+    assert {row["label"] for row in rows} == set(map(str, MotionClass))
+    assert len({row["subject"] for row in rows}) == len(rows) == len(files) - 1
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_manifests_of_any_spreadsheet_are_read(
+    folder: Path, tmp_path: Path, delimiter: str
+) -> None:
+    from modalmotion.cli.cases import read_manifest
+
+    wanted = read_manifest(folder / "train.csv")
+    manifest = folder / f"other-{ord(delimiter)}.csv"
+    lines = [["Subject", "PATH", "Label", "remark"]]
+    lines += [[row.subject or "", f"{row.label}/{row.path.name}", row.label, "x"] for row in wanted]
+    text = "\r\n".join(delimiter.join(line) for line in lines)
+    manifest.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert read_manifest(manifest) == wanted
+
+
+def with_manifest(folder: Path, name: str, *lines: str) -> Path:
+    path = folder / name
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_mistakes_are_told_in_one_line_and_name_what_is_wrong(folder: Path, tmp_path: Path) -> None:
+    good = [f"normal/{n}.npz,normal" for n in range(3)]
+    good += [f"{CLASSES[1]}/{n}.npz,{CLASSES[1]}" for n in range(3)]
+    head = "path,label"
+    flat = mesh_sequence(np.zeros((3, 4, 3)), grid=(2, 2), topology="cup", unit="mm")
+    (folder / "flat.npz").write_bytes(write_npz(flat))
+    (folder / "text.npz").write_bytes(b"no archive")
+    out = tmp_path / "m.h5"
+
+    def train(*lines: str, name: str = "wall") -> tuple[object, ...]:
+        manifest = with_manifest(folder, "bad.csv", *lines)
+        return ("train", manifest, "--name", name, "-o", out)
+
+    model, test = folder / "wall.h5", folder / "test.csv"
+    broken = tmp_path / "broken.h5"
+    broken.write_bytes(model.read_bytes()[:-1])
+    strange = with_manifest(folder, "strange.csv", head, "normal/0.npz,strange")
+    mistakes: list[tuple[tuple[object, ...], list[str]]] = [
+        (train("file,class", *good), ["no column path and no column label"]),
+        (train(), ["no column path"]),
+        (train(head, *good, "normal/9.npz,normal"), ["Line 8", "normal/9.npz"]),
+        (train(head, *good, "normal/4.npz,"), ["Line 8", "no label"]),
+        (train(head, *good, ",normal"), ["Line 8", "no path"]),
+        (train(head, *good, good[0]), ["0.npz", "2 times"]),
+        (train(head, *good[:3]), ["two classes"]),
+        (train(head, *good, "text.npz,normal"), ["text.npz"]),
+        (train(head, *good, "flat.npz,normal"), ["flat.npz"]),
+        (train(head, *good, name="No Name"), ["No Name", "lower-case"]),
+        ((*train(head, *good), "--modes", 0), ["modes"]),
+        ((*train(head, *good), "--estimator", "oracle"), ["oracle"]),
+        (("train", folder / "none.npz", "--name", "w", "-o", out), ["none.npz"]),
+        (("train", folder / "none.csv", "--name", "w", "-o", out), ["none.csv"]),
+        (("evaluate", model, strange), ["strange"]),
+        (("evaluate", "nobody", test), ["nobody"]),
+        (("evaluate", broken, test), ["broken.h5"]),
+        (("classify", folder / "normal/0.npz", "--model", folder / "test.csv"), ["test.csv"]),
+        (("classify", folder / "normal/0.npz", "--coverage", 1), ["coverage"]),
+    ]
+    for arguments, words in mistakes:
+        result = run(*arguments)
+        assert result.exit_code != 0, arguments
+        assert result.exception is None or isinstance(result.exception, SystemExit), arguments
+        for word in words:
+            assert word in result.output, (arguments, result.output)
+        assert "Traceback" not in result.output
+        assert not out.exists()

@@ -1,0 +1,189 @@
+"""Trainings that outlive their service, run into limits, and keep nobody waiting."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from running import RunningService
+from training_cohort import cohort, finished, send, train
+
+from modalmotion.store import JobState, ResultStore
+from modalmotion_service.app import create_app
+from modalmotion_service.jobs import JobRunner, Report
+from modalmotion_service.settings import Settings
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[RunningService]:
+    running = RunningService(tmp_path / "results", {"WORKERS": "2", "DRAIN_SECONDS": "0"})
+    yield running
+    running.stop()
+
+
+def sent_to(service: RunningService, n_per_class: int) -> list[str]:
+    ids = []
+    for case in cohort(n_per_class, seed=5):
+        # Spaces in names are written as the form of queries does.
+        query = f"label={case.label}&subject={case.subject}".replace(" ", "+")
+        answer = service.request("POST", f"/v1/sequences?{query}", case.body)
+        assert answer.status == 201, answer.body
+        ids.append(answer.json["id"])
+    return ids
+
+
+def wait_until(service: RunningService, link: str, states: set[str]) -> Any:
+    for _ in range(2400):
+        job = service.request("GET", link).json
+        if job["state"] in states:
+            return job
+        time.sleep(0.02)
+    raise AssertionError(job)
+
+
+@pytest.mark.parametrize("end", ["kill", "terminate"])
+def test_a_training_is_taken_up_again_after_a_restart(service: RunningService, end: str) -> None:
+    service.start()
+    ids = sent_to(service, 4)
+    body = json.dumps({"name": "survivor", "sequences": ids}).encode()
+    kind = {"Content-Type": "application/json"}
+    answer = service.request("POST", "/v1/models", body, kind)
+    assert answer.status == 202, answer.body
+    link = answer.headers["location"]
+    job = wait_until(service, link, {"running"})
+    getattr(service, end)()
+    service.start()
+    job = wait_until(service, link, {"succeeded", "failed", "cancelled"})
+    assert job["state"] == "succeeded", job["error"]
+    assert job["result"] == "/v1/models/survivor/versions/1"
+    model = service.request("GET", "/v1/models/survivor").json
+    assert model["versions"] == [1]
+    assert list((service.data_dir / "spool").iterdir()) == []
+    here = f"/v1/sequences/{ids[0]}/classifications"
+    said = service.request("POST", here, b'{"model": "survivor"}', kind)
+    assert said.status == 201
+    if end == "terminate":
+        return
+    # The model is read from its file by a service that did not train it.
+    service.kill()
+    service.start()
+    assert service.request("POST", here, b'{"model": "survivor@1"}', kind).json == said.json
+    other = f"/v1/sequences/{ids[1]}/classifications"
+    assert service.request("POST", other, b'{"model": "survivor"}', kind).status == 201
+
+
+@pytest.mark.parametrize(
+    ("settings", "limit"),
+    [({"training_seconds": 0.01}, "training_seconds"), ({"task_seconds": 0.001}, "task_seconds")],
+)
+def test_a_training_that_takes_too_long_is_ended_and_says_which_limit(
+    tmp_path: Path, settings: dict[str, float], limit: str
+) -> None:
+    folder = tmp_path / "r"
+    with TestClient(create_app(Settings(data_dir=folder, workers=2))) as client:
+        ids = send(client, cohort(2, seed=3))
+        if limit == "training_seconds":
+            train(client, "first", ids)
+    limited = Settings(data_dir=folder, workers=2, **settings)  # type: ignore[arg-type]
+    with TestClient(create_app(limited)) as client:
+        answer = client.post("/v1/models", json={"name": "slow", "sequences": ids})
+        job = finished(client, answer.json())
+        assert job["state"] == "failed"
+        assert (job["error"]["code"], job["error"]["limit"]) == ("limit_exceeded", limit)
+        assert limit in client.get("/v1/limits").json()
+        assert client.get("/v1/models/slow").status_code == 404
+
+
+def test_more_sequences_than_a_model_may_have_are_refused(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "r", max_training_sequences=3)
+    with TestClient(create_app(settings)) as client:
+        body = {"name": "large", "sequences": [f"{n:064x}" for n in range(4)]}
+        answer = client.post("/v1/models", json=body)
+        assert (answer.status_code, answer.json()["limit"]) == (413, "training_sequences")
+        assert client.get("/v1/limits").json()["training_sequences"] == 3
+
+
+def test_ten_thousand_sequences_are_looked_up_in_a_moment(tmp_path: Path) -> None:
+    # Of which none is kept: the answer names some, and how many there are.
+    with TestClient(create_app(Settings(data_dir=tmp_path / "r"))) as client:
+        body = {"name": "large", "sequences": [f"{n:064x}" for n in range(10_000)]}
+        answer = client.post("/v1/models", json=body)
+        assert (answer.status_code, answer.json()["n_sequences"]) == (404, 10_000)
+        assert len(answer.content) < 5_000
+
+
+def test_a_long_kind_of_job_keeps_the_others_from_waiting(tmp_path: Path) -> None:
+    order: list[str] = []
+
+    async def check(store: ResultStore) -> None:
+        release = asyncio.Event()
+
+        async def long(request: Any, _: Report) -> None:
+            order.append(f"long {request}")
+            await release.wait()
+
+        async def short(request: Any, report: Report) -> None:
+            report(0.5, "half of it")
+            order.append(f"short {request}")
+
+        kinds = {"long": long, "short": short}
+        runner = JobRunner(store, kinds, {}, 1, 100, apart={"long": 1})
+        jobs = [await runner.start("long", number) for number in range(3)]
+        jobs += [await runner.start("short", number) for number in range(3)]
+        while len(order) < 4:
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(0.05)
+        assert sorted(order) == ["long 0", "short 0", "short 1", "short 2"]
+        assert store.jobs.get(jobs[1].id).state == JobState.QUEUED
+        release.set()
+        await runner.close(10.0)
+        assert {store.jobs.get(job.id).state for job in jobs} == {JobState.SUCCEEDED}
+        assert runner.text(jobs[-1].id) is None
+
+    with ResultStore(tmp_path) as store:
+        asyncio.run(asyncio.wait_for(check(store), 30))
+
+
+@pytest.mark.soak
+def test_ten_thousand_sequences_are_trained_on_in_bounded_memory(tmp_path: Path) -> None:
+    """Ten times the sequences: their features are kept, and their signatures are not."""
+    with TestClient(create_app(Settings(data_dir=tmp_path / "r", workers=2))) as client:
+        ids = send(client, cohort(20, seed=3))
+        train(client, "first", ids)
+    with ResultStore(tmp_path / "r") as store:
+        kept = [store.sequence_record(name) for name in ids]
+        paths = [store.signature_path(name, store.signatures(name)[0]) for name in ids]
+    peaks = []
+    for n_cases in (1_000, 10_000):
+        plan = tmp_path / f"plan-{n_cases}"
+        with plan.open("w") as file:
+            for number in range(n_cases):
+                record, path = kept[number % len(kept)], paths[number % len(kept)]
+                line = {"label": record.label, "subject": f"s{number}", "path": str(path)}
+                file.write(json.dumps({"id": f"{number:064x}", **line}) + "\n")
+        code = (
+            "import resource, sys; from pathlib import Path;"
+            "from modalmotion_service.training_task import train_model;"
+            "a, b, c = map(Path, sys.argv[1:]);"
+            "train_model(a, 'large', {}, 't', b, c);"
+            "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)"
+        )
+        files = [plan, tmp_path / "model.h5", tmp_path / "progress"]
+        done = subprocess.run(
+            [sys.executable, "-c", code, *map(str, files)],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        peaks.append(int(done.stdout))
+        assert files[1].stat().st_size > 0
+    # 9,000 more signatures are 180 MB as files; their features are a few kB each.
+    assert peaks[1] - peaks[0] < 150e6, f"peaks of {peaks} bytes"
