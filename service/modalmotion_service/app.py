@@ -23,6 +23,7 @@ from modalmotion_service.routes import (
     health,
     jobs,
     limits,
+    readouts,
     sequences,
     signatures,
     templates,
@@ -75,6 +76,16 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.add_middleware(Concurrency, most=chosen.max_concurrent_requests)
     app.add_middleware(Observation)
-    for module in (sequences, signatures, templates, codec, classifications, jobs, limits, health):
+    for module in (
+        sequences,
+        signatures,
+        readouts,
+        templates,
+        codec,
+        classifications,
+        jobs,
+        limits,
+        health,
+    ):
         app.include_router(module.router)
     return app

@@ -57,9 +57,11 @@ def main(file: Path | None, output: Path) -> None:
         )
         here = f"{base}/v1/sequences/{sequence['id']}"
         _, signature = _json("GET", f"{here}/signature")
+        readouts = _readouts(f"{here}/readouts")
         _, answer = _json("POST", f"{here}/classifications")
         image = _request("GET", f"{here}/signature", accept="application/x-hdf5")[1]
     _print_signature(signature)
+    click.echo(f"volume     {readouts}")
     _print_classification(answer)
     path = output / "results" / signature["file"]
     click.echo(
@@ -92,6 +94,22 @@ def _print_signature(signature: dict[str, Any]) -> None:
     )
     for note in signature["notes"]:
         click.echo(f"           note: {note}")
+
+
+def _readouts(url: str) -> str:
+    """Ask for volume and ejection fraction; a surface that encloses nothing has none."""
+    try:
+        _, answer = _json("GET", url)
+    except click.ClickException as error:
+        return f"none: {error.message}"
+    found, unit = answer["from_signature"], answer["volume_unit"]
+    large, small = (found[f"end_{name}_volume"]["value"] for name in ("diastolic", "systolic"))
+    ejected = found["ejection_fraction"]
+    return (
+        f"{large:.1f} to {small:.1f} {unit}, ejection fraction {ejected['value']:.1f} % "
+        f"({ejected['low']:.1f} to {ejected['high']:.1f}; of the mesh itself "
+        f"{answer['of_mesh']['ejection_fraction']['value']:.1f})"
+    )
 
 
 def _print_classification(answer: dict[str, Any]) -> None:

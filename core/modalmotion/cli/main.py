@@ -8,6 +8,7 @@ import click
 
 from modalmotion.cli.analysis_commands import classify, reconstruct, signature
 from modalmotion.cli.codec_commands import decode, encode
+from modalmotion.cli.readouts_command import readouts
 from modalmotion.cli.simulate_command import simulate
 from modalmotion.cli.store_commands import store
 from modalmotion.errors import ModalMotionError
@@ -43,5 +44,5 @@ def main() -> None:
     """Modal signatures and classes of nonrigidly moving surfaces."""
 
 
-for command in (signature, reconstruct, encode, decode, classify, simulate, store):
+for command in (signature, readouts, reconstruct, encode, decode, classify, simulate, store):
     main.add_command(command)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from modalmotion.basis import Basis
 from modalmotion.body_frame import Components, from_local, local_frames, to_local
 from modalmotion.fit import project
+from modalmotion.products import product, second_moments, weighted_sum
 from modalmotion.signature import ModalSignature
 from modalmotion.template import Template
 
@@ -63,27 +64,36 @@ def superposed_positions(
     seen = S > _HELD
     c = a @ (Vt[seen].T / S[seen] @ U[:, seen].T)
     remaining = (a - c @ of_maps).reshape(signature.amplitudes.shape)
-    A = c.reshape(n_frames, -1, 3)
+    A, axes = c.reshape(n_frames, -1, 3), np.ascontiguousarray(q.T)
     step = max(1, _BLOCK // (3 * n_vertices))
     for first in range(0, n_frames, step):
         part = slice(first, first + step)
-        u = basis.shapes @ remaining[part]
+        u = _superposed(remaining[part], basis.rows)
         if frames is not None:
             u = from_local(u, frames)
         # x + A q + sum_p a_p phi_p
-        u += q @ A[part]
+        u += _superposed(A[part], axes)
         u += rest
         yield part, u
+
+
+def _superposed(
+    coefficients: NDArray[np.float64], rows: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Sum of fields times coefficients, (frames, vertices, 3): a product whose bits are fixed."""
+    f, m, _ = coefficients.shape
+    by_direction = np.ascontiguousarray(coefficients.transpose(0, 2, 1)).reshape(3 * f, m)
+    return product(by_direction, rows).reshape(f, 3, -1).transpose(0, 2, 1)
 
 
 def _unit_coordinates(
     rest: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Coordinates along the principal axes and 1, each with mean square 1 and uncorrelated."""
-    y = rest - weights @ rest
-    squares, axes = np.linalg.eigh((y * weights[:, None]).T @ y)
+    y = rest - weighted_sum(weights, rest)
+    squares, axes = np.linalg.eigh(second_moments(weights, y, y))
     wide = squares > _THIN**2 * squares[-1]
-    along = y @ axes[:, wide] / np.sqrt(squares[wide])
+    along = product(y, axes[:, wide] / np.sqrt(squares[wide]))
     return np.concatenate([along, np.ones((len(y), 1))], axis=1)
 
 

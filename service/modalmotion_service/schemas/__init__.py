@@ -15,6 +15,7 @@ from modalmotion_service.schemas.general import (
     Health,
     Problem,
 )
+from modalmotion_service.schemas.readouts import ReadoutsAnswer
 from modalmotion_service.schemas.results import (
     ClassificationAnswer,
     ClassificationList,
@@ -65,6 +66,7 @@ __all__ = [
     "Problem",
     "ReadingAnswer",
     "ReadingQuery",
+    "ReadoutsAnswer",
     "SequenceId",
     "SequenceNames",
     "SequencePageAnswer",
