@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from modalmotion.mesh import Cavity, cavity_of
 from modalmotion.reconstruction import fitted_on, reconstruct
 from modalmotion.sequence import MeshSequence
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
-from modalmotion.simulate import simulate_cohort
+from modalmotion.simulate import simulate_cohort, simulate_ventricle
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "heart"
 REAL = (
@@ -106,10 +107,8 @@ def time() -> Table:
         signature = modal_signature(sequence)
         times = side_by_side(
             {
-                "signature": lambda sequence=sequence: modal_signature(sequence),
-                "read-outs": lambda sequence=sequence, signature=signature: clinical_readouts(
-                    signature, sequence
-                ),
+                "signature": partial(modal_signature, sequence),
+                "read-outs": partial(clinical_readouts, signature, sequence),
             },
             n_samples=3,
         )
@@ -119,8 +118,6 @@ def time() -> Table:
 
 
 def simulated_beat(n: int) -> MeshSequence:
-    from modalmotion.simulate import simulate_ventricle
-
     return simulate_ventricle(n_vertices=n, rng=np.random.default_rng(0))
 
 
@@ -168,7 +165,7 @@ def first_order_bound(
 
 
 def gradient(cavity: Cavity, x: Floats) -> Floats:
-    """Derivative of the volume by each vertex, (vertices, 3), length unit squared."""
+    """Differentiate the volume by each vertex, (vertices, 3), length unit squared."""
     x = x - x[cavity.faces[0, 0]]
     total = np.zeros_like(x)
     corners = [x[cavity.faces[:, k]] for k in range(3)]
