@@ -72,7 +72,7 @@ def ventricles() -> Table:
             "90 %",
             "real",
             "kB a beat",
-            "coordinates a number",
+            "compression a frame",
         ),
     )
     simulated = [ventricle(1200, seed) for seed in range(N_VENTRICLES)]

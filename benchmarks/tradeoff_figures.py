@@ -41,18 +41,26 @@ def draw_fronts(by_surface: dict[str, dict[str, Front]], path: Path) -> None:
             )
         motion = next(iter(by_surface[name].values())).motion
         axes.axhline(motion, color="0.6", lw=0.8)
-        axes.text(axes.get_xlim()[0] * 1.15, motion * 1.04, "the motion itself", fontsize=8)
+        axes.set_ylim(top=1.6 * motion)
+        axes.annotate(
+            "the motion itself",
+            (axes.get_xlim()[1], motion),
+            xytext=(-6, 3),
+            textcoords="offset points",
+            ha="right",
+            fontsize=8,
+        )
         front = by_surface[name][CLOSED]
         for amplitudes in (21, 54, 111):
             k = int(np.flatnonzero(front.amplitudes <= amplitudes)[-1])
             axes.annotate(
                 f"{front.amplitudes[k]} a frame",
                 (front.numbers[k], front.rms[k]),
-                xytext=(-6, -12),
+                xytext=(10, 14),
                 textcoords="offset points",
-                ha="right",
                 fontsize=8,
                 color=COLOURS[CLOSED],
+                arrowprops={"arrowstyle": "-", "color": COLOURS[CLOSED], "lw": 0.7},
             )
         axes.set(xlabel="numbers to keep beyond the reference mesh", ylabel="RMS left (mm)")
         axes.set_title(f"{name}, {len_frames(front)} frames", fontsize=10)
@@ -104,7 +112,11 @@ def draw_sizes(by_size: dict[str, list[Cost]], path: Path) -> None:
         memory.loglog(at, [max(cost.megabytes, 0.1) for cost in run], label=name, **style)
         stopped = [cost for cost in found if cost.stopped.startswith(">")]
         for cost in stopped:
-            seconds.plot(cost.n_vertices, CAP_SECONDS, "x", ms=9, mew=2, color=COLOURS[name])
+            # Side by side where several were ended on one mesh.
+            aside = 0.86 ** list(by_size).index(name)
+            seconds.plot(
+                1.3 * aside * cost.n_vertices, CAP_SECONDS, "x", ms=8, mew=2, color=COLOURS[name]
+            )
     seconds.axhline(CAP_SECONDS, color="0.7", lw=0.8)
     seconds.text(1.1e3, CAP_SECONDS * 1.12, "ended after this long", fontsize=8, color="0.4")
     seconds.set(xlabel="vertices", ylabel="seconds", title="Time, 12 frames, 7 modes")

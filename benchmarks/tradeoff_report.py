@@ -86,8 +86,8 @@ def _parts(report: Report) -> list[str]:
         _answer(report),
         markdown(report.ventricles),
         said("""
-            kB are of the amplitudes as float32; the reference mesh is kept once beside them. The
-            last column is 3N over amplitudes, as in Nastar (1994).
+            kB are of the amplitudes as float32; the reference mesh is kept once beside them.
+            Compression is 3N over amplitudes, as in Nastar (1994).
         """),
         "## Where the time goes",
         markdown(report.stages),

@@ -31,7 +31,7 @@ from modalmotion.template import choose_modes, make_template
 
 N_MODES = 7
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
-CAP_SECONDS = 45.0
+CAP_SECONDS = 80.0
 LATTICE = "closed form, lattice"
 ORDER = (LATTICE, CLOSED, SPRINGS, BELTRAMI, PCA)
 LATTICES = {1_000: (25, 40), 10_000: (100, 100), 100_000: (250, 400), 1_000_000: (1000, 1000)}
