@@ -1,5 +1,6 @@
 """Modal signatures and classes of nonrigid motion, from closed-form lattice modes."""
 
+from modalmotion.clinical import ClinicalReadouts, clinical_readouts
 from modalmotion.errors import (
     ConnectivityError,
     CorruptFileError,
@@ -45,6 +46,7 @@ __all__ = [
     "SPHERE",
     "TORUS",
     "Acquisition",
+    "ClinicalReadouts",
     "ConnectivityError",
     "CorruptFileError",
     "End",
@@ -70,6 +72,7 @@ __all__ = [
     "TopologyError",
     "VentricleParameters",
     "Weights",
+    "clinical_readouts",
     "lowest_modes",
     "make_template",
     "mesh_sequence",

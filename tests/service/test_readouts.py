@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from modalmotion.clinical import clinical_readouts
+from modalmotion.clinical import VolumeCurve, clinical_readouts
 from modalmotion.formats import read_npz
 from modalmotion.signature import INTENDED_USE, SignatureParameters, modal_signature
+from modalmotion_service.schemas.readouts import VolumeAnswer
 
 
 @pytest.fixture
@@ -79,3 +81,10 @@ def test_what_encloses_nothing_is_a_problem_with_a_remedy(
     assert "cavity" in answer.json()["remedy"]
     unknown = client.get(f"/v1/sequences/{'0' * 64}/readouts")
     assert (unknown.status_code, unknown.json()["code"]) == (404, "not_found")
+
+
+def test_an_interval_without_an_upper_end_is_null() -> None:
+    curve = VolumeCurve(np.array([2.0, 1.0]), np.array([3.0, 2.0]))
+    assert curve.ejection_fraction_range == (0.0, float("inf"))
+    answer = json.loads(VolumeAnswer.of(curve, 1.0).model_dump_json())
+    assert answer["ejection_fraction"] == {"value": 50.0, "low": 0.0, "high": None}

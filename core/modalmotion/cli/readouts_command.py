@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -126,6 +127,7 @@ def _numbers(found: ClinicalReadouts) -> dict[str, object]:
 
 def _curve(curve: VolumeCurve, factor: float) -> dict[str, object]:
     large, small, stroke = _volumes(curve, factor)
+    low, high = curve.ejection_fraction_range
     return {
         "volumes": (curve.volumes * factor).tolist(),
         "bounds": (curve.bounds * factor).tolist(),
@@ -135,5 +137,5 @@ def _curve(curve: VolumeCurve, factor: float) -> dict[str, object]:
         "end_systolic_volume": small,
         "stroke_volume": stroke,
         "ejection_fraction": curve.ejection_fraction,
-        "ejection_fraction_range": list(curve.ejection_fraction_range),
+        "ejection_fraction_range": [low, high if math.isfinite(high) else None],
     }

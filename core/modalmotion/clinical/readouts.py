@@ -137,17 +137,18 @@ def clinical_readouts(
     cavity = _cavity(used)
     start = sequence.vertices[signature.parameters.reference].astype(np.float64)
     corner = start[cavity.faces[0, 0]]
-    scale = _size(start[cavity.faces.ravel()] - corner)
+    corners = np.unique(cavity.faces)
+    scale = _size(start[corners] - corner)
     rest = (start - corner) / scale
     rest[used.isolated] = 0.0
     scaled = replace(signature, amplitudes=signature.amplitudes / scale)
     volumes, sizes = np.empty(signature.n_frames), np.empty(signature.n_frames)
     own, own_sizes = np.empty(signature.n_frames), np.empty(signature.n_frames)
     for part, positions in superposed_positions(scaled, used, basis, rest):
-        volumes[part], sizes[part] = _measured(cavity, positions)
+        volumes[part], sizes[part] = _measured(cavity, corners, positions)
         frames = sequence.vertices[part].astype(np.float64)
         own[part], own_sizes[part] = _measured(
-            cavity, (frames - frames[:, cavity.faces[0, :1]]) / scale
+            cavity, corners, (frames - frames[:, cavity.faces[0, :1]]) / scale
         )
     largest = own[np.abs(own).argmax()]
     if not abs(largest) > _NOTHING:
@@ -200,13 +201,12 @@ def _size(offsets: NDArray[np.float64]) -> float:
 
 
 def _measured(
-    cavity: Cavity, positions: NDArray[np.float64]
+    cavity: Cavity, used: NDArray[np.int64], positions: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Volumes, and how far from the vertex that they are taken about the farthest one lies."""
-    near = positions[:, cavity.faces[0, :1]]
-    used = np.unique(cavity.faces)
-    sizes = np.linalg.norm(positions[:, used] - near, axis=2).max(axis=1)
-    return cavity.volume(positions), sizes
+    offsets = positions - positions[:, cavity.faces[0, :1]]
+    squares = np.einsum("fnd,fnd->fn", offsets, offsets)
+    return cavity.volume(positions), np.sqrt(squares[:, used].max(axis=1))
 
 
 def _notes(own: NDArray[np.float64], volumes: NDArray[np.float64]) -> tuple[str, ...]:

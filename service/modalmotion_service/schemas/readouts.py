@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from pydantic import BaseModel, Field
 
 from modalmotion.clinical import ClinicalReadouts, VolumeCurve
@@ -13,14 +15,17 @@ class FigureAnswer(BaseModel):
 
     value: float
     low: float
-    high: float
+    high: float | None = Field(
+        description="Null where the bound takes in an empty cavity, so that there is no upper end."
+    )
 
     @staticmethod
     def of(value: float, interval: tuple[float, float], factor: float = 1.0) -> FigureAnswer:
         """Write a figure out in another unit."""
-        # An ejection fraction whose bound takes in an empty cavity has no upper end.
-        low, high = (min(max(end * factor, -_LARGEST), _LARGEST) for end in interval)
-        return FigureAnswer(value=value * factor, low=low, high=high)
+        low, high = (end * factor for end in interval)
+        return FigureAnswer(
+            value=value * factor, low=low, high=high if math.isfinite(high) else None
+        )
 
 
 class VolumeAnswer(BaseModel):
@@ -90,7 +95,3 @@ class ReadoutsAnswer(BaseModel):
             of_mesh=VolumeAnswer.of(readouts.mesh_curve, factor),
             notes=list(readouts.notes),
         )
-
-
-# JSON knows no infinity.
-_LARGEST = 1e308
