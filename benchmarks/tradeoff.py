@@ -121,9 +121,9 @@ def stages() -> Table:
         ),
     }
     times = side_by_side(calls, n_samples=15)
-    table = Table("A beat of 25 frames and 1,500 vertices", ("stage", "time"))
+    table = Table("A beat of 25 frames and 1,500 vertices, fastest of 15 runs", ("stage", "time"))
     for name, taken in times.items():
-        table.add(name, in_words(taken.median))
+        table.add(name, in_words(taken.best))
     return table
 
 
@@ -170,7 +170,7 @@ def principal(by_surface: Fronts) -> Table:
 def sizes(by_size: dict[str, list[Cost]]) -> Table:
     """Seconds and memory against size."""
     table = Table(
-        "Time, memory above the input and RMS left; 12 frames, 7 modes (PCA: 7 components)",
+        "Processor time, memory above the input, RMS left; 12 frames, 7 modes (PCA: components)",
         ("basis", *(f"{size.n_vertices:,} vertices" for size in by_size[ORDER[1]])),
     )
     for name in ORDER:
