@@ -6,7 +6,16 @@ import importlib
 import sys
 from pathlib import Path
 
-MODULES = ("lattice", "store", "formats", "templates", "codec", "load")
+MODULES = (
+    "lattice",
+    "store",
+    "formats",
+    "templates",
+    "readouts",
+    "tradeoff",
+    "codec",
+    "load",
+)
 """Modules of this folder, each with `run(folder) -> list[Table]`."""
 
 

@@ -113,7 +113,7 @@ def making() -> Table:
         one = mesh_sequence(sequence.vertices[:1], sequence.faces)
         calls: dict[str, Callable[[], object]] = {
             "template": partial(make_template, one),
-            "beltrami": partial(_beltrami, one, 7),
+            "beltrami": partial(beltrami_modes, one, 7),
         }
         times = side_by_side(calls, n_samples=7 if n < 50_000 else 3)
         ours, theirs = times["template"].median, times["beltrami"].median
@@ -188,7 +188,7 @@ def _left_by_beltrami(sequence: MeshSequence, n_modes: int) -> float:
     template = make_template(sequence, closed_form=False)
     parts = displacement_blocks(sequence, template.weights, reference=0, remove_rotation=True)
     u = np.concatenate([block * scale for block, _, scale in parts])
-    shapes = _beltrami(sequence, n_modes) * np.sqrt(_areas(sequence))[:, None]
+    shapes = beltrami_modes(sequence, n_modes) * np.sqrt(_areas(sequence))[:, None]
     weighted = u * np.sqrt(template.weights)[:, None]
     residual = weighted - np.einsum(
         "nm,fmd->fnd", shapes, np.einsum("nm,fnd->fmd", shapes, weighted)
@@ -200,7 +200,7 @@ def _areas(sequence: MeshSequence) -> Floats:
     return vertex_areas(sequence.vertices[0].astype(np.float64), sequence.faces)
 
 
-def _beltrami(sequence: MeshSequence, n_modes: int) -> Floats:
+def beltrami_modes(sequence: MeshSequence, n_modes: int) -> Floats:
     """Eigenvectors of the surface itself, orthonormal under its vertex areas."""
     stiffness = cotangent_laplacian(sequence.vertices[0].astype(np.float64), sequence.faces)
     areas = _areas(sequence)

@@ -20,6 +20,7 @@ from modalmotion.errors import (
 )
 
 if TYPE_CHECKING:
+    from modalmotion.clinical import ClinicalReadouts, clinical_readouts
     from modalmotion.formats import ReadLimits, read_npz, write_npz
     from modalmotion.lattice import Lattice
     from modalmotion.modes import ModeLabel, ModeSet, lowest_modes, whole_count
@@ -50,6 +51,7 @@ __all__ = [
     "SPHERE",
     "TORUS",
     "Acquisition",
+    "ClinicalReadouts",
     "ConnectivityError",
     "CorruptFileError",
     "End",
@@ -75,6 +77,7 @@ __all__ = [
     "TopologyError",
     "VentricleParameters",
     "Weights",
+    "clinical_readouts",
     "lowest_modes",
     "make_template",
     "mesh_sequence",
@@ -93,6 +96,10 @@ __all__ = [
 # Imported when they are first asked for: all at once take most of a second, and much of what
 # needs this package (a client, the help of a command) needs few of them.
 _HOMES = {
+    "modalmotion.clinical": (
+        "ClinicalReadouts",
+        "clinical_readouts",
+    ),
     "modalmotion.formats": (
         "ReadLimits",
         "read_npz",

@@ -168,6 +168,16 @@ class Analysis:
         path = await asyncio.to_thread(self._store.template_path, template_id)
         return await self._work(tasks.draw_template, path)
 
+    async def readouts(
+        self, sequence_id: str, parameters: SignatureParameters, *, as_picture: bool
+    ) -> bytes:
+        """Read volume and ejection fraction from a signature, as JSON or as PNG."""
+        signature = await self.signature(sequence_id, parameters)
+        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        template = self._template_path(parameters)
+        with stage("readouts"):
+            return await self._work(tasks.read_out, sequence, signature, template, as_picture)
+
     async def reconstruction(
         self,
         sequence_id: str,

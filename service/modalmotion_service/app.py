@@ -34,6 +34,7 @@ from modalmotion_service.routes import (
     limits,
     models,
     prometheus,
+    readouts,
     sent_signature,
     sequences,
     signatures,
@@ -120,7 +121,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(SecurityHeaders)
     app.add_middleware(Observation)
     for module in (
-        *(sequences, signatures, sent_signature, templates, codec),
+        *(sequences, signatures, sent_signature, readouts, templates, codec),
         *(classifications, classify, models, jobs, limits),
         *(audit, health, kserve, prometheus, documentation),
     ):

@@ -14,7 +14,7 @@ import click
 import numpy as np
 
 from modalmotion.client import ClassAnswer, Client
-from modalmotion.errors import ModalMotionError
+from modalmotion.errors import InputError, ModalMotionError
 from modalmotion.figures import systole_figure
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.signature import ModalSignature
@@ -55,9 +55,11 @@ def main(file: Path | None, output: Path) -> None:
         here = f"/v1/sequences/{sequence.id}/signature"
         file = client.request("GET", here).json["file"]
         image = client.request("GET", here, accept="application/x-hdf5").content
+        readouts = _readouts(client, f"/v1/sequences/{sequence.id}/readouts")
         answer = client.classify(sequence.id)
     signature = signature_from_hdf5(image)
     _print_signature(signature)
+    click.echo(f"volume     {readouts}")
     _print_classification(answer)
     path = output / "results" / file
     click.echo(
@@ -93,6 +95,22 @@ def _print_signature(signature: ModalSignature) -> None:
 def _print_classification(answer: ClassAnswer) -> None:
     if answer.label is None:
         click.echo(f"class      none: {answer.model} abstains")
+def _readouts(client: Client, path: str) -> str:
+    """Ask for volume and ejection fraction; a surface that encloses nothing has none."""
+    try:
+        answer = client.request("GET", path).json
+    except InputError as error:
+        return f"none: {error.message}"
+    found, unit = answer["from_signature"], answer["volume_unit"]
+    large, small = (found[f"end_{name}_volume"]["value"] for name in ("diastolic", "systolic"))
+    ejected = found["ejection_fraction"]
+    return (
+        f"{large:.1f} to {small:.1f} {unit}, ejection fraction {ejected['value']:.1f} % "
+        f"({ejected['low']:.1f} to {ejected['high']:.1f}; of the mesh itself "
+        f"{answer['of_mesh']['ejection_fraction']['value']:.1f})"
+    )
+
+
     else:
         click.echo(
             f"class      {answer.label}, probability {answer.probability:.3f} "

@@ -17,6 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from modalmotion.clinical import clinical_readouts, volume_figure
 from modalmotion.codec import decode, encode
 from modalmotion.comparison import Comparison, compare
 from modalmotion.formats import (
@@ -55,6 +56,7 @@ from modalmotion_service.schemas import (
     EncodedAnswer,
     EncodingTarget,
     ReadingAnswer,
+    ReadoutsAnswer,
     SignatureAnswer,
     TemplateAnswer,
 )
@@ -177,6 +179,20 @@ def draw_template(path: Path) -> bytes:
 
     buffer = io.BytesIO()
     template_figure(template_from_hdf5(path)).savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def read_out(sequence: Path, signature: Path, template: Path | None, as_picture: bool) -> bytes:
+    """Read volume and ejection fraction from a kept signature, as JSON or as PNG."""
+    found = clinical_readouts(
+        signature_from_hdf5(signature),
+        sequence_from_hdf5(sequence),
+        template=None if template is None else template_from_hdf5(template),
+    )
+    if not as_picture:
+        return ReadoutsAnswer.of(found).model_dump_json().encode()
+    buffer = io.BytesIO()
+    volume_figure(found).savefig(buffer, format="png")
     return buffer.getvalue()
 
 

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.mesh import Cavity
 from modalmotion.sequence import MeshSequence
 from modalmotion.signature import SignatureParameters, modal_signature
 from modalmotion.simulate import (
@@ -19,7 +20,6 @@ from modalmotion.simulate import (
     VentricleParameters,
     simulate_ventricle,
 )
-from modalmotion.simulate.volume import Cavity
 from modalmotion.topology import CUP
 
 HEALTHY = VentricleParameters()
@@ -49,7 +49,7 @@ def test_a_cavity_is_closed_where_it_is_open(rng: np.random.Generator) -> None:
     quads = [(0, 2, 3, 1), (0, 1, 5, 4), (1, 3, 7, 5), (3, 2, 6, 7), (2, 0, 4, 6)]
     faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
     assert Cavity(faces).volume(box + 1e4) == pytest.approx(1.0, abs=1e-9)
-    assert len(Cavity(faces).loops[0]) == 4
+    assert len(Cavity(faces).openings[0]) == 4
     sequence = simulate_ventricle(grid=(6, 10), acquisition=Acquisition(n_frames=2))
     assert volumes(sequence)[1] == pytest.approx(
         naive_volume(sequence.vertices[1].astype(float), sequence.faces), rel=1e-12
@@ -135,7 +135,8 @@ def test_a_triangulation_is_honest(rng: np.random.Generator) -> None:
     assert np.array_equal(np.unique(faces), np.arange(900))
     assert np.abs(x[0]).max() <= 1e-9  # the apex is a vertex
     cavity = Cavity(faces)
-    (loop,) = cavity.loops
+    loop = cavity.openings[0][:, 0]
+    assert len(cavity.openings) == 1
     assert x[loop, 2] == pytest.approx(np.full(len(loop), HEALTHY.length))
     edges = {tuple(sorted((int(f[i]), int(f[(i + 1) % 3])))) for f in faces for i in range(3)}
     assert 900 - len(edges) + len(faces) == 1  # a disc

@@ -10,6 +10,7 @@ import click
 
 from modalmotion.body_frame import Components
 from modalmotion.cli.files import GridShape, read, sequence_argument
+from modalmotion.cli.readouts_command import volume_lines
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.template import Weights
 
@@ -76,7 +77,10 @@ def signature(
         from modalmotion.figures import systole_figure
 
         systole_figure(sequence, result).savefig(plot)
-    click.echo(json.dumps(summary(result), indent=2) if as_json else _lines(result))
+    if as_json:
+        click.echo(json.dumps(summary(result), indent=2))
+    else:
+        click.echo("\n".join([_lines(result), *volume_lines(result, sequence)]))
     for path in (output, plot):
         if path is not None:
             click.echo(f"written: {path}", err=as_json)

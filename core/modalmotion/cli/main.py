@@ -15,6 +15,7 @@ COMMANDS: Final = {
     "decode": ("codec_commands", "Decode a compressed STREAM, or some of its frames."),
     "encode": ("codec_commands", "Compress the sequence in FILE at an error that you choose."),
     "evaluate": ("model_commands", "Test MODEL on labelled sequences that it has not seen."),
+    "readouts": ("readouts_command", "Read volume and ejection fraction of the cavity in FILE."),
     "reconstruct": ("analysis_commands", "Write the surfaces that a few modes stand for."),
     "signature": ("analysis_commands", "Fit the modal signature of the sequence in FILE."),
     "simulate": ("simulate_command", "Simulate one heartbeat of a left ventricle."),

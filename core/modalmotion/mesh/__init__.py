@@ -1,11 +1,13 @@
 """Triangle meshes: connectivity, areas, Laplacians and the solver for them."""
 
 from modalmotion.mesh.areas import face_areas, face_gradients, face_normals, vertex_areas
+from modalmotion.mesh.cavity import Cavity, cavity_of
 from modalmotion.mesh.connectivity import (
     Connectivity,
     boundary_loops,
     connectivity_of,
     euler_characteristic,
+    grouped_edges,
     n_components,
     oriented_faces,
 )
@@ -14,8 +16,10 @@ from modalmotion.mesh.laplacian import cotangent_laplacian, divergence, graph_la
 from modalmotion.mesh.lattice_faces import lattice_faces
 
 __all__ = [
+    "Cavity",
     "Connectivity",
     "boundary_loops",
+    "cavity_of",
     "connectivity_of",
     "cotangent_laplacian",
     "divergence",
@@ -24,6 +28,7 @@ __all__ = [
     "face_gradients",
     "face_normals",
     "graph_laplacian",
+    "grouped_edges",
     "lattice_faces",
     "n_components",
     "nested_dissection",

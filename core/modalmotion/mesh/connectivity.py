@@ -108,7 +108,7 @@ def connectivity_of(faces: NDArray[np.int64], n_vertices: int) -> Connectivity:
     return Connectivity(
         edges=edges,
         faces_at_edge=counts,
-        loops=tuple(_loops(edges[counts == 1], n_vertices)),
+        loops=tuple(grouped_edges(edges[counts == 1], n_vertices)),
         isolated=np.flatnonzero(~used),
         n_components=n_pieces,
         euler_characteristic=int(used.sum()) - len(edges) + len(proper),
@@ -126,6 +126,30 @@ def boundary_loops(faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         Largest number of edges first.
     """
     return list(connectivity_of(faces, _n_vertices(faces)).loops)
+
+
+def grouped_edges(edges: NDArray[np.int64], n_vertices: int) -> list[NDArray[np.int64]]:
+    """Group edges by connection, largest number of edges first.
+
+    Parameters
+    ----------
+    edges : (edges, 2) int64
+    n_vertices : int
+
+    Returns
+    -------
+    list of (edges, 2) int64
+        Rows as they came, in the same order within each group.
+    """
+    if not len(edges):
+        return []
+    place = np.full(n_vertices, -1)
+    place[edges.ravel()] = 0
+    nodes = np.flatnonzero(place == 0)
+    place[nodes] = np.arange(len(nodes))
+    component = _labels(place[edges], len(nodes))[place[edges[:, 0]]]
+    groups = [edges[component == i] for i in np.unique(component)]
+    return sorted(groups, key=lambda group: (-len(group), int(group.min())))
 
 
 def n_components(faces: NDArray[np.int64]) -> int:
@@ -188,15 +212,3 @@ def _labels(edges: NDArray[np.int64], n_vertices: int) -> NDArray[np.int64]:
     _, labels = connected_components(graph, directed=False)
     found: NDArray[np.int64] = labels.astype(np.int64)
     return found
-
-
-def _loops(border: NDArray[np.int64], n_vertices: int) -> list[NDArray[np.int64]]:
-    if not len(border):
-        return []
-    place = np.full(n_vertices, -1)
-    place[border.ravel()] = 0
-    nodes = np.flatnonzero(place == 0)
-    place[nodes] = np.arange(len(nodes))
-    component = _labels(place[border], len(nodes))[place[border[:, 0]]]
-    loops = [border[component == i] for i in np.unique(component)]
-    return sorted(loops, key=lambda loop: (-len(loop), int(loop.min())))

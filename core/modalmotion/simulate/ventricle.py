@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from modalmotion.errors import ParameterError
+from modalmotion.mesh import Cavity
 from modalmotion.sequence import MeshSequence, mesh_sequence
 from modalmotion.simulate.motion import Motion
 from modalmotion.simulate.parameters import VentricleParameters
@@ -16,7 +17,6 @@ from modalmotion.simulate.pose import Pose
 from modalmotion.simulate.spheroid import Spacing, Spheroid
 from modalmotion.simulate.surface import Points, lattice_points, triangle_points
 from modalmotion.simulate.variation import random_field
-from modalmotion.simulate.volume import Cavity
 from modalmotion.topology import CUP
 
 # Correlation lengths of what is individual. With _FINE and 2 mm, 7, 18 and 37 modes leave

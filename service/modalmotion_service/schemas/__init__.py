@@ -24,6 +24,7 @@ from modalmotion_service.schemas.models import (
     ModelVersion,
     TrainingRequest,
 )
+from modalmotion_service.schemas.readouts import ReadoutsAnswer
 from modalmotion_service.schemas.results import (
     ClassificationAnswer,
     ClassificationList,
@@ -81,6 +82,7 @@ __all__ = [
     "Problem",
     "ReadingAnswer",
     "ReadingQuery",
+    "ReadoutsAnswer",
     "SequenceId",
     "SequenceNames",
     "SequencePageAnswer",

@@ -1,0 +1,150 @@
+"""What each basis leaves of a motion: closed form, springs, Laplace-Beltrami, PCA."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from templates import beltrami_modes
+
+from modalmotion.fit import displacement_blocks
+from modalmotion.modes import lowest_modes, shapes_at, whole_count
+from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
+from modalmotion.spring_modes import spring_modes
+from modalmotion.template import make_template
+
+ROOT = Path(__file__).resolve().parents[1]
+Floats = NDArray[np.float64]
+
+CLOSED, SPRINGS, BELTRAMI, PCA = "closed form", "spring modes", "Laplace-Beltrami", "PCA"
+MOST_MODES = 61
+"""Modes up to which fronts are measured; whole for cup and cylinder."""
+
+
+@dataclass(frozen=True)
+class Front:
+    """RMS error of one basis against the numbers it takes.
+
+    Parameters
+    ----------
+    amplitudes : (n,) int64
+        A frame.
+    rms : (n,) float64, mm
+        Over the surface and all frames.
+    numbers : (n,) int64
+        To keep for the whole sequence beyond its reference mesh: amplitudes, and the basis
+        where it cannot be made again from the reference.
+    motion : float, mm
+        RMS displacement: what no amplitudes leave.
+    """
+
+    amplitudes: NDArray[np.int64]
+    rms: Floats
+    numbers: NDArray[np.int64]
+    motion: float
+
+    def at(self, amplitudes: int) -> float:
+        """Error with the largest whole set of at most so many amplitudes, mm."""
+        return float(self.rms[np.flatnonzero(self.amplitudes <= amplitudes)[-1]])
+
+
+def fronts(sequence: MeshSequence, most: int = MOST_MODES) -> dict[str, Front]:
+    """Measure every basis that a sequence has, against the same displacements and weights."""
+    template = make_template(sequence)
+    parts = displacement_blocks(sequence, template.weights, reference=0, remove_rotation=True)
+    u = np.concatenate([block * scale for block, _, scale in parts])
+    most = min(most, sequence.n_vertices // 4)
+    whole = whole_count(template.topology, most, sequence.grid)
+    modes = lowest_modes(template.topology, whole, sequence.grid)
+    counts = sorted({whole_count(template.topology, k, sequence.grid) for k in range(1, most + 1)})
+    n_frames, weights = len(u), template.weights
+    motion = float(np.sqrt(np.einsum("n,fnd->f", weights, u * u).mean()))
+    closed = left_by(shapes_at(modes, template.coordinates), u, weights)
+    found = {CLOSED: _front(closed, np.array(counts), n_frames, motion)}
+    ranks = np.arange(1, most + 1)
+    if len(template.faces):
+        meshed = mesh_sequence(sequence.vertices[:1].astype(np.float64), template.faces)
+        springs = spring_modes(template.faces, sequence.n_vertices, most).shapes
+        found[SPRINGS] = _front(left_by(springs, u, weights), ranks, n_frames, motion)
+        own = beltrami_modes(meshed, most)
+        found[BELTRAMI] = _front(left_by(own, u, weights), ranks, n_frames, motion)
+    found[PCA] = _principal(u, weights, motion)
+    return found
+
+
+def left_by(shapes: Floats, u: Floats, weights: Floats) -> Floats:
+    """RMS that the first 1, 2, ... columns leave, one factorisation for all, (columns,)."""
+    root = np.sqrt(weights)[:, None]
+    Q, _ = np.linalg.qr(root * shapes)
+    weighted = root * u
+    kept = np.einsum("nm,fnd->fmd", Q, weighted, optimize=True)
+    # Taken from the residual of all columns upwards, so nothing is lost to cancellation.
+    last = weighted - np.einsum("nm,fmd->fnd", Q, kept, optimize=True)
+    beyond = np.cumsum((kept**2).sum(axis=(0, 2))[::-1])[::-1]
+    left: Floats = np.sqrt(((last**2).sum() + np.append(beyond[1:], 0.0)) / len(u))
+    return left
+
+
+def surfaces(folder: Path) -> dict[str, MeshSequence]:
+    """One moving surface of each topology, and the real ventricle where it is at hand."""
+    sys.path.insert(0, str(ROOT / "tests" / "core"))
+    made = importlib.import_module("template_surfaces")
+    rng = np.random.default_rng(1994)
+    found = {"ventricle (cup)": ventricle(1500)}
+    for name, title in (
+        ("cylinder", "tube (cylinder)"),
+        ("torus", "ring (torus)"),
+        ("sphere", "pear (sphere)"),
+        ("plane", "sheet (plane)"),
+    ):
+        moving = made.MAKERS[name](1500, rng)
+        found[title] = mesh_sequence(*moving, topology=name, unit="mm")
+    turn = np.arange(200) / 200
+    section = made.ring(np.stack([turn, np.full(200, 0.1)], axis=1))
+    found["ring's section (closed curve)"] = mesh_sequence(
+        section, topology="closed curve", unit="mm"
+    )
+    line = made.sheet(np.stack([np.linspace(0, 1, 200), np.full(200, 0.7)], axis=1))
+    found["sheet's line (open curve)"] = mesh_sequence(line, topology="open curve", unit="mm")
+    for name in ("lv_endocardium", "lv_grid_32x64"):
+        path = folder / "heart" / f"{name}.npz"
+        if path.is_file():
+            with np.load(path) as arrays:
+                grid = (32, 64) if "grid" in arrays else None
+                found[f"real: {name}"] = mesh_sequence(
+                    arrays["vertices"],
+                    None if grid else arrays["faces"],
+                    grid=grid,
+                    topology="cup",
+                    unit="mm",
+                )
+    return found
+
+
+def ventricle(n_vertices: int, seed: int = 1994) -> MeshSequence:
+    """Simulate a ventricle that moves about as richly as a real one."""
+    return simulate_ventricle(
+        VentricleParameters(shape_variation=2.0, motion_variation=2.0),
+        n_vertices=n_vertices,
+        acquisition=Acquisition(n_frames=25),
+        rng=np.random.default_rng(seed),
+    )
+
+
+def _front(rms: Floats, counts: NDArray[np.int64], n_frames: int, motion: float) -> Front:
+    return Front(3 * counts, rms[counts - 1], 3 * counts * n_frames, motion)
+
+
+def _principal(u: Floats, weights: Floats, motion: float) -> Front:
+    """Components of the sequence itself: the best of all bases, which must be kept too."""
+    f, n, _ = u.shape
+    weighted = (np.sqrt(weights)[:, None] * u).reshape(f, 3 * n)
+    squares = np.linalg.svd(weighted, compute_uv=False) ** 2
+    rms = np.sqrt(np.append(np.cumsum(squares[::-1])[::-1][1:], 0.0) / f)
+    ranks = np.arange(1, f + 1)
+    return Front(ranks, rms, ranks * (f + 3 * n), motion)

@@ -1,0 +1,248 @@
+"""Seconds and memory of each basis on meshes of a thousand to a million vertices.
+
+Each measurement has a process of its own, so that none inherits another's memory, with one thread,
+and is ended after a while: what takes longer is reported as such. Time is the processor's, which
+other work on the machine changes little.
+"""
+
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+import os
+import resource
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lattice import peak_megabytes
+from templates import beltrami_modes
+from tradeoff_bases import BELTRAMI, CLOSED, PCA, ROOT, SPRINGS
+
+from modalmotion.basis import make_basis
+from modalmotion.fit import displacement_blocks, fit_sequence
+from modalmotion.mesh import vertex_areas
+from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.spring_modes import spring_modes
+from modalmotion.template import choose_modes, make_template
+
+N_MODES = 7
+SIZES = (1_000, 10_000, 100_000, 1_000_000)
+CAP_SECONDS = 60
+LONGEST_WAIT = 2.5 * CAP_SECONDS
+LATTICE = "closed form, lattice"
+ORDER = (LATTICE, CLOSED, SPRINGS, BELTRAMI, PCA)
+LATTICES = {1_000: (25, 40), 10_000: (100, 100), 100_000: (250, 400), 1_000_000: (1000, 1000)}
+# Vertices of the coarse mesh, and how often each of its triangles is cut in four.
+COARSE = {1_000: (1_000, 0), 10_000: (10_000, 0), 100_000: (6_250, 2), 1_000_000: (15_650, 3)}
+
+
+@dataclass
+class Cost:
+    """What one basis took on one mesh.
+
+    Parameters
+    ----------
+    n_vertices : int
+    seconds : dict of str to float
+        By stage; empty where the cap was met.
+    megabytes : float
+        Most memory above the sequence itself.
+    rms : float, mm
+    stopped : str
+        Why there is nothing; empty otherwise.
+    """
+
+    n_vertices: int
+    seconds: dict[str, float] = field(default_factory=dict)
+    megabytes: float = float("nan")
+    rms: float = float("nan")
+    stopped: str = ""
+
+    @property
+    def total(self) -> float:
+        """Seconds of all stages."""
+        return sum(self.seconds.values()) if self.seconds else float("nan")
+
+
+def costs(sizes: tuple[int, ...] = SIZES) -> dict[str, list[Cost]]:
+    """Measure every basis on every size, smallest first."""
+    found: dict[str, list[Cost]] = {name: [] for name in ORDER}
+    with tempfile.TemporaryDirectory() as folder:
+        for size in sizes:
+            for name in ORDER:
+                previous = found[name][-1] if found[name] else None
+                if previous is not None and previous.stopped:
+                    cost = Cost(size, stopped="not run")
+                else:
+                    path = _written(Path(folder), size, lattice=name == LATTICE)
+                    cost = alone(_measure, (name, path, N_MODES, "float32"), size)
+                found[name].append(cost)
+                note = cost.stopped or f"{cost.total:.2f} s, {cost.megabytes:.0f} MB"
+                print(f"  {size:>9,} {name:<22} {note}", flush=True)
+            for path in Path(folder).iterdir():
+                path.unlink()
+    return found
+
+
+def of_modes(counts: tuple[int, ...], size: int = 10_000) -> dict[int, Cost]:
+    """Cost of ever more closed-form modes on one mesh."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = _written(Path(folder), size, lattice=False)
+        return {k: alone(_measure, (CLOSED, path, k, "float32"), size) for k in counts}
+
+
+def of_types(size: int = 100_000) -> dict[str, Cost]:
+    """Cost of float32 and float64 input on one mesh."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = _written(Path(folder), size, lattice=False)
+        types = ("float32", "float64")
+        return {t: alone(_measure, (CLOSED, path, N_MODES, t), size) for t in types}
+
+
+def alone(task: Callable[..., Any], arguments: tuple[Any, ...], size: int) -> Cost:
+    """Run a measurement in a process of its own, for as long as the cap allows."""
+    # Read by the linear algebra of the process to come.
+    os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"))
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe(duplex=False)
+    process = context.Process(target=_send, args=(there, task, arguments))
+    process.start()
+    there.close()
+    try:
+        if not here.poll(LONGEST_WAIT):
+            return Cost(size, stopped=f"> {CAP_SECONDS} s")
+        answer = here.recv()
+    except EOFError:
+        process.join()
+        ended = process.exitcode == -signal.SIGXCPU
+        return Cost(size, stopped=f"> {CAP_SECONDS} s" if ended else "out of memory")
+    finally:
+        process.kill()
+        process.join()
+    cost: Cost = answer
+    return cost
+
+
+def _send(there: Connection, task: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (CAP_SECONDS, CAP_SECONDS + 5))
+    there.send(task(*arguments))
+
+
+def _measure(name: str, path: Path, n_modes: int, dtype: str) -> Cost:
+    sequence = _loaded(path, dtype)
+    if name in (SPRINGS, BELTRAMI):
+        # Imported with their libraries before the clock starts.
+        _ = spring_modes(np.array([[0, 1, 2], [1, 3, 2]]), 4, 1)
+    _forget_peak()
+    before = peak_megabytes()
+    seconds: dict[str, float] = {}
+    clock = time.process_time()
+
+    def stage(label: str) -> None:
+        nonlocal clock
+        now = time.process_time()
+        seconds[label], clock = now - clock, now
+
+    if name in (LATTICE, CLOSED):
+        template = make_template(sequence)
+        stage("coordinates")
+        basis = make_basis(template, choose_modes(template, n_modes, sequence.grid).modes)
+        stage("modes")
+        fit = fit_sequence(sequence, template, basis)
+        stage("fit")
+        rms = float(np.sqrt((fit.rms_errors**2).mean()))
+    else:
+        rms = _by_own_basis(name, sequence, n_modes, stage)
+    return Cost(sequence.n_vertices, seconds, peak_megabytes() - before, rms)
+
+
+def _by_own_basis(
+    name: str, sequence: MeshSequence, n_modes: int, stage: Callable[[str], None]
+) -> float:
+    if name == SPRINGS:
+        shapes = spring_modes(sequence.faces, sequence.n_vertices, n_modes).shapes
+        stage("modes")
+    elif name == BELTRAMI:
+        shapes = beltrami_modes(mesh_sequence(sequence.vertices[:1], sequence.faces), n_modes)
+        stage("modes")
+    areas = vertex_areas(sequence.vertices[0].astype(np.float64), sequence.faces)
+    weights = areas / areas.sum()
+    root = np.sqrt(weights)[:, None]
+    if name == PCA:
+        total, squares = _covariance(sequence, weights)
+        rms = float(np.sqrt(max(0.0, total - np.sort(squares)[-n_modes:].sum())))
+        stage("modes")
+        return rms
+    Q, _ = np.linalg.qr(root * shapes)
+    left = 0.0
+    for block, _, scale in displacement_blocks(
+        sequence, weights, reference=0, remove_rotation=True
+    ):
+        weighted = root * block * scale
+        for frame in weighted:
+            left += float(((frame - Q @ (Q.T @ frame)) ** 2).sum())
+    stage("fit")
+    return float(np.sqrt(left / sequence.n_frames))
+
+
+def _covariance(sequence: MeshSequence, weights: np.ndarray) -> tuple[float, np.ndarray]:
+    """Squares by principal component, by the matrix between frames, a slice at a time."""
+    parts = displacement_blocks(sequence, weights, reference=0, remove_rotation=True)
+    frames = np.concatenate([block * scale for block, _, scale in parts])
+    gram = np.zeros((len(frames),) * 2)
+    for i in range(0, sequence.n_vertices, 20_000):
+        part = frames[:, i : i + 20_000] * np.sqrt(weights[i : i + 20_000])[:, None]
+        flat = part.reshape(len(frames), -1)
+        gram += flat @ flat.T
+    squares = np.linalg.eigvalsh(gram / len(frames))
+    return float(squares.sum()), squares
+
+
+def _written(folder: Path, size: int, *, lattice: bool) -> Path:
+    """Write a beating cup of about so many vertices, 12 frames, as float32."""
+    path = folder / f"{size}-{'lattice' if lattice else 'mesh'}.npz"
+    if path.exists():
+        return path
+    sys.path.insert(0, str(ROOT / "tests" / "core"))
+    made = importlib.import_module("template_surfaces")
+    remeshing = importlib.import_module("template_remeshing")
+    if lattice:
+        rows, columns = LATTICES[size]
+        polar = np.arccos(-0.35) * (np.arange(rows) + 0.5) / rows
+        turn = 2 * np.pi * np.arange(columns) / columns
+        r, z = np.sin(polar)[:, None], -np.cos(polar)[:, None]
+        ball = [r * np.cos(turn), r * np.sin(turn), z + 0 * turn]
+        points = np.stack(ball, axis=-1).reshape(-1, 3)
+        np.savez(path, vertices=made.ventricle(points).astype(np.float32), grid=(rows, columns))
+        return path
+    n, times = COARSE[size]
+    moving = made.make_ventricle(n, np.random.default_rng(0))
+    for _ in range(times):
+        moving = remeshing.subdivided(moving)
+    np.savez(path, vertices=moving[0].astype(np.float32), faces=moving[1])
+    return path
+
+
+def _loaded(path: Path, dtype: str) -> MeshSequence:
+    with np.load(path) as arrays:
+        vertices = arrays["vertices"].astype(dtype, copy=False)
+        if "grid" in arrays:
+            grid = arrays["grid"]
+            return mesh_sequence(vertices, grid=grid, topology="cup", unit="mm")
+        return mesh_sequence(vertices, arrays["faces"], unit="mm")
+
+
+def _forget_peak() -> None:
+    """Let the peak of memory count from here, where the system allows it."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        return

@@ -1,0 +1,112 @@
+"""Positions superposed from amplitudes, with the affine part of the motion exact.
+
+A heart that contracts evenly moves by an affine map, which no few modes hold exactly: what they
+leave of it is a bias of the volume, always to the same side. The amplitudes of an affine map are
+known, though, from the reference alone. So the map whose amplitudes are nearest to those of the
+frame is applied as it is, and the modes carry only what remains of the amplitudes. The result has
+the same amplitudes as before, and is exact for every affine motion that they determine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.basis import Basis
+from modalmotion.body_frame import Components, from_local, local_frames, to_local
+from modalmotion.fit import project
+from modalmotion.products import product, second_moments, weighted_sum
+from modalmotion.signature import ModalSignature
+from modalmotion.template import Template
+
+# Floats of positions held at once.
+_BLOCK: Final = 500_000
+
+# Of the RMS of an affine motion: motions of which the modes hold less are left to the modes, for
+# their amplitudes say too little of them.
+_HELD: Final = 0.5
+
+# Of the longest axis: a surface thinner than this has no extent in that direction.
+_THIN: Final = 1e-6
+
+
+def superposed_positions(
+    signature: ModalSignature, template: Template, basis: Basis, rest: NDArray[np.float64]
+) -> Iterator[tuple[slice, NDArray[np.float64]]]:
+    """Positions in the frame of the reference, rotation not put back, some frames at a time.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    template : Template
+    basis : Basis
+        Of the signature's modes on the template.
+    rest : (vertices, 3) float64
+        Reference positions near the origin, in a unit in which they are of size 1.
+
+    Yields
+    ------
+    frames : slice
+    positions : (n, vertices, 3) float64
+        In the unit of `rest` if the amplitudes are: they are given in it by the caller.
+    """
+    is_local = signature.parameters.components != Components.CARTESIAN
+    frames = local_frames(template) if is_local else None
+    q = _unit_coordinates(rest, template.weights)
+    of_maps = _amplitudes_of_maps(basis, q, frames)
+    n_frames, n_vertices = signature.n_frames, len(rest)
+    a = signature.amplitudes.reshape(n_frames, -1)
+    # a ~ c D by least squares, over the maps that the amplitudes determine
+    U, S, Vt = np.linalg.svd(of_maps, full_matrices=False)
+    seen = S > _HELD
+    c = a @ (Vt[seen].T / S[seen] @ U[:, seen].T)
+    remaining = (a - c @ of_maps).reshape(signature.amplitudes.shape)
+    A, axes = c.reshape(n_frames, -1, 3), np.ascontiguousarray(q.T)
+    step = max(1, _BLOCK // (3 * n_vertices))
+    for first in range(0, n_frames, step):
+        part = slice(first, first + step)
+        u = _superposed(remaining[part], basis.rows)
+        if frames is not None:
+            u = from_local(u, frames)
+        # x + A q + sum_p a_p phi_p
+        u += _superposed(A[part], axes)
+        u += rest
+        yield part, u
+
+
+def _superposed(
+    coefficients: NDArray[np.float64], rows: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Sum of fields times coefficients, (frames, vertices, 3): a product whose bits are fixed."""
+    f, m, _ = coefficients.shape
+    by_direction = np.ascontiguousarray(coefficients.transpose(0, 2, 1)).reshape(3 * f, m)
+    return product(by_direction, rows).reshape(f, 3, -1).transpose(0, 2, 1)
+
+
+def _unit_coordinates(
+    rest: NDArray[np.float64], weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Coordinates along the principal axes and 1, each with mean square 1 and uncorrelated."""
+    y = rest - weighted_sum(weights, rest)
+    squares, axes = np.linalg.eigh(second_moments(weights, y, y))
+    wide = squares > _THIN**2 * squares[-1]
+    along = product(y, axes[:, wide] / np.sqrt(squares[wide]))
+    return np.concatenate([along, np.ones((len(y), 1))], axis=1)
+
+
+def _amplitudes_of_maps(
+    basis: Basis, q: NDArray[np.float64], frames: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Amplitudes of the motions by coordinate i along direction j, (3 i + j, 3 modes) float64."""
+    rows = []
+    for coordinate in q.T:
+        for direction in range(3):
+            u = np.zeros((1, 3, len(q)))
+            u[0, direction] = coordinate
+            if frames is not None:
+                u = to_local(u, frames)
+            rows.append(project(basis, u.transpose(0, 2, 1)).ravel())
+    return np.array(rows)

@@ -1,0 +1,222 @@
+"""Volume and ejection fraction of a cavity, from the signature of its wall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.clinical.affine_superposition import superposed_positions
+from modalmotion.clinical.volume_curve import VolumeCurve
+from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.mesh import Cavity, cavity_of
+from modalmotion.reconstruction import fitted_on
+from modalmotion.sequence import MM_PER_UNIT, MeshSequence
+from modalmotion.signature import ModalSignature
+from modalmotion.template import Template
+from modalmotion.topology import PLANE
+
+# Of the cube of the size: a surface that encloses less is a sheet, to rounding.
+_NOTHING: Final = 1e-9
+
+# Cubes of sizes beyond these overflow or vanish.
+_SMALLEST: Final = 1e-90
+_LARGEST: Final = 1e90
+
+# Rounding of one triangle's term and of its place in the sum, in units of eps.
+_ROUNDING: Final = 64.0
+
+
+@dataclass(frozen=True, eq=False)
+class ClinicalReadouts:
+    """What is read from a cavity's volume over time.
+
+    Parameters
+    ----------
+    curve : VolumeCurve
+        From the signature's amplitudes and the reference shape alone, with the bound that
+        leaving out all other modes puts on it.
+    mesh_curve : VolumeCurve
+        Of the frames as they were sent; its bounds are of rounding.
+    times : (frames,) float64, s, or None
+    unit : str or None
+        Of lengths; volumes are in its cube.
+    n_amplitudes : int
+        A frame.
+    n_openings : int
+        Of the surface, each closed by a fan to the mean of its vertices.
+    sequence_id, template_id : str
+    notes : tuple of str
+        What a user should know.
+    """
+
+    curve: VolumeCurve
+    mesh_curve: VolumeCurve
+    times: NDArray[np.float64] | None
+    unit: str | None
+    n_amplitudes: int
+    n_openings: int
+    sequence_id: str
+    template_id: str
+    notes: tuple[str, ...]
+
+    @property
+    def millilitres(self) -> float:
+        """What one cubed length unit is in ml.
+
+        Raises
+        ------
+        ParameterError
+            If the length unit is unknown.
+        """
+        if self.unit is None:
+            raise ParameterError(
+                "The length unit is unknown, so volumes cannot be given in ml.",
+                remedy="State the unit of the sequence. The ejection fraction needs none.",
+            )
+        return millilitres_in(self.unit)
+
+    @property
+    def volume_unit(self) -> str:
+        """Unit that volumes are best shown in: ml, or the cube of an unknown length unit."""
+        return "cubed length units" if self.unit is None else "ml"
+
+    @property
+    def shown_in(self) -> float:
+        """Factor from the cubed length unit to `volume_unit`."""
+        return 1.0 if self.unit is None else self.millilitres
+
+
+def millilitres_in(unit: str) -> float:
+    """Give the volume of a cube with sides of one length unit, in ml."""
+    return MM_PER_UNIT[unit] ** 3 / 1000.0
+
+
+def clinical_readouts(
+    signature: ModalSignature, sequence: MeshSequence, *, template: Template | None = None
+) -> ClinicalReadouts:
+    """Volume over time and ejection fraction from a signature, with their bounds.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    sequence : MeshSequence
+        The one it was made from: its reference is the shape that amplitudes deform, and its
+        frames are what the bound is measured against.
+    template : Template, optional
+        The one that the signature's parameters name, if they name one.
+
+    Returns
+    -------
+    ClinicalReadouts
+        Volumes are positive where the surface encloses most, whatever its winding.
+
+    Raises
+    ------
+    TopologyError
+        If the surface encloses nothing: a curve, a sheet, several pieces, one side only.
+    ParameterError
+        If the sequence is another, if the signature is of times between its frames, or if
+        cubes of its size are no ordinary numbers.
+
+    Notes
+    -----
+    The volume is that of the triangles, with each opening closed by a fan to the mean of its
+    vertices. The bound of a frame is |V(signature) - V(frame)|, measured, and what rounding
+    may add; those of derived figures follow by interval arithmetic.
+    """
+    used, basis = fitted_on(signature, sequence, template)
+    if signature.n_frames != sequence.n_frames:
+        raise ParameterError(
+            f"The signature has {signature.n_frames} frames, its sequence {sequence.n_frames}: "
+            "between frames nothing was measured that a bound could come from.",
+            remedy="Give the signature of the sequence's own frames.",
+        )
+    cavity = _cavity(used)
+    start = sequence.vertices[signature.parameters.reference].astype(np.float64)
+    corner = start[cavity.faces[0, 0]]
+    corners = np.unique(cavity.faces)
+    scale = _size(start[corners] - corner)
+    rest = (start - corner) / scale
+    rest[used.isolated] = 0.0
+    scaled = replace(signature, amplitudes=signature.amplitudes / scale)
+    volumes, sizes = np.empty(signature.n_frames), np.empty(signature.n_frames)
+    own, own_sizes = np.empty(signature.n_frames), np.empty(signature.n_frames)
+    for part, positions in superposed_positions(scaled, used, basis, rest):
+        volumes[part], sizes[part] = _measured(cavity, corners, positions)
+        frames = sequence.vertices[part].astype(np.float64)
+        own[part], own_sizes[part] = _measured(
+            cavity, corners, (frames - frames[:, cavity.faces[0, :1]]) / scale
+        )
+    largest = own[np.abs(own).argmax()]
+    if not abs(largest) > _NOTHING:
+        raise TopologyError(
+            "The surface encloses no volume: it is flat, or its sides cancel.",
+            remedy="Send the closed or cup-shaped wall of a cavity.",
+        )
+    sign = np.sign(largest)
+    n_terms = len(cavity.faces) + sum(map(len, cavity.openings))
+    rounding = _ROUNDING * np.finfo(np.float64).eps * n_terms
+    own_bounds = rounding * own_sizes**3
+    bounds = np.abs(volumes - own) + rounding * sizes**3 + own_bounds
+    cube = scale**3
+    return ClinicalReadouts(
+        curve=VolumeCurve(sign * volumes * cube, bounds * cube),
+        mesh_curve=VolumeCurve(sign * own * cube, own_bounds * cube),
+        times=signature.times,
+        unit=signature.unit,
+        n_amplitudes=3 * len(signature.modes),
+        n_openings=len(cavity.openings),
+        sequence_id=signature.sequence_id,
+        template_id=signature.template_id,
+        notes=_notes(sign * own, sign * volumes),
+    )
+
+
+def _cavity(template: Template) -> Cavity:
+    if template.surface == PLANE:
+        raise TopologyError(
+            "The surface is a plane, a sheet that encloses nothing.",
+            remedy="Send the wall of a cavity, or state its topology (cup) if this is one.",
+        )
+    return cavity_of(template.faces, template.n_vertices)
+
+
+def _size(offsets: NDArray[np.float64]) -> float:
+    """Power of two near the size of the surface."""
+    size = float(np.abs(offsets).max())
+    if size == 0.0:
+        raise TopologyError(
+            "All vertices of the reference are in one place, so it encloses nothing.",
+            remedy="Name a reference frame in which the surface is spread out.",
+        )
+    if not _SMALLEST < size < _LARGEST:
+        raise ParameterError(
+            f"The surface is {size:.1g} in size; its volume is no number of double precision.",
+            remedy="State lengths in another unit.",
+        )
+    return float(2.0 ** np.frexp(size)[1])
+
+
+def _measured(
+    cavity: Cavity, used: NDArray[np.int64], positions: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Volumes, and how far from the vertex that they are taken about the farthest one lies."""
+    offsets = positions - positions[:, cavity.faces[0, :1]]
+    squares = np.einsum("fnd,fnd->fn", offsets, offsets)
+    return cavity.volume(positions), np.sqrt(squares[:, used].max(axis=1))
+
+
+def _notes(own: NDArray[np.float64], volumes: NDArray[np.float64]) -> tuple[str, ...]:
+    notes = []
+    if len(own) == 1:
+        notes.append("There is only one frame, so nothing is ejected.")
+    inverted = np.flatnonzero((own <= 0) | (volumes <= 0))
+    if inverted.size:
+        notes.append(
+            f"In {inverted.size} frames (first: frame {inverted[0]}) the surface is turned inside "
+            "out, so volumes and ejection fraction mean little."
+        )
+    return tuple(notes)

@@ -1,0 +1,41 @@
+"""Clinical read-outs: volume over time and ejection fraction, from the signature."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Header, Query, Request, Response
+
+from modalmotion_service.conditional import is_known, not_modified, tag_of
+from modalmotion_service.dependencies import StateDependency
+from modalmotion_service.negotiation import JSON, PNG, best_type
+from modalmotion_service.openapi_parts import BINARY, PROBLEMS
+from modalmotion_service.schemas import ReadoutsAnswer, SequenceId, SignatureQuery
+
+router = APIRouter(prefix="/v1", tags=["read-outs"], responses=PROBLEMS)
+
+
+@router.get(
+    "/sequences/{sequence_id}/readouts",
+    response_model=ReadoutsAnswer,
+    responses={200: {"content": {PNG: BINARY}}},
+)
+async def readouts(
+    sequence_id: SequenceId,
+    query: Annotated[SignatureQuery, Query()],
+    state: StateDependency,
+    request: Request,
+    accept: Annotated[str, Header(description=f"{JSON}, or {PNG} for a picture.")] = JSON,
+) -> Response:
+    """Give the volume over time and the ejection fraction, each with its bound.
+
+    From the signature with these parameters; surfaces that enclose nothing are refused (422).
+    """
+    media_type = best_type(accept, (JSON, PNG))
+    parameters = query.parameters()
+    state.store.sequence_record(sequence_id)
+    tag = tag_of(sequence_id, parameters.key, "readouts", media_type)
+    if is_known(request, tag):
+        return not_modified(tag)
+    body = await state.analysis.readouts(sequence_id, parameters, as_picture=media_type == PNG)
+    return Response(body, 200, {"ETag": tag, "Vary": "Accept"}, media_type)

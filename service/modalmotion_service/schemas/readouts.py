@@ -1,0 +1,97 @@
+"""Clinical read-outs."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import BaseModel, Field
+
+from modalmotion.clinical import ClinicalReadouts, VolumeCurve
+from modalmotion.signature import INTENDED_USE
+
+
+class FigureAnswer(BaseModel):
+    """One number, and the interval in which the surface's own lies."""
+
+    value: float
+    low: float
+    high: float | None = Field(
+        description="Null where the bound takes in an empty cavity, so that there is no upper end."
+    )
+
+    @staticmethod
+    def of(value: float, interval: tuple[float, float], factor: float = 1.0) -> FigureAnswer:
+        """Write a figure out in another unit."""
+        low, high = (end * factor for end in interval)
+        return FigureAnswer(
+            value=value * factor, low=low, high=high if math.isfinite(high) else None
+        )
+
+
+class VolumeAnswer(BaseModel):
+    """Volume over time, and what is read from it."""
+
+    volumes: list[float] = Field(description="Of each frame, in `volume_unit`.")
+    bounds: list[float] = Field(
+        description="The surface's own volume is at most this far from it, in `volume_unit`."
+    )
+    end_diastole: int = Field(description="Frame of the largest volume.")
+    end_systole: int = Field(description="Frame of the smallest volume.")
+    end_diastolic_volume: FigureAnswer
+    end_systolic_volume: FigureAnswer
+    stroke_volume: FigureAnswer
+    ejection_fraction: FigureAnswer = Field(description="Percent.")
+
+    @staticmethod
+    def of(curve: VolumeCurve, factor: float) -> VolumeAnswer:
+        """Write a curve out in another unit."""
+        return VolumeAnswer(
+            volumes=(curve.volumes * factor).tolist(),
+            bounds=(curve.bounds * factor).tolist(),
+            end_diastole=curve.end_diastole,
+            end_systole=curve.end_systole,
+            end_diastolic_volume=FigureAnswer.of(
+                curve.end_diastolic_volume, curve.end_diastolic_range, factor
+            ),
+            end_systolic_volume=FigureAnswer.of(
+                curve.end_systolic_volume, curve.end_systolic_range, factor
+            ),
+            stroke_volume=FigureAnswer.of(curve.stroke_volume, curve.stroke_range, factor),
+            ejection_fraction=FigureAnswer.of(
+                curve.ejection_fraction, curve.ejection_fraction_range
+            ),
+        )
+
+
+class ReadoutsAnswer(BaseModel):
+    """What is read from a cavity's volume over time."""
+
+    sequence_id: str
+    template_id: str
+    amplitudes_per_frame: int
+    volume_unit: str = Field(description="ml; cubed length units where the unit is unknown.")
+    times: list[float] | None = Field(description="s")
+    n_openings: int = Field(description="Each closed by a fan to the mean of its vertices.")
+    from_signature: VolumeAnswer = Field(
+        description="From the amplitudes and the reference shape; the bounds are what leaving "
+        "out all other modes puts on it, not the accuracy of the measurement."
+    )
+    of_mesh: VolumeAnswer = Field(description="Of the frames as they were sent.")
+    notes: list[str]
+    intended_use: str = INTENDED_USE
+
+    @staticmethod
+    def of(readouts: ClinicalReadouts) -> ReadoutsAnswer:
+        """Write read-outs out."""
+        factor = readouts.shown_in
+        return ReadoutsAnswer(
+            sequence_id=readouts.sequence_id,
+            template_id=readouts.template_id,
+            amplitudes_per_frame=readouts.n_amplitudes,
+            volume_unit=readouts.volume_unit,
+            times=None if readouts.times is None else readouts.times.tolist(),
+            n_openings=readouts.n_openings,
+            from_signature=VolumeAnswer.of(readouts.curve, factor),
+            of_mesh=VolumeAnswer.of(readouts.mesh_curve, factor),
+            notes=list(readouts.notes),
+        )

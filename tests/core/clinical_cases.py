@@ -1,0 +1,29 @@
+"""Simulated ventricles, and read-outs of them worked out the slow way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.clinical import ClinicalReadouts, clinical_readouts
+from modalmotion.sequence import MeshSequence
+from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.simulate import simulate_cohort
+
+Floats = NDArray[np.float64]
+
+
+def read(sequence: MeshSequence, **parameters: object) -> ClinicalReadouts:
+    asked = SignatureParameters(**parameters)  # type: ignore[arg-type]
+    return clinical_readouts(modal_signature(sequence, asked), sequence)
+
+
+def cohort(n_per_class: int, seed: int) -> Iterator[MeshSequence]:
+    for case in simulate_cohort(n_per_class, rng=np.random.default_rng(seed)):
+        yield case.sequence
+
+
+def ejected(volumes: Floats) -> float:
+    return float(100 * (1 - volumes.min() / volumes.max()))

@@ -1,0 +1,90 @@
+"""Clinical read-outs over HTTP."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+from modalmotion.clinical import VolumeCurve, clinical_readouts
+from modalmotion.formats import read_npz
+from modalmotion.signature import INTENDED_USE, SignatureParameters, modal_signature
+from modalmotion_service.schemas.readouts import VolumeAnswer
+
+
+@pytest.fixture
+def here(client: TestClient, beat: bytes) -> str:
+    return client.post("/v1/sequences", content=beat).headers["location"] + "/readouts"
+
+
+def test_the_answer_is_what_the_library_reads(client: TestClient, beat: bytes, here: str) -> None:
+    answer = client.get(here, params={"modes": 18}).json()
+    sequence = read_npz(beat).sequence
+    signature = modal_signature(sequence, SignatureParameters(modes=18))
+    own = clinical_readouts(signature, sequence)
+    found, mesh = answer["from_signature"], answer["of_mesh"]
+    assert answer["volume_unit"] == "ml"
+    assert answer["amplitudes_per_frame"] == 54
+    assert answer["intended_use"] == INTENDED_USE
+    assert found["volumes"] == (own.curve.volumes * own.shown_in).tolist()
+    assert found["bounds"] == (own.curve.bounds * own.shown_in).tolist()
+    ejected = found["ejection_fraction"]
+    assert (ejected["low"], ejected["high"]) == own.curve.ejection_fraction_range
+    assert ejected["low"] <= mesh["ejection_fraction"]["value"] <= ejected["high"]
+    assert found["stroke_volume"]["value"] == pytest.approx(
+        found["end_diastolic_volume"]["value"] - found["end_systolic_volume"]["value"]
+    )
+
+
+def test_a_picture_by_accept_and_a_tag_of_each(client: TestClient, here: str) -> None:
+    picture = client.get(here, headers={"Accept": "image/png"})
+    assert picture.content.startswith(b"\x89PNG")
+    numbers = client.get(here)
+    tag = numbers.headers["etag"]
+    assert tag not in (picture.headers["etag"], client.get(f"{here}?modes=4").headers["etag"])
+    again = client.get(here, headers={"If-None-Match": tag})
+    assert (again.status_code, again.content) == (304, b"")
+    assert client.get(here, headers={"Accept": "text/html"}).status_code == 406
+
+
+def test_a_cohorts_template_is_used(client: TestClient, beat: bytes, here: str) -> None:
+    template = client.post("/v1/templates", content=beat).json()["id"]
+    named = client.get(here, params={"template": template}).json()
+    assert named["template_id"] == template
+    own = client.get(here).json()["from_signature"]["volumes"]
+    assert named["from_signature"]["volumes"] == pytest.approx(own, rel=1e-9)
+
+
+def test_without_a_unit_only_the_fraction_has_a_name(
+    client: TestClient, beat: bytes, npz: Callable[..., bytes]
+) -> None:
+    sequence = read_npz(beat).sequence
+    body = npz(vertices=sequence.vertices, grid=np.array(sequence.grid), topology="cup")
+    made = client.post("/v1/sequences", content=body).headers["location"]
+    answer = client.get(f"{made}/readouts").json()
+    assert answer["volume_unit"] == "cubed length units"
+    assert answer["from_signature"]["volumes"][0] == pytest.approx(answer["of_mesh"]["volumes"][0])
+
+
+def test_what_encloses_nothing_is_a_problem_with_a_remedy(
+    client: TestClient, npz: Callable[..., bytes]
+) -> None:
+    rows, columns = np.divmod(np.arange(48.0), 8)
+    sheet = np.stack([rows, columns, np.sin(rows)], axis=1)
+    body = npz(vertices=np.stack([sheet, sheet * 1.1]), grid=np.array([6, 8]), topology="plane")
+    made = client.post("/v1/sequences", content=body).headers["location"]
+    answer = client.get(f"{made}/readouts")
+    assert (answer.status_code, answer.json()["code"]) == (422, "unsupported_topology")
+    assert "cavity" in answer.json()["remedy"]
+    unknown = client.get(f"/v1/sequences/{'0' * 64}/readouts")
+    assert (unknown.status_code, unknown.json()["code"]) == (404, "not_found")
+
+
+def test_an_interval_without_an_upper_end_is_null() -> None:
+    curve = VolumeCurve(np.array([2.0, 1.0]), np.array([3.0, 2.0]))
+    assert curve.ejection_fraction_range == (0.0, float("inf"))
+    answer = json.loads(VolumeAnswer.of(curve, 1.0).model_dump_json())
+    assert answer["ejection_fraction"] == {"value": 50.0, "low": 0.0, "high": None}
