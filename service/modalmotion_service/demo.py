@@ -92,9 +92,6 @@ def _print_signature(signature: ModalSignature) -> None:
         click.echo(f"           note: {note}")
 
 
-def _print_classification(answer: ClassAnswer) -> None:
-    if answer.label is None:
-        click.echo(f"class      none: {answer.model} abstains")
 def _readouts(client: Client, path: str) -> str:
     """Ask for volume and ejection fraction; a surface that encloses nothing has none."""
     try:
@@ -111,6 +108,9 @@ def _readouts(client: Client, path: str) -> str:
     )
 
 
+def _print_classification(answer: ClassAnswer) -> None:
+    if answer.label is None:
+        click.echo(f"class      none: {answer.model} abstains")
     else:
         click.echo(
             f"class      {answer.label}, probability {answer.probability:.3f} "
