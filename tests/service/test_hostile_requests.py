@@ -108,11 +108,14 @@ def test_hostile_requests_are_answered_and_do_no_harm(service: RunningService) -
 
 def test_what_is_no_http_is_answered_as_a_problem_too(service: RunningService) -> None:
     long = b"GET /" + b"a" * 100_000 + b" HTTP/1.1\r\n\r\n"
+    head = b"HEAD / HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n"
+    assert answer_to(head, service.port)[0] in (400, 401)
     for request in (b"nonsense\r\n\r\n", b"GET / HTTP/1.1\r\nA B: c\r\n\r\n", long):
         status, answer = answer_to(request, service.port)
         assert status == 400
         assert b'"code": "malformed_file"' in answer
         assert b"application/problem+json" in answer
+    assert "Traceback" not in service.log.read_text()
 
 
 @pytest.mark.soak
