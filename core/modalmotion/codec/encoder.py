@@ -90,7 +90,7 @@ def _at_error(
     sequence: MeshSequence, choice: Choice, faces: bytes, target: Target, report: Progress
 ) -> Encoded:
     # Finer than float64 tells positions apart, or than its squares: only the numbers themselves do.
-    finest = np.finfo(np.float64).eps * float(np.abs(sequence.vertices).max())
+    finest = float(np.finfo(np.float64).eps * np.abs(sequence.vertices).max())
     if target.value <= max(finest, 1e-150):
         return _store(sequence, faces)
     blocks: list[EncodedBlock] = []
