@@ -15,6 +15,7 @@ MODULES = (
     "tradeoff",
     "codec",
     "load",
+    "access",
 )
 """Modules of this folder, each with `run(folder) -> list[Table]`."""
 

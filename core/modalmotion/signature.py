@@ -40,6 +40,9 @@ INTENDED_USE: Final = (
 # Above this a signature is no longer compact, and a typing error is more likely.
 MOST_MODES: Final = 2000
 
+FASTEST_WAVE: Final = 1e100
+"""Largest wave speed, length unit per s."""
+
 
 @dataclass(frozen=True)
 class SignatureParameters:
@@ -89,9 +92,11 @@ class SignatureParameters:
                 remedy=f"Ask for 1 to {MOST_MODES} modes; 7 is the usual number.",
                 details={"modes": self.modes, "most": MOST_MODES},
             )
-        if not (np.isfinite(self.wave_speed) and self.wave_speed > 0):
+        # Beyond it the energy, which has its square, may be no number.
+        if not 0 < self.wave_speed <= FASTEST_WAVE:
             raise ParameterError(
-                f"The wave speed is {self.wave_speed}.", remedy="Use a finite speed above zero."
+                f"The wave speed is {self.wave_speed}.",
+                remedy=f"Use a speed above zero, at most {FASTEST_WAVE:g}.",
             )
 
     @cached_property

@@ -16,7 +16,7 @@ from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.rates import Rates
 from modalmotion_service.api_version import API_VERSION
 from modalmotion_service.executor import WorkerPool
-from modalmotion_service.incoming import BodyLimits, Concurrency
+from modalmotion_service.incoming import BodyLimits, Concurrency, WholeAnswers
 from modalmotion_service.job_kinds import trainings_at_once
 from modalmotion_service.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
 from modalmotion_service.observation import Observation
@@ -110,6 +110,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         idle_seconds=chosen.idle_seconds,
         upload_seconds=chosen.upload_seconds,
     )
+    app.add_middleware(WholeAnswers)
     app.add_middleware(Concurrency, most=chosen.max_concurrent_requests)
     rates = Rates(
         chosen.max_requests_per_minute,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 
+from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from modalmotion.errors import LimitError
@@ -87,6 +88,36 @@ class BodyLimits:
             limit=name,
             details={"most": most},
         )
+
+
+class WholeAnswers:
+    """Ignores Range headers, as RFC 9110 (14.2) allows: answers come whole or not at all.
+
+    A result is named by a tag and small beside its sequence; parts of files that are made for
+    one answer and removed behind it could not be asked for again.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on without its ranges."""
+        if scope["type"] == "http":
+            kept = [(name, value) for name, value in scope["headers"] if name != b"range"]
+            scope["headers"] = kept
+
+        async def whole(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                if "accept-ranges" in headers:
+                    headers["Accept-Ranges"] = "none"
+            await send(message)
+
+        await self.app(scope, receive, whole)
 
 
 class Concurrency:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from typing import Any
 
 import h11
@@ -49,12 +50,11 @@ def protocol_with_deadline(header_seconds: float) -> type[H11Protocol]:
             # uvicorn's own is plain text, and fails where an answer is under way already.
             if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
                 body, headers = bad_request(msg)
-                for event in (
-                    h11.Response(status_code=400, headers=headers, reason=b"Bad Request"),
-                    h11.Data(data=body),
-                    h11.EndOfMessage(),
-                ):
-                    self.transport.write(self.conn.send(event) or b"")
+                response = h11.Response(status_code=400, headers=headers, reason=b"Bad Request")
+                self.transport.write(self.conn.send(response))
+                # An answer to HEAD has no body, and h11 lets none pass.
+                with contextlib.suppress(h11.LocalProtocolError):
+                    self.transport.write(self.conn.send(h11.Data(data=body)))
             self.transport.close()
 
         def _wait_for_headers(self) -> None:

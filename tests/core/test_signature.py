@@ -220,6 +220,8 @@ def test_energy_and_frequencies_follow_the_continuum(rng: np.random.Generator) -
         ({"reference": 9}, ParameterError, "frame 9"),
         ({"reference": -1}, ParameterError, "frame -1"),
         ({"wave_speed": 0.0}, ParameterError, "wave speed"),
+        ({"wave_speed": float("nan")}, ParameterError, "wave speed"),
+        ({"wave_speed": 1e101}, ParameterError, "wave speed"),
         ({"modes": 193}, ModeCountError, "192"),
         ({"topology": "moebius"}, TopologyError, "moebius"),
     ],

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import httpx2
 import numpy as np
 import pytest
 import requests
@@ -61,11 +62,14 @@ class Service:
     statuses: dict[str, Counter[int]] = field(default_factory=dict)
 
     def check(self, case: Any) -> None:
-        answer = case.call(
-            base_url="http://testserver",
-            session=self.session,
-            headers={"Authorization": f"Bearer {self.token}"},
-        )
+        try:
+            answer = case.call(
+                base_url="http://testserver",
+                session=self.session,
+                headers={"Authorization": f"Bearer {self.token}"},
+            )
+        except httpx2.InvalidURL:
+            return  # Longer than a request line: no server would see it.
         self.statuses.setdefault(case.operation.label, Counter())[answer.status_code] += 1
         case.validate_response(answer, excluded_checks=UNSAID)
 

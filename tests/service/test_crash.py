@@ -192,10 +192,10 @@ def open_stalled(port: int, kind: int) -> socket.socket:
     """A connection that says nothing, half a header, or half a body."""
     connection = socket.create_connection(("127.0.0.1", port), timeout=30)
     if kind % 3 == 1:
-        connection.sendall(b"POST /v1/sequences HTTP/1.1\r\nHost: here\r\nX-Slow: ")
+        connection.sendall(b"POST /v1/sequences HTTP/1.1\r\nHost: localhost\r\nX-Slow: ")
     elif kind % 3 == 2:
         connection.sendall(
-            b"POST /v1/sequences HTTP/1.1\r\nHost: here\r\nContent-Length: 1000\r\n\r\nabc"
+            b"POST /v1/sequences HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000\r\n\r\nabc"
         )
     return connection
 

@@ -131,3 +131,14 @@ def test_every_answer_has_an_id_and_its_times(client: TestClient, beat: bytes) -
     assert {"receive", "read", "store", "total"} <= stages
     missing = client.get("/nowhere", headers={"X-Request-ID": "bad id\x7f"})
     assert len(missing.headers["x-request-id"]) == 16
+
+
+@pytest.mark.parametrize("ranges", ["bytes=0-9", "bytes=9999999-", "nonsense", "bytes=5-2"])
+def test_answers_come_whole(client: TestClient, send: Callable[..., str], ranges: str) -> None:
+    here = f"/v1/sequences/{send(1)}"
+    for path, accept in (("signature", "application/x-hdf5"), ("reconstruction", "*/*")):
+        headers = {"Accept": accept}
+        whole = client.get(f"{here}/{path}", headers=headers)
+        answer = client.get(f"{here}/{path}", headers={**headers, "Range": ranges})
+        assert (answer.status_code, len(answer.content)) == (200, len(whole.content))
+        assert answer.headers["accept-ranges"] == "none"

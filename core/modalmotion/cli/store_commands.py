@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -94,7 +95,7 @@ def _store_of(folder: Path, owner: str | None) -> Path:
     if owner in (None, "local"):
         return folder
     found = folder / "owners" / str(owner)
-    if Path(str(owner)).name != owner or not found.is_dir():
+    if re.fullmatch(r"[a-z0-9][a-z0-9_-]*", str(owner)) is None or not found.is_dir():
         raise click.BadParameter(f"{folder} has no store of {owner!r}.", param_hint="--owner")
     return found
 
