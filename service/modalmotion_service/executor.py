@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, InvalidStateError
 from concurrent.futures import TimeoutError as TaskTimeoutError
+from concurrent.futures import wait as wait_for
 from dataclasses import dataclass
 from typing import Any, ParamSpec, TypeVar
 
@@ -104,8 +105,9 @@ class WorkerPool(Executor):
     def _open_processes(self, n_workers: int) -> None:
         for _ in range(n_workers):
             process = self._new_process()
-            with contextlib.suppress(RuntimeError, pebble.ProcessExpired):
-                process.schedule(abs, args=[0]).result()
+            with contextlib.suppress(RuntimeError):
+                # Whatever becomes of it: a process that is lost is replaced when it is needed.
+                wait_for([process.schedule(abs, args=[0])])
             with self._lock:
                 self._free.append(process)
             self._start_waiting()
