@@ -23,7 +23,7 @@ from running import RunningService  # noqa: E402 (found on the path just set)
 GRID: Final = (66, 50)
 N_FRAMES: Final = 25
 N_CONNECTIONS: Final = 4
-N_ROUNDS: Final = 7
+N_ROUNDS: Final = 9
 SECONDS: Final = 2.0
 
 JSON: Final = {"Accept": "application/json"}

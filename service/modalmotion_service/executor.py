@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, InvalidStateError
 from concurrent.futures import TimeoutError as TaskTimeoutError
+from concurrent.futures import wait as wait_for
 from dataclasses import dataclass
 from typing import Any, Final, ParamSpec, TypeVar
 
@@ -73,10 +74,14 @@ class WorkerPool(Executor):
         self._attempts = attempts
         self._lock = threading.Lock()
         self._waiting: deque[_Task] = deque()
-        self._free = [self._new_process() for _ in range(n_workers)]
+        self._free: list[pebble.ProcessPool] = []
         self._busy: set[pebble.ProcessPool] = set()
         self._settled = threading.Condition(self._lock)
         self._is_open = True
+        # The first process imports everything that tasks need: whoever submits the first task
+        # is not to wait for that, least of all an event loop.
+        self._opening = threading.Thread(target=self._open_processes, args=[n_workers])
+        self._opening.start()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Run a task in a worker; cancelling the future ends its process."""
@@ -99,12 +104,27 @@ class WorkerPool(Executor):
                 self._waiting.clear()
             elif wait:
                 self._settled.wait_for(lambda: not self._waiting and not self._busy)
+        self._opening.join()
+        with self._lock:
             processes = [*self._free, *self._busy]
         for process in processes:
             process.stop()
         if wait:
             for process in processes:
                 process.join()
+
+    def _open_processes(self, n_workers: int) -> None:
+        for _ in range(n_workers):
+            process = self._new_process()
+            with contextlib.suppress(RuntimeError):
+                # Whatever becomes of it: a process that is lost is replaced when it is needed.
+                wait_for([process.schedule(abs, args=[0])])
+            with self._lock:
+                self._free.append(process)
+            self._start_waiting()
+            if not self._is_open:
+                # One is enough for what still waits.
+                return
 
     def _new_process(self) -> pebble.ProcessPool:
         # A worker is forked from a process that has imported what tasks need and opened

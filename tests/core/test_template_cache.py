@@ -62,3 +62,25 @@ def test_threads_share_it() -> None:
     with ThreadPoolExecutor(4) as pool:
         ids = list(pool.map(lambda k: cache.template(sequence_of(k % 5)).id, range(40)))
     assert [len(set(ids[k::5])) for k in range(5)] == [1] * 5
+
+
+def test_it_holds_no_more_bytes_than_it_may() -> None:
+    one = TemplateCache().template(sequence_of(0))
+    room_for_one = 4 * one.n_vertices * 7 * 8 + 1
+    cache = TemplateCache(most_bytes=room_for_one)
+    other = make_template(sequence_of(1))
+    kept = cache.basis(one, 7)
+    assert cache.basis(one, 7) is kept
+    cache.basis(other, 7)
+    assert cache.basis(one, 7) is not kept
+    # Larger than all the room: made each time, and nothing goes for it.
+    kept = cache.basis(one, 7)
+    assert cache.basis(other, 18) is not cache.basis(other, 18)
+    assert cache.basis(one, 7) is kept
+
+
+def test_a_named_template_is_loaded_once_and_lattices_are_kept_apart() -> None:
+    cache, loaded = TemplateCache(), make_template(sequence_of(0))
+    assert cache.named("name", lambda: loaded) is loaded
+    assert cache.named("name", lambda: make_template(sequence_of(1))) is loaded
+    assert cache.basis(loaded, 7, (8, 16)) is not cache.basis(loaded, 7)

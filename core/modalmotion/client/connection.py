@@ -132,7 +132,13 @@ class Connection:
         transport: httpx2.BaseTransport | None = None,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        import httpx2
+        try:
+            import httpx2
+        except ModuleNotFoundError as error:
+            raise ModuleNotFoundError(
+                "The client needs httpx2: install modalmotion with the extra 'client'.",
+                name=error.name,
+            ) from error
 
         parts = urlsplit(base_url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
