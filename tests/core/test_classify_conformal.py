@@ -132,5 +132,5 @@ def test_constant_features_say_nothing() -> None:
     y = np.arange(40) % 2
     X = np.c_[rng.standard_normal(40) + 2 * y, np.full(40, 7.0)]
     model = MotionClassifier().fit(X, y)
-    moved = X + [0.0, 1e6]
+    moved = X + np.array([0.0, 1e6])
     assert np.array_equal(model.predict_proba(X), model.predict_proba(moved))

@@ -34,7 +34,6 @@ def test_training_again_gives_the_same_model_to_the_byte() -> None:
 def test_a_model_tells_new_curves_apart_whatever_their_pose() -> None:
     model = train(curves(12), "tongue")
     assert model.readable.topologies == ("open curve",)
-    assert not model.reader.is_cycle
     found = evaluate(model, curves(10, seed=4))
     assert found.accuracy >= 0.9
     assert found.n_cases == sum(map(sum, found.confusion)) == 20

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from modalmotion.body_frame import Components
-from modalmotion.classify import Classification, classify, evaluate, load_model, only_modes
+from modalmotion.classify import Classification, classify, evaluate, load_model
 from modalmotion.classify.train_shipped import training_cases
 from modalmotion.modes import lowest_modes
 from modalmotion.sequence import MeshSequence, mesh_sequence
