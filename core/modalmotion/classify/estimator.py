@@ -131,7 +131,8 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
     def predict(self, X: Any) -> NDArray[Any]:
         """Most probable classes, (cases,)."""
-        labels: NDArray[Any] = self.classes_[self._log_shares(X).argmax(axis=1)]
+        scores = self._log_shares(X)
+        labels: NDArray[Any] = self.classes_[scores.argmax(axis=1)]
         return labels
 
     def _log_shares(self, X: Any) -> Array:
