@@ -296,7 +296,7 @@ def test_a_training_says_how_far_it_is(trained: Trained, monkeypatch: pytest.Mon
     from modalmotion_service.training import Trainer
 
     seen: list[tuple[float, str]] = []
-    original = Trainer.train
+    original: Any = Trainer.train
 
     async def listening(*args: Any) -> Any:
         report = args[-1]
