@@ -14,6 +14,7 @@ MODULES = (
     "readouts",
     "tradeoff",
     "codec",
+    "classification",
     "load",
     "access",
 )

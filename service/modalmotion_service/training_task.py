@@ -62,6 +62,11 @@ class _Cases:
     def __init__(self, plan: Path) -> None:
         self._plan = plan
         self.under_way: str | None = None
+        with plan.open() as lines:
+            self._n_cases = sum(1 for _ in lines)
+
+    def __len__(self) -> int:
+        return self._n_cases
 
     def __iter__(self) -> Iterator[TrainingCase]:
         with self._plan.open() as lines:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from modalmotion.body_frame import Components
 from modalmotion.errors import ModeCountError, ParameterError, ShapeError, TopologyError
-from modalmotion.features import READINGS, MotionFeatures, Reading, motion_features
+from modalmotion.features import READINGS, MotionFeatures, Reading, axis_features
 from modalmotion.modes import ModeSet
 from modalmotion.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
@@ -23,6 +23,14 @@ from modalmotion.topology import CYLINDER, PLANE
 INDIVIDUAL = VentricleParameters(
     motion_variation=2.0, delay=0.05, akinesia=0.5, ejection_fraction=0.5
 )
+
+
+def motion_features(
+    signature: ModalSignature, reading: Reading = READINGS[0], *, walls: bool = False
+) -> MotionFeatures:
+    """Features in one reading, (features,)."""
+    found = axis_features(signature, walls=walls)
+    return replace(found, values=found.values[READINGS.index(reading)])
 
 
 def ventricle(parameters: VentricleParameters = INDIVIDUAL, **options: int) -> MeshSequence:
@@ -53,7 +61,7 @@ def assert_same(a: MotionFeatures, b: MotionFeatures, atol: float = 1e-9) -> Non
     # Parts without a sign are square roots: twice the digits are lost where they vanish.
     assert np.allclose(a.values, b.values, rtol=0, atol=atol)
     assert a.motion == pytest.approx(b.motion, rel=1e-6)
-    assert a.periodic_share == pytest.approx(b.periodic_share, abs=1e-6)
+    assert a.smooth_share == pytest.approx(b.smooth_share, abs=1e-6)
 
 
 def test_every_column_has_a_name(signature: ModalSignature) -> None:
@@ -218,7 +226,7 @@ def test_few_frames_give_finite_features(signature: ModalSignature, n_frames: in
     features = motion_features(few)
     assert np.isfinite(features.values).all()
     assert features.values[0] < 0
-    assert features.periodic_share == 1.0
+    assert features.smooth_share == 1.0
     # The second harmonic needs five frames.
     second = [v for n, v in zip(features.names, features.values, strict=True) if n[-1] == "2"]
     assert (np.abs(second).max() > 0) == (n_frames == 5)
@@ -229,11 +237,11 @@ def test_without_times_the_frames_are_evenly_spaced(signature: ModalSignature) -
 
 
 def test_noise_is_told_from_motion(signature: ModalSignature, rng: np.random.Generator) -> None:
-    assert motion_features(signature).periodic_share > 0.95
+    assert motion_features(signature).smooth_share > 0.95
     shares = [
         motion_features(
             with_amplitudes(signature, rng.standard_normal(signature.amplitudes.shape))
-        ).periodic_share
+        ).smooth_share
         for _ in range(40)
     ]
     assert np.mean(shares) < 0.1
@@ -278,3 +286,26 @@ def test_what_has_no_motion_to_read_is_refused(signature: ModalSignature) -> Non
     with pytest.raises(ParameterError, match="Cartesian"):
         motion_features(modal_signature(sequence, cylindrical))
     assert motion_features(modal_signature(replace(sequence, topology=CYLINDER))).motion > 0
+
+
+def test_with_a_zero_of_theta_walls_are_told_apart(signature: ModalSignature) -> None:
+    # The same motion with its territory on the other side: only the zero of theta can tell.
+    landmarks = signature.landmarks
+    assert landmarks is not None
+    other = replace(signature, landmarks=replace(landmarks, theta_zero=-landmarks.theta_zero))
+    assert_same(motion_features(signature), motion_features(other))
+    here, there = (motion_features(case, walls=True) for case in (signature, other))
+    assert len(here.names) == len(set(here.names))
+    sided = np.array(["zero" in name for name in here.names])
+    across = np.array([name.startswith("across") for name in here.names])
+    assert np.allclose(here.values[~sided], there.values[~sided])
+    assert np.allclose(here.values[across], -there.values[across])
+    assert np.abs(here.values[across]).max() > 0.1
+
+
+def test_more_modes_add_columns_and_change_none(signature: ModalSignature) -> None:
+    more = modal_signature(ventricle(), SignatureParameters(modes=18))
+    few = motion_features(signature)
+    many = motion_features(more)
+    assert set(few.names) < set(many.names)
+    assert any(name.startswith("side (0, 2)") for name in many.names)

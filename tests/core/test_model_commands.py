@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -158,9 +159,10 @@ def test_mistakes_are_told_in_one_line_and_name_what_is_wrong(folder: Path, tmp_
     (folder / "flat.npz").write_bytes(write_npz(flat))
     (folder / "text.npz").write_bytes(b"no archive")
     out = tmp_path / "m.h5"
+    numbers = count()
 
     def train(*lines: str, name: str = "wall") -> tuple[object, ...]:
-        manifest = with_manifest(folder, "bad.csv", *lines)
+        manifest = with_manifest(folder, f"bad-{next(numbers)}.csv", *lines)
         return ("train", manifest, "--name", name, "-o", out)
 
     model, test = folder / "wall.h5", folder / "test.csv"

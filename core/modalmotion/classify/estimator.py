@@ -131,7 +131,8 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
     def predict(self, X: Any) -> NDArray[Any]:
         """Most probable classes, (cases,)."""
-        labels: NDArray[Any] = self.classes_[self._log_shares(X).argmax(axis=1)]
+        scores = self._log_shares(X)
+        labels: NDArray[Any] = self.classes_[scores.argmax(axis=1)]
         return labels
 
     def _log_shares(self, X: Any) -> Array:
@@ -157,13 +158,14 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             choices = {}
         if len(fitted) == 2:
             choices["blend"] = list(fitted.values())
-        best = (np.inf, "", 1.0)
+        found: list[tuple[float, str, float]] = []
         for kind, parts in choices.items():
             shares = [softmax(part.held_out / part.scorer.temperature) for part in parts]
             logs = blended(shares)
             temperature = fit_temperature(logs, y, weights)
-            best = min(best, (log_loss(logs / temperature, y, weights), kind, temperature))
-        self.loss_, self.kind_, temperature = best
+            found.append((log_loss(logs / temperature, y, weights), kind, temperature))
+        # A loss may be infinite where a held-out class has no share left.
+        self.loss_, self.kind_, temperature = min(found)
         scorers = tuple(part.scorer for part in choices[self.kind_])
         self.blend_ = Blend(self._centre, self._scale, scorers, temperature)
 
@@ -230,8 +232,9 @@ def _discriminant(z: Array, y: NDArray[np.int64], per_class: Array) -> tuple[Arr
     np.add.at(sums, y, z)
     means = sums / np.maximum(counts, 1)[:, None]
     S, _ = ledoit_wolf(z - means[y], assume_centered=True)
-    # What is constant has no variance, and would make it singular.
-    S[np.diag_indices_from(S)] += 1e-9 * max(float(np.trace(S)) / len(S), 1e-300)
+    # What is constant has no variance, and would make it singular. Classes of one case each have
+    # none at all: the nearest mean is then the best that can be said.
+    S[np.diag_indices_from(S)] += 1e-9 * float(np.trace(S)) / len(S) or 1.0
     W = np.linalg.solve(S, means.T)
     prior = np.maximum(counts, 1e-3) * per_class
     b = np.log(prior / prior.sum()) - 0.5 * np.einsum("kd,dk->k", means, W)

@@ -20,11 +20,18 @@ def softmax(scores: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def log_loss(
-    scores: NDArray[np.float64], y: NDArray[np.int64], weights: NDArray[np.float64] | None = None
+    scores: NDArray[np.float64],
+    y: NDArray[np.int64],
+    weights: NDArray[np.float64] | None = None,
+    doubt: float = 0.0,
 ) -> float:
-    """Mean of -log p(y) under `softmax` of the scores, in nats."""
+    """Mean of -log p(y) under `softmax` of the scores, in nats.
+
+    `doubt` is the share of each case that is spread over all classes evenly.
+    """
     shifted = scores - scores.max(axis=1, keepdims=True)
-    losses = np.log(np.exp(shifted).sum(axis=1)) - shifted[np.arange(len(y)), y]
+    right = (1.0 - doubt) * shifted[np.arange(len(y)), y] + doubt * shifted.mean(axis=1)
+    losses = np.log(np.exp(shifted).sum(axis=1)) - right
     return float(np.average(losses, weights=weights))
 
 
@@ -33,7 +40,9 @@ def fit_temperature(
 ) -> float:
     """Temperature T for which softmax(scores / T) makes the held-out labels most likely.
 
-    Guo, Pleiss, Sun and Weinberger, On calibration of modern neural networks, ICML, 2017.
+    Guo, Pleiss, Sun and Weinberger, On calibration of modern neural networks, ICML, 2017. Of n
+    labels one more than was seen is taken to be wrong, so that a few cases that happen to be
+    told apart give no certainty (Platt, Probabilistic outputs for support vector machines, 1999).
 
     Parameters
     ----------
@@ -46,9 +55,10 @@ def fit_temperature(
     -------
     float
     """
+    doubt = 1.0 / (len(y) + 2)
     spread = float(np.abs(scores - scores.mean(axis=1, keepdims=True)).mean()) or 1.0
     found = minimize_scalar(
-        lambda log_t: log_loss(scores / (spread * np.exp(log_t)), y, weights),
+        lambda log_t: log_loss(scores / (spread * np.exp(log_t)), y, weights, doubt),
         bounds=_LOG_LIMITS,
         method="bounded",
         options={"xatol": 1e-3},

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sized
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any, Final
@@ -72,7 +72,7 @@ def train(
     """
     chosen = TrainingOptions() if options is None else options
     told = progress or _silent
-    sized = len(cases) if isinstance(cases, list | tuple) else 0
+    sized = len(cases) if isinstance(cases, Sized) else 0
 
     def reading(number: int) -> None:
         share = 0.4 * number / sized if sized else 0.0

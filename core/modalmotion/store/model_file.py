@@ -59,8 +59,7 @@ def kept_model(model: Model, *, training: str | None = None) -> KeptModel:
         created="",
         training=training,
     )
-    card = model.card.as_json() if hasattr(model.card, "as_json") else model.card
-    return KeptModel(record, card, model_to_bytes(model))
+    return KeptModel(record, model.card.as_json(), model_to_bytes(model))
 
 
 def model_to_hdf5(model: Model | KeptModel) -> bytes:
