@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.metadata import version
@@ -13,10 +14,11 @@ from modalmotion.store import ResultStore
 from modalmotion_service import problems
 from modalmotion_service.analysis import Analysis
 from modalmotion_service.dependencies import State
-from modalmotion_service.executor import WorkerPool
+from modalmotion_service.engine import open_engine
 from modalmotion_service.incoming import BodyLimits, Concurrency
 from modalmotion_service.job_kinds import make_runner
 from modalmotion_service.observation import Observation
+from modalmotion_service.retention import Retention
 from modalmotion_service.routes import (
     classifications,
     codec,
@@ -43,16 +45,22 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        with ResultStore(chosen.data_dir, keep_uploads=chosen.keep_uploads) as store:
-            executor = WorkerPool(chosen.workers, chosen.task_seconds, chosen.task_memory_bytes)
+        # Absolute, for tasks carry paths to workers that were started elsewhere.
+        data_dir = chosen.data_dir.absolute()
+        with ResultStore(data_dir, keep_uploads=chosen.keep_uploads) as store:
+            spool = Spool(data_dir / "spool")
+            retention = Retention(store.jobs, spool, 3600 * chosen.result_hours)
+            spool.clear(keep=retention.needed())
+            executor = await asyncio.to_thread(open_engine, chosen, spool.folder)
             try:
-                spool = Spool(chosen.data_dir / "spool")
                 analysis = Analysis(store, executor, spool)
                 runner = make_runner(chosen, store, spool, analysis)
                 app.state.service = State(chosen, store, spool, analysis, runner)
                 store.idempotency.release_unfinished()
                 await runner.resume()
+                sweeping = asyncio.create_task(retention.sweep_for_ever())
                 yield
+                sweeping.cancel()
                 await runner.close(chosen.drain_seconds)
             finally:
                 executor.shutdown(cancel_futures=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 from urllib.parse import urlencode
 
-from modalmotion.store import JobState, ResultStore
+from modalmotion.store import ResultStore
 from modalmotion_service.analysis import Analysis, Upload
 from modalmotion_service.jobs import JobRunner, Report
 from modalmotion_service.negotiation import HDF5, NPZ, STREAM
@@ -22,7 +22,7 @@ from modalmotion_service.spool import Spool, SpooledUpload
 def make_runner(
     settings: Settings, store: ResultStore, spool: Spool, analysis: Analysis
 ) -> JobRunner:
-    """Make the runner of all kinds of jobs, and clear what no job needs from the spool."""
+    """Make the runner of all kinds of jobs."""
 
     async def upload(request: Any, _: Report) -> Any:
         query = UploadQuery(**request["query"])
@@ -52,10 +52,6 @@ def make_runner(
         await analysis.classification(request["sequence_id"], request["model"])
         return {"link": f"/v1/sequences/{request['sequence_id']}/classifications"}
 
-    needed = {job.request["file"] for job in store.jobs.unfinished() if job.kind == "upload"}
-    done = store.jobs.list(state=JobState.SUCCEEDED, limit=1000).jobs
-    needed |= {job.result["file"] for job in done if "file" in job.result}
-    spool.clear(keep=needed)
     return JobRunner(
         store,
         {
@@ -66,7 +62,7 @@ def make_runner(
             "classification": classification,
         },
         {"upload": lambda request: _spooled(spool, request).remove()},
-        n_at_once=2 * settings.workers,
+        n_at_once=2 * analysis.engine.n_workers,
         most_unfinished=settings.max_unfinished_jobs,
     )
 

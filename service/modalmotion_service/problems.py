@@ -24,6 +24,7 @@ from modalmotion.errors import (
 )
 from modalmotion_service.errors import (
     BusyError,
+    ClusterError,
     ConflictError,
     IdempotencyMismatchError,
     SlowClientError,
@@ -46,6 +47,7 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     ConflictError: 409,
     IdempotencyMismatchError: 422,
     WorkerDiedError: 422,
+    ClusterError: 503,
     ModalMotionError: 500,
 }
 

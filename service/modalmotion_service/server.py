@@ -10,8 +10,10 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from modalmotion.store import ResultStore
 from modalmotion_service.app import create_app
+from modalmotion_service.engine import open_engine
 from modalmotion_service.observation import LOG_CONFIG
 from modalmotion_service.settings import Settings
+from modalmotion_service.spool import Spool
 
 
 def protocol_with_deadline(header_seconds: float) -> type[H11Protocol]:
@@ -67,9 +69,13 @@ def run(settings: Settings, host: str, port: int) -> None:
     ------
     StoreError
         If the folder cannot be used, such as by a second service.
+    ClusterError
+        If a scheduler is set and cannot be used.
     """
+    # Said here, before uvicorn would say it with a traceback.
     with ResultStore(settings.data_dir):
-        pass  # Said here, before uvicorn would say it with a traceback.
+        if settings.scheduler is not None:
+            open_engine(settings, Spool(settings.data_dir / "spool").folder).shutdown()
     uvicorn.run(
         create_app(settings),
         host=host,

@@ -6,7 +6,7 @@ from importlib.metadata import version
 
 from fastapi import APIRouter
 
-from modalmotion_service.dependencies import StoreDependency
+from modalmotion_service.dependencies import StateDependency
 from modalmotion_service.schemas import Health
 
 router = APIRouter(prefix="/health", tags=["health"])
@@ -19,7 +19,8 @@ def live() -> Health:
 
 
 @router.get("/ready")
-def ready(store: StoreDependency) -> Health:
-    """Answer while results can be kept: the store is open and answers."""
-    store.list_sequences(limit=1)
+def ready(state: StateDependency) -> Health:
+    """Answer while results can be made and kept: the store answers, and there are workers."""
+    state.analysis.engine.require_ready()
+    state.store.list_sequences(limit=1)
     return Health(version=version("modalmotion"))
