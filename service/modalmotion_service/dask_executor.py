@@ -205,8 +205,7 @@ class DaskExecutor(Engine):
                 raise answer
             if isinstance(answer, BaseException):
                 raise ClusterError(
-                    f"The worker at {worker} cannot do our work: "
-                    f"{type(answer).__name__}: {answer}",
+                    f"The worker at {worker} cannot do our work: {type(answer).__name__}: {answer}",
                     remedy="Run workers with `modalmotion worker`, of this version.",
                 ) from answer
         names = {str(name) for name in answers.values()}
@@ -277,4 +276,3 @@ class DaskExecutor(Engine):
             f"The scheduler at '{self._address}' has no workers.",
             remedy="Start some: modalmotion worker ADDRESS.",
         )
-

@@ -87,7 +87,9 @@ class DaskCluster:
         # Tasks of the tests are imported by name; what Dask writes goes to a folder of ours.
         environment = {
             **os.environ,
-            "PYTHONPATH": os.pathsep.join([str(ROOT / "tests" / "service"), str(ROOT / "tests" / "core")]),
+            "PYTHONPATH": os.pathsep.join(
+                [str(ROOT / "tests" / "service"), str(ROOT / "tests" / "core")]
+            ),
             "DASK_TEMPORARY_DIRECTORY": str(self.folder),
             "OMP_NUM_THREADS": "1",
         }

@@ -30,6 +30,8 @@ _ID: Final = "[0-9a-f]{64}"
 _KEY: Final = "[0-9a-f]{16}"
 _SEQUENCE: Final = re.compile(rf"({_ID})\.(json|h5|deleted)")
 _RESULT: Final = re.compile(rf"({_ID})-(?:({_ID})-)?({_KEY})\.h5")
+# A cohort's own list of what is done, and its table.
+_COHORT_FILES: Final = ("cohort.jsonl", "cohort.csv")
 _INDEX_FILES: Final = ("index.sqlite", "index.sqlite-wal", "index.sqlite-shm")
 
 ResultKind = Literal["signature", "classification"]
@@ -141,7 +143,7 @@ class Folder:
         scan = Scan()
         try:
             for path in self.root.iterdir():
-                if path.name not in (*_INDEX_FILES, "lock", "spool", *_FOLDERS):
+                if path.name not in (*_INDEX_FILES, *_COHORT_FILES, "lock", "spool", *_FOLDERS):
                     scan.foreign.append(path)
             for name in _FOLDERS:
                 for path in _files(self.root / name):
