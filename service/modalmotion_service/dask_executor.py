@@ -228,9 +228,7 @@ class DaskExecutor(Engine):
                     logger.warning("scheduler is back", extra={"scheduler": self._address})
                 continue
             try:
-                if self._client.status != "running":
-                    raise OSError(f"the connection is {self._client.status}")
-                counts = await asyncio.wait_for(self._client.nthreads(), timeout=10.0)
+                counts = await _threads(self._client)
             except (OSError, TimeoutError, FutureCancelled) as error:
                 logger.error(  # noqa: TRY400 (met when a machine restarts: no traceback)
                     "scheduler is lost", extra={"scheduler": self._address, "reason": str(error)}
@@ -276,3 +274,11 @@ class DaskExecutor(Engine):
             f"The scheduler at '{self._address}' has no workers.",
             remedy="Start some: modalmotion worker ADDRESS.",
         )
+
+
+async def _threads(client: Client) -> dict[str, int]:
+    """Threads of each worker, by its address; OSError if the scheduler is lost."""
+    if client.status != "running":
+        raise OSError(f"the connection is {client.status}")
+    counts: dict[str, int] = await asyncio.wait_for(client.nthreads(), timeout=10.0)
+    return counts

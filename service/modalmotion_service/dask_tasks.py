@@ -47,7 +47,7 @@ class PoolLimits:
         return f"modalmotion-{self.seconds:g}-{self.memory_bytes}-{self.attempts}"
 
 
-class PoolPlugin(WorkerPlugin):
+class PoolPlugin(WorkerPlugin):  # type: ignore[misc]
     """A pool of processes in every worker, one for each of its threads.
 
     Parameters

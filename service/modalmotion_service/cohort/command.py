@@ -21,6 +21,8 @@ from modalmotion_service.settings import Settings
 _SAID = ("unit", "form", "frame_interval", "n_vertices", "topology", "grid")
 _ASKED = ("modes", "reference", "weights", "components", "keep_rotation")
 
+_MOST_PRINTED = 50
+
 
 @click.command()
 @click.argument("manifest", type=click.Path(path_type=Path))
@@ -69,9 +71,10 @@ def cohort(
     interruption, the command does what is unfinished. It ends with 1 if a file failed; the
     others are done then all the same.
     """
-    given = {"scheduler": scheduler, "workers": workers}
-    settings = Settings(**{name: value for name, value in given.items() if value is not None})
+    settings = Settings()
     if workers is not None:
+        settings = settings.model_copy(update={"workers": workers, "scheduler": None})
+    if scheduler is not None:
         settings = settings.model_copy(update={"scheduler": scheduler})
     form = said.pop("form")
     options = ReadOptions(
@@ -112,8 +115,10 @@ def cohort(
     )
     if pack is not None:
         click.echo(f"{export(output, pack)} signatures packed: {pack}")
-    for path, reason in report.failures:
+    for path, reason in report.failures[:_MOST_PRINTED]:
         click.echo(f"{path}: {reason}", err=True)
+    if len(report.failures) > _MOST_PRINTED:
+        click.echo(f"... all of them stand in {output / 'cohort.csv'}", err=True)
     if report.failures:
         raise click.exceptions.Exit(1)
 

@@ -136,7 +136,7 @@ class _Run:
         self._progress = progress
         self._ledger = Ledger(store.root)
         self._template, self._parameters = self._make_template()
-        settings = repr((replace(job.options, limits=job.options.limits), self._parameters.key))
+        settings = repr((job.options, self._parameters.key))
         self._settings = hashlib.sha256(settings.encode()).hexdigest()[:16]
         self.n_made = 0
         self.n_known = 0
@@ -205,6 +205,8 @@ class _Run:
         try:
             self._store.signature_path(done.sequence_id, self._parameters.key)
         except NotFoundError:
+            return False
+        if self._job.keep_vertices and not self._store.sequence_record(done.sequence_id).has_upload:
             return False
         self._name(entry, done.sequence_id)
         self._done[entry.path] = done
