@@ -29,6 +29,8 @@ logger = logging.getLogger(__name__)
 
 MARK = "cluster"
 _LOOK_SECONDS = 1.0
+# A machine under load may be slow to answer; a connection that breaks is seen at once.
+_ANSWER_SECONDS = 30.0
 
 
 class DaskExecutor(Engine):
@@ -225,13 +227,13 @@ class DaskExecutor(Engine):
             if self._client is None:
                 with contextlib.suppress(ClusterError, OSError):
                     await self._connect()
-                    logger.warning("scheduler is back", extra={"scheduler": self._address})
+                    logger.warning("the scheduler at %s is back", self._address)
                 continue
             try:
                 counts = await _threads(self._client)
             except (OSError, TimeoutError, FutureCancelled) as error:
                 logger.error(  # noqa: TRY400 (met when a machine restarts: no traceback)
-                    "scheduler is lost", extra={"scheduler": self._address, "reason": str(error)}
+                    "the scheduler at %s is lost: %r", self._address, error
                 )
                 lost, self._client = self._client, None
                 self._n_threads = 0
@@ -240,7 +242,7 @@ class DaskExecutor(Engine):
             self._n_threads = sum(counts.values())
             without_worker = 0.0 if counts else without_worker + _LOOK_SECONDS
             if without_worker >= self._patience and self._remotes:
-                logger.error("no worker", extra={"scheduler": self._address})
+                logger.error("the scheduler at %s has no worker", self._address)
                 await self._client.cancel(list(self._remotes), force=True)
                 without_worker = 0.0
 
@@ -280,5 +282,5 @@ async def _threads(client: Client) -> dict[str, int]:
     """Threads of each worker, by its address; OSError if the scheduler is lost."""
     if client.status != "running":
         raise OSError(f"the connection is {client.status}")
-    counts: dict[str, int] = await asyncio.wait_for(client.nthreads(), timeout=10.0)
+    counts: dict[str, int] = await asyncio.wait_for(client.nthreads(), _ANSWER_SECONDS)
     return counts

@@ -7,6 +7,7 @@ Dask worker itself reads nothing that a user sent.
 
 from __future__ import annotations
 
+import os
 import pickle
 import secrets
 import socket
@@ -64,11 +65,13 @@ class PoolPlugin(WorkerPlugin):  # type: ignore[misc]
         self._limits = limits
 
     def setup(self, worker: Worker) -> None:
-        """Make the pool; its processes start with their first task."""
+        """Make the pool, and have its processes import what tasks need."""
         limits = self._limits
         self.pool = WorkerPool(
             worker.state.nthreads, limits.seconds, limits.memory_bytes, limits.attempts
         )
+        for _ in range(worker.state.nthreads):
+            self.pool.submit(os.getpid)
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 (Dask passes it by name)
         """End the pool with the worker."""

@@ -37,7 +37,14 @@ class DaskCluster:
         self.start_scheduler()
         for _ in range(n_workers):
             self.start_worker(n_processes)
+        self.wait_for_workers(n_workers)
         return self
+
+    def wait_for_workers(self, n: int) -> None:
+        from distributed import Client
+
+        with Client(self.address, set_as_default=False, timeout=60) as client:
+            client.wait_for_workers(n, timeout=60)
 
     def start_scheduler(self) -> None:
         self.scheduler = self._run(
