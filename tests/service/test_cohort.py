@@ -137,7 +137,7 @@ def test_a_cohort_is_signed_and_failures_are_told(
     again = CliRunner().invoke(cohort, arguments)
     assert "0 signatures made" in again.output
     assert "12 known" in again.output
-    paths[0].write_bytes(paths[1].read_bytes())
+    paths[0].write_bytes(paths[3].read_bytes())
     manifest.write_text(manifest.read_text().replace("P 1,rest", "P 1,stress"))
     again = CliRunner().invoke(cohort, arguments)
     assert "1 signatures made" in again.output
@@ -160,7 +160,7 @@ def test_one_template_serves_a_cohort(tmp_path: Path) -> None:
             assert store.sequence(sequence.id).id == sequence.id
 
 
-def test_a_cohort_that_is_killed_goes_on(tmp_path: Path, n: int = 60) -> None:
+def kill_and_go_on(tmp_path: Path, n: int) -> None:
     paths = write_cohort(tmp_path / "in", n, (32, 64))
     out = tmp_path / "out"
     arguments = command(tmp_path / "in", "-o", out, "--workers", 2, "--batch", 2)
@@ -175,6 +175,10 @@ def test_a_cohort_that_is_killed_goes_on(tmp_path: Path, n: int = 60) -> None:
     assert made + known == n
     assert 0 < made < n
     check_all(paths, out)
+
+
+def test_a_cohort_that_is_killed_goes_on(tmp_path: Path) -> None:
+    kill_and_go_on(tmp_path, 60)
 
 
 @pytest.fixture
@@ -219,7 +223,7 @@ def test_500_sequences_survive_a_lost_worker_and_scheduler(
 
 @pytest.mark.soak
 def test_500_sequences_survive_the_end_of_the_command(tmp_path: Path) -> None:
-    test_a_cohort_that_is_killed_goes_on(tmp_path, 500)
+    kill_and_go_on(tmp_path, 500)
 
 
 def test_a_scheduler_that_stays_away_ends_the_cohort_and_it_resumes(
