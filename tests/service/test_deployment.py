@@ -170,8 +170,8 @@ def test_the_commands_of_the_compose_file_are_a_working_cluster(
         words = (
             [sys.executable] if command[0] == "python" else [sys.executable, "-m", "modalmotion"]
         )
-        for word in command[1:]:
-            words.append(there.get(word, word.replace("//scheduler:8786", f"//{here}:{port}")))
+        renamed = (word.replace("//scheduler:8786", f"//{here}:{port}") for word in command[1:])
+        words.extend(there.get(word, word) for word in renamed)
         return words
 
     def start(command: list[str], **settings: str) -> subprocess.Popen[bytes]:
