@@ -68,7 +68,7 @@ def _dask(n_workers: int) -> Iterator[str]:
             n_workers=n_workers,
             threads_per_worker=1,
             memory_limit=0,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",
             host="127.0.0.1",
         ) as cluster,
     ):

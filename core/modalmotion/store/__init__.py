@@ -2,6 +2,7 @@
 
 from modalmotion.store.analysis_file import export, write_pack
 from modalmotion.store.atomic import write_atomic
+from modalmotion.store.backup import BackupReport, backup
 from modalmotion.store.classification_file import (
     classification_from_hdf5,
     classification_to_hdf5,
@@ -20,6 +21,7 @@ from modalmotion.store.verification import Fault, VerifyReport, verify
 
 __all__ = [
     "UNSET",
+    "BackupReport",
     "Fault",
     "IdempotencyKeys",
     "IdempotentRequest",
@@ -33,6 +35,7 @@ __all__ = [
     "SequenceRecord",
     "Unset",
     "VerifyReport",
+    "backup",
     "classification_from_hdf5",
     "classification_to_hdf5",
     "export",
