@@ -1,23 +1,31 @@
-# Two stages: the compiler-free build of a virtual environment, and the image that runs it.
-FROM python:3.12-slim AS build
+# Two stages: the compiler-free build of a virtual environment, and the image that runs it: the
+# service, the scheduler and the workers of a cluster alike. The versions of constraints.txt are
+# those that the tests run with, on this version of Python.
+FROM python:3.11-slim AS build
 WORKDIR /build
 COPY pyproject.toml constraints.txt README.md LICENSE ./
 COPY core ./core
 COPY service ./service
 RUN python -m venv /opt/modalmotion \
-    && /opt/modalmotion/bin/pip install --no-cache-dir -c constraints.txt '.[service,plot]'
+    && /opt/modalmotion/bin/pip install --no-cache-dir -c constraints.txt '.[service,plot,codec,cluster]'
 
-FROM python:3.12-slim
+FROM python:3.11-slim
+# The number is fixed: it owns the files of the volume, whatever image comes after this one.
 RUN useradd --system --uid 10001 --home-dir /data --create-home modalmotion
 COPY --from=build /opt/modalmotion /opt/modalmotion
+# One thread of linear algebra a process: there is a process for each core.
 ENV PATH=/opt/modalmotion/bin:$PATH \
     PYTHONDONTWRITEBYTECODE=1 \
     PYTHONUNBUFFERED=1 \
     MPLCONFIGDIR=/tmp/matplotlib \
+    DASK_TEMPORARY_DIRECTORY=/tmp \
+    OMP_NUM_THREADS=1 \
     MODALMOTION_DATA_DIR=/data/results
 USER modalmotion
+WORKDIR /data
 VOLUME /data
 EXPOSE 8000
-HEALTHCHECK --interval=30s --timeout=5s --start-period=20s --retries=3 \
+STOPSIGNAL SIGTERM
+HEALTHCHECK --interval=30s --timeout=5s --start-period=60s --retries=3 \
     CMD ["python", "-c", "import urllib.request as u; u.urlopen('http://127.0.0.1:8000/health/ready', timeout=4)"]
 CMD ["modalmotion", "serve", "--host", "0.0.0.0", "--port", "8000"]

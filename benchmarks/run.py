@@ -17,6 +17,7 @@ MODULES = (
     "classification",
     "load",
     "access",
+    "cluster",
 )
 """Modules of this folder, each with `run(folder) -> list[Table]`."""
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from modalmotion.signature import SignatureParameters
 from modalmotion.store import ResultStore, SequenceRecord
 from modalmotion.superposed import SurfaceFormat
 from modalmotion_service import tasks
+from modalmotion_service.executor import Engine
 from modalmotion_service.flights import Flights
 from modalmotion_service.schemas import EncodedAnswer, EncodingTarget, ReadingAnswer, TemplateAnswer
 from modalmotion_service.spool import Spool, SpooledUpload
@@ -65,15 +65,15 @@ class Analysis:
     Parameters
     ----------
     store : ResultStore
-    executor : Executor
+    engine : Engine
         Where parsing and fitting happen.
     spool : Spool
         Where workers leave what they made.
     """
 
-    def __init__(self, store: ResultStore, executor: Executor, spool: Spool) -> None:
+    def __init__(self, store: ResultStore, engine: Engine, spool: Spool) -> None:
         self._store = store
-        self._executor = executor
+        self.engine = engine
         self._spool = spool
         self._flights = Flights()
 
@@ -273,7 +273,7 @@ class Analysis:
 
     async def _work(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         # Cancelling the wait cancels the future, and with it ends the worker's process.
-        return await asyncio.wrap_future(self._executor.submit(task, *args, **kwargs))
+        return await asyncio.wrap_future(self.engine.submit(task, *args, **kwargs))
 
     @contextmanager
     def _image(self) -> Iterator[Path]:

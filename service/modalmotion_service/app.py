@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -15,6 +16,7 @@ from modalmotion_service.access.gate import Access, Gate, require_judged
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.rates import Rates
 from modalmotion_service.api_version import API_VERSION
+from modalmotion_service.engine import open_engine
 from modalmotion_service.executor import WorkerPool
 from modalmotion_service.incoming import BodyLimits, Concurrency, WholeAnswers
 from modalmotion_service.job_kinds import trainings_at_once
@@ -60,21 +62,22 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         Read from the environment by default.
     """
     chosen = Settings() if settings is None else settings
+    # Absolute, for tasks carry paths to workers that were started elsewhere.
+    chosen = chosen.model_copy(update={"data_dir": chosen.data_dir.absolute()})
     metrics = Metrics()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        pool = WorkerPool(chosen.workers, chosen.task_seconds, chosen.task_memory_bytes)
-        executor = MeteredExecutor(pool, metrics)
-        # Processes of its own, started when they are needed: no request waits for a training.
+        engine = MeteredExecutor(await asyncio.to_thread(open_engine, chosen), metrics)
+        # Processes of its own, on this machine: no request waits for a training.
         training_pool = WorkerPool(
             trainings_at_once(chosen),
             chosen.training_seconds,
             chosen.task_memory_bytes,
             seconds_limit="training_seconds",
         )
-        owners = Owners(chosen, executor, MeteredExecutor(training_pool, metrics))
-        things = StateOfThings(owners, metrics, chosen.workers)
+        owners = Owners(chosen, engine, MeteredExecutor(training_pool, metrics))
+        things = StateOfThings(owners, metrics, engine)
         metrics.registry.register(things)
         try:
             await owners.open()
@@ -87,7 +90,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             metrics.registry.unregister(things)
             await owners.close()
             training_pool.shutdown(cancel_futures=True)
-            executor.shutdown(cancel_futures=True)
+            engine.shutdown(cancel_futures=True)
 
     app = _App(
         title="modalmotion",

@@ -51,3 +51,9 @@ class WorkerDiedError(ModalMotionError):
     """A worker process ended in the middle of a task, more than once."""
 
     code = "worker_died"
+
+
+class ClusterError(ModalMotionError):
+    """The machines that work is sent to cannot be used now."""
+
+    code = "cluster_unavailable"

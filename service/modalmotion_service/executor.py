@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import os
 import resource
 import signal
 import threading
+from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, InvalidStateError
 from concurrent.futures import TimeoutError as TaskTimeoutError
 from concurrent.futures import wait as wait_for
 from dataclasses import dataclass
+from multiprocessing.connection import wait as wait_for_any
 from typing import Any, Final, ParamSpec, TypeVar
 
 import pebble
@@ -40,7 +43,20 @@ class _Task:
     attempts: int
 
 
-class WorkerPool(Executor):
+class Engine(Executor):
+    """An executor of tasks that says how much it does at once, and whether it can."""
+
+    @property
+    @abstractmethod
+    def n_workers(self) -> int:
+        """Tasks that run at the same time."""
+
+    @abstractmethod
+    def require_ready(self) -> None:
+        """Raise ClusterError if a task could not be run now."""
+
+
+class WorkerPool(Engine):
     """Processes with a limit on time and on memory for each task.
 
     Each process is a pebble pool of one. In a pool of several an idle process holds the lock
@@ -68,7 +84,9 @@ class WorkerPool(Executor):
         attempts: int = 3,
         seconds_limit: str = "task_seconds",
     ) -> None:
+        self._n_workers = n_workers
         self._seconds_limit = seconds_limit
+        self._n_workers = n_workers
         self._task_seconds = task_seconds
         self._memory_bytes = memory_bytes
         self._attempts = attempts
@@ -82,6 +100,14 @@ class WorkerPool(Executor):
         # is not to wait for that, least of all an event loop.
         self._opening = threading.Thread(target=self._open_processes, args=[n_workers])
         self._opening.start()
+
+    @property
+    def n_workers(self) -> int:
+        """Processes."""
+        return self._n_workers
+
+    def require_ready(self) -> None:
+        """Do nothing: a process that is lost is replaced at once."""
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Run a task in a worker; cancelling the future ends its process."""
@@ -231,3 +257,13 @@ def _start_worker(memory_bytes: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     # The server decides when its workers end, not a Ctrl-C that reaches the whole group.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    # A server that is killed leaves its workers behind: what they would still write may by then
+    # be another worker's work.
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait_for_any([parent.sentinel])
+        os._exit(1)

@@ -7,7 +7,7 @@ from typing import Any, Final
 from urllib.parse import urlencode
 
 from modalmotion.classify import TrainingOptions
-from modalmotion.store import JobState, ResultStore
+from modalmotion.store import ResultStore
 from modalmotion_service.analysis import Analysis, Upload
 from modalmotion_service.jobs import JobRunner, Report
 from modalmotion_service.models import Models
@@ -40,7 +40,7 @@ def make_runner(
     models: Models,
     trainer: Trainer,
 ) -> JobRunner:
-    """Make the runner of all kinds of jobs, and clear what no job needs from the spool."""
+    """Make the runner of all kinds of jobs."""
 
     async def upload(request: Any, _: Report) -> Any:
         query = UploadQuery(**request["query"])
@@ -77,10 +77,6 @@ def make_runner(
         made = await trainer.train(request["file"], request["name"], options, cases, report)
         return {"link": f"/v1/models/{made.name}/versions/{made.version}"}
 
-    needed = {job.request["file"] for job in store.jobs.unfinished() if job.kind in _WITH_FILES}
-    done = store.jobs.list(state=JobState.SUCCEEDED, limit=1000).jobs
-    needed |= {job.result["file"] for job in done if "file" in job.result}
-    spool.clear(keep=needed)
     return JobRunner(
         store,
         {
@@ -92,7 +88,7 @@ def make_runner(
             "training": training,
         },
         dict.fromkeys(_WITH_FILES, lambda request: _spooled(spool, request).remove()),
-        n_at_once=2 * settings.workers,
+        n_at_once=2 * analysis.engine.n_workers,
         most_unfinished=settings.max_unfinished_jobs,
         apart={"training": trainings_at_once(settings)},
     )

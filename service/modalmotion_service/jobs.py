@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from modalmotion.errors import ModalMotionError
 from modalmotion.store import Job, JobState, ResultStore
-from modalmotion_service.errors import BusyError, ConflictError
+from modalmotion_service.errors import BusyError, ClusterError, ConflictError
 from modalmotion_service.problems import internal_problem, problem_body
 
 logger = logging.getLogger(__name__)
@@ -25,6 +25,9 @@ class Report(Protocol):
     def __call__(self, share: float, text: str = "") -> None:
         """Note the share that is done, 0 to 1, and in words what is done now."""
 
+
+# How soon a job is tried again while there is nobody to do it.
+_RETRY_SECONDS = 1.0
 
 Handler = Callable[[Any, Report], Awaitable[Any]]
 
@@ -153,10 +156,16 @@ class JobRunner:
 
     async def _run(self, job: Job) -> None:
         async with self._apart.get(job.kind, self._places):
-            if not await self._update(job, state=JobState.RUNNING):
-                return
+            while not await self._try(job):
+                await asyncio.sleep(_RETRY_SECONDS)
+
+    async def _try(self, job: Job) -> bool:
+        """Do a job; False if there was nobody to do it, and it is in the queue again."""
+        if await self._update(job, state=JobState.RUNNING):
             try:
                 result = await self._handlers[job.kind](job.request, self._reporter(job))
+            except ClusterError:
+                return not await self._update(job, state=JobState.QUEUED)
             except ModalMotionError as error:
                 await self._update(job, state=JobState.FAILED, error=problem_body(error))
             except asyncio.CancelledError:
@@ -170,6 +179,7 @@ class JobRunner:
             finally:
                 if job.kind in self._clean_up and self._jobs.get(job.id).is_finished:
                     self._clean_up[job.kind](job.request)
+        return True
 
     async def _update(self, job: Job, **changes: Any) -> bool:
         return await asyncio.to_thread(self._jobs.update, job.id, **changes)

@@ -6,7 +6,7 @@ import threading
 import time
 from collections import Counter as Tally
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Executor, Future
+from concurrent.futures import Future
 from typing import Final, ParamSpec, TypeVar
 
 from prometheus_client import CollectorRegistry, Counter, Histogram
@@ -17,6 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from modalmotion_service.access.gate import route_of
 from modalmotion_service.access.scopes import SCOPE_OF
+from modalmotion_service.executor import Engine
 from modalmotion_service.observation import CLIENT_GONE
 from modalmotion_service.owners import Owners
 
@@ -127,23 +128,32 @@ class Meter:
             self.metrics.sent.labels(route).inc(n_sent)
 
 
-class MeteredExecutor(Executor):
-    """Any executor, with its work counted by the name of the task.
+class MeteredExecutor(Engine):
+    """Any engine, with its work counted by the name of the task.
 
     Parameters
     ----------
-    executor : Executor
+    engine : Engine
     metrics : Metrics
     """
 
-    def __init__(self, executor: Executor, metrics: Metrics) -> None:
-        self._executor = executor
+    def __init__(self, engine: Engine, metrics: Metrics) -> None:
+        self._engine = engine
         self._metrics = metrics
+
+    @property
+    def n_workers(self) -> int:
+        """Tasks that run at the same time."""
+        return self._engine.n_workers
+
+    def require_ready(self) -> None:
+        """Raise ClusterError if a task could not be run now."""
+        self._engine.require_ready()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Hand a task on."""
         kind, start = getattr(fn, "__name__", "other"), time.perf_counter()
-        future = self._executor.submit(fn, *args, **kwargs)
+        future = self._engine.submit(fn, *args, **kwargs)
         self._metrics.change_tasks(1)
 
         def count(done: Future[T]) -> None:
@@ -157,7 +167,7 @@ class MeteredExecutor(Executor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the executor."""
-        self._executor.shutdown(wait, cancel_futures=cancel_futures)
+        self._engine.shutdown(wait, cancel_futures=cancel_futures)
 
 
 class StateOfThings(Collector):
@@ -167,13 +177,13 @@ class StateOfThings(Collector):
     ----------
     owners : Owners
     metrics : Metrics
-    n_workers : int
+    engine : Engine
     """
 
-    def __init__(self, owners: Owners, metrics: Metrics, n_workers: int) -> None:
+    def __init__(self, owners: Owners, metrics: Metrics, engine: Engine) -> None:
         self._owners = owners
         self._metrics = metrics
-        self._n_workers = n_workers
+        self._engine = engine
 
     def collect(self) -> Iterator[GaugeMetricFamily]:
         """Count, over all owners."""
@@ -187,11 +197,12 @@ class StateOfThings(Collector):
         for name, number in _sum(state.store.count() for state in states):
             kept.add_metric([name], number)
         under_way = self._metrics.tasks_under_way
-        busy = min(under_way, self._n_workers)
+        n_workers = self._engine.n_workers
+        busy = min(under_way, n_workers)
         yield jobs
         yield kept
         yield GaugeMetricFamily("modalmotion_owners", "Stores that are open.", len(states))
-        yield GaugeMetricFamily("modalmotion_workers", "Worker processes.", self._n_workers)
+        yield GaugeMetricFamily("modalmotion_workers", "Worker processes.", n_workers)
         yield GaugeMetricFamily("modalmotion_workers_busy", "Workers with a task.", busy)
         yield GaugeMetricFamily(
             "modalmotion_tasks_waiting", "Tasks without a worker yet.", under_way - busy

@@ -18,8 +18,10 @@ from modalmotion.store import ResultStore
 from modalmotion_service.access.principal import LOCAL, require_owner
 from modalmotion_service.analysis import Analysis
 from modalmotion_service.dependencies import State
+from modalmotion_service.executor import Engine
 from modalmotion_service.job_kinds import make_runner
 from modalmotion_service.models import Models
+from modalmotion_service.retention import Retention
 from modalmotion_service.settings import Settings
 from modalmotion_service.spool import Spool
 from modalmotion_service.training import Trainer
@@ -47,17 +49,18 @@ class Owners:
     Parameters
     ----------
     settings : Settings
-    executor : Executor
+    engine : Engine
         For requests.
     training_executor : Executor
     """
 
-    def __init__(self, settings: Settings, executor: Executor, training_executor: Executor) -> None:
+    def __init__(self, settings: Settings, engine: Engine, training_executor: Executor) -> None:
         self._settings = settings
-        self._executor = executor
+        self._engine = engine
         self._training_executor = training_executor
         self._states: dict[str, State] = {}
         self._opening = asyncio.Lock()
+        self._sweeping: list[asyncio.Task[None]] = []
 
     @property
     def states(self) -> dict[str, State]:
@@ -104,6 +107,8 @@ class Owners:
 
     async def close(self) -> None:
         """Let jobs finish for a while, then close every store."""
+        for task in self._sweeping:
+            task.cancel()
         drain = self._settings.drain_seconds
         await asyncio.gather(*(state.jobs.close(drain) for state in self._states.values()))
         for state in self._states.values():
@@ -117,8 +122,10 @@ class Owners:
         try:
             store.idempotency.release_unfinished()
             spool = Spool(root / "spool")
-            analysis = Analysis(store, self._executor, spool)
-            models = Models(store, analysis, self._executor)
+            retention = Retention(store.jobs, spool, 3600 * settings.result_hours)
+            spool.clear(keep=await asyncio.to_thread(retention.needed))
+            analysis = Analysis(store, self._engine, spool)
+            models = Models(store, analysis, self._engine)
             trainer = Trainer(store, analysis, self._training_executor, spool, settings.workers)
             runner = make_runner(settings, store, spool, analysis, models, trainer)
             state = State(settings, store, spool, analysis, models, runner)
@@ -127,4 +134,5 @@ class Owners:
             await asyncio.to_thread(store.close)
             raise
         self._states[owner] = state
+        self._sweeping.append(asyncio.create_task(retention.sweep_for_ever()))
         return state

@@ -27,6 +27,7 @@ from modalmotion_service.access.scopes import methods_of
 from modalmotion_service.errors import (
     AuthenticationError,
     BusyError,
+    ClusterError,
     ConflictError,
     ForbiddenError,
     IdempotencyMismatchError,
@@ -55,6 +56,7 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     ConflictError: 409,
     IdempotencyMismatchError: 422,
     WorkerDiedError: 422,
+    ClusterError: 503,
     ModalMotionError: 500,
 }
 

@@ -15,6 +15,7 @@ from modalmotion.errors import MalformedFileError
 from modalmotion.store import ResultStore
 from modalmotion_service.access.first_key import offer_first_key, secured
 from modalmotion_service.app import create_app
+from modalmotion_service.engine import open_engine
 from modalmotion_service.observation import LOG_CONFIG
 from modalmotion_service.problems import problem_of
 from modalmotion_service.settings import Settings
@@ -93,9 +94,13 @@ def run(settings: Settings, host: str, port: int) -> None:
     ------
     StoreError
         If the folder cannot be used, such as by a second service.
+    ClusterError
+        If a scheduler is set and cannot be used.
     """
+    # Said here, before uvicorn would say it with a traceback.
     with ResultStore(settings.data_dir):
-        pass  # Said here, before uvicorn would say it with a traceback.
+        if settings.scheduler is not None:
+            open_engine(settings).shutdown()
     chosen = secured(settings, host)
     offer_first_key(chosen)
     run_app(create_app(chosen), chosen, host, port)

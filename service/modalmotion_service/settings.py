@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from pydantic import Field
+from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from modalmotion.formats import ReadLimits
@@ -20,6 +20,15 @@ class Settings(BaseSettings):
     keep_uploads: bool = Field(True, description="Whether uploaded vertices are kept.")
     workers: int = Field(
         default_factory=lambda: os.cpu_count() or 1, ge=1, le=256, description="Processes."
+    )
+    scheduler: str | None = Field(
+        None, description="Dask scheduler that work is sent to, such as tcp://host:8786."
+    )
+    cluster_seconds: float = Field(
+        30.0,
+        gt=0,
+        le=3600,
+        description="How long the start waits for the scheduler and its first worker.",
     )
     wait_seconds: float = Field(
         20.0, ge=0, le=600, description="How long a request waits before it becomes a job."
@@ -41,6 +50,10 @@ class Settings(BaseSettings):
     )
     max_failures_per_minute: int = Field(
         30, gt=0, description="Answers 401 a minute to one address; then 429."
+    )
+
+    result_hours: float = Field(
+        168.0, gt=0, description="How long the file that a job has made is kept."
     )
 
     max_body_bytes: int = Field(256_000_000, gt=0, description="Largest request body.")
@@ -76,6 +89,12 @@ class Settings(BaseSettings):
     task_memory_bytes: int = Field(
         6_000_000_000, ge=1_000_000_000, description="Address space of one piece of work."
     )
+
+    @field_validator("scheduler", mode="before")
+    @classmethod
+    def _none_if_empty(cls, value: object) -> object:
+        # As a compose file passes on a variable that is not set.
+        return value or None
 
     @property
     def read_limits(self) -> ReadLimits:

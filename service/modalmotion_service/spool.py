@@ -102,6 +102,10 @@ class Spool:
             raise
         return SpooledUpload(path, digest.hexdigest() if hashed else "", n_bytes)
 
+    def remove(self, name: str) -> None:
+        """Remove a file by its name; it may be missing."""
+        self.at(name).unlink(missing_ok=True)
+
     def clear(self, keep: set[str]) -> None:
         """Remove what an ended process left, but for files that jobs still need."""
         for path in self.folder.iterdir():

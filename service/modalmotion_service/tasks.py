@@ -48,6 +48,7 @@ from modalmotion.store import (
     template_to_hdf5,
     write_pack,
 )
+from modalmotion.store.atomic import temporary_beside
 from modalmotion.superposed import SurfaceFormat, write_superposed
 from modalmotion.template import Template
 from modalmotion.template_cache import TemplateCache
@@ -63,6 +64,16 @@ from modalmotion_service.schemas import (
 
 # Templates and factored modes that a worker holds on to, each.
 _KEPT_BYTES: Final = 32_000_000
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file that is there as a whole or not at all.
+
+    A worker that is thought lost may still be at the same work as the one in its place.
+    """
+    temporary = temporary_beside(path)
+    temporary.write_bytes(data)
+    temporary.replace(path)
 
 
 @dataclass(frozen=True)
@@ -91,7 +102,7 @@ def ingest(upload: Path, options: ReadOptions, image: Path) -> Ingested:
         read = _read(upload, options)
     with watch.stage("image"):
         record = record_of(read.sequence, created="", has_upload=True)
-        image.write_bytes(sequence_to_hdf5(read.sequence))
+        write_whole(image, sequence_to_hdf5(read.sequence))
     return Ingested(record, ReadingAnswer.of(read), watch.milliseconds)
 
 
@@ -106,7 +117,7 @@ def sign(
     with watch.stage("fit"):
         signature = modal_signature(loaded, parameters, template=named, cache=_cache_for(named))
     with watch.stage("image"):
-        image.write_bytes(signature_to_hdf5(signature))
+        write_whole(image, signature_to_hdf5(signature))
     return watch.milliseconds
 
 
@@ -159,7 +170,7 @@ def make_template(
     with watch.stage("template"):
         template = resolve_template(sequence, parameters)
     with watch.stage("image"):
-        image.write_bytes(template_to_hdf5(template))
+        write_whole(image, template_to_hdf5(template))
     return Templated(TemplateAnswer.of(template), watch.milliseconds)
 
 
@@ -206,7 +217,8 @@ def superpose(
     output: Path,
 ) -> None:
     """Write the surfaces that a kept signature stands for."""
-    output.write_bytes(
+    write_whole(
+        output,
         write_superposed(
             signature_from_hdf5(signature),
             sequence_from_hdf5(sequence),
@@ -214,7 +226,7 @@ def superpose(
             template=None if template is None else template_from_hdf5(template),
             times=None if times is None else np.array(times),
             max_targets=max_targets,
-        )
+        ),
     )
 
 
@@ -236,7 +248,7 @@ def decode_upload(
     """Decode a compressed stream and write its sequence: npz, VTKHDF or raw float32."""
     sequence = decode(upload.read_bytes(), frames=frames, limits=limits)
     write = {NPZ: write_npz, VTKHDF: write_vtkhdf, RAW: write_raw}[media_type]
-    output.write_bytes(write(sequence))
+    write_whole(output, write(sequence))
 
 
 def _encoded(sequence: MeshSequence, asked: EncodingTarget, output: Path) -> EncodedAnswer:
@@ -247,7 +259,7 @@ def _encoded(sequence: MeshSequence, asked: EncodingTarget, output: Path) -> Enc
         n_bytes=asked.bytes,
         effort=asked.effort,
     )
-    output.write_bytes(found.data)
+    write_whole(output, found.data)
     return EncodedAnswer.of(found)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dask_cluster import DaskCluster
 from fastapi.testclient import TestClient
 
 from modalmotion.formats import write_npz
@@ -49,6 +50,16 @@ def npz() -> Callable[..., bytes]:
         return buffer.getvalue()
 
     return write
+
+
+@pytest.fixture(scope="session")
+def dask_cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
+    """A scheduler and two workers that no test may kill."""
+    cluster = DaskCluster(tmp_path_factory.mktemp("dask"))
+    try:
+        yield cluster.start(2)
+    finally:
+        cluster.stop()
 
 
 def files_of(folder: Path) -> set[str]:

@@ -33,3 +33,9 @@ def die() -> None:
 
 def refuse() -> None:
     raise NonFiniteError("text", remedy="advice", frame=3, vertex=4, details={"count": 1})
+
+
+def slow_mark(mark: Path, seconds: float) -> str:
+    mark.touch()
+    time.sleep(seconds)
+    return "done"

@@ -20,7 +20,7 @@ _OWNER = click.option(
 
 @click.group()
 def store() -> None:
-    """Look after a folder of results; no server may have it open."""
+    """Look after a folder of results; but for `backup`, no server may have it open."""
 
 
 @store.command()
@@ -89,6 +89,24 @@ def export(folder: Path, out: Path, owner: str | None) -> None:
     with _progress("packing signatures") as progress:
         n_signatures = run(_store_of(folder, owner), out, progress=progress)
     click.echo(f"{n_signatures} signatures written: {out}")
+
+
+@store.command()
+@_FOLDER
+@click.argument("copy", type=click.Path(file_okay=False, path_type=Path), metavar="COPY")
+def backup(folder: Path, copy: Path) -> None:
+    """Copy the store in FOLDER to the folder COPY; a server may have it open.
+
+    Given again, it copies what is new, and removes what was deleted.
+    """
+    from modalmotion.store import backup as run
+
+    with _progress("copying") as progress:
+        report = run(folder, copy, progress=progress)
+    click.echo(
+        f"{report.n_files} files, {report.n_bytes / 1e6:.1f} MB: {report.n_copied} copied, "
+        f"{report.n_removed} removed: {copy}"
+    )
 
 
 def _store_of(folder: Path, owner: str | None) -> Path:

@@ -2,6 +2,7 @@
 
 from modalmotion.store.analysis_file import export, write_pack
 from modalmotion.store.atomic import write_atomic
+from modalmotion.store.backup import BackupReport, backup
 from modalmotion.store.classification_file import (
     classification_from_hdf5,
     classification_key,
@@ -32,6 +33,7 @@ __all__ = [
     "NAME_PATTERN",
     "UNSET",
     "VERSION_PATTERN",
+    "BackupReport",
     "Fault",
     "IdempotencyKeys",
     "IdempotentRequest",
@@ -48,6 +50,7 @@ __all__ = [
     "SequenceRecord",
     "Unset",
     "VerifyReport",
+    "backup",
     "classification_from_hdf5",
     "classification_key",
     "classification_to_hdf5",

@@ -34,6 +34,8 @@ _KEY: Final = "[0-9a-f]{16}"
 _SEQUENCE: Final = re.compile(rf"({_ID})\.(json|h5|deleted)")
 _RESULT: Final = re.compile(rf"({_ID})-(?:({_ID})-)?({_KEY})\.h5")
 _MODEL: Final = re.compile(rf"({VERSION_PATTERN})\.(h5|deleted)")
+# A cohort's own list of what is done, and its table.
+_COHORT_FILES: Final = ("cohort.jsonl", "cohort.csv")
 _INDEX_FILES: Final = ("index.sqlite", "index.sqlite-wal", "index.sqlite-shm")
 
 ResultKind = Literal["signature", "classification"]
@@ -223,8 +225,9 @@ _RESULT_FOLDERS: Final[dict[str, ResultKind]] = {
     "signatures": "signature",
     "classifications": "classification",
 }
-# Files under way; keys and audit log; stores of owners other than the folder's own.
-_OF_THE_SERVICE: Final = ("spool", "access", "owners")
+# Files under way; keys and audit log; stores of owners other than the folder's own; what a
+# cluster's workers are known by.
+_OF_THE_SERVICE: Final = ("spool", "access", "owners", "cluster", *_COHORT_FILES)
 _FOLDERS: Final = ("sequences", "templates", "models", *_RESULT_FOLDERS)
 
 

@@ -19,6 +19,8 @@ def live() -> Health:
 
 @router.get("/ready")
 def ready(request: Request) -> Health:
-    """Answer while results can be kept: the store is open and answers."""
-    request.app.state.owners.local.store.list_sequences(limit=1)
+    """Answer while results can be made and kept: the store answers, and there are workers."""
+    local = request.app.state.owners.local
+    local.analysis.engine.require_ready()
+    local.store.list_sequences(limit=1)
     return Health(version=version("modalmotion"))

@@ -1,0 +1,90 @@
+"""Which files of a cohort are done: one line each, in a file beside the results."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from modalmotion.store import write_atomic
+
+NAME = "cohort.jsonl"
+
+
+@dataclass(frozen=True)
+class Done:
+    """A file whose signature is kept.
+
+    Parameters
+    ----------
+    path : str
+    stamp : str
+        Of the file as it was: see `stamp_of`.
+    settings : str
+        Digest of everything that the signature was asked for with.
+    sequence_id : str
+    rms_error : float
+    unit : str or None
+    """
+
+    path: str
+    stamp: str
+    settings: str
+    sequence_id: str
+    rms_error: float
+    unit: str | None
+
+
+class Ledger:
+    """Lines are appended; a line that a crash cut short is done again.
+
+    A line is written once its signature is kept, and need not be durable: results are
+    immutable, so what is lost from here costs only the time to make it again.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / NAME
+        self._done = {done.path: done for done in self._read()}
+        # Without cut or outdated lines, so that it does not grow from run to run.
+        lines = [json.dumps(asdict(done)) + "\n" for done in self._done.values()]
+        write_atomic(self._path, "".join(lines).encode())
+
+    def find(self, path: Path, stamp: str, settings: str) -> Done | None:
+        """Give what is known of a file, if it was done so and is still the same."""
+        done = self._done.get(str(path))
+        return done if done and (done.stamp, done.settings) == (stamp, settings) else None
+
+    def add(self, *several: Done) -> None:
+        """Note that files are done."""
+        with self._path.open("a") as file:
+            for done in several:
+                file.write(json.dumps(asdict(done)) + "\n")
+        self._done.update({done.path: done for done in several})
+
+    def _read(self) -> Iterator[Done]:
+        if not self._path.exists():
+            return
+        for line in self._path.read_text().splitlines():
+            with contextlib.suppress(ValueError, TypeError):
+                yield Done(**json.loads(line))
+
+
+def stamp_of(path: Path) -> str:
+    """Digest of names, sizes and times of change of a file, or of those in a folder or pattern.
+
+    It tells a file that was replaced without reading it.
+    """
+    if path.is_dir():
+        files = sorted(path.iterdir())
+    else:
+        files = [path] if path.exists() else sorted(path.parent.glob(path.name))
+    status = [(file.name, file.stat()) for file in files]
+    seen = [(name, found.st_size, found.st_mtime_ns) for name, found in status]
+    return hashlib.sha256(repr(seen).encode()).hexdigest()[:16]

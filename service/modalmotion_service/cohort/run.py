@@ -1,0 +1,322 @@
+"""A cohort from its list of files to its folder of signatures."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from modalmotion.errors import ModalMotionError, NotFoundError
+from modalmotion.formats import ReadOptions
+from modalmotion.signature import SignatureParameters
+from modalmotion.store import ResultStore, write_atomic
+from modalmotion_service import tasks
+from modalmotion_service.cohort.batch import Item, Refused, Signed, sign_batch
+from modalmotion_service.cohort.ledger import Done, Ledger, stamp_of
+from modalmotion_service.cohort.manifest import Entry
+from modalmotion_service.errors import ClusterError
+from modalmotion_service.executor import Engine
+from modalmotion_service.spool import Spool
+
+MOST_IN_BATCH = 16
+# Batches that wait at a worker while one is at work, so that it is never idle.
+_AHEAD = 2
+_BATCHES_A_WORKER = 8
+
+
+@dataclass(frozen=True)
+class CohortJob:
+    """What is asked for.
+
+    Parameters
+    ----------
+    entries : tuple of Entry
+    folder : Path
+        The result store that signatures go to.
+    parameters : SignatureParameters
+    options : ReadOptions
+    template_from : Path or None
+        Sequence whose reference gives one template for all: their vertices must correspond.
+    keep_vertices : bool
+        Whether the store keeps the sequences too.
+    batch : int or None
+        Files in one piece of work; chosen by their number by default.
+    patience_seconds : float
+        How long to wait for a lost scheduler before giving up.
+    """
+
+    entries: tuple[Entry, ...]
+    folder: Path
+    parameters: SignatureParameters = field(default_factory=SignatureParameters)
+    options: ReadOptions = field(default_factory=ReadOptions)
+    template_from: Path | None = None
+    keep_vertices: bool = False
+    batch: int | None = None
+    patience_seconds: float = 120.0
+
+
+@dataclass(frozen=True)
+class CohortReport:
+    """What came of it.
+
+    Parameters
+    ----------
+    n_made, n_known : int
+        Files done now, and those that an earlier run had done.
+    failures : tuple of (Path, str)
+        File and reason, in the order of the manifest.
+    seconds : float
+    """
+
+    n_made: int
+    n_known: int
+    failures: tuple[tuple[Path, str], ...]
+    seconds: float
+
+
+Progress = Callable[[int, int], None]
+
+
+def sign_cohort(
+    job: CohortJob,
+    open_engine: Callable[[Path], Engine],
+    progress: Progress = lambda _done, _total: None,
+) -> CohortReport:
+    """Make the signatures of a cohort that are not made yet.
+
+    Parameters
+    ----------
+    job : CohortJob
+    open_engine : callable
+        Gives where work is done, for the folder that workers write to.
+    progress : callable
+        Called with (files done, files in all).
+
+    Raises
+    ------
+    StoreError
+        If the folder cannot be used, or written to.
+    ClusterError
+        If the scheduler is lost for longer than the job has patience. What is done is kept.
+    """
+    start = time.monotonic()
+    folder = job.folder.absolute()
+    with ResultStore(folder, keep_uploads=job.keep_vertices) as store:
+        spool = Spool(folder / "spool")
+        spool.clear(keep=set())
+        with open_engine(spool.folder) as engine:
+            run = _Run(job, store, spool, engine, progress)
+            try:
+                run.finish()
+            except BaseException:
+                engine.shutdown(cancel_futures=True)
+                raise
+            finally:
+                spool.clear(keep={"cluster"})
+        run.write_table(folder / "cohort.csv")
+    failures = [(e.path, run.failures[e.path]) for e in job.entries if e.path in run.failures]
+    return CohortReport(run.n_made, run.n_known, tuple(failures), time.monotonic() - start)
+
+
+class _Run:
+    def __init__(
+        self, job: CohortJob, store: ResultStore, spool: Spool, engine: Engine, progress: Progress
+    ) -> None:
+        self._job = job
+        self._store = store
+        self._spool = spool
+        self._engine = engine
+        self._progress = progress
+        self._ledger = Ledger(store.root)
+        self._template, self._parameters = self._make_template()
+        settings = repr((job.options, self._parameters.key))
+        self._settings = hashlib.sha256(settings.encode()).hexdigest()[:16]
+        self.n_made = 0
+        self.n_known = 0
+        self.failures: dict[Path, str] = {}
+        self._done: dict[Path, Done] = {}
+        self._waiting: deque[tuple[Entry, ...]] = deque()
+        self._running: dict[Future[Any], tuple[tuple[Entry, ...], tuple[Item, ...]]] = {}
+        self._stamps: dict[Path, str] = {}
+        self._lost_since: float | None = None
+
+    def finish(self) -> None:
+        """Do what is left to do."""
+        left = [entry for entry in self._job.entries if not self._is_known(entry)]
+        size = self._job.batch or batch_size(len(left), self._engine.n_workers)
+        self._waiting.extend(tuple(left[i : i + size]) for i in range(0, len(left), size))
+        self._show()
+        while self._waiting or self._running:
+            self._submit()
+            done, _ = wait(self._running, timeout=1.0, return_when=FIRST_COMPLETED)
+            for future in done:
+                self._take(future)
+            self._show()
+
+    def write_table(self, path: Path) -> None:
+        """List all files with what came of them, for spreadsheets and scripts."""
+        text = io.StringIO(newline="")
+        writer = csv.writer(text)
+        writer.writerow(
+            ["path", "subject", "label", "sequence_id", "signature", "rms_error", "unit", "error"]
+        )
+        for entry in self._job.entries:
+            named = [entry.path, entry.subject or "", entry.label or ""]
+            done = self._done.get(entry.path)
+            if done is None:
+                writer.writerow([*named, "", "", "", "", self.failures.get(entry.path, "")])
+                continue
+            kept = self._store.signature_path(done.sequence_id, self._parameters.key)
+            file = kept.relative_to(self._store.root).as_posix()
+            writer.writerow(
+                [*named, done.sequence_id, file, f"{done.rms_error:.6g}", done.unit or "", ""]
+            )
+        write_atomic(path, text.getvalue().encode())
+
+    def _make_template(self) -> tuple[Path | None, SignatureParameters]:
+        if self._job.template_from is None:
+            return None, self._job.parameters
+        image = self._spool.new_path()
+        source = self._job.template_from.absolute()
+        made = self._engine.submit(
+            tasks.make_template, source, self._job.options, self._job.parameters, image
+        ).result()
+        self._store.put_template_image(image, made.answer.id)
+        path = self._store.template_path(made.answer.id)
+        return path, replace(self._job.parameters, template=made.answer.id)
+
+    def _is_known(self, entry: Entry) -> bool:
+        try:
+            stamp = stamp_of(entry.path)
+        except OSError:
+            # A worker tries to read it, and says why it cannot.
+            stamp = ""
+        self._stamps[entry.path] = stamp
+        done = self._ledger.find(entry.path, stamp, self._settings)
+        if done is None:
+            return False
+        try:
+            self._store.signature_path(done.sequence_id, self._parameters.key)
+        except NotFoundError:
+            return False
+        if self._job.keep_vertices and not self._store.sequence_record(done.sequence_id).has_upload:
+            return False
+        self._name(entry, done.sequence_id)
+        self._done[entry.path] = done
+        self.n_known += 1
+        return True
+
+    def _name(self, entry: Entry, sequence_id: str) -> None:
+        """Have the record say what the manifest says now."""
+        record = self._store.sequence_record(sequence_id)
+        stated = {"subject": entry.subject, "label": entry.label}
+        changed = {
+            name: text
+            for name, text in stated.items()
+            if text is not None and text != getattr(record, name)
+        }
+        if changed:
+            self._store.update_sequence(sequence_id, **changed)
+
+    def _submit(self) -> None:
+        if self._lost_since is not None:
+            waited = time.monotonic() - self._lost_since
+            try:
+                self._engine.require_ready()
+            except ClusterError as error:
+                if waited > self._job.patience_seconds:
+                    raise self._given_up(error) from error
+                time.sleep(0.2)
+                return
+            if waited > self._job.patience_seconds:
+                raise self._given_up(ClusterError("The workers do not finish anything."))
+        while self._waiting and len(self._running) < _AHEAD * self._engine.n_workers:
+            entries = self._waiting.popleft()
+            items = tuple(self._item(entry) for entry in entries)
+            options, parameters = self._job.options, self._parameters
+            future = self._engine.submit(sign_batch, items, options, parameters, self._template)
+            self._running[future] = entries, items
+
+    def _item(self, entry: Entry) -> Item:
+        path = self._spool.new_path()
+        vertices = path.with_suffix(".vertices") if self._job.keep_vertices else None
+        return Item(entry.path, path.with_suffix(".signature"), vertices)
+
+    def _take(self, future: Future[Any]) -> None:
+        entries, items = self._running.pop(future)
+        error = future.exception()
+        if error is None:
+            self._lost_since = None
+            self._keep(entries, items, future.result())
+        elif isinstance(error, ClusterError):
+            self._lost_since = self._lost_since or time.monotonic()
+            self._waiting.appendleft(entries)
+            time.sleep(0.1)
+        elif len(entries) > 1:
+            # One of them broke its worker, or a limit of the whole: which, is found alone.
+            self._waiting.extend((entry,) for entry in entries)
+        elif isinstance(error, ModalMotionError):
+            self.failures[entries[0].path] = str(error)
+        else:
+            self.failures[entries[0].path] = f"{type(error).__name__}: {error}"
+
+    def _keep(
+        self,
+        entries: tuple[Entry, ...],
+        items: tuple[Item, ...],
+        outcomes: list[Signed | Refused],
+    ) -> None:
+        made = []
+        for entry, item, outcome in zip(entries, items, outcomes, strict=True):
+            if isinstance(outcome, Refused):
+                self.failures[entry.path] = outcome.reason
+                continue
+            sequence_id = outcome.record.id
+            self._store.put_sequence_image(
+                item.vertices or item.signature,
+                outcome.record,
+                subject=entry.subject,
+                label=entry.label,
+            )
+            self._store.put_signature_image(item.signature, sequence_id, self._parameters.key)
+            self._name(entry, sequence_id)
+            item.signature.unlink()
+            if item.vertices is not None:
+                item.vertices.unlink()
+            done = Done(
+                str(entry.path),
+                self._stamps[entry.path],
+                self._settings,
+                sequence_id,
+                outcome.rms_error,
+                outcome.record.unit,
+            )
+            made.append(done)
+            self._done[entry.path] = done
+        self._ledger.add(*made)
+        self.n_made += len(made)
+
+    def _show(self) -> None:
+        done = self.n_made + self.n_known + len(self.failures)
+        self._progress(done, len(self._job.entries))
+
+    def _given_up(self, error: ModalMotionError) -> ClusterError:
+        n_done = self.n_made + self.n_known
+        return ClusterError(
+            f"{error.message} {n_done} of {len(self._job.entries)} files are done and kept.",
+            remedy="When there is a scheduler with workers again, give the same command again: "
+            "only what is unfinished is done.",
+            details={"done": n_done, "files": len(self._job.entries)},
+        )
+
+
+def batch_size(n_files: int, n_workers: int) -> int:
+    """Files in one piece of work: few enough that all workers end at about the same time."""
+    return max(1, min(MOST_IN_BATCH, n_files // (_BATCHES_A_WORKER * n_workers)))

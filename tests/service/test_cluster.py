@@ -1,0 +1,185 @@
+"""What a cluster adds: machines that are not there, are lost, or do not share the folder."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pytest
+from dask_cluster import DaskCluster, free_port
+from fastapi.testclient import TestClient
+from worker_tasks import hang, slow_mark
+
+from modalmotion_service.app import create_app
+from modalmotion_service.dask_executor import DaskExecutor
+from modalmotion_service.dask_tasks import Mark
+from modalmotion_service.errors import ClusterError
+from modalmotion_service.settings import Settings
+
+MEMORY = 3_000_000_000
+
+
+@pytest.fixture
+def own_cluster(tmp_path: Path) -> Iterator[DaskCluster]:
+    """One whose processes the test may kill."""
+    cluster = DaskCluster(tmp_path / "dask")
+    yield cluster
+    cluster.stop()
+
+
+def until(holds: Callable[[], bool], seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end, "it does not come to pass"
+        time.sleep(0.1)
+
+
+def is_ready(engine: DaskExecutor) -> bool:
+    try:
+        engine.require_ready()
+    except ClusterError:
+        return False
+    return True
+
+
+def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
+    address = f"tcp://127.0.0.1:{free_port()}"
+    with pytest.raises(ClusterError, match="no scheduler") as caught:
+        DaskExecutor(address, tmp_path, 2.0, MEMORY, connect_seconds=0.5)
+    assert address in caught.value.message
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(ClusterError, match="no scheduler"):
+        DaskExecutor("nonsense", tmp_path, 2.0, MEMORY, connect_seconds=0.5)
+
+
+def test_the_service_says_so_at_its_start_and_ends(tmp_path: Path) -> None:
+    run = subprocess.run(
+        [sys.executable, "-m", "modalmotion", "serve", "--port", "0", "--data-dir", tmp_path / "d"],
+        env={
+            "MODALMOTION_SCHEDULER": f"tcp://127.0.0.1:{free_port()}",
+            "MODALMOTION_CLUSTER_SECONDS": "0.5",
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 1
+    assert "There is no scheduler at" in run.stderr
+    assert "Traceback" not in run.stderr
+
+
+def test_a_scheduler_without_workers_is_refused(own_cluster: DaskCluster, tmp_path: Path) -> None:
+    own_cluster.start_scheduler()
+    with pytest.raises(ClusterError, match="no workers"):
+        DaskExecutor(own_cluster.address, tmp_path, 2.0, MEMORY, connect_seconds=8.0)
+
+
+def test_a_worker_elsewhere_or_of_another_version_is_refused(tmp_path: Path) -> None:
+    mark = tmp_path / "cluster.1"
+    with pytest.raises(ClusterError, match="does not see the data folder"):
+        Mark(mark, version("modalmotion")).require_here()
+    mark.touch()
+    Mark(mark, version("modalmotion")).require_here()
+    with pytest.raises(ClusterError, match=r"0\.0\.0"):
+        Mark(mark, "0.0.0").require_here()
+
+
+def test_a_worker_that_loses_the_folder_does_no_work(
+    dask_cluster: DaskCluster, tmp_path: Path
+) -> None:
+    with DaskExecutor(dask_cluster.address, tmp_path, 20.0, MEMORY) as engine:
+        (mark,) = (path for path in tmp_path.iterdir() if path == engine._mark.path)
+        mark.unlink()
+        with pytest.raises(ClusterError, match="does not see the data folder"):
+            engine.submit(abs, -1).result(timeout=30)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_two_clients_share_workers_and_one_may_leave(
+    dask_cluster: DaskCluster, tmp_path: Path
+) -> None:
+    folders = [tmp_path / name for name in "ab"]
+    for folder in folders:
+        folder.mkdir()
+    with DaskExecutor(dask_cluster.address, folders[0], 20.0, MEMORY) as stays:
+        slow = stays.submit(slow_mark, tmp_path / "mark", 1.0)
+        with DaskExecutor(dask_cluster.address, folders[1], 20.0, MEMORY) as leaves:
+            assert leaves.submit(abs, -1).result(timeout=30) == 1
+        assert slow.result(timeout=30) == "done"
+
+
+def test_a_lost_worker_or_scheduler_is_survived(own_cluster: DaskCluster, tmp_path: Path) -> None:
+    own_cluster.start(2)
+    folder = tmp_path / "shared"
+    folder.mkdir()
+    with DaskExecutor(
+        own_cluster.address, folder, 60.0, MEMORY, patience_seconds=2.0, connect_seconds=5.0
+    ) as engine:
+        # A worker is killed at work: the other one does its part.
+        tasks = [engine.submit(slow_mark, tmp_path / f"{n}", 0.3) for n in range(8)]
+        until(lambda: (tmp_path / "1").exists())
+        own_cluster.workers[0].kill()
+        assert [task.result(timeout=60) for task in tasks] == ["done"] * 8
+        # The scheduler is killed: what is under way fails soon, and so does what comes then.
+        stuck = engine.submit(hang)
+        time.sleep(0.3)
+        own_cluster.kill_scheduler()
+        assert isinstance(stuck.exception(timeout=20), ClusterError)
+        until(lambda: not is_ready(engine))
+        assert isinstance(engine.submit(abs, -1).exception(timeout=20), ClusterError)
+        # It returns, and so does the worker that is left.
+        own_cluster.start_scheduler()
+        until(lambda: is_ready(engine))
+        assert engine.submit(abs, -1).result(timeout=60) == 1
+        # The last worker is killed: its work does not wait for ever.
+        stuck = engine.submit(hang)
+        time.sleep(0.3)
+        own_cluster.workers[1].kill()
+        assert isinstance(stuck.exception(timeout=60), ClusterError)
+        assert not is_ready(engine)
+
+
+def test_the_service_waits_for_a_scheduler_that_returns(
+    own_cluster: DaskCluster, tmp_path: Path, beat: bytes
+) -> None:
+    own_cluster.start(1)
+    settings = Settings(
+        data_dir=tmp_path / "results", scheduler=own_cluster.address, wait_seconds=120.0
+    )
+    with TestClient(create_app(settings), raise_server_exceptions=False) as client:
+        assert client.get("/health/ready").status_code == 200
+        assert client.post("/v1/sequences", content=beat).status_code == 201
+        own_cluster.kill_scheduler()
+        until(lambda: client.get("/health/ready").status_code == 503)
+        answer = client.get(f"/v1/sequences/{sequence_id(client)}/signature")
+        assert (answer.status_code, answer.json()["code"]) == (503, "cluster_unavailable")
+        assert answer.headers["retry-after"]
+        job: dict[str, Any] = client.get(
+            f"/v1/sequences/{sequence_id(client)}/signature", headers={"Prefer": "respond-async"}
+        ).json()
+        here = job["links"]["self"]
+        until(lambda: client.get(here).json()["state"] == "queued")
+        own_cluster.start_scheduler()
+        until(lambda: client.get(here).json()["state"] == "succeeded", 90.0)
+        assert client.get("/health/ready").status_code == 200
+
+
+def sequence_id(client: TestClient) -> str:
+    return str(client.get("/v1/sequences").json()["sequences"][0]["id"])
+
+
+def test_a_cancelled_future_of_a_closed_executor_is_no_hang(
+    dask_cluster: DaskCluster, tmp_path: Path
+) -> None:
+    engine = DaskExecutor(dask_cluster.address, tmp_path, 60.0, MEMORY)
+    stuck: list[Future[None]] = [engine.submit(hang) for _ in range(3)]
+    time.sleep(0.2)
+    engine.shutdown(cancel_futures=True)
+    engine.shutdown()
+    assert all(future.cancelled() for future in stuck)

@@ -1,0 +1,247 @@
+"""A folder of files becomes a folder of signatures, whatever is killed meanwhile."""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from dask_cluster import DaskCluster
+
+from modalmotion.errors import MalformedFileError
+from modalmotion.formats import read_npz
+from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.store import ResultStore, verify
+from modalmotion_service.cohort import read_manifest
+from modalmotion_service.cohort.command import cohort
+from modalmotion_service.cohort.run import batch_size
+
+
+def write_cohort(folder: Path, n: int, n_nodes: tuple[int, int] = (8, 8)) -> list[Path]:
+    folder.mkdir()
+    paths = [folder / f"s{number:04d}.npz" for number in range(n)]
+    for number, path in enumerate(paths):
+        rng = np.random.default_rng(number)
+        vertices = rng.normal(size=(4, n_nodes[0] * n_nodes[1], 3))
+        np.savez(path, vertices=vertices, grid=n_nodes, topology="cup", unit="mm")
+    return paths
+
+
+def check_all(paths: list[Path], folder: Path, **asked: object) -> None:
+    """Every signature is the one that the library gives, and the store is sound."""
+    parameters = SignatureParameters(**asked)  # type: ignore[arg-type]
+    with ResultStore(folder) as store:
+        for path in paths:
+            sequence = read_npz(path.read_bytes()).sequence
+            kept = store.signature(sequence.id, parameters.key)
+            assert np.array_equal(kept.amplitudes, modal_signature(sequence, parameters).amplitudes)
+        assert len(store.all_signatures()) == len(paths)
+    report = verify(folder)
+    assert report.is_sound
+    assert not report.orphans
+    assert list((folder / "spool").iterdir()) == []
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "modalmotion", "cohort", *map(str, arguments)]
+
+
+def n_kept(folder: Path) -> int:
+    return len(list((folder / "signatures").rglob("*.h5")))
+
+
+def wait_for_some(process: subprocess.Popen[bytes], folder: Path, n: int) -> None:
+    end = time.monotonic() + 120
+    while n_kept(folder) < n:
+        assert process.poll() is None, "it ended before it could be disturbed"
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_manifest_names_files_from_its_own_folder(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text("\ufefflabel, path,age\nrest,a.npz,3\n,b/c.npz,4\n")
+    (tmp_path / "m.jsonl").write_text('{"path": "a.npz", "label": "rest"}\n\n{"path": "b/c.npz"}\n')
+    for name in ("m.csv", "m.jsonl"):
+        first, second = read_manifest(tmp_path / name)
+        assert (first.path, first.label, first.subject) == (tmp_path / "a.npz", "rest", None)
+        assert (second.path, second.label) == (tmp_path / "b" / "c.npz", None)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "line"),
+    [
+        ("m.csv", "file\na.npz\n", 1),
+        ("m.csv", "path\na.npz\n\n \n", 4),
+        ("m.csv", "path\na.npz\na.npz\n", 3),
+        ("m.csv", "path\na.npz,b\n", 2),
+        ("m.csv", "path,label\na.npz," + "x" * 300 + "\n", 2),
+        ("m.jsonl", '{"path": "a"}\nnonsense\n', 2),
+        ("m.jsonl", "[1]\n", 1),
+        ("m.jsonl", '{"path": 3}\n', 1),
+    ],
+)
+def test_a_wrong_manifest_names_its_line(tmp_path: Path, name: str, text: str, line: int) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(MalformedFileError, match=f"Line {line} of '{name}'") as caught:
+        read_manifest(tmp_path / name)
+    assert caught.value.details["line"] == line
+
+
+@pytest.mark.parametrize("name", ["m.csv", "m.txt", "folder", "*.npz"])
+def test_a_manifest_that_names_nothing_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "m.csv").write_text("path\n")
+    with pytest.raises(MalformedFileError):
+        read_manifest(tmp_path / name)
+
+
+def test_batches_are_small_enough_to_share_out_and_never_empty() -> None:
+    assert [batch_size(n, 2) for n in (0, 1, 31, 32, 500, 10**6)] == [1, 1, 1, 2, 16, 16]
+
+
+@pytest.mark.parametrize("engine", ["pebble", "dask"])
+def test_a_cohort_is_signed_and_failures_are_told(
+    engine: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    paths = write_cohort(tmp_path / "in", 12)
+    (tmp_path / "in" / "bad.npz").write_text("bad")
+    lines = [f"in/{path.name},P {n % 3},rest" for n, path in enumerate(paths)]
+    manifest, out = tmp_path / "m.csv", tmp_path / "out"
+    manifest.write_text("\n".join(["path,subject,label", *lines, "in/bad.npz,,", "in/no.npz,,"]))
+    where = ["--workers", "2"]
+    if engine == "dask":
+        where = ["--scheduler", request.getfixturevalue("dask_cluster").address]
+    arguments = [str(manifest), "-o", str(out), "--modes", "6", *where]
+    run = CliRunner().invoke(cohort, [*arguments, "--pack", str(tmp_path / "pack.h5")])
+    assert run.exit_code == 1, run.output
+    assert "12 signatures made" in run.output
+    assert "bad.npz: These 3 bytes are of no format" in run.stderr
+    assert "no.npz: 'no.npz' cannot be read" in run.stderr
+    assert (tmp_path / "pack.h5").stat().st_size > 0
+    check_all(paths, out, modes=6)
+    with (out / "cohort.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [bool(row["error"]) for row in rows] == [False] * 12 + [True] * 2
+    assert all((out / row["signature"]).is_file() for row in rows[:12])
+    with ResultStore(out) as store:
+        assert len(store.list_sequences(subject="P 1", label="rest").records) == 4
+    # Again: nothing is left but what failed, unless a file or the settings have changed.
+    again = CliRunner().invoke(cohort, arguments)
+    assert "0 signatures made" in again.output
+    assert "12 known" in again.output
+    paths[0].write_bytes(paths[3].read_bytes())
+    manifest.write_text(manifest.read_text().replace("P 1,rest", "P 1,stress"))
+    again = CliRunner().invoke(cohort, arguments)
+    assert "1 signatures made" in again.output
+    with ResultStore(out) as store:
+        assert len(store.list_sequences(subject="P 1", label="stress").records) == 4
+
+
+def test_one_template_serves_a_cohort(tmp_path: Path) -> None:
+    paths = write_cohort(tmp_path / "in", 3)
+    out = tmp_path / "out"
+    arguments = [str(tmp_path / "in"), "-o", str(out), "--workers", "1", "--keep-vertices"]
+    run = CliRunner().invoke(cohort, [*arguments, "--template-from", str(paths[0])])
+    assert run.exit_code == 0, run.output
+    (template,) = (out / "templates").rglob("*.h5")
+    with ResultStore(out) as store:
+        for path in paths:
+            sequence = read_npz(path.read_bytes()).sequence
+            parameters = SignatureParameters(template=template.stem)
+            assert store.signature(sequence.id, parameters.key).template_id == template.stem
+            assert store.sequence(sequence.id).id == sequence.id
+
+
+def kill_and_go_on(tmp_path: Path, n: int) -> None:
+    paths = write_cohort(tmp_path / "in", n, (32, 64))
+    out = tmp_path / "out"
+    arguments = command(tmp_path / "in", "-o", out, "--workers", 2, "--batch", 2)
+    first = subprocess.Popen(arguments, stderr=subprocess.DEVNULL, start_new_session=True)
+    wait_for_some(first, out, 4)
+    os.killpg(first.pid, signal.SIGKILL)
+    first.wait()
+    with (out / "cohort.jsonl").open("a") as file:
+        file.write('{"path": "cut sho')
+    again = subprocess.run(arguments, capture_output=True, text=True, check=True)
+    made, known = (int(again.stdout.split(before)[0].split()[-1]) for before in (" sign", " known"))
+    assert made + known == n
+    assert 0 < made < n
+    check_all(paths, out)
+
+
+def test_a_cohort_that_is_killed_goes_on(tmp_path: Path) -> None:
+    kill_and_go_on(tmp_path, 60)
+
+
+@pytest.fixture
+def own_cluster(tmp_path: Path) -> Iterator[DaskCluster]:
+    cluster = DaskCluster(tmp_path / "dask")
+    yield cluster
+    cluster.stop()
+
+
+def disturb(own_cluster: DaskCluster, tmp_path: Path, n: int) -> None:
+    """A worker is killed, then the scheduler: all come out right, in one go."""
+    paths = write_cohort(tmp_path / "in", n, (32, 64))
+    out = tmp_path / "out"
+    own_cluster.start(2)
+    arguments = command(tmp_path / "in", "-o", out, "--scheduler", own_cluster.address)
+    with (tmp_path / "said").open("w") as said:
+        run = subprocess.Popen([*arguments, "--batch", "2"], stdout=said, stderr=said)
+    wait_for_some(run, out, n // 10)
+    own_cluster.workers[0].kill()
+    wait_for_some(run, out, n // 3)
+    own_cluster.kill_scheduler()
+    time.sleep(1.0)
+    kept = n_kept(out)
+    assert kept < n
+    own_cluster.start_scheduler()
+    assert run.wait(300) == 0, (tmp_path / "said").read_text()
+    check_all(paths, out)
+
+
+def test_a_cohort_survives_a_lost_worker_and_scheduler(
+    own_cluster: DaskCluster, tmp_path: Path
+) -> None:
+    disturb(own_cluster, tmp_path, 60)
+
+
+@pytest.mark.soak
+def test_500_sequences_survive_a_lost_worker_and_scheduler(
+    own_cluster: DaskCluster, tmp_path: Path
+) -> None:
+    disturb(own_cluster, tmp_path, 500)
+
+
+@pytest.mark.soak
+def test_500_sequences_survive_the_end_of_the_command(tmp_path: Path) -> None:
+    kill_and_go_on(tmp_path, 500)
+
+
+def test_a_scheduler_that_stays_away_ends_the_cohort_and_it_resumes(
+    own_cluster: DaskCluster, tmp_path: Path
+) -> None:
+    paths = write_cohort(tmp_path / "in", 40, (32, 64))
+    out = tmp_path / "out"
+    own_cluster.start(1)
+    arguments = command(tmp_path / "in", "-o", out, "--scheduler", own_cluster.address)
+    run = subprocess.Popen([*arguments, "--batch", "1", "--patience", "1"], stderr=subprocess.PIPE)
+    wait_for_some(run, out, 3)
+    own_cluster.kill_scheduler()
+    _, said = run.communicate(timeout=120)
+    assert run.returncode == 1
+    assert b"files are done and kept. When there is a scheduler" in said
+    again = subprocess.run(
+        command(tmp_path / "in", "-o", out, "--workers", 2), capture_output=True, check=True
+    )
+    assert b" 0 files failed" in again.stdout
+    assert b" 0 known before" not in again.stdout
+    check_all(paths, out)

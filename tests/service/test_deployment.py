@@ -1,0 +1,221 @@
+"""What is deployed: checked as text, and its commands run here as they stand."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+import yaml
+from dask_cluster import free_port
+from running import RunningService
+
+from modalmotion.cli.main import main
+from modalmotion_service.settings import Settings
+
+ROOT = Path(__file__).resolve().parents[2]
+CLUSTER = ("scheduler", "worker")
+
+
+def compose() -> dict[str, Any]:
+    loaded: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())
+    return loaded
+
+
+def dockerfile() -> str:
+    return (ROOT / "Dockerfile").read_text()
+
+
+def default_command() -> list[str]:
+    return list(yaml.safe_load(dockerfile().rpartition("\nCMD ")[2]))
+
+
+def test_every_container_is_hardened_and_of_one_image() -> None:
+    services = compose()["services"]
+    assert set(services) == {"modalmotion", *CLUSTER}
+    for name, service in services.items():
+        assert service["image"] == f"modalmotion:{version()}", name
+        assert service["read_only"] is True
+        assert service["cap_drop"] == ["ALL"]
+        assert service["security_opt"] == ["no-new-privileges:true"]
+        assert service["tmpfs"] == ["/tmp"]  # noqa: S108 (of the container)
+        assert service["restart"] == "unless-stopped"
+
+
+def version() -> str:
+    found = re.search(r'^version = "(.+)"', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert found is not None
+    return found[1]
+
+
+def test_the_scheduler_is_reached_by_nobody_else() -> None:
+    document = compose()
+    for name in CLUSTER:
+        service = document["services"][name]
+        assert service["profiles"] == ["cluster"]
+        assert service["networks"] == ["cluster"]
+        assert "ports" not in service
+    assert document["networks"]["cluster"]["internal"] is True
+
+
+def test_workers_share_the_services_volume_and_are_two() -> None:
+    services = compose()["services"]
+    assert services["worker"]["volumes"] == services["modalmotion"]["volumes"]
+    assert services["worker"]["deploy"]["replicas"] == 2
+
+
+def test_the_service_has_time_to_drain() -> None:
+    seconds = int(compose()["services"]["modalmotion"]["stop_grace_period"].rstrip("s"))
+    assert seconds > 2 * Settings().drain_seconds
+
+
+def test_the_image_names_its_bases_versions_and_ends_as_a_plain_user() -> None:
+    text = dockerfile()
+    bases = re.findall(r"^FROM (\S+)", text, re.MULTILINE)
+    assert len(set(bases)) == 1
+    tag = bases[0].partition(":")[2]
+    assert tag not in ("", "latest")
+    # The constraints hold for the Python that the tests run on.
+    assert tag.startswith(f"{sys.version_info[0]}.{sys.version_info[1]}-")
+    last = text.rpartition("FROM ")[2]
+    assert "USER modalmotion" in last
+    assert not re.search(
+        r"^(ADD|SHELL|MAINTAINER)\b|sudo|apt-get|curl |chmod 777", text, re.MULTILINE
+    )
+    assert all("--no-cache-dir" in line for line in text.splitlines() if "pip install" in line)
+    instructions = re.findall(
+        r"^(CMD|HEALTHCHECK|ENTRYPOINT)\b(.*(?:\n.*CMD.*)?)", last, re.MULTILINE
+    )
+    assert sorted(name for name, _ in instructions) == ["CMD", "HEALTHCHECK"]
+    assert all("[" in rest for _, rest in instructions)
+
+
+def test_the_image_has_every_extra_that_its_commands_need() -> None:
+    extras = re.search(r"'\.\[(.+)\]'", dockerfile())
+    assert extras is not None
+    assert {"service", "cluster", "plot"} <= set(extras[1].split(","))
+
+
+def test_the_proxy_passes_what_the_service_would_take() -> None:
+    text = (ROOT / "deploy" / "nginx.conf").read_text()
+    code = "\n".join(line.partition("#")[0] for line in text.splitlines())
+    # Every statement ends, every block closes, before the one around it does.
+    depth = 0
+    for sign in re.findall(r"[{}]", code):
+        depth += 1 if sign == "{" else -1
+        assert depth >= 0
+    assert depth == 0
+    for line in filter(None, map(str.strip, code.splitlines())):
+        assert line[-1] in ";{}", line
+    settings = Settings()
+    megabytes = re.search(r"client_max_body_size (\d+)m;", code)
+    assert megabytes is not None
+    assert int(megabytes[1]) * 2**20 > settings.max_body_bytes
+    patience = re.search(r"proxy_read_timeout (\d+)s;", code)
+    assert patience is not None
+    assert int(patience[1]) > max(settings.wait_seconds, settings.task_seconds)
+    for needed in (
+        "ssl_protocols TLSv1.2 TLSv1.3;",
+        "proxy_request_buffering off;",
+        "proxy_buffering off;",
+        "proxy_set_header Host $host;",
+        "proxy_set_header X-Forwarded-Proto https;",
+        "server 127.0.0.1:8000;",
+        "access_log off;",
+    ):
+        assert needed in code
+    if shutil.which("nginx") is None:
+        return
+    subprocess.run(["nginx", "-t", "-c", "deploy/nginx.conf"], cwd=ROOT, check=False)
+
+
+@pytest.mark.parametrize("name", ["modalmotion.service", "modalmotion-worker@.service"])
+def test_units_start_commands_that_exist(name: str) -> None:
+    text = (ROOT / "deploy" / name).read_text()
+    assert re.search(r"^Restart=always$", text, re.MULTILINE)
+    assert re.search(r"^User=modalmotion$", text, re.MULTILINE)
+    start = re.search(r"^ExecStart=\S+/modalmotion (\S+)", text, re.MULTILINE)
+    assert start is not None
+    found = main.get_command(click.Context(main), start[1])
+    assert found is not None
+    options = {option for parameter in found.params for option in parameter.opts}
+    command = text.partition("ExecStart=")[2].partition("\n")[0]
+    assert options >= set(re.findall(r"--[a-z-]+", command))
+
+
+@pytest.fixture
+def processes(tmp_path: Path) -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+def test_the_commands_of_the_compose_file_are_a_working_cluster(
+    tmp_path: Path, processes: ExitStack, beat: bytes
+) -> None:
+    """The containers' own command lines, as processes here, with a folder for the volume."""
+    port, here = free_port(), "127.0.0.1"
+    service = RunningService(tmp_path / "unused")
+    service.log = tmp_path / "service.log"
+    service.port = free_port()
+
+    def native(command: list[str]) -> list[str]:
+        """The same command for this machine: names of containers and free ports aside."""
+        there = {"scheduler": here, "0.0.0.0": here, "8786": str(port), "8000": str(service.port)}  # noqa: S104
+        words = (
+            [sys.executable] if command[0] == "python" else [sys.executable, "-m", "modalmotion"]
+        )
+        renamed = (word.replace("//scheduler:8786", f"//{here}:{port}") for word in command[1:])
+        words.extend(there.get(word, word) for word in renamed)
+        return words
+
+    def start(command: list[str], **settings: str) -> subprocess.Popen[bytes]:
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", **settings}
+        sink = processes.enter_context((tmp_path / "service.log").open("ab"))
+        process = subprocess.Popen(
+            native(command), env=environment, cwd=tmp_path, stdout=sink, stderr=sink
+        )
+        processes.callback(process.wait, 60)
+        processes.callback(process.terminate)
+        return process
+
+    document = compose()["services"]
+    start(document["scheduler"]["command"])
+    for _ in range(document["worker"]["deploy"]["replicas"]):
+        start(document["worker"]["command"])
+    data_dir = re.search(r"MODALMOTION_DATA_DIR=(\S+)", dockerfile())
+    assert data_dir is not None
+    (name,) = document["modalmotion"]["environment"]
+    folder = tmp_path / data_dir[1].lstrip("/")
+    settings = {
+        name: f"tcp://{here}:{port}",
+        "MODALMOTION_DATA_DIR": str(folder),
+        "MODALMOTION_WAIT_SECONDS": "120",
+    }
+    server = start(default_command(), **settings)
+    check = [str(word) for word in yaml.safe_load(health_check())]
+    check[2] = check[2].replace(":8000", f":{service.port}")
+    for _ in range(600):
+        if subprocess.run([sys.executable, *check[1:]], capture_output=True).returncode == 0:
+            break
+        assert server.poll() is None, service.log.read_text()[-3000:]
+        time.sleep(0.2)
+    answer = service.request("POST", "/v1/sequences", beat, timeout=150)
+    assert answer.status == 201, answer.body
+    link = answer.json["links"]["self"]
+    assert service.request("GET", f"{link}/signature", timeout=150).status == 200
+    assert len(list((folder / "signatures").rglob("*.h5"))) == 1
+
+
+def health_check() -> str:
+    found = re.search(r"^HEALTHCHECK.*\\\n\s+CMD (.+)$", dockerfile(), re.MULTILINE)
+    assert found is not None
+    return found[1]

@@ -1,0 +1,68 @@
+"""Files that jobs have made are kept for a while, and then removed."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+from test_jobs import ASYNC, finished
+
+from modalmotion.store import JobState, ResultStore
+from modalmotion_service.app import create_app
+from modalmotion_service.retention import Retention
+from modalmotion_service.settings import Settings
+from modalmotion_service.spool import Spool
+
+
+def made(store: ResultStore, spool: Spool, name: str) -> str:
+    job = store.jobs.create("signatures", {})
+    spool.at(name).write_text("result")
+    store.jobs.update(
+        job.id, state=JobState.SUCCEEDED, result={"file": name, "media_type": "text/plain"}
+    )
+    return job.id
+
+
+def test_only_files_whose_time_has_passed_are_removed(tmp_path: Path) -> None:
+    with ResultStore(tmp_path) as store:
+        spool = Spool(tmp_path / "spool")
+        upload = store.jobs.create("upload", {"file": "upload"})
+        spool.at("upload").write_text("bytes")
+        made(store, spool, "old")
+        time.sleep(0.3)
+        made(store, spool, "new")
+        retention = Retention(store.jobs, spool, 0.25)
+        assert retention.needed() == {"new", "upload"}
+        assert retention.sweep() == 1
+        assert {path.name for path in spool.folder.iterdir()} == {"new", "upload"}
+        assert retention.sweep() == 0
+        assert Retention(store.jobs, spool, 3600.0).needed() == {"old", "new", "upload"}
+        assert not store.jobs.get(upload.id).is_finished
+
+
+def test_more_results_than_a_page_of_jobs_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with ResultStore(tmp_path) as store:
+        spool = Spool(tmp_path / "spool")
+        names = {made(store, spool, f"f{n}") and f"f{n}" for n in range(7)}
+        paged = store.jobs.list
+        monkeypatch.setattr(store.jobs, "list", lambda **asked: paged(**{**asked, "limit": 3}))
+        assert Retention(store.jobs, spool, 60.0).needed() == names
+
+
+def test_a_running_service_removes_them_by_itself(tmp_path: Path, beat: bytes) -> None:
+    settings = Settings(data_dir=tmp_path, workers=1, wait_seconds=120.0, result_hours=1 / 1800)
+    with TestClient(create_app(settings)) as client:
+        sequence_id = client.post("/v1/sequences", content=beat).json()["id"]
+        job = client.post("/v1/signatures/query", json={"ids": [sequence_id]}, headers=ASYNC).json()
+        link = finished(client, job)["result"]
+        for _ in range(200):
+            answer = client.get(link)
+            if answer.status_code == 404:
+                break
+            time.sleep(0.05)
+        assert "kept no more" in answer.json()["detail"]
+        assert list((tmp_path / "spool").iterdir()) == []
