@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import platform
-from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Final
 
@@ -14,17 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.body_frame import Components, body_frame
-from modalmotion.errors import ModeCountError, ParameterError
+from modalmotion.errors import ParameterError
 from modalmotion.fit import fit_sequence, make_basis
 from modalmotion.modes import ModeSet
 from modalmotion.rigid import Rotations
 from modalmotion.sequence import MeshSequence
+from modalmotion.signature_parameters import MOST_MODES, SignatureParameters
 from modalmotion.spring_modes import SpringModes, SpringSpectrum
 from modalmotion.template import (
-    GivenLandmarks,
     Landmarks,
     Template,
-    Weights,
     choose_modes,
     frequencies_on,
     make_template,
@@ -32,73 +28,21 @@ from modalmotion.template import (
 )
 from modalmotion.topology import Topology
 
+__all__ = [
+    "INTENDED_USE",
+    "MOST_MODES",
+    "ModalSignature",
+    "SignatureParameters",
+    "modal_signature",
+    "provenance",
+    "resolve_sequence",
+    "resolve_template",
+]
+
 INTENDED_USE: Final = (
     "Description of surface motion for research and tool development. Not a medical device; "
     "not for diagnosis."
 )
-
-# Above this a signature is no longer compact, and a typing error is more likely.
-MOST_MODES: Final = 2000
-
-
-@dataclass(frozen=True)
-class SignatureParameters:
-    """What a signature is asked for.
-
-    Parameters
-    ----------
-    modes : int
-        Number of modes; each has three amplitudes a frame. Rounded up where a pair would be
-        split.
-    topology : str or None
-        Name of the topology, over what the sequence states.
-    grid : tuple of int or None
-        Lattice shape, over what the sequence states.
-    reference : int
-        Frame from which displacements are measured.
-    weights : Weights
-    remove_rotation : bool
-    wave_speed : float, length unit per s
-        c of w = c k, which frequencies and strain energy are stated with.
-    components : Components
-        What the three amplitudes of a mode stand for: x, y, z or radial, tangential, axial.
-    landmarks : GivenLandmarks
-        Places that are stated and not left to the shape.
-    closed_form : bool
-        False asks for the spring modes of the mesh itself, whatever its topology.
-    template : str or None
-        Id of a template to use in place of one made from the sequence's own reference.
-    """
-
-    modes: int = 7
-    topology: str | None = None
-    grid: tuple[int, ...] | None = None
-    reference: int = 0
-    weights: Weights = Weights.AREA
-    remove_rotation: bool = True
-    wave_speed: float = 1.0
-    components: Components = Components.CARTESIAN
-    landmarks: GivenLandmarks = field(default_factory=GivenLandmarks)
-    closed_form: bool = True
-    template: str | None = None
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.modes <= MOST_MODES:
-            raise ModeCountError(
-                f"{self.modes} modes were asked for; a signature has 1 to {MOST_MODES}.",
-                remedy=f"Ask for 1 to {MOST_MODES} modes; 7 is the usual number.",
-                details={"modes": self.modes, "most": MOST_MODES},
-            )
-        if not (np.isfinite(self.wave_speed) and self.wave_speed > 0):
-            raise ParameterError(
-                f"The wave speed is {self.wave_speed}.", remedy="Use a finite speed above zero."
-            )
-
-    @cached_property
-    def key(self) -> str:
-        """Short name of this choice of parameters, for file names and ETags."""
-        text = json.dumps(asdict(self), sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True, eq=False)
