@@ -13,6 +13,7 @@ from modalmotion.errors import (
     ParameterError,
     ShapeError,
     StoreError,
+    ToleranceError,
     TopologyError,
 )
 from modalmotion.formats import ReadLimits, read_npz, write_npz
@@ -66,6 +67,7 @@ __all__ = [
     "SignatureParameters",
     "StoreError",
     "Template",
+    "ToleranceError",
     "Topology",
     "TopologyError",
     "VentricleParameters",

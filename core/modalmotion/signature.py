@@ -1,27 +1,21 @@
-"""The modal signature: everything an answer says of one sequence."""
+"""Making modal signatures."""
 
 from __future__ import annotations
 
 import platform
-from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.body_frame import Components, body_frame
+from modalmotion.choice.selection import select_model
 from modalmotion.errors import ParameterError
-from modalmotion.fit import fit_sequence, make_basis
-from modalmotion.modes import ModeSet
-from modalmotion.rigid import Rotations
 from modalmotion.sequence import MeshSequence
 from modalmotion.signature_parameters import MOST_MODES, SignatureParameters
-from modalmotion.spring_modes import SpringModes, SpringSpectrum
+from modalmotion.signature_value import ModalSignature
+from modalmotion.spring_modes import SpringModes
 from modalmotion.template import (
-    Landmarks,
     Template,
-    choose_modes,
     frequencies_on,
     make_template,
     require_same_mesh,
@@ -43,150 +37,6 @@ INTENDED_USE: Final = (
     "Description of surface motion for research and tool development. Not a medical device; "
     "not for diagnosis."
 )
-
-
-@dataclass(frozen=True, eq=False)
-class ModalSignature:
-    """Amplitude trajectory of a sequence, with its error and where it comes from.
-
-    Parameters
-    ----------
-    modes : ModeSet or SpringSpectrum
-        In closed form; or, where the surface has no natural coordinates, of its own mesh.
-    amplitudes : (frames, modes, 3) float64, `unit`
-        Along the directions that `parameters.components` names.
-    angular_frequencies : (modes,) float64, rad per s
-        Continuum limit w = c k on `lengths`, with c = `wave_speed`.
-    rotations : Rotations
-        The rotation trajectory, removed before the fit.
-    translations : (frames, 3) float64, `unit`
-        Path of the weighted centroid from the reference's. It is part of the amplitudes too,
-        and needed beside them where they are not along x, y, z.
-    rms_errors, p95_errors, max_errors : (frames,) float64, `unit`
-        Distances between vertices and their reconstruction in each frame; RMS and 95th
-        percentile are over the surface, the maximum over all vertices.
-    motion_rms : (frames,) float64, `unit`
-        RMS displacement from the reference: the error of no modes at all.
-    times : (frames,) float64, s, or None
-    unit : str or None
-    n_vertices : int
-    lengths : tuple of float, `unit`
-        Along each natural coordinate.
-    landmarks : Landmarks or None
-        Axis and zero of theta; None where the surface has no axis.
-    condition : float
-        Of the weighted shapes: how much of the data's precision the amplitudes may lose.
-    parameters : SignatureParameters
-        As asked; `modes` may have been rounded up.
-    sequence_id, template_id : str
-    notes : tuple of str
-        What was met on the way that a user should know.
-    provenance : dict
-        Versions of the software that made it.
-    """
-
-    modes: ModeSet | SpringSpectrum
-    amplitudes: NDArray[np.float64]
-    angular_frequencies: NDArray[np.float64]
-    rotations: Rotations
-    translations: NDArray[np.float64]
-    rms_errors: NDArray[np.float64]
-    p95_errors: NDArray[np.float64]
-    max_errors: NDArray[np.float64]
-    motion_rms: NDArray[np.float64]
-    times: NDArray[np.float64] | None
-    unit: str | None
-    n_vertices: int
-    lengths: tuple[float, ...]
-    landmarks: Landmarks | None
-    condition: float
-    parameters: SignatureParameters
-    sequence_id: str
-    template_id: str
-    notes: tuple[str, ...]
-    provenance: dict[str, str]
-
-    @property
-    def topology(self) -> Topology | None:
-        """Topology whose modes were fitted; None for the spring modes of one mesh."""
-        return self.modes.topology
-
-    @property
-    def surface(self) -> str:
-        """Name of the topology, or "mesh" for the spring modes of one mesh."""
-        return "mesh" if self.topology is None else self.topology.name
-
-    @property
-    def body_amplitudes(self) -> NDArray[np.float64]:
-        """Amplitudes in the frame of the body, in which patients compare.
-
-        Returns
-        -------
-        (frames, modes, 3) float64, `unit`
-            Along theta_zero, across it, and along the axis; radial, tangential and axial ones
-            are of the body already, and so are those of a surface without an axis taken to be.
-        """
-        if self.landmarks is None or self.parameters.components != Components.CARTESIAN:
-            return self.amplitudes
-        turned: NDArray[np.float64] = self.amplitudes @ body_frame(self.landmarks).T
-        return turned
-
-    @property
-    def n_frames(self) -> int:
-        """Number of frames."""
-        return len(self.amplitudes)
-
-    @property
-    def rms_error(self) -> float:
-        """RMS error over all frames, `unit`."""
-        return _root_mean_square(self.rms_errors)
-
-    @property
-    def max_error(self) -> float:
-        """Largest error of any vertex in any frame, `unit`."""
-        return float(self.max_errors.max())
-
-    @property
-    def closure_gap(self) -> float:
-        """Distance of the last frame's amplitudes from the first's, over the usual step.
-
-        Near 1 for one turn of a cycle whose next frame would be the first, 0 where the last
-        frame repeats the first, large for a movement that does not come back; 0 without motion.
-        """
-        largest = float(np.abs(self.amplitudes).max(initial=0.0))
-        if self.n_frames < 2 or largest == 0.0:
-            return 0.0
-        a = self.amplitudes / largest
-        usual = _root_mean_square(np.linalg.norm(np.diff(a, axis=0), axis=(1, 2)))
-        return float(np.linalg.norm(a[-1] - a[0])) / usual if usual > 0 else 0.0
-
-    @property
-    def deformation_spectrum(self) -> NDArray[np.float64]:
-        """RMS amplitude of each mode over frames, directions added, (modes,) float64, `unit`."""
-        scale = np.abs(self.amplitudes).max(initial=0.0)
-        if scale == 0.0:
-            return np.zeros(len(self.modes))
-        squares = ((self.amplitudes / scale) ** 2).sum(axis=2).mean(axis=0)
-        spectrum: NDArray[np.float64] = scale * np.sqrt(squares)
-        return spectrum
-
-    @property
-    def strain_energy(self) -> NDArray[np.float64]:
-        """w^2 |a|^2 / 2 of each mode, per unit mass, (frames, modes) float64, `unit`^2 per s^2."""
-        velocities = self.angular_frequencies[:, None] * self.amplitudes
-        energy: NDArray[np.float64] = 0.5 * (velocities**2).sum(axis=2)
-        return energy
-
-    @property
-    def compression(self) -> float:
-        """Coordinates over amplitudes of one frame, 3N / 3 modes, as in Nastar 1994."""
-        return self.n_vertices / len(self.modes)
-
-    @property
-    def compression_of_sequence(self) -> float:
-        """Numbers in the whole sequence over those to keep: amplitudes and the reference."""
-        coordinates = 3 * self.n_vertices
-        return self.n_frames * coordinates / (self.n_frames * 3 * len(self.modes) + coordinates)
 
 
 def modal_signature(
@@ -215,8 +65,10 @@ def modal_signature(
         If the stated topology does not fit the surface.
     ModeCountError
         If it cannot tell that many modes apart.
+    ToleranceError
+        If no number of modes holds the tolerance.
     ParameterError
-        If there is no such reference frame.
+        If there is no such reference frame, or a tolerance in mm meets an unknown unit.
 
     Notes
     -----
@@ -225,18 +77,9 @@ def modal_signature(
     asked = SignatureParameters() if parameters is None else parameters
     given, sequence = sequence, resolve_sequence(sequence, asked)
     chosen = resolve_template(sequence, asked, template)
-    choice = choose_modes(chosen, asked.modes, sequence.grid)
-    modes = choice.modes
-    basis = make_basis(chosen, modes)
-    fit = fit_sequence(
-        sequence,
-        chosen,
-        basis,
-        reference=asked.reference,
-        remove_rotation=asked.remove_rotation,
-        components=asked.components,
-    )
-    notes = [*_notes_on_sequence(sequence, asked.reference), *chosen.notes, *choice.notes]
+    model = select_model(sequence, chosen, asked)
+    modes, fit = model.modes, model.fit
+    notes = [*_notes_on_sequence(sequence, asked.reference), *chosen.notes, *model.notes]
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
     if undetermined.size:
         notes.append(
@@ -250,7 +93,7 @@ def modal_signature(
         amplitudes=fit.amplitudes,
         angular_frequencies=frequencies_on(chosen, modes, asked.wave_speed),
         rotations=fit.rotations,
-        translations=_centroid_path(sequence, chosen.weights, asked.reference),
+        translations=model.translations,
         rms_errors=fit.rms_errors,
         p95_errors=fit.p95_errors,
         max_errors=fit.max_errors,
@@ -260,12 +103,13 @@ def modal_signature(
         n_vertices=sequence.n_vertices,
         lengths=chosen.lengths,
         landmarks=chosen.landmarks,
-        condition=basis.condition,
+        condition=model.condition,
         parameters=asked,
         sequence_id=given.id,
         template_id=chosen.id,
         notes=tuple(notes),
         provenance=provenance(),
+        choice=model.choice,
     )
 
 
@@ -311,17 +155,6 @@ def provenance() -> dict[str, str]:
     return {**{name: version(name) for name in packages}, "python": platform.python_version()}
 
 
-def _centroid_path(
-    sequence: MeshSequence, weights: NDArray[np.float64], reference: int
-) -> NDArray[np.float64]:
-    start = sequence.vertices[reference].astype(np.float64)
-    path = np.empty((sequence.n_frames, 3))
-    for frame, positions in enumerate(sequence.vertices):
-        # einsum adds in one order whatever the number of threads.
-        path[frame] = np.einsum("n,nc->c", weights, positions - start)
-    return path
-
-
 def _notes_on_sequence(sequence: MeshSequence, reference: int) -> list[str]:
     notes = []
     if sequence.n_frames == 1:
@@ -338,10 +171,3 @@ def _notes_on_sequence(sequence: MeshSequence, reference: int) -> list[str]:
                 f"to {step:.2g}, which no fit can undo. Store float64, or shift the origin."
             )
     return notes
-
-
-def _root_mean_square(values: NDArray[np.float64]) -> float:
-    largest = float(np.abs(values).max(initial=0.0))
-    if largest == 0.0:
-        return 0.0
-    return largest * float(np.sqrt(((values / largest) ** 2).mean()))

@@ -109,7 +109,8 @@ class SignatureParameters:
             if self.modes is not None:
                 raise _asked_twice(["modes", "amplitudes"])
             object.__setattr__(self, "modes", -(-amplitudes // 3))
-        asked = [name for name in _WAYS if getattr(self, name) not in (None, False)]
+        given = {name: getattr(self, name) for name in _WAYS}
+        asked = [name for name, value in given.items() if not (value is None or value is False)]
         if len(asked) > 1:
             raise _asked_twice(asked)
         if not asked:

@@ -43,7 +43,7 @@ class Harmonics:
     @property
     def most(self) -> int:
         """Largest number of harmonics."""
-        return (self.functions.shape[1] - self.n_functions(0)) // 2
+        return int(self.functions.shape[1] - self.n_functions(0)) // 2
 
     def n_functions(self, harmonics: int) -> int:
         """Numbers that each amplitude's path takes with so many harmonics."""
@@ -66,9 +66,7 @@ class Harmonics:
         return product(T, product(np.ascontiguousarray(T.T), flat)).reshape(amplitudes.shape)
 
 
-def harmonics_of(
-    n_frames: int, times: NDArray[np.float64] | None, *, is_closed: bool
-) -> Harmonics:
+def harmonics_of(n_frames: int, times: NDArray[np.float64] | None, *, is_closed: bool) -> Harmonics:
     """Make the functions of time of a sequence, as many as its frames tell apart.
 
     Parameters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from modalmotion.basis import LARGEST_CONDITION, Basis, inverse_of_triangle, tall_qr
 from modalmotion.errors import ModeCountError
-from modalmotion.modes import ModeSet, lowest_modes, shapes_at, whole_count
+from modalmotion.modes import ModeSet, shapes_at, whole_count
 from modalmotion.products import product
 from modalmotion.signature_parameters import MOST_MODES
 from modalmotion.spring_modes import SpringModes
@@ -19,6 +20,10 @@ from modalmotion.template import Template, choose_modes
 
 # Numbers in the shapes that are factored at once: 480 MB with their factor.
 _MOST_NUMBERS: Final = 30_000_000
+
+
+# Each spring mode is an eigenvector to solve for.
+_MOST_SPRINGS: Final = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +41,14 @@ class Ladder:
         Numbers of modes that split no cosine-sine pair, increasing.
     ends_because : str
         Why there is no larger set; empty if there may be one.
+    notes : tuple of str
+        What a user should know of the modes.
     """
 
     basis: Basis
     counts: NDArray[np.int64]
     ends_because: str
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def noise_shares(self) -> NDArray[np.float64]:
@@ -53,7 +61,8 @@ class Ladder:
         """
         # c = Q'W^(1/2) e = R P e, so E c_j^2 is the squared length of row j.
         rows = product(self.basis.triangle, self.basis.projector)
-        return np.einsum("jn,jn->j", rows, rows)
+        shares: NDArray[np.float64] = np.einsum("jn,jn->j", rows, rows)
+        return shares
 
     def modes(self, count: int) -> ModeSet | SpringModes:
         """First modes of the order."""
@@ -73,13 +82,12 @@ def ladder_of(template: Template, n_modes: int, grid: tuple[int, ...] | None = N
         Nodes along each axis of a lattice.
     """
     n, ends = most_modes_of(template, n_modes, grid)
-    if template.surface is None:
-        modes: ModeSet | SpringModes = choose_modes(template, n, grid).modes
+    choice = choose_modes(template, n, grid)
+    modes = choice.modes
+    if isinstance(modes, SpringModes):
+        shapes = modes.shapes
     else:
-        modes = lowest_modes(template.surface, n, grid)
-    shapes = modes.shapes if isinstance(modes, SpringModes) else shapes_at(
-        modes, template.coordinates
-    )
+        shapes = shapes_at(modes, template.coordinates)
     root = np.sqrt(template.weights)[:, None]
     Q, R = tall_qr(root * shapes)
     counts = whole_counts(modes)
@@ -89,7 +97,7 @@ def ladder_of(template: Template, n_modes: int, grid: tuple[int, ...] | None = N
         Q, R, shapes = Q[:, :sound], R[:sound, :sound], np.ascontiguousarray(shapes[:, :sound])
         modes, counts = first_modes(modes, sound), counts[counts <= sound]
     projector = product(inverse_of_triangle(R), np.ascontiguousarray((root * Q).T))
-    return Ladder(Basis(modes, shapes, projector, R, condition), counts, ends)
+    return Ladder(Basis(modes, shapes, projector, R, condition), counts, ends, choice.notes)
 
 
 def most_modes_of(
@@ -103,11 +111,17 @@ def most_modes_of(
         (n_memory, f"the shapes of more than {n_memory} modes exceed the memory set aside"),
         (MOST_MODES, f"a signature has at most {MOST_MODES} modes"),
     ]
+    if template.surface is None:
+        limits.append((_MOST_SPRINGS, f"no more than {_MOST_SPRINGS} spring modes are solved for"))
     most, reason = min(limits, key=lambda limit: limit[0])
     if n_modes < most:
         most, reason = n_modes, ""
-    if template.surface is not None and not _is_whole(template, most, grid):
-        most += 1 if not reason else -1
+    if template.surface is not None:
+        if grid is not None:
+            most = min(most, math.prod(grid))
+        whole = whole_count(template.surface, most, grid)
+        # Not beyond what ends the order.
+        most = whole if whole == most or not reason else most - 1
     return most, reason
 
 
@@ -129,10 +143,6 @@ def first_modes(modes: ModeSet | SpringModes, count: int) -> ModeSet | SpringMod
         modes.connectivity_id,
         modes.mean_valence,
     )
-
-
-def _is_whole(template: Template, count: int, grid: tuple[int, ...] | None) -> bool:
-    return whole_count(template.topology, count, grid) == count
 
 
 def _sound(R: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[int, float]:

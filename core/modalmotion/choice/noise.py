@@ -54,9 +54,7 @@ class Noise:
         """Say what was estimated and how."""
         size = f"{self.sigma:.3g} {unit or 'length units'}"
         if self.sigma <= self.rounding:
-            return (
-                f"The noise is that of the stored numbers, {size} a coordinate; no other shows."
-            )
+            return f"The noise is that of the stored numbers, {size} a coordinate; no other shows."
         if not self.n_values:
             return f"The noise cannot be told from one frame; {size} was assumed."
         text = (
@@ -142,7 +140,7 @@ def _residual(
     frames = np.arange(0, sequence.n_frames, -(-sequence.n_frames // _MOST_FRAMES))
     basis = ladder.basis
     # Orthonormal shapes psi = Phi R^-1 and coefficients c = R a.
-    c = np.einsum("jk,fkd->fjd", basis.triangle[:m], fit.amplitudes[frames])
+    c = basis.triangle[:m] @ fit.amplitudes[frames]
     rows = basis.triangle[:m] @ basis.projector[:, counted]
     psi = rows.T / weights[counted, None]
     gram = (psi * weights[counted, None] ** 2).T @ psi
@@ -150,7 +148,7 @@ def _residual(
     # r = e - psi psi'W e: variance 1 - 2 w |psi|^2 + psi' (sum w^2 psi psi') psi
     own = psi[at]
     left = 1.0 - 2.0 * weights[some] * (own**2).sum(axis=1)
-    left += np.einsum("nj,jk,nk->n", own, gram, own)
+    left += ((own @ gram) * own).sum(axis=1)
     u = np.concatenate(
         [
             block[:, some]
@@ -159,10 +157,11 @@ def _residual(
             )
         ]
     )[frames]
-    r = u - np.einsum("nj,fjd->fnd", own, c)
+    r = u - own @ c
     share = 1.0 - m / len(counted)
     r *= np.sqrt(share / np.maximum(left, 0.1 * share))[:, None]
-    return r.reshape(len(r), -1)
+    flat: NDArray[np.float64] = r.reshape(len(r), -1)
+    return flat
 
 
 def _rounding(sequence: MeshSequence) -> float:
@@ -184,7 +183,9 @@ def _marchenko_pastur(q: float, beta: float) -> float:
         # x = low + (high - low) sin^2(t / 2) takes the roots' ends out of the integrand.
         def density(angle: float) -> float:
             x = low + (high - low) * np.sin(angle / 2) ** 2
-            return float(((high - low) * np.sin(angle) / 2) ** 2 / (2 * np.pi * beta * max(x, 1e-300)))
+            return float(
+                ((high - low) * np.sin(angle) / 2) ** 2 / (2 * np.pi * beta * max(x, 1e-300))
+            )
 
         return float(quad(density, 0.0, t, limit=200)[0])
 
