@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.choice.harmonics import Harmonics
+from modalmotion.choice.harmonics import Harmonics, n_functions
 from modalmotion.fit import Basis, Fit
 from modalmotion.products import product
 
@@ -85,7 +85,7 @@ class Energies:
         by_function = (along.reshape(-1, m, 3) ** 2).sum(axis=2) / f
         left = (beyond.reshape(f, m, 3) ** 2).sum(axis=(0, 2)) / f
         # Of the modes that are kept, what later functions of time would hold is lost.
-        n = [harmonics.n_functions(h) for h in range(harmonics.most + 1)]
+        n = [min(n_functions(h), T.shape[1]) for h in range(harmonics.most + 1)]
         lost = left + _dropped(by_function)[n]
         kept = np.concatenate([np.zeros((len(n), 1)), np.cumsum(lost, axis=1)], axis=1)
         by_mode = by_function.sum(axis=0) + left

@@ -17,37 +17,27 @@ MOST_HARMONICS: Final = 64
 # Uneven times tell harmonics apart up to this condition.
 _LARGEST_CONDITION: Final = 1e3
 
-# A gap from the last frame to the first of this many usual steps still closes a cycle.
-CLOSED_GAP: Final = 2.0
-
 
 @dataclass(frozen=True, eq=False)
 class Harmonics:
     """Orthonormal functions of the frames, the slow ones first.
 
-    A constant, for a movement that does not come back a straight line in time, then cosine
-    and sine of each harmonic: least squares on the times as they are, even or not, and no
-    cycle is closed by force.
+    A constant and a straight line in time, then cosine and sine of each harmonic: least
+    squares on the times as they are, even or not. The line takes up what a movement that does
+    not come back ends away from its beginning, so that no cycle is closed by force.
 
     Parameters
     ----------
     functions : (frames, functions) float64
         Orthonormal columns.
-    is_closed : bool
-        Whether the frames are one turn of a cycle.
     """
 
     functions: NDArray[np.float64]
-    is_closed: bool
 
     @property
     def most(self) -> int:
         """Largest number of harmonics."""
-        return int(self.functions.shape[1] - self.n_functions(0)) // 2
-
-    def n_functions(self, harmonics: int) -> int:
-        """Numbers that each amplitude's path takes with so many harmonics."""
-        return 2 * harmonics + (1 if self.is_closed else 2)
+        return max(int(self.functions.shape[1]) - 2, 0) // 2
 
     def limited(self, amplitudes: NDArray[np.float64], harmonics: int) -> NDArray[np.float64]:
         """Limit paths over time to so many harmonics.
@@ -61,27 +51,30 @@ class Harmonics:
         -------
         (frames, modes, 3) float64
         """
-        T = np.ascontiguousarray(self.functions[:, : self.n_functions(harmonics)])
+        T = np.ascontiguousarray(self.functions[:, : n_functions(harmonics)])
         flat = np.ascontiguousarray(amplitudes.reshape(len(amplitudes), -1))
         return product(T, product(np.ascontiguousarray(T.T), flat)).reshape(amplitudes.shape)
 
 
-def harmonics_of(n_frames: int, times: NDArray[np.float64] | None, *, is_closed: bool) -> Harmonics:
+def n_functions(harmonics: int) -> int:
+    """Count the numbers of each amplitude's path: the line's two besides the harmonics'."""
+    return 2 * harmonics + 2
+
+
+def harmonics_of(n_frames: int, times: NDArray[np.float64] | None) -> Harmonics:
     """Make the functions of time of a sequence, as many as its frames tell apart.
 
     Parameters
     ----------
     n_frames : int
     times : (frames,) float64, s, or None
-        Even steps if there are none.
-    is_closed : bool
-        One turn of a cycle, whose frame after the last would be the first.
+        Even steps if there are none. One turn of a cycle is one even step longer.
     """
     at = np.arange(n_frames, dtype=np.float64) if times is None else times - times[0]
     if n_frames == 1:
-        return Harmonics(np.ones((1, 1)), True)
+        return Harmonics(np.ones((1, 1)))
     x = at / (at[-1] * n_frames / (n_frames - 1))
-    columns = [np.ones(n_frames)] if is_closed else [np.ones(n_frames), x - x.mean()]
+    columns = [np.ones(n_frames), x - x.mean()]
     for p in range(1, MOST_HARMONICS + 1):
         if len(columns) + 2 > n_frames:
             break
@@ -90,7 +83,7 @@ def harmonics_of(n_frames: int, times: NDArray[np.float64] | None, *, is_closed:
             break
         columns += pair
     functions, R = np.linalg.qr(np.stack(columns, axis=1))
-    return Harmonics(functions * np.where(np.diag(R) < 0, -1.0, 1.0), is_closed)
+    return Harmonics(functions * np.where(np.diag(R) < 0, -1.0, 1.0))
 
 
 def require_harmonics(harmonics: int, found: Harmonics) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.basis import Basis, make_basis
-from modalmotion.choice.harmonics import CLOSED_GAP, Harmonics, harmonics_of, require_harmonics
+from modalmotion.choice.harmonics import harmonics_of, require_harmonics
 from modalmotion.choice.model_choice import ModelChoice
 from modalmotion.choice.scene import LinearMotion
 from modalmotion.displacements import no_rotations
@@ -17,7 +17,7 @@ from modalmotion.modes import ModeSet
 from modalmotion.sequence import MeshSequence
 from modalmotion.signature_parameters import ErrorKind, SignatureParameters
 from modalmotion.spring_modes import SpringModes
-from modalmotion.superposition import Superposition, distances, measured
+from modalmotion.superposition import Superposition, measured
 from modalmotion.template import Template
 
 
@@ -84,7 +84,7 @@ def fit_model(
     model = Model(modes, fit, path, basis.condition)
     amplitudes = fit.amplitudes
     if asked.harmonics is not None:
-        functions = functions_of_time(sequence, template)
+        functions = harmonics_of(sequence.n_frames, sequence.times)
         require_harmonics(asked.harmonics, functions)
         amplitudes = functions.limited(amplitudes, asked.harmonics)
     if normal is not None:
@@ -145,18 +145,6 @@ def fit_with(
         remove_rotation=asked.remove_rotation,
         components=asked.components,
     )
-
-
-def functions_of_time(sequence: MeshSequence, template: Template) -> Harmonics:
-    """Functions of time of a sequence, periodic only if its frames are one turn of a cycle."""
-    x = sequence.vertices
-    steps = [
-        root_mean_square(distances((x[i] - x[j].astype(np.float64))[None], template)[0])
-        for i, j in zip(range(len(x)), [*range(1, len(x)), 0], strict=True)
-    ]
-    usual = root_mean_square(np.array(steps[:-1])) if len(x) > 1 else 0.0
-    gap = steps[-1] / usual if usual > 0 else 0.0
-    return harmonics_of(sequence.n_frames, sequence.times, is_closed=gap <= CLOSED_GAP)
 
 
 def closure_gap(amplitudes: NDArray[np.float64]) -> float:

@@ -128,7 +128,7 @@ def _residual(
     reference: int,
     remove_rotation: bool,
 ) -> NDArray[np.float64]:
-    """What the first m modes leave, in units of its noise where the coordinates' is 1.
+    """Take the first m modes out, in units of its noise where the coordinates' is 1.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def _residual(
 
 
 def _rounding(sequence: MeshSequence) -> float:
-    """Standard deviation that rounding to the stored type adds to a coordinate."""
+    """Give the standard deviation that rounding to the stored type adds to a coordinate."""
     largest = float(np.abs(sequence.vertices).max(initial=0.0))
     step = float(np.spacing(sequence.vertices.dtype.type(largest)))
     return step / float(np.sqrt(12.0))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from modalmotion.body_frame import Components
 from modalmotion.choice.energies import Energies, energies_of
 from modalmotion.choice.energy_order import by_energy
-from modalmotion.choice.harmonics import require_harmonics
+from modalmotion.choice.harmonics import harmonics_of, require_harmonics
 from modalmotion.choice.ladder import Ladder, ladder_of
 from modalmotion.choice.largest_errors import largest_errors
 from modalmotion.choice.limit import (
@@ -22,7 +22,7 @@ from modalmotion.choice.limit import (
     simplest,
     simplest_with_noise,
 )
-from modalmotion.choice.model import Model, fit_model, fit_with, functions_of_time, static_model
+from modalmotion.choice.model import Model, fit_model, fit_with, static_model
 from modalmotion.choice.model_choice import ModelChoice
 from modalmotion.choice.noise import Noise, estimate_noise
 from modalmotion.choice.scene import NUMBERS, Scene, SceneKind, scene_of
@@ -180,7 +180,7 @@ class _Errors:
             return self.bound(counts)
         limited = self.energies
         if self.asked.harmonics is not None:
-            functions = functions_of_time(self.sequence, self.template)
+            functions = harmonics_of(self.sequence.n_frames, self.sequence.times)
             paths = functions.limited(limited.coefficients, self.asked.harmonics)
             limited = replace(limited, coefficients=paths)
         return largest_errors(
@@ -200,7 +200,7 @@ class _Errors:
         return best
 
     def _joint(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
-        functions = functions_of_time(self.sequence, self.template)
+        functions = harmonics_of(self.sequence.n_frames, self.sequence.times)
         harmonics = self.asked.harmonics or 0
         require_harmonics(harmonics, functions)
         return self.energies.joint_rms(counts, functions)[:, harmonics]
