@@ -238,7 +238,7 @@ def _until_noise(
     while True:
         ladder, fit = _ladder(sequence, template, asked, n)
         count = least_risk(ladder, energies_of(ladder.basis, fit), noise)
-        if ladder.ends_because or n >= most or 2 * count <= ladder.counts[-1]:
+        if ladder.ends_because or n >= most or 4 * count <= 3 * ladder.counts[-1]:
             break
         n = min(2 * n, most)
     normal = None
