@@ -10,6 +10,7 @@ from modalmotion.cli.analysis_commands import classify, reconstruct, signature
 from modalmotion.cli.codec_commands import decode, encode
 from modalmotion.cli.simulate_command import simulate
 from modalmotion.cli.store_commands import store
+from modalmotion.cli.tradeoff_command import tradeoff
 from modalmotion.errors import ModalMotionError
 
 
@@ -43,5 +44,5 @@ def main() -> None:
     """Modal signatures and classes of nonrigidly moving surfaces."""
 
 
-for command in (signature, reconstruct, encode, decode, classify, simulate, store):
+for command in (signature, reconstruct, encode, decode, classify, simulate, store, tradeoff):
     main.add_command(command)
