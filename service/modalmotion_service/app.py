@@ -26,6 +26,7 @@ from modalmotion_service.routes import (
     sequences,
     signatures,
     templates,
+    tradeoff,
 )
 from modalmotion_service.settings import Settings
 from modalmotion_service.spool import Spool
@@ -75,6 +76,16 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.add_middleware(Concurrency, most=chosen.max_concurrent_requests)
     app.add_middleware(Observation)
-    for module in (sequences, signatures, templates, codec, classifications, jobs, limits, health):
+    for module in (
+        sequences,
+        signatures,
+        tradeoff,
+        templates,
+        codec,
+        classifications,
+        jobs,
+        limits,
+        health,
+    ):
         app.include_router(module.router)
     return app

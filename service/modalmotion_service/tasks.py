@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from modalmotion.body_frame import Components
 from modalmotion.classify import Classification, classify, load_model
 from modalmotion.codec import decode, encode
 from modalmotion.comparison import Comparison, compare
@@ -48,13 +49,16 @@ from modalmotion.store import (
     write_pack,
 )
 from modalmotion.superposed import SurfaceFormat, write_superposed
-from modalmotion_service.negotiation import NPZ, RAW, VTKHDF
+from modalmotion.tradeoff import measure_tradeoff
+from modalmotion.tradeoff.plain import as_plain
+from modalmotion_service.negotiation import NPZ, PNG, RAW, VTKHDF
 from modalmotion_service.schemas import (
     EncodedAnswer,
     EncodingTarget,
     ReadingAnswer,
     SignatureAnswer,
     TemplateAnswer,
+    TradeoffAnswer,
 )
 
 
@@ -154,6 +158,32 @@ def draw_template(path: Path) -> bytes:
     buffer = io.BytesIO()
     template_figure(template_from_hdf5(path)).savefig(buffer, format="png")
     return buffer.getvalue()
+
+
+def measure_trade(
+    sequence: Path,
+    parameters: SignatureParameters,
+    front_modes: int,
+    components: Components | None,
+    template: Path | None,
+    media_type: str,
+    output: Path,
+) -> dict[str, float]:
+    """Measure the trade on a kept sequence, as JSON or PNG; gives milliseconds by stage."""
+    found = measure_tradeoff(
+        sequence_from_hdf5(sequence),
+        parameters,
+        most_modes=front_modes,
+        components=None if components is None else (components,),
+        template=None if template is None else template_from_hdf5(template),
+    )
+    if media_type == PNG:
+        from modalmotion.tradeoff.picture import tradeoff_figure
+
+        tradeoff_figure(found).savefig(output, format="png")
+    else:
+        output.write_text(TradeoffAnswer(**as_plain(found)).model_dump_json())
+    return dict(found.milliseconds)
 
 
 def superpose(

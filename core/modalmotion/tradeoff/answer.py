@@ -25,6 +25,7 @@ from modalmotion.tradeoff.front import MOST_OF_FRONT, Branch, Front, measure_fro
 
 # Sets whose fits are timed, the largest and ever smaller ones.
 _TIMED: Final = 5
+_REPEATS: Final = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +150,12 @@ def _fit_milliseconds(
     times = {}
     for count in branch.counts[places[places >= 0]].tolist():
         modes = choose_modes(template, count, sequence.grid).modes
-        watch = Stopwatch()
-        with watch.stage("fit"):
-            fit_with(sequence, template, make_basis(template, modes), asked)
-        times[count] = watch.milliseconds["fit"]
+        spent = []
+        for _ in range(_REPEATS):
+            watch = Stopwatch()
+            with watch.stage("fit"):
+                fit_with(sequence, template, make_basis(template, modes), asked)
+            spent.append(watch.milliseconds["fit"])
+        # The quickest is the one that met least other work.
+        times[count] = min(spent)
     return times

@@ -94,8 +94,8 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
         panel.set(xscale="log", yscale="log", xlabel=label, ylim=(0.7 * smallest, 1.5 * largest))
         panel.grid(True, which="both", color="#e4e4e4", linewidth=0.6)
     panels[0].set_ylabel(f"RMS error ({unit})")
-    panels[0].legend(fontsize=8, loc="lower left")
-    panels[1].legend(fontsize=8, loc="lower left")
+    panels[0].legend(fontsize=8, loc="upper right")
+    panels[1].legend(fontsize=8, loc="upper right")
     _plain_ticks(panels[0].yaxis)
     _plain_ticks(panels[0].xaxis)
     if has_times:
@@ -165,6 +165,8 @@ def _draw_times(panel: Any, tradeoff: Tradeoff, factor: float, unit: str) -> Non
     panel.title.set_fontsize(9)
     panel.margins(x=0.15, y=0.25)
     panel.grid(True, which="both", color="#e4e4e4", linewidth=0.6)
+    chosen = max(tradeoff.chosen.price.amplitudes_per_frame, 1)
+    panel.axvline(chosen, color=_CHOSEN, linewidth=0.8, linestyle="--", zorder=1)
     per_frame = 8 * tradeoff.front.n_frames
     above = panel.secondary_xaxis(
         "top", functions=(lambda a: a * per_frame, lambda b: b / per_frame)

@@ -42,6 +42,7 @@ from modalmotion_service.schemas.signatures import (
     SignatureQuery,
     TemplateAnswer,
 )
+from modalmotion_service.schemas.tradeoff import PriceAnswer, TradeoffAnswer
 
 __all__ = [
     "GRID",
@@ -62,6 +63,7 @@ __all__ = [
     "Label",
     "LandmarksAnswer",
     "ManySignatures",
+    "PriceAnswer",
     "Problem",
     "ReadingAnswer",
     "ReadingQuery",
@@ -72,6 +74,7 @@ __all__ = [
     "SignatureAnswer",
     "SignatureQuery",
     "TemplateAnswer",
+    "TradeoffAnswer",
     "UploadQuery",
     "parse_grid",
     "parse_place",
