@@ -76,11 +76,11 @@ class Superposition:
         u = self.shapes @ amplitudes
         if self.frames is not None:
             u = from_local(u, self.frames)
+        # R (x - c + u - d) + c + d, so written that what does not move stays to the last bit.
         drift = translations[:, None, :]
-        x: NDArray[np.float64] = (self.start - self.centre + u - drift) @ matrices.transpose(
-            0, 2, 1
-        )
-        x += self.centre + drift
+        turned = (self.start - self.centre + u - drift) @ (matrices - np.eye(3)).transpose(0, 2, 1)
+        x: NDArray[np.float64] = self.start + u
+        x += turned
         return x
 
 
