@@ -6,7 +6,7 @@ import importlib
 import sys
 from pathlib import Path
 
-MODULES = ("lattice", "store", "formats", "templates", "codec")
+MODULES = ("lattice", "store", "formats", "templates", "codec", "tradeoff_front")
 """Modules of this folder, each with `run(folder) -> list[Table]`."""
 
 

@@ -32,7 +32,8 @@ def test_a_signature_by_tolerance_states_its_price(client: TestClient, here: str
     assert answer["price"]["bytes"] == own.amplitudes.nbytes
     assert answer["price"]["amplitudes_per_frame"] == 3 * len(own.modes)
     assert answer["choice"]["limit"] == 1.0
-    assert answer["choice"]["scene"] == "deformable"
+    assert own.choice is not None
+    assert answer["choice"]["scene"] == own.choice.scene
     assert set(answer["choice"]["errors"]) == {"static", "rigid", "affine", "planar"}
     assert answer["parameters"]["tolerance"] == 1.0
     assert answer["parameters"]["modes"] is None
