@@ -58,7 +58,7 @@ def random_sequence(rng: np.random.Generator) -> MeshSequence:
         )
     if kind == 2:
         topology = str(rng.choice(["plane", "cylinder", "torus", "cup", "sphere"]))
-        grid = (int(rng.integers(2, 7)), 2 * int(rng.integers(2, 5)))
+        grid: tuple[int, ...] = (int(rng.integers(2, 7)), 2 * int(rng.integers(2, 5)))
     else:
         topology = str(rng.choice(["open curve", "closed curve"]))
         grid = (int(rng.integers(4, 30)),)
@@ -122,9 +122,9 @@ def violations_of(sequence: MeshSequence, asked: SignatureParameters) -> list[st
     elif asked.tolerance_share is not None:
         assert signature.choice is not None
         limit = signature.choice.limit
-    stated = signature.max_error if asked.tolerance_of == ErrorKind.MAX else signature.rms_error
-    if limit is not None and stated > limit:
-        found.append(f"{stated} exceeds {limit}: {asked}")
+    error = signature.max_error if asked.tolerance_of == ErrorKind.MAX else signature.rms_error
+    if limit is not None and error > limit:
+        found.append(f"{error} exceeds {limit}: {asked}")
     return found
 
 

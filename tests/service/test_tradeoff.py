@@ -104,7 +104,11 @@ def test_the_front_and_the_chosen_point(client: TestClient, here: str) -> None:
 
 
 def test_components_and_topology_can_be_the_only_ones(client: TestClient, here: str) -> None:
-    asked = {"components": "cylindrical", "topology": "cylinder", "front_modes": 7}
+    asked: dict[str, str | int] = {
+        "components": "cylindrical",
+        "topology": "cylinder",
+        "front_modes": 7,
+    }
     answer = client.get(f"{here}/tradeoff", params=asked).json()
     assert [(b["topology"], b["components"]) for b in answer["front"]] == [
         ("cylinder", "cylindrical")
