@@ -122,9 +122,9 @@ def violations_of(sequence: MeshSequence, asked: SignatureParameters) -> list[st
     elif asked.tolerance_share is not None:
         assert signature.choice is not None
         limit = signature.choice.limit
-    error = signature.max_error if asked.tolerance_of == ErrorKind.MAX else signature.rms_error
-    if limit is not None and error > limit:
-        found.append(f"{error} exceeds {limit}: {asked}")
+    own = signature.max_error if asked.tolerance_of == ErrorKind.MAX else signature.rms_error
+    if limit is not None and own > limit:
+        found.append(f"{own} exceeds {limit}: {asked}")
     return found
 
 
