@@ -11,6 +11,7 @@ import numpy as np
 from measure import Table, in_words, side_by_side
 from numpy.typing import NDArray
 
+from modalmotion.basis import basis_of
 from modalmotion.clinical import ClinicalReadouts, clinical_readouts
 from modalmotion.formats import read_npz
 from modalmotion.mesh import Cavity, cavity_of
@@ -129,7 +130,7 @@ def cohort(n_per_class: int) -> Iterator[MeshSequence]:
 def reading(sequence: MeshSequence, parameters: SignatureParameters) -> Reading:
     signature = modal_signature(sequence, parameters)
     found = clinical_readouts(signature, sequence)
-    template, _ = fitted_on(signature, sequence)
+    template = fitted_on(signature, sequence)
     cavity = cavity_of(template.faces, template.n_vertices)
     alone = np.abs(cavity.volume(reconstruct(signature, sequence)))
     frame = found.mesh_curve.end_systole
@@ -151,7 +152,8 @@ def first_order_bound(
     r, what the modes leave, is orthogonal to them, and n is the gradient of the volume. The
     remainder of second order, with which alone it would be a bound, is left out.
     """
-    template, basis = fitted_on(signature, sequence)
+    template = fitted_on(signature, sequence)
+    basis = basis_of(signature.modes, template)
     x = reconstruct(signature, sequence, [frame])[0]
     turned = signature.rotations.matrices[frame]
     W = template.weights

@@ -13,6 +13,7 @@ MODULES = (
     "templates",
     "readouts",
     "tradeoff",
+    "tradeoff_front",
     "codec",
     "classification",
     "load",

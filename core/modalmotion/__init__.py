@@ -16,6 +16,7 @@ from modalmotion.errors import (
     ParameterError,
     ShapeError,
     StoreError,
+    ToleranceError,
     TopologyError,
 )
 
@@ -73,6 +74,7 @@ __all__ = [
     "SignatureParameters",
     "StoreError",
     "Template",
+    "ToleranceError",
     "Topology",
     "TopologyError",
     "VentricleParameters",

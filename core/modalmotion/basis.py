@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ModeCountError
 from modalmotion.modes import ModeSet, shapes_at
 from modalmotion.products import product
-from modalmotion.spring_modes import SpringModes
+from modalmotion.spring_modes import SpringModes, SpringSpectrum, spring_modes
 from modalmotion.template import Template
 
 # Amplitudes lose this factor of the data's precision; beyond it they are not worth giving.
@@ -74,6 +74,20 @@ def make_basis(template: Template, modes: ModeSet | SpringModes) -> Basis:
     else:
         shapes = shapes_at(modes, template.coordinates)
     return factored(modes, shapes, template.weights)
+
+
+def basis_of(modes: ModeSet | SpringSpectrum, template: Template) -> Basis:
+    """Factor the modes that a signature names, on its template.
+
+    Parameters
+    ----------
+    modes : ModeSet or SpringSpectrum
+    template : Template
+    """
+    if isinstance(modes, SpringSpectrum):
+        own = spring_modes(template.faces, template.n_vertices, len(modes))
+        return make_basis(template, own)
+    return make_basis(template, modes)
 
 
 def factored(

@@ -11,6 +11,7 @@
     │   ├── TopologyError               a surface without the asked natural coordinates
     │   ├── ModeCountError              more modes than the surface can determine, or none
     │   ├── ParameterError              an option outside its range
+    │   ├── ToleranceError              an error that no number of modes holds
     │   └── LimitError                  larger than a stated limit
     └── StoreError                      results that cannot be kept or read back
         ├── NotFoundError               nothing is kept under that id
@@ -120,6 +121,12 @@ class ParameterError(InputError):
     """An option lies outside its range."""
 
     code = "bad_parameter"
+
+
+class ToleranceError(InputError):
+    """No number of modes holds the error that was asked for; the best is in the details."""
+
+    code = "tolerance_unreachable"
 
 
 class LimitError(InputError):

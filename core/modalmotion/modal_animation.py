@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.basis import make_basis
 from modalmotion.body_frame import Components
 from modalmotion.errors import ParameterError
 from modalmotion.formats.gltf.morph_animation import MorphAnimation
 from modalmotion.sequence import MeshSequence
 from modalmotion.signature import ModalSignature, resolve_sequence, resolve_template
-from modalmotion.template import Template, choose_modes
+from modalmotion.superposition import mode_shapes
+from modalmotion.template import Template
 
 
 def modal_animation(
@@ -64,11 +64,10 @@ def modal_animation(
         )
     resolved = resolve_sequence(sequence, asked)
     used = resolve_template(resolved, asked, template)
-    modes_of_mesh = choose_modes(used, len(signature.modes), resolved.grid).modes
     start = sequence.vertices[asked.reference].astype(np.float64)
     centre = used.weights @ start
     # (2) u = sum_p a_p phi_p, each shape taken about its own mean, which moves the whole.
-    phi = make_basis(used, modes_of_mesh).shapes
+    phi = mode_shapes(signature.modes, used)
     means = used.weights @ phi
     a = signature.amplitudes
     drift = np.einsum("m,fmd->fd", means, a)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.basis import Basis, make_basis
-from modalmotion.body_frame import Components, from_local, local_frames
 from modalmotion.errors import ParameterError
 from modalmotion.sequence import MeshSequence
 from modalmotion.signature import ModalSignature, resolve_sequence, resolve_template
-from modalmotion.template import Template, choose_modes
+from modalmotion.superposition import Superposition, mode_shapes
+from modalmotion.template import Template
 
 
 def reconstruct(
@@ -41,26 +40,27 @@ def reconstruct(
     ParameterError
         If the sequence is not the one the signature was made from.
     """
-    used, basis = fitted_on(signature, sequence, template)
     asked = signature.parameters
-    start = sequence.vertices[asked.reference].astype(np.float64)
-    centre = used.weights @ start
+    used = fitted_on(signature, sequence, template)
+    on = Superposition.on(
+        sequence,
+        used,
+        mode_shapes(signature.modes, used),
+        reference=asked.reference,
+        components=asked.components,
+    )
     chosen = slice(None) if frames is None else np.asarray(frames)
-    # (2) u = sum_p a_p phi_p
-    u = basis.shapes @ signature.amplitudes[chosen]
-    if asked.components != Components.CARTESIAN:
-        u = from_local(u, local_frames(used))
-    drift = signature.translations[chosen][:, None, :]
-    R = signature.rotations.matrices[chosen]
-    positions: NDArray[np.float64] = (start - centre + u - drift) @ R.transpose(0, 2, 1)
-    positions += centre + drift
-    return positions
+    return on.positions(
+        signature.amplitudes[chosen],
+        signature.rotations.matrices[chosen],
+        signature.translations[chosen],
+    )
 
 
 def fitted_on(
     signature: ModalSignature, sequence: MeshSequence, template: Template | None = None
-) -> tuple[Template, Basis]:
-    """Give the template and the modes that a signature's amplitudes belong to.
+) -> Template:
+    """Give the template that a signature's amplitudes belong to.
 
     Parameters
     ----------
@@ -81,6 +81,4 @@ def fitted_on(
             remedy="Give the sequence whose id the signature names.",
         )
     resolved = resolve_sequence(sequence, signature.parameters)
-    used = resolve_template(resolved, signature.parameters, template)
-    modes = choose_modes(used, len(signature.modes), resolved.grid).modes
-    return used, make_basis(used, modes)
+    return resolve_template(resolved, signature.parameters, template)

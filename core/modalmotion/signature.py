@@ -1,30 +1,22 @@
-"""The modal signature: everything an answer says of one sequence."""
+"""Making modal signatures."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 import platform
-from dataclasses import asdict, dataclass, field
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from importlib.metadata import version
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.body_frame import Components, body_frame
-from modalmotion.errors import ModeCountError, ParameterError
-from modalmotion.fit import fit_sequence
-from modalmotion.modes import ModeSet
-from modalmotion.rigid import Rotations
+from modalmotion.choice.selection import select_model
+from modalmotion.errors import ParameterError
 from modalmotion.sequence import MeshSequence
-from modalmotion.spring_modes import SpringModes, SpringSpectrum
+from modalmotion.signature_parameters import MOST_MODES, SignatureParameters
+from modalmotion.signature_value import ModalSignature
+from modalmotion.spring_modes import SpringModes
 from modalmotion.template import (
-    GivenLandmarks,
-    Landmarks,
     Template,
-    Weights,
     frequencies_on,
     make_template,
     require_same_mesh,
@@ -32,222 +24,21 @@ from modalmotion.template import (
 from modalmotion.template_cache import TemplateCache
 from modalmotion.topology import Topology
 
+__all__ = [
+    "INTENDED_USE",
+    "MOST_MODES",
+    "ModalSignature",
+    "SignatureParameters",
+    "modal_signature",
+    "provenance",
+    "resolve_sequence",
+    "resolve_template",
+]
+
 INTENDED_USE: Final = (
     "Description of surface motion for research and tool development. Not a medical device; "
     "not for diagnosis."
 )
-
-# Above this a signature is no longer compact, and a typing error is more likely.
-MOST_MODES: Final = 2000
-
-FASTEST_WAVE: Final = 1e100
-"""Largest wave speed, length unit per s."""
-
-
-@dataclass(frozen=True)
-class SignatureParameters:
-    """What a signature is asked for.
-
-    Parameters
-    ----------
-    modes : int
-        Number of modes; each has three amplitudes a frame. Rounded up where a pair would be
-        split.
-    topology : str or None
-        Name of the topology, over what the sequence states.
-    grid : tuple of int or None
-        Lattice shape, over what the sequence states.
-    reference : int
-        Frame from which displacements are measured.
-    weights : Weights
-    remove_rotation : bool
-    wave_speed : float, length unit per s
-        c of w = c k, which frequencies and strain energy are stated with.
-    components : Components
-        What the three amplitudes of a mode stand for: x, y, z or radial, tangential, axial.
-    landmarks : GivenLandmarks
-        Places that are stated and not left to the shape.
-    closed_form : bool
-        False asks for the spring modes of the mesh itself, whatever its topology.
-    template : str or None
-        Id of a template to use in place of one made from the sequence's own reference.
-    """
-
-    modes: int = 7
-    topology: str | None = None
-    grid: tuple[int, ...] | None = None
-    reference: int = 0
-    weights: Weights = Weights.AREA
-    remove_rotation: bool = True
-    wave_speed: float = 1.0
-    components: Components = Components.CARTESIAN
-    landmarks: GivenLandmarks = field(default_factory=GivenLandmarks)
-    closed_form: bool = True
-    template: str | None = None
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.modes <= MOST_MODES:
-            raise ModeCountError(
-                f"{self.modes} modes were asked for; a signature has 1 to {MOST_MODES}.",
-                remedy=f"Ask for 1 to {MOST_MODES} modes; 7 is the usual number.",
-                details={"modes": self.modes, "most": MOST_MODES},
-            )
-        # Beyond it the energy, which has its square, may be no number.
-        if not 0 < self.wave_speed <= FASTEST_WAVE:
-            raise ParameterError(
-                f"The wave speed is {self.wave_speed}.",
-                remedy=f"Use a speed above zero, at most {FASTEST_WAVE:g}.",
-            )
-
-    @cached_property
-    def key(self) -> str:
-        """Short name of this choice of parameters, for file names and ETags."""
-        text = json.dumps(asdict(self), sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-@dataclass(frozen=True, eq=False)
-class ModalSignature:
-    """Amplitude trajectory of a sequence, with its error and where it comes from.
-
-    Parameters
-    ----------
-    modes : ModeSet or SpringSpectrum
-        In closed form; or, where the surface has no natural coordinates, of its own mesh.
-    amplitudes : (frames, modes, 3) float64, `unit`
-        Along the directions that `parameters.components` names.
-    angular_frequencies : (modes,) float64, rad per s
-        Continuum limit w = c k on `lengths`, with c = `wave_speed`.
-    rotations : Rotations
-        The rotation trajectory, removed before the fit.
-    translations : (frames, 3) float64, `unit`
-        Path of the weighted centroid from the reference's. It is part of the amplitudes too,
-        and needed beside them where they are not along x, y, z.
-    rms_errors, p95_errors, max_errors : (frames,) float64, `unit`
-        Distances between vertices and their reconstruction in each frame; RMS and 95th
-        percentile are over the surface, the maximum over all vertices.
-    motion_rms : (frames,) float64, `unit`
-        RMS displacement from the reference: the error of no modes at all.
-    times : (frames,) float64, s, or None
-    unit : str or None
-    n_vertices : int
-    lengths : tuple of float, `unit`
-        Along each natural coordinate.
-    landmarks : Landmarks or None
-        Axis and zero of theta; None where the surface has no axis.
-    condition : float
-        Of the weighted shapes: how much of the data's precision the amplitudes may lose.
-    parameters : SignatureParameters
-        As asked; `modes` may have been rounded up.
-    sequence_id, template_id : str
-    notes : tuple of str
-        What was met on the way that a user should know.
-    provenance : dict
-        Versions of the software that made it.
-    """
-
-    modes: ModeSet | SpringSpectrum
-    amplitudes: NDArray[np.float64]
-    angular_frequencies: NDArray[np.float64]
-    rotations: Rotations
-    translations: NDArray[np.float64]
-    rms_errors: NDArray[np.float64]
-    p95_errors: NDArray[np.float64]
-    max_errors: NDArray[np.float64]
-    motion_rms: NDArray[np.float64]
-    times: NDArray[np.float64] | None
-    unit: str | None
-    n_vertices: int
-    lengths: tuple[float, ...]
-    landmarks: Landmarks | None
-    condition: float
-    parameters: SignatureParameters
-    sequence_id: str
-    template_id: str
-    notes: tuple[str, ...]
-    provenance: dict[str, str]
-
-    @property
-    def topology(self) -> Topology | None:
-        """Topology whose modes were fitted; None for the spring modes of one mesh."""
-        return self.modes.topology
-
-    @property
-    def surface(self) -> str:
-        """Name of the topology, or "mesh" for the spring modes of one mesh."""
-        return "mesh" if self.topology is None else self.topology.name
-
-    @property
-    def body_amplitudes(self) -> NDArray[np.float64]:
-        """Amplitudes in the frame of the body, in which patients compare.
-
-        Returns
-        -------
-        (frames, modes, 3) float64, `unit`
-            Along theta_zero, across it, and along the axis; radial, tangential and axial ones
-            are of the body already, and so are those of a surface without an axis taken to be.
-        """
-        if self.landmarks is None or self.parameters.components != Components.CARTESIAN:
-            return self.amplitudes
-        turned: NDArray[np.float64] = self.amplitudes @ body_frame(self.landmarks).T
-        return turned
-
-    @property
-    def n_frames(self) -> int:
-        """Number of frames."""
-        return len(self.amplitudes)
-
-    @property
-    def rms_error(self) -> float:
-        """RMS error over all frames, `unit`."""
-        return _root_mean_square(self.rms_errors)
-
-    @property
-    def max_error(self) -> float:
-        """Largest error of any vertex in any frame, `unit`."""
-        return float(self.max_errors.max())
-
-    @property
-    def closure_gap(self) -> float:
-        """Distance of the last frame's amplitudes from the first's, over the usual step.
-
-        Near 1 for one turn of a cycle whose next frame would be the first, 0 where the last
-        frame repeats the first, large for a movement that does not come back; 0 without motion.
-        """
-        largest = float(np.abs(self.amplitudes).max(initial=0.0))
-        if self.n_frames < 2 or largest == 0.0:
-            return 0.0
-        a = self.amplitudes / largest
-        usual = _root_mean_square(np.linalg.norm(np.diff(a, axis=0), axis=(1, 2)))
-        return float(np.linalg.norm(a[-1] - a[0])) / usual if usual > 0 else 0.0
-
-    @property
-    def deformation_spectrum(self) -> NDArray[np.float64]:
-        """RMS amplitude of each mode over frames, directions added, (modes,) float64, `unit`."""
-        scale = np.abs(self.amplitudes).max(initial=0.0)
-        if scale == 0.0:
-            return np.zeros(len(self.modes))
-        squares = ((self.amplitudes / scale) ** 2).sum(axis=2).mean(axis=0)
-        spectrum: NDArray[np.float64] = scale * np.sqrt(squares)
-        return spectrum
-
-    @property
-    def strain_energy(self) -> NDArray[np.float64]:
-        """w^2 |a|^2 / 2 of each mode, per unit mass, (frames, modes) float64, `unit`^2 per s^2."""
-        velocities = self.angular_frequencies[:, None] * self.amplitudes
-        energy: NDArray[np.float64] = 0.5 * (velocities**2).sum(axis=2)
-        return energy
-
-    @property
-    def compression(self) -> float:
-        """Coordinates over amplitudes of one frame, 3N / 3 modes, as in Nastar 1994."""
-        return self.n_vertices / len(self.modes)
-
-    @property
-    def compression_of_sequence(self) -> float:
-        """Numbers in the whole sequence over those to keep: amplitudes and the reference."""
-        coordinates = 3 * self.n_vertices
-        return self.n_frames * coordinates / (self.n_frames * 3 * len(self.modes) + coordinates)
 
 
 def modal_signature(
@@ -279,8 +70,10 @@ def modal_signature(
         If the stated topology does not fit the surface.
     ModeCountError
         If it cannot tell that many modes apart.
+    ToleranceError
+        If no number of modes holds the tolerance.
     ParameterError
-        If there is no such reference frame.
+        If there is no such reference frame, or a tolerance in mm meets an unknown unit.
 
     Notes
     -----
@@ -289,17 +82,9 @@ def modal_signature(
     asked = SignatureParameters() if parameters is None else parameters
     given, sequence = sequence, resolve_sequence(sequence, asked)
     chosen = resolve_template(sequence, asked, template)
-    choice, basis = (cache or TemplateCache()).basis(chosen, asked.modes, sequence.grid)
-    modes = choice.modes
-    fit = fit_sequence(
-        sequence,
-        chosen,
-        basis,
-        reference=asked.reference,
-        remove_rotation=asked.remove_rotation,
-        components=asked.components,
-    )
-    notes = [*_notes_on_sequence(sequence, asked.reference), *chosen.notes, *choice.notes]
+    model = select_model(sequence, chosen, asked, cache or TemplateCache())
+    modes, fit = model.modes, model.fit
+    notes = [*_notes_on_sequence(sequence, asked.reference), *chosen.notes, *model.notes]
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
     if undetermined.size:
         notes.append(
@@ -323,12 +108,13 @@ def modal_signature(
         n_vertices=sequence.n_vertices,
         lengths=chosen.lengths,
         landmarks=chosen.landmarks,
-        condition=basis.condition,
+        condition=model.condition,
         parameters=asked,
         sequence_id=given.id,
         template_id=chosen.id,
         notes=tuple(notes),
         provenance=provenance(),
+        choice=model.choice,
     )
 
 
@@ -395,10 +181,3 @@ def _notes_on_sequence(sequence: MeshSequence, reference: int) -> list[str]:
                 f"to {step:.2g}, which no fit can undo. Store float64, or shift the origin."
             )
     return notes
-
-
-def _root_mean_square(values: NDArray[np.float64]) -> float:
-    largest = float(np.abs(values).max(initial=0.0))
-    if largest == 0.0:
-        return 0.0
-    return largest * float(np.sqrt(((values / largest) ** 2).mean()))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
+from modalmotion.body_frame import Components
 from modalmotion.comparison import Comparison
 from modalmotion.formats import ReadLimits, ReadOptions
 from modalmotion.signature import SignatureParameters
@@ -202,6 +203,35 @@ class Analysis:
                     max_targets,
                     output,
                 )
+        except BaseException:
+            output.unlink(missing_ok=True)
+            raise
+        return output
+
+    async def tradeoff(
+        self,
+        sequence_id: str,
+        parameters: SignatureParameters,
+        front_modes: int,
+        components: Components | None,
+        media_type: str,
+    ) -> Path:
+        """Measure a trade into a file, which the caller removes."""
+        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        output = self._spool.new_path()
+        try:
+            with stage("worker"):
+                spent = await self._work(
+                    tasks.measure_trade,
+                    sequence,
+                    parameters,
+                    front_modes,
+                    components,
+                    self._template_path(parameters),
+                    media_type,
+                    output,
+                )
+            add_milliseconds(spent)
         except BaseException:
             output.unlink(missing_ok=True)
             raise

@@ -41,6 +41,7 @@ from modalmotion_service.routes import (
     sequences,
     signatures,
     templates,
+    tradeoff,
 )
 from modalmotion_service.security_headers import SecurityHeaders
 from modalmotion_service.settings import Settings
@@ -125,7 +126,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(SecurityHeaders)
     app.add_middleware(Observation)
     for module in (
-        *(sequences, signatures, sent_signature, readouts, templates, codec),
+        *(sequences, signatures, sent_signature, tradeoff, readouts, templates, codec),
         *(classifications, classify, models, jobs, limits),
         *(audit, health, kserve, prometheus, documentation),
     ):

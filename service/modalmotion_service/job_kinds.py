@@ -12,6 +12,7 @@ from modalmotion_service.analysis import Analysis, Upload
 from modalmotion_service.jobs import JobRunner, Report
 from modalmotion_service.models import Models
 from modalmotion_service.negotiation import HDF5, NPZ, STREAM
+from modalmotion_service.routes.tradeoff import TradeoffQuery
 from modalmotion_service.schemas import (
     EncodingTarget,
     ManySignatures,
@@ -61,6 +62,17 @@ def make_runner(
         path = await analysis.pack(asked.ids, asked.parameters(), request["as_hdf5"], report)
         return {"file": path.name, "media_type": HDF5 if request["as_hdf5"] else NPZ}
 
+    async def tradeoff(request: Any, _: Report) -> Any:
+        query, media_type = TradeoffQuery(**request["query"]), request["media_type"]
+        path = await analysis.tradeoff(
+            request["sequence_id"],
+            query.parameters(),
+            query.front_modes,
+            query.components,
+            media_type,
+        )
+        return {"file": path.name, "media_type": media_type}
+
     async def encoding(request: Any, _: Report) -> Any:
         target = EncodingTarget(**request["target"])
         path, answer = await analysis.encoded(request["sequence_id"], target)
@@ -84,6 +96,7 @@ def make_runner(
             "signature": signature,
             "signatures": signatures,
             "encoding": encoding,
+            "tradeoff": tradeoff,
             "classification": classification,
             "training": training,
         },

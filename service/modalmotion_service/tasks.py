@@ -17,6 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from modalmotion.body_frame import Components
 from modalmotion.clinical import clinical_readouts, volume_figure
 from modalmotion.codec import decode, encode
 from modalmotion.comparison import Comparison, compare
@@ -52,7 +53,9 @@ from modalmotion.store.atomic import temporary_beside
 from modalmotion.superposed import SurfaceFormat, write_superposed
 from modalmotion.template import Template
 from modalmotion.template_cache import TemplateCache
-from modalmotion_service.negotiation import HDF5, JSON, NPZ, RAW, VTKHDF
+from modalmotion.tradeoff import measure_tradeoff
+from modalmotion.tradeoff.plain import as_plain
+from modalmotion_service.negotiation import HDF5, JSON, NPZ, PNG, RAW, VTKHDF
 from modalmotion_service.schemas import (
     EncodedAnswer,
     EncodingTarget,
@@ -60,6 +63,7 @@ from modalmotion_service.schemas import (
     ReadoutsAnswer,
     SignatureAnswer,
     TemplateAnswer,
+    TradeoffAnswer,
 )
 
 # Templates and factored modes that a worker holds on to, each.
@@ -205,6 +209,32 @@ def read_out(sequence: Path, signature: Path, template: Path | None, as_picture:
     buffer = io.BytesIO()
     volume_figure(found).savefig(buffer, format="png")
     return buffer.getvalue()
+
+
+def measure_trade(
+    sequence: Path,
+    parameters: SignatureParameters,
+    front_modes: int,
+    components: Components | None,
+    template: Path | None,
+    media_type: str,
+    output: Path,
+) -> dict[str, float]:
+    """Measure the trade on a kept sequence, as JSON or PNG; gives milliseconds by stage."""
+    found = measure_tradeoff(
+        sequence_from_hdf5(sequence),
+        parameters,
+        most_modes=front_modes,
+        components=None if components is None else (components,),
+        template=None if template is None else template_from_hdf5(template),
+    )
+    if media_type == PNG:
+        from modalmotion.tradeoff.picture import tradeoff_figure
+
+        tradeoff_figure(found).savefig(output, format="png")
+    else:
+        output.write_text(TradeoffAnswer(**as_plain(found)).model_dump_json())
+    return dict(found.milliseconds)
 
 
 def superpose(

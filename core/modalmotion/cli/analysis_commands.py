@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
 
 from modalmotion.body_frame import Components
+from modalmotion.cli.asking import asked_for, asking_options
 from modalmotion.cli.files import GridShape, read, sequence_argument
 from modalmotion.cli.readouts_command import volume_lines
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.stopwatch import Stopwatch
 from modalmotion.template import Weights
+from modalmotion.tradeoff import Price, price_of
 
 
 @click.command()
 @sequence_argument
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="HDF5 file to write.")
-@click.option("--modes", default=7, show_default=True, help="Modes, 3 amplitudes a frame each.")
+@asking_options
 @click.option("--topology", help="cup, cylinder, plane, ...; over what the file states.")
 @click.option("--grid", type=GridShape(), help="Lattice shape such as 32,64; over the file's own.")
 @click.option("--reference", default=0, show_default=True, help="Frame to measure from.")
@@ -42,7 +46,6 @@ from modalmotion.template import Weights
 def signature(
     source: Path,
     output: Path | None,
-    modes: int,
     topology: str | None,
     grid: tuple[int, ...] | None,
     reference: int,
@@ -60,17 +63,23 @@ def signature(
     """
     from modalmotion.store import signature_to_hdf5, write_atomic
 
-    sequence = read(source, **said)
+    asked = asked_for(said)
+    reading = Stopwatch()
+    with reading.stage("read"):
+        sequence = read(source, **said)
     parameters = SignatureParameters(
-        modes=modes,
         topology=topology,
         grid=grid,
         reference=reference,
         weights=Weights(weights),
         remove_rotation=not keep_rotation,
         components=Components(components),
+        **asked,
     )
-    result = modal_signature(sequence, parameters)
+    watch = Stopwatch()
+    with watch.stage("fit"):
+        result = modal_signature(sequence, parameters)
+    price = price_of(result, {**reading.milliseconds, **watch.milliseconds})
     if output is not None:
         write_atomic(output, signature_to_hdf5(result))
     if plot is not None:
@@ -78,9 +87,9 @@ def signature(
 
         systole_figure(sequence, result).savefig(plot)
     if as_json:
-        click.echo(json.dumps(summary(result), indent=2))
+        click.echo(json.dumps(summary(result, price), indent=2))
     else:
-        click.echo("\n".join([_lines(result), *volume_lines(result, sequence)]))
+        click.echo("\n".join([_lines(result, price), *volume_lines(result, sequence)]))
     for path in (output, plot):
         if path is not None:
             click.echo(f"written: {path}", err=as_json)
@@ -95,14 +104,13 @@ def signature(
     type=click.Path(path_type=Path),
     help="File to write: .npz, .vtkhdf, .glb or .zip (of PLY).",
 )
-@click.option("--modes", default=7, show_default=True, help="Modes, 3 amplitudes a frame each.")
+@asking_options
 @click.option("--topology", help="Over what the file states.")
 @click.option("--grid", type=GridShape(), help="Lattice shape; over the file's own.")
 @click.option("--max-targets", type=int, help="Of a GLB: most morph targets, by energy.")
 def reconstruct(
     source: Path,
     output: Path,
-    modes: int,
     topology: str | None,
     grid: tuple[int, ...] | None,
     max_targets: int | None,
@@ -116,8 +124,9 @@ def reconstruct(
         raise click.BadParameter(
             f"{output.name} ends with none of {', '.join(SUFFIXES)}.", param_hint="--output"
         )
+    asked = asked_for(said)
     sequence = read(source, **said)
-    parameters = SignatureParameters(modes=modes, topology=topology, grid=grid)
+    parameters = SignatureParameters(topology=topology, grid=grid, **asked)
     result = modal_signature(sequence, parameters)
     data = write_superposed(result, sequence, SUFFIXES[output.suffix], max_targets=max_targets)
     write_atomic(output, data)
@@ -127,7 +136,7 @@ def reconstruct(
     )
 
 
-def summary(result: ModalSignature) -> dict[str, object]:
+def summary(result: ModalSignature, price: Price) -> dict[str, object]:
     """Give the numbers that sum a signature up."""
     return {
         "topology": result.surface,
@@ -144,12 +153,14 @@ def summary(result: ModalSignature) -> dict[str, object]:
         "compression_of_sequence": result.compression_of_sequence,
         "condition": result.condition,
         "deformation_spectrum": result.deformation_spectrum.tolist(),
+        "price": asdict(price),
+        "choice": None if result.choice is None else result.choice.as_json(),
         "sequence_id": result.sequence_id,
         "notes": list(result.notes),
     }
 
 
-def _lines(result: ModalSignature) -> str:
+def _lines(result: ModalSignature, price: Price) -> str:
     unit = result.unit or "length units"
     count = len(result.modes)
     lines = [
@@ -164,6 +175,7 @@ def _lines(result: ModalSignature) -> str:
             f"error {result.rms_error:.3f} {unit} RMS over all frames; in the worst frame "
             f"{result.p95_errors.max():.3f} (p95) and {result.max_error:.3f} (max)"
         ),
+        *price_lines(price),
         "deformation spectrum:",
     ]
     spectrum = result.deformation_spectrum
@@ -174,3 +186,15 @@ def _lines(result: ModalSignature) -> str:
     if len(spectrum) > 20:
         lines.append(f"  ... and {len(spectrum) - 20} more")
     return "\n".join(lines + [f"note: {note}" for note in result.notes])
+
+
+def price_lines(price: Price) -> list[str]:
+    """Say what a description costs."""
+    times = ", ".join(f"{name} {spent:.1f} ms" for name, spent in price.milliseconds.items())
+    lines = [
+        (
+            f"{price.numbers} numbers: {price.bytes} bytes as float64, {price.bytes_float32} as "
+            f"float32; condition {price.condition:.3g}"
+        )
+    ]
+    return [*lines, f"time: {times}"] if times else lines

@@ -21,6 +21,7 @@ COMMANDS: Final = {
     "simulate": ("simulate_command", "Simulate one heartbeat of a left ventricle."),
     "simulate-cohort": ("simulate_command", "Simulate labelled ventricles, each another."),
     "store": ("store_commands", "Look after a folder of results; no server may have it open."),
+    "tradeoff": ("tradeoff_command", "Measure what each choice of modes costs and loses."),
     "train": ("model_commands", "Train a model on labelled sequences."),
 }
 """Module and one line for each; what a command needs is imported when it is called."""

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.basis import basis_of
 from modalmotion.clinical.affine_superposition import superposed_positions
 from modalmotion.clinical.volume_curve import VolumeCurve
 from modalmotion.errors import ParameterError, TopologyError
@@ -127,7 +128,8 @@ def clinical_readouts(
     vertices. The bound of a frame is |V(signature) - V(frame)|, measured, and what rounding
     may add; those of derived figures follow by interval arithmetic.
     """
-    used, basis = fitted_on(signature, sequence, template)
+    used = fitted_on(signature, sequence, template)
+    basis = basis_of(signature.modes, used)
     if signature.n_frames != sequence.n_frames:
         raise ParameterError(
             f"The signature has {signature.n_frames} frames, its sequence {sequence.n_frames}: "

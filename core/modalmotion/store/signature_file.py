@@ -10,9 +10,11 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.body_frame import Components
+from modalmotion.choice.model_choice import ModelChoice
 from modalmotion.modes import ModeSet
 from modalmotion.rigid import Rotations
 from modalmotion.signature import INTENDED_USE, ModalSignature, SignatureParameters
+from modalmotion.signature_parameters import ErrorKind, ModeOrder
 from modalmotion.spring_modes import SpringSpectrum
 from modalmotion.store.contents import Contents, read_contents
 from modalmotion.store.image import Attribute, Dataset, json_text, sealed_image
@@ -84,6 +86,8 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
         json_text("notes", signature.notes),
         json_text("provenance", signature.provenance),
     ]
+    if signature.choice is not None:
+        datasets.append(json_text("choice", signature.choice.as_json()))
     if signature.landmarks is not None:
         datasets += landmark_datasets(signature.landmarks, unit)
     if signature.times is not None:
@@ -146,6 +150,11 @@ def _signature(contents: Contents) -> ModalSignature:
         template_id=contents.text("template_id"),
         notes=tuple(contents.json("notes", list)),
         provenance=contents.json("provenance", dict),
+        choice=(
+            ModelChoice.from_json(contents.json("choice", dict))
+            if "choice" in contents.arrays
+            else None
+        ),
     )
 
 
@@ -225,5 +234,7 @@ def parameters_from_json(values: dict[str, Any]) -> SignatureParameters:
             "weights": Weights(values["weights"]),
             "components": Components(values["components"]),
             "landmarks": GivenLandmarks.from_json(values["landmarks"]),
+            "tolerance_of": ErrorKind(values.get("tolerance_of", ErrorKind.RMS)),
+            "order": ModeOrder(values.get("order", ModeOrder.FIXED)),
         }
     )

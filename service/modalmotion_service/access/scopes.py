@@ -39,6 +39,7 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("PATCH", "/v1/sequences/{sequence_id}"): Scope.WRITE,
     ("DELETE", "/v1/sequences/{sequence_id}"): Scope.WRITE,
     ("GET", "/v1/sequences/{sequence_id}/signature"): Scope.READ,
+    ("GET", "/v1/sequences/{sequence_id}/tradeoff"): Scope.READ,
     ("GET", "/v1/sequences/{sequence_id}/readouts"): Scope.READ,
     ("GET", "/v1/sequences/{sequence_id}/distance"): Scope.READ,
     ("GET", "/v1/sequences/{sequence_id}/reconstruction"): Scope.READ,

@@ -53,6 +53,7 @@ from modalmotion_service.schemas.signatures import (
     SignatureQuery,
 )
 from modalmotion_service.schemas.templates import TemplateAnswer, TemplateList
+from modalmotion_service.schemas.tradeoff import PriceAnswer, TradeoffAnswer
 
 __all__ = [
     "GRID",
@@ -79,6 +80,7 @@ __all__ = [
     "ModelPageAnswer",
     "ModelSummary",
     "ModelVersion",
+    "PriceAnswer",
     "Problem",
     "ReadingAnswer",
     "ReadingQuery",
@@ -91,6 +93,7 @@ __all__ = [
     "SignatureQuery",
     "TemplateAnswer",
     "TemplateList",
+    "TradeoffAnswer",
     "TrainingRequest",
     "UploadClassificationAnswer",
     "UploadQuery",

@@ -9,8 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from modalmotion.body_frame import Components
 from modalmotion.modes import ModeLabel
 from modalmotion.signature import INTENDED_USE, MOST_MODES, ModalSignature, SignatureParameters
+from modalmotion.signature_parameters import ErrorKind, ModeOrder
 from modalmotion.spring_modes import SpringLabel
 from modalmotion.template import GivenLandmarks, Landmarks, Weights
+from modalmotion.tradeoff import price_of
 from modalmotion_service.schemas.fields import (
     GRID,
     PLACE,
@@ -19,6 +21,7 @@ from modalmotion_service.schemas.fields import (
     parse_grid,
     parse_place,
 )
+from modalmotion_service.schemas.tradeoff import PriceAnswer
 
 
 class SignatureQuery(BaseModel):
@@ -26,12 +29,37 @@ class SignatureQuery(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    modes: int = Field(
-        7,
+    modes: int | None = Field(
+        None,
         ge=1,
         le=MOST_MODES,
         description="Number of modes, three amplitudes a frame each; rounded up where a "
-        "cosine-sine pair would be split.",
+        "cosine-sine pair would be split. 7 if nothing else is asked for.",
+    )
+    amplitudes: int | None = Field(
+        None, ge=1, le=3 * MOST_MODES, description="In place of modes: amplitudes a frame."
+    )
+    tolerance: float | None = Field(
+        None,
+        ge=0,
+        allow_inf_nan=False,
+        description="Error in mm that is not exceeded, with the fewest modes that hold it.",
+    )
+    tolerance_of: ErrorKind = Field(
+        ErrorKind.RMS, description="RMS over all frames, or the largest of any vertex."
+    )
+    tolerance_share: float | None = Field(
+        None, ge=0, allow_inf_nan=False, description="A tolerance as a share of the RMS motion."
+    )
+    auto: bool = Field(False, description="Stop where the residual is noise.")
+    order: ModeOrder = Field(
+        ModeOrder.FIXED, description="Which modes come first: in fixed order, or by energy."
+    )
+    most_modes: int | None = Field(
+        None, ge=1, le=MOST_MODES, description="That tolerance, auto and energy may reach to."
+    )
+    harmonics: int | None = Field(
+        None, ge=0, le=10_000, description="Limit each amplitude's path over time to these."
     )
     topology: str | None = TOPOLOGY
     grid: str | None = GRID
@@ -60,6 +88,14 @@ class SignatureQuery(BaseModel):
         """Translate to the library's parameters."""
         return SignatureParameters(
             modes=self.modes,
+            amplitudes=self.amplitudes,
+            tolerance=self.tolerance,
+            tolerance_of=self.tolerance_of,
+            tolerance_share=self.tolerance_share,
+            auto=self.auto,
+            order=self.order,
+            most_modes=self.most_modes,
+            harmonics=self.harmonics,
             topology=self.topology,
             grid=parse_grid(self.grid),
             reference=self.reference,
@@ -174,6 +210,10 @@ class SignatureAnswer(BaseModel):
         description="Numbers in the sequence over amplitudes and reference shape."
     )
     condition: float
+    price: PriceAnswer
+    choice: dict[str, object] | None = Field(
+        description="Limit, noise and simple kinds of motion, where a tolerance or auto decided."
+    )
     notes: list[str]
     parameters: dict[str, object] = Field(description="As asked for.")
     provenance: dict[str, str]
@@ -221,6 +261,8 @@ class SignatureAnswer(BaseModel):
             compression=signature.compression,
             compression_of_sequence=signature.compression_of_sequence,
             condition=signature.condition,
+            price=PriceAnswer.of(price_of(signature)),
+            choice=None if signature.choice is None else signature.choice.as_json(),
             notes=list(signature.notes),
             parameters={
                 "modes": asked.modes,
@@ -234,6 +276,13 @@ class SignatureAnswer(BaseModel):
                 "landmarks": asked.landmarks.as_json(),
                 "closed_form": asked.closed_form,
                 "template": asked.template,
+                "tolerance": asked.tolerance,
+                "tolerance_of": asked.tolerance_of.value,
+                "tolerance_share": asked.tolerance_share,
+                "auto": asked.auto,
+                "order": asked.order.value,
+                "most_modes": asked.most_modes,
+                "harmonics": asked.harmonics,
             },
             provenance=signature.provenance,
             file=file,

@@ -1,0 +1,116 @@
+"""Errors of all nested sets of modes and harmonics, from the coefficients of the largest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.choice.harmonics import Harmonics, n_functions
+from modalmotion.fit import Basis, Fit
+from modalmotion.products import product
+
+_CEILING: Final = 2.0**1000
+
+
+@dataclass(frozen=True, eq=False)
+class Energies:
+    """Mean squares of a motion by mode and by function of time.
+
+    With W^(1/2) Phi = Q R and c = Q'W^(1/2) u = R a, the residual of the first k modes is
+    |r_k|^2 = |r|^2 + sum_{j >= k} c_j^2, r that of the largest set: sums of squares that are
+    dropped, so small errors do not come from differences of large ones.
+
+    Parameters
+    ----------
+    coefficients : (frames, modes, 3) float64, in units of the scale
+        c of the largest set.
+    outside : (frames,) float64, in units of the scale squared
+        Mean square residual of the largest set.
+    scale : float, length unit
+        A power of two: squares neither overflow nor vanish.
+    """
+
+    coefficients: NDArray[np.float64]
+    outside: NDArray[np.float64]
+    scale: float
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.coefficients)
+
+    def rms(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
+        """RMS error of the first so many modes over all frames.
+
+        Parameters
+        ----------
+        counts : (sets,) int64
+            0 for the motion itself.
+
+        Returns
+        -------
+        (sets,) float64, length unit
+        """
+        by_mode = (self.coefficients**2).sum(axis=(0, 2)) / self.n_frames
+        return self.scale * np.sqrt(float(self.outside.mean()) + _dropped(by_mode)[counts])
+
+    def worst_frame_rms(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
+        """RMS error of the worst frame: no maximum over the vertices is smaller.
+
+        Returns
+        -------
+        (sets,) float64, length unit
+        """
+        by_mode = (self.coefficients**2).sum(axis=2).T
+        squares = self.outside + _dropped(by_mode)[counts]
+        worst: NDArray[np.float64] = self.scale * np.sqrt(squares.max(axis=1))
+        return worst
+
+    def joint_rms(self, counts: NDArray[np.int64], harmonics: Harmonics) -> NDArray[np.float64]:
+        """RMS error of the first so many modes, their paths limited to harmonics.
+
+        Returns
+        -------
+        (sets, harmonics + 1) float64, length unit
+            From 0 harmonics to the most that there are.
+        """
+        f, m, _ = self.coefficients.shape
+        T = harmonics.functions
+        flat = np.ascontiguousarray(self.coefficients.reshape(f, -1))
+        along = product(np.ascontiguousarray(T.T), flat)
+        beyond = flat - product(T, along)
+        by_function = (along.reshape(-1, m, 3) ** 2).sum(axis=2) / f
+        left = (beyond.reshape(f, m, 3) ** 2).sum(axis=(0, 2)) / f
+        # Of the modes that are kept, what later functions of time would hold is lost.
+        n = [min(n_functions(h), T.shape[1]) for h in range(harmonics.most + 1)]
+        lost = left + _dropped(by_function)[n]
+        kept = np.concatenate([np.zeros((len(n), 1)), np.cumsum(lost, axis=1)], axis=1)
+        by_mode = by_function.sum(axis=0) + left
+        squares = float(self.outside.mean()) + _dropped(by_mode)[counts][:, None] + kept.T[counts]
+        joint: NDArray[np.float64] = self.scale * np.sqrt(squares)
+        return joint
+
+
+def energies_of(basis: Basis, fit: Fit) -> Energies:
+    """Take the energies of a motion from the fit of the largest set."""
+    f, m, _ = fit.amplitudes.shape
+    largest = max(float(fit.motion_rms.max()), float(np.abs(fit.amplitudes).max(initial=0.0)))
+    scale = 1.0 if largest == 0.0 else min(float(2.0 ** np.frexp(largest)[1]), _CEILING)
+    a = (fit.amplitudes / scale).transpose(0, 2, 1).reshape(3 * f, m)
+    # c = R a
+    c = product(np.ascontiguousarray(a), np.ascontiguousarray(basis.triangle.T))
+    return Energies(
+        coefficients=np.ascontiguousarray(c.reshape(f, 3, m).transpose(0, 2, 1)),
+        outside=(fit.rms_errors / scale) ** 2,
+        scale=scale,
+    )
+
+
+def _dropped(squares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sum over the rows from each one on, the last first; one more row of zeros."""
+    total = np.zeros((len(squares) + 1, *squares.shape[1:]))
+    total[:-1] = np.cumsum(squares[::-1], axis=0)[::-1]
+    return total

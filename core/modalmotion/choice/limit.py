@@ -1,0 +1,97 @@
+"""The error that is not to be exceeded, in the length unit of a sequence."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.choice.noise import Noise
+from modalmotion.choice.scene import Scene, SceneError, SceneKind
+from modalmotion.errors import ParameterError
+from modalmotion.sequence import MM_PER_UNIT, MeshSequence
+from modalmotion.signature_parameters import ErrorKind, SignatureParameters
+
+# Pure noise exceeds its expected mean square by this many standard deviations at most, and
+# its estimate is right to this share.
+_DEVIATIONS = 3.0
+_ESTIMATE = 0.03
+
+
+def limit_of(
+    asked: SignatureParameters, sequence: MeshSequence, motion_rms: NDArray[np.float64]
+) -> float:
+    """Error that parameters with a tolerance allow.
+
+    Parameters
+    ----------
+    asked : SignatureParameters
+    sequence : MeshSequence
+    motion_rms : (frames,) float64, length unit
+
+    Returns
+    -------
+    float, length unit of the sequence
+
+    Raises
+    ------
+    ParameterError
+        If the tolerance is in mm and the unit of the sequence is unknown.
+    """
+    if asked.tolerance_share is not None:
+        largest = float(motion_rms.max()) or 1.0
+        return (
+            asked.tolerance_share * largest * float(np.sqrt(((motion_rms / largest) ** 2).mean()))
+        )
+    require_unit(asked, sequence)
+    return (asked.tolerance or 0.0) / MM_PER_UNIT[sequence.unit or "mm"]
+
+
+def require_unit(asked: SignatureParameters, sequence: MeshSequence) -> None:
+    """Refuse a tolerance in mm on numbers that are in no known unit.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if asked.tolerance is not None and sequence.unit is None:
+        raise ParameterError(
+            f"A tolerance of {asked.tolerance:g} mm was asked for, but the length unit of the "
+            "sequence is unknown.",
+            remedy="State the unit (m, cm, mm, um or nm), or ask by tolerance_share, a share of "
+            "the motion.",
+        )
+
+
+def error_of(error: SceneError, kind: ErrorKind) -> float:
+    """Give the error that a tolerance is about."""
+    return error.max if kind == ErrorKind.MAX else error.rms
+
+
+def noise_rms(noise: Noise, n_frames: int, n_directions: int = 3) -> float:
+    """RMS displacement that noise alone makes, the reference's own included, length unit."""
+    return noise.sigma * float(np.sqrt(2.0 * n_directions * (n_frames - 1) / n_frames))
+
+
+def holds_noise(error: float, noise: Noise, sequence: MeshSequence, n_directions: int = 3) -> bool:
+    """Tell whether an RMS error cannot be told from that of noise alone."""
+    expected = noise_rms(noise, sequence.n_frames, n_directions) ** 2
+    # The reference's part of the noise is drawn once for all frames.
+    spread = float(np.sqrt(2.0 / (n_directions * sequence.n_vertices)))
+    return error**2 <= expected * (1.0 + _ESTIMATE + _DEVIATIONS * spread)
+
+
+def simplest(scene: Scene, limit: float, kind: ErrorKind) -> SceneKind:
+    """Simplest kind of motion that holds a limit."""
+    for name, error in scene.errors.items():
+        if error_of(error, kind) <= limit:
+            return name
+    return SceneKind.DEFORMABLE
+
+
+def simplest_with_noise(scene: Scene, noise: Noise, sequence: MeshSequence) -> SceneKind:
+    """Simplest kind of motion whose residual cannot be told from noise."""
+    for name, error in scene.errors.items():
+        n_directions = 1 if name == SceneKind.PLANAR else 3
+        if holds_noise(error.rms, noise, sequence, n_directions):
+            return name
+    return SceneKind.DEFORMABLE

@@ -1,0 +1,240 @@
+"""Scenes that need no modes, or fewer numbers: static, rigid, affine, planar motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.displacements import displacement_blocks
+from modalmotion.products import weighted_sum
+from modalmotion.rigid import Rotations
+from modalmotion.sequence import MeshSequence
+from modalmotion.superposition import distances
+from modalmotion.template import Template
+
+_BLOCK: Final = 500_000
+
+# A reference that is flat to this share of its size has no affine motion off its plane.
+_FLAT: Final = 1e-12
+
+
+class SceneKind(StrEnum):
+    """Kinds of motion, the ones that need fewest numbers first."""
+
+    STATIC = "static"
+    RIGID = "rigid"
+    AFFINE = "affine"
+    PLANAR = "planar"
+    DEFORMABLE = "deformable"
+
+
+NUMBERS: Final = {SceneKind.STATIC: 0, SceneKind.RIGID: 6, SceneKind.AFFINE: 12}
+"""Numbers a frame that describe a motion of each kind."""
+
+
+@dataclass(frozen=True)
+class SceneError:
+    """What a kind of motion leaves when it is taken for all there is.
+
+    Parameters
+    ----------
+    rms, p95, max : float, length unit
+        RMS over all frames; 95th percentile over the surface in the worst frame; the largest
+        of any vertex in any frame.
+    """
+
+    rms: float
+    p95: float
+    max: float
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMotion:
+    """Positions A (x - c) + c + t of a reference's positions x and its centroid c.
+
+    Parameters
+    ----------
+    kind : SceneKind
+        static: A = 1 and t = 0. rigid: A a rotation. affine: A any matrix.
+    matrices : (frames, 3, 3) float64
+    shifts : (frames, 3) float64, length unit
+    error : SceneError
+    """
+
+    kind: SceneKind
+    matrices: NDArray[np.float64]
+    shifts: NDArray[np.float64]
+    error: SceneError
+
+    def positions(
+        self, start: NDArray[np.float64], centre: NDArray[np.float64], frames: slice = slice(None)
+    ) -> NDArray[np.float64]:
+        """Positions in some frames.
+
+        Parameters
+        ----------
+        start : (vertices, 3) float64, length unit
+            Of the reference.
+        centre : (3,) float64, length unit
+            Its weighted centroid.
+        frames : slice
+
+        Returns
+        -------
+        (frames, vertices, 3) float64, length unit
+        """
+        A, t = self.matrices[frames], self.shifts[frames]
+        x: NDArray[np.float64] = (start - centre) @ A.transpose(0, 2, 1)
+        x += centre + t[:, None, :]
+        return x
+
+
+@dataclass(frozen=True)
+class PlanarMotion:
+    """Displacements without their component off a plane, rotation removed.
+
+    Parameters
+    ----------
+    normal : tuple of float
+        Unit vector across the plane, in the coordinates of the reference.
+    error : SceneError
+        Of leaving that component out.
+    """
+
+    normal: tuple[float, float, float]
+    error: SceneError
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A motion measured against each simple kind.
+
+    Parameters
+    ----------
+    static, rigid, affine : LinearMotion
+    planar : PlanarMotion
+    """
+
+    static: LinearMotion
+    rigid: LinearMotion
+    affine: LinearMotion
+    planar: PlanarMotion
+
+    @property
+    def errors(self) -> dict[SceneKind, SceneError]:
+        """Error of each kind."""
+        return {
+            kind: getattr(self, kind.value).error
+            for kind in SceneKind
+            if kind != SceneKind.DEFORMABLE
+        }
+
+
+def scene_of(
+    sequence: MeshSequence, template: Template, rotations: Rotations, *, reference: int
+) -> Scene:
+    """Measure a sequence against each simple kind of motion.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    template : Template
+    rotations : Rotations
+        About the centroid of each frame, from the fit of its modes.
+    reference : int
+    """
+    start = sequence.vertices[reference].astype(np.float64)
+    weights = template.weights
+    centre = weighted_sum(weights, start)
+    rest = start - centre
+    size = float(np.abs(rest[weights > 0]).max(initial=0.0)) or 1.0
+    moments = (rest / size * weights[:, None]).T @ (rest / size)
+    values, axes = np.linalg.eigh(moments)
+    spread = values > _FLAT * values.max(initial=0.0)
+    f = sequence.n_frames
+    shifts, affine = np.empty((f, 3)), np.empty((f, 3, 3))
+    for k, positions in enumerate(sequence.vertices):
+        u = positions - start
+        shifts[k] = weighted_sum(weights, u)
+        # A - 1 = sum w u (x - c)' M^-1; nothing is known of directions the reference lacks.
+        slopes = (u / size * weights[:, None]).T @ (rest / size)
+        inverse = axes[:, spread] / values[spread] @ axes[:, spread].T
+        affine[k] = np.eye(3) + slopes @ inverse
+    identity = np.tile(np.eye(3), (f, 1, 1))
+    motions = {
+        SceneKind.STATIC: (identity, np.zeros((f, 3))),
+        SceneKind.RIGID: (rotations.matrices, shifts),
+        SceneKind.AFFINE: (affine, shifts),
+    }
+    linear = {
+        kind: _linear(sequence, template, start, centre, kind, *motion)
+        for kind, motion in motions.items()
+    }
+    return Scene(
+        linear[SceneKind.STATIC],
+        linear[SceneKind.RIGID],
+        linear[SceneKind.AFFINE],
+        planar_motion(sequence, template, reference=reference),
+    )
+
+
+def planar_motion(sequence: MeshSequence, template: Template, *, reference: int) -> PlanarMotion:
+    """Find the plane that holds most of the displacements, each frame's rotation removed."""
+    moments = np.zeros((3, 3))
+    for u, _, _ in _displacements(sequence, template, reference):
+        flat = u.reshape(-1, 3)
+        moments += (flat * np.tile(template.weights, len(u))[:, None]).T @ flat
+    normal = np.linalg.eigh(moments)[1][:, 0]
+    largest = int(np.argmax(np.abs(normal)))
+    normal = normal * (1.0 if normal[largest] > 0 else -1.0)
+    found = [
+        distances((u @ normal)[:, :, None] * scale, template)
+        for u, _, scale in _displacements(sequence, template, reference)
+    ]
+    x, y, z = normal.tolist()
+    return PlanarMotion((x, y, z), _over_frames(found))
+
+
+def _displacements(
+    sequence: MeshSequence, template: Template, reference: int
+) -> Iterator[tuple[NDArray[np.float64], Rotations, float]]:
+    return displacement_blocks(
+        sequence, template.weights, reference=reference, remove_rotation=True
+    )
+
+
+def _linear(
+    sequence: MeshSequence,
+    template: Template,
+    start: NDArray[np.float64],
+    centre: NDArray[np.float64],
+    kind: SceneKind,
+    matrices: NDArray[np.float64],
+    shifts: NDArray[np.float64],
+) -> LinearMotion:
+    nothing = SceneError(0.0, 0.0, 0.0)
+    motion = LinearMotion(kind, matrices, shifts, nothing)
+    step = max(1, _BLOCK // (3 * sequence.n_vertices))
+    found = []
+    for first in range(0, sequence.n_frames, step):
+        at = slice(first, first + step)
+        x = start[None] if kind == SceneKind.STATIC else motion.positions(start, centre, at)
+        found.append(distances(x - sequence.vertices[at], template))
+    return LinearMotion(kind, matrices, shifts, _over_frames(found))
+
+
+def _over_frames(
+    found: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
+) -> SceneError:
+    rms, p95, largest = (np.concatenate(part) for part in zip(*found, strict=True))
+    scale = float(rms.max(initial=0.0)) or 1.0
+    return SceneError(
+        rms=scale * float(np.sqrt(((rms / scale) ** 2).mean())),
+        p95=float(p95.max()),
+        max=float(largest.max()),
+    )

@@ -1,0 +1,18 @@
+"""Speed for accuracy: what each choice costs and loses, measured on the sequence itself."""
+
+from modalmotion.tradeoff.answer import Tradeoff, measure_tradeoff
+from modalmotion.tradeoff.chosen import Chosen
+from modalmotion.tradeoff.front import MOST_OF_FRONT, Branch, Front, measure_front
+from modalmotion.tradeoff.price import Price, price_of
+
+__all__ = [
+    "MOST_OF_FRONT",
+    "Branch",
+    "Chosen",
+    "Front",
+    "Price",
+    "Tradeoff",
+    "measure_front",
+    "measure_tradeoff",
+    "price_of",
+]

@@ -1,0 +1,161 @@
+"""The trade of accuracy for numbers and time on one sequence, and the point that was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from modalmotion.basis import make_basis
+from modalmotion.body_frame import Components
+from modalmotion.choice.harmonics import harmonics_of, require_harmonics
+from modalmotion.choice.limit import limit_of, require_unit
+from modalmotion.choice.model import fit_with
+from modalmotion.choice.noise import Noise
+from modalmotion.choice.scene import Scene, scene_of
+from modalmotion.sequence import MeshSequence
+from modalmotion.signature import modal_signature, resolve_sequence, resolve_template
+from modalmotion.signature_parameters import SignatureParameters
+from modalmotion.stopwatch import Stopwatch
+from modalmotion.template import Template, choose_modes
+from modalmotion.tradeoff.chosen import Chosen, fewest_numbers, of_signature
+from modalmotion.tradeoff.front import MOST_OF_FRONT, Branch, Front, measure_front
+
+# Sets whose fits are timed, the largest and ever smaller ones.
+_TIMED: Final = 5
+_REPEATS: Final = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Tradeoff:
+    """What each choice costs and loses on one sequence, and the choice that was asked for.
+
+    Parameters
+    ----------
+    sequence_id : str
+    parameters : SignatureParameters
+        As asked.
+    front : Front
+    scene : Scene
+        The motion measured against each simple kind.
+    limit : float or None, length unit
+        The error that is not exceeded; None where the number of modes was stated.
+    noise : Noise or None
+        What was estimated, for `auto`.
+    chosen : Chosen
+        RMS, 95th percentile and largest error are those of the model itself.
+    fit_milliseconds : mapping of int to float
+        Time to fit so many modes of the first branch, factorisation included, all frames.
+    milliseconds : mapping of str to float
+        Of this answer, by stage.
+    """
+
+    sequence_id: str
+    parameters: SignatureParameters
+    front: Front
+    scene: Scene
+    limit: float | None
+    noise: Noise | None
+    chosen: Chosen
+    fit_milliseconds: Mapping[int, float] = field(default_factory=dict)
+    milliseconds: Mapping[str, float] = field(default_factory=dict)
+
+
+def measure_tradeoff(
+    sequence: MeshSequence,
+    parameters: SignatureParameters | None = None,
+    *,
+    most_modes: int = MOST_OF_FRONT,
+    components: tuple[Components, ...] | None = None,
+    template: Template | None = None,
+    with_times: bool = True,
+) -> Tradeoff:
+    """Measure the front of a sequence and choose the point that parameters ask for.
+
+    A stated number of modes is taken on the sequence's own topology. A tolerance takes the
+    fewest numbers that hold it over all of the front: modes, harmonics, components and
+    topology together, or a static, rigid or affine motion where that takes fewer. `auto` takes
+    the sequence's own topology and its path over time as it is.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    parameters : SignatureParameters, optional
+        7 modes by default.
+    most_modes : int
+        Modes of the front's largest set. A tolerance may reach beyond it, if nothing of the
+        front holds it.
+    components : tuple of Components, optional
+        All that the surface has by default.
+    template : Template, optional
+        The one that the parameters name.
+    with_times : bool
+        Whether to time the fits of a few sets.
+
+    Raises
+    ------
+    ToleranceError
+        If nothing holds the tolerance.
+    ParameterError
+        If a tolerance is in mm and the unit of the sequence unknown.
+    """
+    asked = SignatureParameters() if parameters is None else parameters
+    require_unit(asked, sequence)
+    watch = Stopwatch()
+    own = resolve_sequence(sequence, asked)
+    if asked.harmonics is not None:
+        require_harmonics(asked.harmonics, harmonics_of(own.n_frames, own.times))
+    with watch.stage("template"):
+        used = resolve_template(own, asked, template)
+    with watch.stage("front"):
+        front = measure_front(
+            sequence, asked, most_modes=most_modes, components=components, template=template
+        )
+    with watch.stage("scene"):
+        smallest = make_basis(used, choose_modes(used, 1, own.grid).modes)
+        first = fit_with(own, used, smallest, asked)
+        scene = scene_of(own, used, first.rotations, reference=asked.reference)
+    limit = None
+    with watch.stage("choice"):
+        if asked.is_adaptive and not asked.auto:
+            limit = limit_of(asked, own, first.motion_rms)
+            chosen = fewest_numbers(sequence, asked, front, scene, limit, template)
+        else:
+            chosen = of_signature(modal_signature(sequence, asked, template=template))
+    choice = None if chosen.signature is None else chosen.signature.choice
+    times: dict[int, float] = {}
+    if with_times:
+        with watch.stage("timing"):
+            times = _fit_milliseconds(own, used, asked, front.branches[0])
+    return Tradeoff(
+        sequence_id=sequence.id,
+        parameters=asked,
+        front=front,
+        scene=scene,
+        limit=limit if choice is None or limit is not None else choice.limit,
+        noise=None if choice is None else choice.noise,
+        chosen=replace(chosen, price=replace(chosen.price, milliseconds=watch.milliseconds)),
+        fit_milliseconds=times,
+        milliseconds=watch.milliseconds,
+    )
+
+
+def _fit_milliseconds(
+    sequence: MeshSequence, template: Template, asked: SignatureParameters, branch: Branch
+) -> dict[int, float]:
+    """Time the fit of the largest set and of ever smaller ones."""
+    places = np.unique(len(branch.counts) // 2 ** np.arange(_TIMED) - 1)
+    times = {}
+    for count in branch.counts[places[places >= 0]].tolist():
+        modes = choose_modes(template, count, sequence.grid).modes
+        spent = []
+        for _ in range(_REPEATS):
+            watch = Stopwatch()
+            with watch.stage("fit"):
+                fit_with(sequence, template, make_basis(template, modes), asked)
+            spent.append(watch.milliseconds["fit"])
+        # The quickest is the one that met least other work.
+        times[count] = min(spent)
+    return times

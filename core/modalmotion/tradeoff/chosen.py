@@ -1,0 +1,205 @@
+"""The point of a front that answers a request."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from modalmotion.choice.limit import simplest
+from modalmotion.choice.scene import NUMBERS, LinearMotion, Scene, SceneKind
+from modalmotion.errors import ToleranceError
+from modalmotion.sequence import MeshSequence
+from modalmotion.signature import modal_signature
+from modalmotion.signature_parameters import ErrorKind, ModeOrder, SignatureParameters
+from modalmotion.signature_value import ModalSignature
+from modalmotion.template import Template
+from modalmotion.tradeoff.front import Branch, Front
+from modalmotion.tradeoff.price import Price, price_of, priced
+
+# A rotation of each frame goes with the amplitudes.
+_ROTATION: Final = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """The point of a front that answers a request.
+
+    Parameters
+    ----------
+    kind : SceneKind
+        deformable for modes; otherwise the simpler kind of motion that holds.
+    signature : ModalSignature or None
+        The modes' own; None where a linear motion was chosen.
+    motion : LinearMotion or None
+        The static, rigid or affine motion that was chosen in place of modes.
+    price : Price
+    """
+
+    kind: SceneKind
+    signature: ModalSignature | None
+    motion: LinearMotion | None
+    price: Price
+
+
+def fewest_numbers(
+    sequence: MeshSequence,
+    asked: SignatureParameters,
+    front: Front,
+    scene: Scene,
+    limit: float,
+    template: Template | None,
+) -> Chosen:
+    """Choose what holds a limit with fewest numbers over all frames.
+
+    Rotations count, three numbers a frame, where modes are compared with simpler kinds.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    asked : SignatureParameters
+        With a tolerance.
+    front : Front
+    scene : Scene
+    limit : float, length unit
+    template : Template or None
+
+    Raises
+    ------
+    ToleranceError
+        If nothing holds it.
+    """
+    kind = simplest(scene, limit, asked.tolerance_of)
+    linear = _of_motion(getattr(scene, kind.value), front) if kind in NUMBERS else None
+    try:
+        found = _fewest_modes(sequence, asked, front, limit, template)
+    except ToleranceError:
+        if linear is None:
+            raise
+        return linear
+    if linear is not None:
+        numbers = found.price.numbers + _ROTATION * front.n_frames * asked.remove_rotation
+        if linear.price.numbers <= numbers:
+            return linear
+    return found
+
+
+def of_signature(signature: ModalSignature) -> Chosen:
+    """Make the choice of a signature."""
+    choice = signature.choice
+    kind = SceneKind.DEFORMABLE if choice is None else choice.scene
+    return Chosen(kind, signature, None, price_of(signature))
+
+
+def _of_motion(motion: LinearMotion, front: Front) -> Chosen:
+    numbers, error = NUMBERS[motion.kind], motion.error
+    price = priced(
+        (error.rms, error.p95, error.max),
+        unit=front.unit,
+        condition=1.0,
+        amplitudes_per_frame=numbers,
+        numbers=numbers * front.n_frames,
+        n_frames=front.n_frames,
+        n_vertices=front.n_vertices,
+    )
+    return Chosen(motion.kind, None, motion, price)
+
+
+def _fewest_modes(
+    sequence: MeshSequence,
+    asked: SignatureParameters,
+    front: Front,
+    limit: float,
+    template: Template | None,
+) -> Chosen:
+    if asked.tolerance_of == ErrorKind.MAX:
+        return _fewest_for_maximum(sequence, asked, front, limit, template)
+    for parameters in _candidates(asked, front, limit):
+        found = modal_signature(sequence, parameters, template=template)
+        if found.rms_error <= limit:
+            return of_signature(found)
+    # Nothing of the front holds it; larger sets of the first branch may.
+    return of_signature(modal_signature(sequence, asked, template=template))
+
+
+def _candidates(
+    asked: SignatureParameters, front: Front, limit: float
+) -> Iterator[SignatureParameters]:
+    """Points of a front that hold a limit as far as rounding tells, fewest numbers first."""
+    points = []
+    for place, branch in enumerate(front.branches):
+        errors: dict[int | None, np.ndarray] = {None: branch.rms}
+        errors |= {h: branch.joint_rms[:, h] for h in range(branch.joint_rms.shape[1])}
+        if asked.harmonics is not None:
+            errors = {asked.harmonics: branch.joint_rms[:, asked.harmonics]}
+        for harmonics, rms in errors.items():
+            # Errors fall with the set: the first that holds takes fewest numbers, and the next
+            # is for the case that rounding says otherwise.
+            for k in np.flatnonzero(rms <= limit * (1.0 + 1e-9))[:2]:
+                modes = int(branch.counts[k])
+                numbers = front.numbers(modes, harmonics)
+                points.append((numbers, float(rms[k]), place, modes, harmonics))
+    for _, _, place, modes, harmonics in sorted(points, key=lambda point: point[:4]):
+        yield _at(asked, front, front.branches[place], modes, harmonics)
+
+
+def _fewest_for_maximum(
+    sequence: MeshSequence,
+    asked: SignatureParameters,
+    front: Front,
+    limit: float,
+    template: Template | None,
+) -> Chosen:
+    """Choose modes on each branch first, then harmonics: a maximum is known of models only."""
+    found, place = None, front.branches[0]
+    for branch in front.branches:
+        there = replace(
+            asked, topology=_topology(asked, front, branch), components=branch.components
+        )
+        try:
+            one = modal_signature(sequence, there, template=template)
+        except ToleranceError:
+            if branch is front.branches[-1] and found is None:
+                raise
+            continue
+        if found is None or len(one.modes) < len(found.modes):
+            found, place = one, branch
+    if found is None:
+        found = modal_signature(sequence, asked, template=template)
+    modes = len(found.modes)
+    if asked.harmonics is None and (found.choice is None or found.choice.normal is None):
+        for harmonics in range(place.joint_rms.shape[1]):
+            if front.numbers(modes, harmonics) >= front.numbers(modes):
+                break
+            parameters = _at(asked, front, place, modes, harmonics)
+            limited = modal_signature(sequence, parameters, template=template)
+            if limited.max_error <= limit:
+                return of_signature(limited)
+    return of_signature(found)
+
+
+def _at(
+    asked: SignatureParameters,
+    front: Front,
+    branch: Branch,
+    modes: int,
+    harmonics: int | None,
+) -> SignatureParameters:
+    """Parameters of one point of a front."""
+    pool = int(branch.counts[-1]) if asked.order == ModeOrder.ENERGY else None
+    return replace(
+        asked,
+        tolerance=None,
+        tolerance_share=None,
+        modes=modes,
+        harmonics=harmonics,
+        components=branch.components,
+        topology=_topology(asked, front, branch),
+        most_modes=pool,
+    )
+
+
+def _topology(asked: SignatureParameters, front: Front, branch: Branch) -> str | None:
+    return asked.topology if branch.topology == front.branches[0].topology else branch.topology

@@ -1,0 +1,184 @@
+"""The front: error against the number of amplitudes, for every set, at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.body_frame import Components
+from modalmotion.choice.energies import energies_of
+from modalmotion.choice.energy_order import by_energy
+from modalmotion.choice.harmonics import harmonics_of, n_functions
+from modalmotion.choice.ladder import ladder_of
+from modalmotion.choice.model import fit_with
+from modalmotion.errors import InputError
+from modalmotion.sequence import MeshSequence
+from modalmotion.signature import resolve_sequence, resolve_template
+from modalmotion.signature_parameters import ModeOrder, SignatureParameters
+from modalmotion.template import Template
+from modalmotion.topology import CUP, CYLINDER, PLANE, Topology
+
+MOST_OF_FRONT = 111
+"""Modes that a front reaches to unless more are asked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """RMS errors of all whole sets of one topology and one choice of components.
+
+    Parameters
+    ----------
+    topology : str
+        Or "mesh" for the spring modes of the mesh itself.
+    components : Components
+    counts : (sets,) int64
+        Numbers of modes.
+    rms : (sets,) float64, length unit
+        With the path of each amplitude over time as it is.
+    joint_rms : (sets, harmonics + 1) float64, length unit
+        With that path limited to 0, 1, 2, ... harmonics.
+    condition : float
+        Of the largest set.
+    ends_because : str
+        Why there is no larger set, where the surface and not the request ended it.
+    """
+
+    topology: str
+    components: Components
+    counts: NDArray[np.int64]
+    rms: NDArray[np.float64]
+    joint_rms: NDArray[np.float64]
+    condition: float
+    ends_because: str
+
+
+@dataclass(frozen=True, eq=False)
+class Front:
+    """What every choice of modes, harmonics, components and topology leaves.
+
+    Parameters
+    ----------
+    branches : tuple of Branch
+        The sequence's own topology and the components that were asked for come first.
+    n_frames, n_vertices : int
+    unit : str or None
+    motion_rms : float, length unit
+        RMS displacement over all frames: the error of no modes at all.
+    """
+
+    branches: tuple[Branch, ...]
+    n_frames: int
+    n_vertices: int
+    unit: str | None
+    motion_rms: float
+
+    def numbers(self, modes: int, harmonics: int | None = None) -> int:
+        """Amplitudes of the whole trajectory, limited to harmonics or not."""
+        per_path = self.n_frames
+        if harmonics is not None:
+            per_path = min(n_functions(harmonics), self.n_frames)
+        return 3 * modes * per_path
+
+
+def measure_front(
+    sequence: MeshSequence,
+    parameters: SignatureParameters | None = None,
+    *,
+    most_modes: int = MOST_OF_FRONT,
+    components: tuple[Components, ...] | None = None,
+    template: Template | None = None,
+) -> Front:
+    """Measure the RMS error of every whole set, from one factorisation for each topology.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    parameters : SignatureParameters, optional
+        How displacements are measured and ordered. A topology that they state is the only
+        one; otherwise all that fit the surface are measured.
+    most_modes : int
+        Modes of the largest set; fewer if the surface does not tell so many apart.
+    components : tuple of Components, optional
+        All that the surface has by default.
+    template : Template, optional
+        The one that the parameters name; made from the sequence's own reference by default.
+
+    Returns
+    -------
+    Front
+
+    Raises
+    ------
+    InputError
+        If not even the sequence's own topology can be measured.
+    """
+    asked = SignatureParameters() if parameters is None else parameters
+    own = resolve_sequence(sequence, asked)
+    used = resolve_template(own, asked, template)
+    branches, motion = _branches(own, used, asked, most_modes, components)
+    for topology in other_topologies(own, used, asked):
+        try:
+            other = own.with_topology(topology, None)
+            found = resolve_template(other, asked)
+            more, _ = _branches(other, found, asked, most_modes, components)
+        except InputError:
+            # A surface may be laid out in one way only; the others are no part of the front.
+            continue
+        branches += more
+    return Front(tuple(branches), own.n_frames, own.n_vertices, own.unit, motion)
+
+
+def other_topologies(
+    sequence: MeshSequence, template: Template, asked: SignatureParameters
+) -> tuple[Topology, ...]:
+    """Topologies besides a template's own that may fit its surface."""
+    own = template.surface
+    if asked.topology is not None or asked.template is not None or own is None:
+        return ()
+    others = {CUP: (CYLINDER,), CYLINDER: (CUP,), PLANE: (CUP,)}.get(own, ())
+    if sequence.grid is not None:
+        return tuple(
+            other for other in others if own != PLANE and (other != CUP or _is_cup(sequence.grid))
+        )
+    return others
+
+
+def _is_cup(grid: tuple[int, ...]) -> bool:
+    return grid[1] % 2 == 0
+
+
+def _branches(
+    sequence: MeshSequence,
+    template: Template,
+    asked: SignatureParameters,
+    most_modes: int,
+    components: tuple[Components, ...] | None,
+) -> tuple[list[Branch], float]:
+    """Branches of one topology, and the RMS motion."""
+    wanted = components or tuple(sorted(Components, key=lambda one: one != asked.components))
+    ladder = ladder_of(template, most_modes, sequence.grid)
+    functions = harmonics_of(sequence.n_frames, sequence.times)
+    branches, motion = [], 0.0
+    for one in wanted:
+        if one != Components.CARTESIAN and template.landmarks is None and components is None:
+            continue
+        fit = fit_with(sequence, template, ladder.basis, replace(asked, components=one))
+        ordered = ladder
+        if asked.order == ModeOrder.ENERGY:
+            ordered, fit = by_energy(ladder, fit)
+        energies = energies_of(ordered.basis, fit)
+        branches.append(
+            Branch(
+                topology="mesh" if template.surface is None else template.surface.name,
+                components=one,
+                counts=ordered.counts,
+                rms=energies.rms(ordered.counts),
+                joint_rms=energies.joint_rms(ordered.counts, functions),
+                condition=ladder.basis.condition,
+                ends_because=ladder.ends_because,
+            )
+        )
+        motion = float(energies.rms(np.zeros(1, dtype=np.int64))[0])
+    return branches, motion

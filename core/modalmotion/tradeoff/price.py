@@ -1,0 +1,121 @@
+"""What a signature costs and what it loses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from modalmotion.choice.harmonics import n_functions
+from modalmotion.sequence import MM_PER_UNIT
+from modalmotion.signature_value import ModalSignature
+
+
+@dataclass(frozen=True)
+class Price:
+    """What a description of a motion costs and what it loses.
+
+    Parameters
+    ----------
+    rms_error : float, mm
+        Over all frames. All errors are in mm, or in the length unit where that is unknown.
+    p95_error : float, mm
+        95th percentile over the surface in the worst frame.
+    max_error : float, mm
+        Of any vertex in any frame.
+    unit : str or None
+        "mm", or None where the unit of the input is unknown.
+    condition : float
+        How much of the data's precision the amplitudes may lose.
+    amplitudes_per_frame : int
+    numbers : int
+        Of the whole trajectory: amplitudes of all frames, or of all harmonics.
+    bytes : int
+        Of these numbers as float64, which is how they are stored.
+    bytes_float32 : int
+        Of these numbers as float32.
+    compression : float
+        Coordinates over amplitudes of one frame, as in Nastar 1994.
+    compression_of_sequence : float
+        Numbers in the sequence over those to keep: trajectory and reference.
+    milliseconds : mapping of str to float
+        By stage, where they were measured. They are kept with no result.
+    """
+
+    rms_error: float
+    p95_error: float
+    max_error: float
+    unit: str | None
+    condition: float
+    amplitudes_per_frame: int
+    numbers: int
+    bytes: int
+    bytes_float32: int
+    compression: float
+    compression_of_sequence: float
+    milliseconds: Mapping[str, float] = field(default_factory=dict)
+
+
+def price_of(signature: ModalSignature, milliseconds: Mapping[str, float] | None = None) -> Price:
+    """Give the price of a signature.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    milliseconds : mapping of str to float, optional
+        What was measured while it was made.
+    """
+    modes, f = len(signature.modes), signature.n_frames
+    harmonics = signature.parameters.harmonics
+    per_path = f if harmonics is None else min(n_functions(harmonics), f)
+    directions = 3 if signature.choice is None or signature.choice.normal is None else 2
+    return priced(
+        (signature.rms_error, float(signature.p95_errors.max()), signature.max_error),
+        unit=signature.unit,
+        condition=signature.condition,
+        amplitudes_per_frame=directions * modes,
+        numbers=directions * modes * per_path,
+        n_frames=f,
+        n_vertices=signature.n_vertices,
+        milliseconds=milliseconds,
+    )
+
+
+def priced(
+    errors: tuple[float, float, float],
+    *,
+    unit: str | None,
+    condition: float,
+    amplitudes_per_frame: int,
+    numbers: int,
+    n_frames: int,
+    n_vertices: int,
+    milliseconds: Mapping[str, float] | None = None,
+) -> Price:
+    """Work out a price from counts and errors.
+
+    Parameters
+    ----------
+    errors : (float, float, float), length unit
+        RMS, 95th percentile, largest.
+    unit : str or None
+    condition : float
+    amplitudes_per_frame, numbers, n_frames, n_vertices : int
+    milliseconds : mapping of str to float, optional
+    """
+    factor = 1.0 if unit is None else MM_PER_UNIT[unit]
+    rms, p95, largest = (factor * error for error in errors)
+    coordinates = 3 * n_vertices
+    return Price(
+        rms_error=rms,
+        p95_error=p95,
+        max_error=largest,
+        unit=None if unit is None else "mm",
+        condition=condition,
+        amplitudes_per_frame=amplitudes_per_frame,
+        numbers=numbers,
+        bytes=8 * numbers,
+        bytes_float32=4 * numbers,
+        compression=coordinates / max(amplitudes_per_frame, 1),
+        compression_of_sequence=n_frames * coordinates / (numbers + coordinates),
+        milliseconds=dict(milliseconds or {}),
+    )

@@ -1,0 +1,84 @@
+"""The trade of accuracy for numbers and time on a kept sequence."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Request, Response
+from pydantic import Field
+from starlette.background import BackgroundTask
+from starlette.responses import FileResponse
+
+from modalmotion.body_frame import Components
+from modalmotion.signature_parameters import MOST_MODES, SignatureParameters
+from modalmotion.store import Job
+from modalmotion.tradeoff import MOST_OF_FRONT
+from modalmotion_service.conditional import is_known, not_modified, tag_of
+from modalmotion_service.deferral import accepted, result_or_job
+from modalmotion_service.dependencies import PreferenceDependency, StateDependency
+from modalmotion_service.negotiation import JSON, PNG, best_type
+from modalmotion_service.openapi_parts import ACCEPTED, BINARY, PROBLEMS
+from modalmotion_service.schemas import SequenceId, SignatureQuery, TradeoffAnswer
+
+router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
+
+
+class TradeoffQuery(SignatureQuery):
+    """Which front is asked for, and which point of it."""
+
+    front_modes: int = Field(
+        MOST_OF_FRONT, ge=1, le=MOST_MODES, description="Modes that the front reaches to."
+    )
+    components: Components | None = Field(  # type: ignore[assignment]
+        None, description="The only ones that are measured; all that the surface has by default."
+    )
+
+    def parameters(self) -> SignatureParameters:
+        """Translate to the library's parameters, Cartesian components first."""
+        said: dict[str, Any] = self.model_dump(exclude={"front_modes"})
+        said["components"] = self.components or Components.CARTESIAN
+        return SignatureQuery(**said).parameters()
+
+
+@router.get(
+    "/sequences/{sequence_id}/tradeoff",
+    response_model=TradeoffAnswer,
+    responses={200: {"content": {PNG: BINARY}}, **ACCEPTED},
+)
+async def tradeoff(
+    sequence_id: SequenceId,
+    query: Annotated[TradeoffQuery, Query()],
+    state: StateDependency,
+    preference: PreferenceDependency,
+    request: Request,
+    accept: Annotated[str, Header(description=f"{JSON}, or {PNG} for a picture.")] = JSON,
+) -> Response:
+    """Say what each choice of modes costs and loses, and mark the one that is asked for.
+
+    Modes, harmonics, components and topologies at once; nothing is kept.
+    """
+    media_type = best_type(accept, (JSON, PNG))
+    parameters = query.parameters()
+    state.store.sequence_record(sequence_id)
+    only = "" if query.components is None else query.components.value
+    # Times differ from one answer to the next, so that the tag is a weak one.
+    tag = tag_of(sequence_id, parameters.key, media_type, str(query.front_modes), only)
+    if is_known(request, tag):
+        return not_modified(f"W/{tag}")
+    asked = {
+        "sequence_id": sequence_id,
+        "query": query.model_dump(mode="json"),
+        "media_type": media_type,
+    }
+    work = state.analysis.tradeoff(
+        sequence_id, parameters, query.front_modes, query.components, media_type
+    )
+    found = await result_or_job(state, preference, "tradeoff", asked, work)
+    if isinstance(found, Job):
+        return accepted(found)
+    return FileResponse(
+        found,
+        media_type=media_type,
+        headers={"ETag": f"W/{tag}", "Vary": "Accept"},
+        background=BackgroundTask(found.unlink, missing_ok=True),
+    )

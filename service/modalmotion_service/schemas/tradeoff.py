@@ -1,0 +1,103 @@
+"""What a description costs and loses, and the front of all choices."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from pydantic import BaseModel, Field
+
+from modalmotion.body_frame import Components
+from modalmotion.choice.scene import SceneKind
+from modalmotion.tradeoff import Price
+
+
+class PriceAnswer(BaseModel):
+    """What a description costs and what it loses."""
+
+    rms_error: float = Field(description="Over all frames, in `unit`.")
+    p95_error: float = Field(description="95th percentile over the surface, worst frame.")
+    max_error: float = Field(description="Of any vertex in any frame.")
+    unit: str | None = Field(description="mm; null where the unit of the input is unknown.")
+    condition: float
+    amplitudes_per_frame: int
+    numbers: int = Field(description="Of the whole trajectory.")
+    bytes: int = Field(description="Of these numbers as float64, which is how they are stored.")
+    bytes_float32: int
+    compression: float = Field(description="Coordinates over amplitudes of one frame.")
+    compression_of_sequence: float = Field(description="With the reference counted.")
+    milliseconds: dict[str, float] = Field(
+        description="By stage; those of a kept result are in the Server-Timing header."
+    )
+
+    @staticmethod
+    def of(price: Price) -> PriceAnswer:
+        """Write a price out."""
+        return PriceAnswer(**asdict(price))
+
+
+class BranchAnswer(BaseModel):
+    """RMS errors of all whole sets of one topology and one choice of components."""
+
+    topology: str
+    components: Components
+    modes: list[int]
+    amplitudes_per_frame: list[int]
+    bytes: list[int] = Field(description="Of the whole trajectory as float64.")
+    rms: list[float] = Field(description="In the length unit.")
+    harmonics: list[int]
+    rms_by_harmonics: list[list[float]] = Field(description="By modes, then harmonics.")
+    condition: float
+    ends_because: str
+
+
+class SceneErrorAnswer(BaseModel):
+    """What one simple kind of motion leaves, in the length unit."""
+
+    rms: float
+    p95: float
+    max: float
+    numbers_per_frame: int | None
+
+
+class NoiseAnswer(BaseModel):
+    """The measurement's noise as estimated."""
+
+    sigma: float = Field(description="Standard deviation of a coordinate, length unit.")
+    rounding: float = Field(description="What storing the numbers adds.")
+    modes: int = Field(description="Spatial modes that were taken out first.")
+    rank: int = Field(description="Of the singular value that was read, from the smallest.")
+    n_values: int
+
+
+class ChosenAnswer(BaseModel):
+    """The point of the front that was asked for."""
+
+    kind: SceneKind = Field(description="deformable for modes, or the simpler kind that holds.")
+    price: PriceAnswer
+    topology: str | None = None
+    components: Components | None = None
+    modes: int | None = None
+    labels: list[str] = []
+    harmonics: int | None = None
+    notes: list[str] = []
+    matrices: list[list[list[float]]] | None = Field(
+        None, description="A of A (x - c) + c + t, of a static, rigid or affine motion."
+    )
+    shifts: list[list[float]] | None = None
+
+
+class TradeoffAnswer(BaseModel):
+    """What each choice costs and loses on one sequence."""
+
+    sequence_id: str
+    unit: str | None
+    n_frames: int
+    n_vertices: int
+    motion_rms: float = Field(description="The error of no modes at all.")
+    front: list[BranchAnswer]
+    scene: dict[SceneKind, SceneErrorAnswer]
+    limit: float | None = Field(description="Error that is not exceeded, length unit.")
+    noise: NoiseAnswer | None
+    chosen: ChosenAnswer
+    fit_milliseconds: dict[str, float] = Field(description="By number of modes.")
+    milliseconds: dict[str, float] = Field(description="Of this answer, by stage.")
