@@ -188,7 +188,9 @@ def _costs(cohort: list[_Recorded], folds: Sequence[Any], mini: tuple[Any, float
 
 def _trade(cohort: list[_Recorded], y: NDArray[Any], folds: Sequence[Any], folder: Path) -> Table:
     """Accuracy of the linear part alone against amplitudes, harmonics and training cases."""
-    table = Table("The trade, linear estimator", ("what", "features", "accuracy", "calibration error"))
+    table = Table(
+        "The trade, linear estimator", ("what", "features", "accuracy", "calibration error")
+    )
     lines: dict[str, list[tuple[float, float]]] = {"amplitudes": [], "harmonics": [], "cases": []}
 
     def measured(what: str, x: float, X: Array, splits: Sequence[Any]) -> None:
