@@ -7,6 +7,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -86,11 +87,12 @@ def _trajectories(signature: ModalSignature) -> Array:
     """All amplitudes in the body frame at common phases, in percent of the size."""
     a = signature.body_amplitudes
     a = 100.0 * (a - a.mean(axis=0)) / np.sqrt(np.prod(signature.lengths))
-    return resample_to_phase(a, N_PHASES, times=signature.times).reshape(N_PHASES, -1).T
+    path = resample_to_phase(a, N_PHASES, times=signature.times)
+    return np.asarray(path.reshape(N_PHASES, -1).T)
 
 
 def _features(signature: ModalSignature) -> Array:
-    return axis_features(signature).values[0]
+    return np.asarray(axis_features(signature).values[0])
 
 
 def _ends(signature: ModalSignature) -> Array:
@@ -98,7 +100,7 @@ def _ends(signature: ModalSignature) -> Array:
     a = 100.0 * signature.amplitudes / np.sqrt(np.prod(signature.lengths))
     apart = np.linalg.norm(a - a[0], axis=(1, 2))
     two = replace(signature, amplitudes=signature.amplitudes[[0, int(apart.argmax())]], times=None)
-    return axis_features(two, 1, 1).values[0]
+    return np.asarray(axis_features(two, 1, 1).values[0])
 
 
 def _cross_validated(
@@ -135,9 +137,9 @@ def _peers(
         # The first call compiles.
         MiniRocketClassifier(n_kernels=84, random_state=0).fit(raw[:40], y[:40])
         for name, make in (
-            ("MiniRocket", lambda: MiniRocketClassifier(random_state=0)),
-            ("MultiRocket", lambda: MultiRocketClassifier(random_state=0)),
-            ("RDST", lambda: RDSTClassifier(random_state=0)),
+            ("MiniRocket", partial(MiniRocketClassifier, random_state=0)),
+            ("MultiRocket", partial(MultiRocketClassifier, random_state=0)),
+            ("RDST", partial(RDSTClassifier, random_state=0)),
         ):
             right, seconds = _cross_validated(make, raw, y, folds)
             found[name] = float(right.mean())
@@ -149,8 +151,7 @@ def _peers(
         table.add(name, f"{right.mean():.1%}", in_words(seconds))
     X = np.stack([_features(case.signatures[7]) for case in cohort])
     for kind in ("linear", "kernel", "svm", "forest", "auto"):
-        make = lambda kind=kind: MotionClassifier(kind)  # noqa: E731
-        right, seconds = _cross_validated(make, X, y, folds)
+        right, seconds = _cross_validated(partial(MotionClassifier, kind), X, y, folds)
         cells = (f"ours, {kind}", f"{right.mean():.1%}", in_words(seconds))
         if kind == "auto":
             table.add_at_least(100 * right.mean(), 100 * max(found.values()) - 0.5, *cells)
@@ -188,7 +189,9 @@ def _costs(cohort: list[_Recorded], folds: Sequence[Any], mini: tuple[Any, float
 
 def _trade(cohort: list[_Recorded], y: NDArray[Any], folds: Sequence[Any], folder: Path) -> Table:
     """Accuracy of the linear part alone against amplitudes, harmonics and training cases."""
-    table = Table("The trade, linear estimator", ("what", "features", "accuracy", "calibration error"))
+    table = Table(
+        "The trade, linear estimator", ("what", "features", "accuracy", "calibration error")
+    )
     lines: dict[str, list[tuple[float, float]]] = {"amplitudes": [], "harmonics": [], "cases": []}
 
     def measured(what: str, x: float, X: Array, splits: Sequence[Any]) -> None:

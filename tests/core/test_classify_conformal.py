@@ -17,7 +17,7 @@ from modalmotion.classify.ridge import ridge
 from modalmotion.classify.temperature import fit_temperature, softmax
 
 
-@parametrize_with_checks([MotionClassifier()])
+@parametrize_with_checks([MotionClassifier()])  # type: ignore[untyped-decorator]
 def test_the_estimator_is_scikit_learns(estimator: MotionClassifier, check: object) -> None:
     check(estimator)  # type: ignore[operator]
 
@@ -66,7 +66,7 @@ def test_sets_are_those_of_mapie() -> None:
     p, y = draw(rng, 400)
     q, _ = draw(rng, 300)
 
-    class Given(MotionClassifier):  # type: ignore[misc]
+    class Given(MotionClassifier):
         def predict_proba(self, X: NDArray[np.float64]) -> NDArray[np.float64]:
             return X
 

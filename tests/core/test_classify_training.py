@@ -160,7 +160,7 @@ def test_class_weights_pull_towards_a_class() -> None:
     )
     k = plain.classes.index("normal")
     X = plain.golden_features
-    assert (pulled.probabilities(X)[:, k] >= plain.probabilities(X)[:, k] - 1e-9).all()
+    assert pulled.probabilities(X)[:, k].mean() > plain.probabilities(X)[:, k].mean() + 0.01
     assert pulled.id != plain.id
 
 

@@ -127,8 +127,8 @@ def test_clear_cases_are_named_on_lattices_and_triangulations(label: MotionClass
 def test_the_answer_does_not_depend_on_how_it_was_recorded(label: MotionClass, change: str) -> None:
     plain, other = plain_answer(label), answer(changed(label, change))
     assert plain.label == other.label == label
-    # A start near end diastole changes the reference shape, and a repeated frame the period.
-    tolerance = 0.05 if change in ("start phase", "closed") else 0.01
+    # A repeated frame changes the period, another start the reference shape and its size.
+    tolerance = {"closed": 0.05, "start phase": 0.02}.get(change, 0.01)
     assert np.abs(plain.probabilities - other.probabilities).max() <= tolerance
     is_mirrored = any("left-handed" in note for note in other.notes)
     assert is_mirrored == (change == "other way round")

@@ -188,5 +188,5 @@ def peak_memory(folder: Path, n_cases: int) -> int:
 @pytest.mark.soak
 def test_ten_thousand_sequences_are_trained_on_in_bounded_memory(tmp_path: Path) -> None:
     small, large = (peak_memory(tmp_path, n) for n in (1_000, 10_000))
-    # 9,000 more signatures are 180 MB as files; what is kept of each is a few kB.
-    assert large - small < 200e6, f"peaks of {small} and {large} bytes"
+    # Features and the matrices of the fit, some 25 kB a case, whatever the frames and vertices.
+    assert large - small < 300e6, f"peaks of {small} and {large} bytes"

@@ -90,11 +90,11 @@ class TrainingOptions:
 
     modes: int = 7
     harmonics: int = 2
-    timing: Timing = Timing.AUTO
-    pose: PoseOf = PoseOf.ANY
-    walls: Walls = Walls.AUTO
-    estimator: Estimator = Estimator.AUTO
-    class_weights: ClassWeights | Mapping[str, float] = ClassWeights.NONE
+    timing: Timing | str = Timing.AUTO
+    pose: PoseOf | str = PoseOf.ANY
+    walls: Walls | str = Walls.AUTO
+    estimator: Estimator | str = Estimator.AUTO
+    class_weights: ClassWeights | str | Mapping[str, float] = ClassWeights.NONE
     folds: int = 5
     coverage: float = 0.9
     known_share: float = 0.995

@@ -91,7 +91,9 @@ class CaseTable:
         empty = np.zeros((len(self.motions[0].terms), self.readable.n_modes, 3), np.complex128)
         return self.reader, replace(self.reader, typical=empty)
 
-    def fitted(self, reader: FeatureReader, rows: NDArray[np.int64], pose: PoseOf) -> FeatureReader:
+    def fitted(
+        self, reader: FeatureReader, rows: NDArray[np.int64], pose: PoseOf | str
+    ) -> FeatureReader:
         """Give the reader the typical motion of some cases."""
         if reader.typical is None or pose == PoseOf.FIXED:
             return reader
