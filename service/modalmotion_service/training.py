@@ -114,6 +114,7 @@ class Trainer:
     ) -> list[Path]:
         """Signatures of all cases: those that are kept, and the others made by workers."""
         paths: list[Path] = [Path()] * len(cases)
+        failures: list[ModalMotionError] = []
         done = 0
 
         async def take(numbers: Iterator[int]) -> None:
@@ -123,7 +124,10 @@ class Trainer:
                 try:
                     paths[number] = await self._analysis.signature(sequence_id, parameters)
                 except ModalMotionError as error:
-                    raise self._about(error, sequence_id) from error
+                    failures.append(self._about(error, sequence_id))
+                # What the others have begun is finished, and kept for the next attempt.
+                if failures:
+                    return
                 done += 1
                 report(_FITTING * done / len(cases), f"signature {done} of {len(cases)}")
 
@@ -135,6 +139,8 @@ class Trainer:
             for taker in takers:
                 taker.cancel()
             await asyncio.wait(takers)
+        if failures:
+            raise failures[0]
         return paths
 
     def _about(self, error: ModalMotionError, sequence_id: object) -> ModalMotionError:

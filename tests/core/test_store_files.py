@@ -212,7 +212,7 @@ def test_any_hdf5_program_reads_the_file_and_learns_what_is_in_it(tmp_path: Path
         path.write_bytes(image)
         with h5py.File(path, "r") as file:
             assert file.attrs["schema"].decode() == f"modalmotion.{kind}"
-            assert file.attrs["schema_version"] == 1
+            assert file.attrs["schema_version"] == (2 if kind == "classification" else 1)
             assert file.attrs["kind"].decode() == kind
             assert file.attrs["intended_use"].decode() == INTENDED_USE
             assert file.attrs["sequence_id"].decode() == sequence.id
@@ -483,3 +483,24 @@ def test_a_text_that_no_attribute_can_hold_is_refused_before_it_is_written() -> 
     for model in ("a\x00b", "a\nb", "\ud800", "x" * 20_000):
         with pytest.raises(StoreError, match="model"):
             classification_to_hdf5(replace(sample_classification("1" * 64), model=model))
+
+
+def test_a_classification_of_before_there_were_class_sets_rules_nothing_out() -> None:
+    found = sample_classification("0" * 64)
+    attributes: dict[str, Attribute] = {
+        "schema": "modalmotion.classification",
+        "schema_version": 1,
+        "kind": "classification",
+        "intended_use": INTENDED_USE,
+        "model": found.model,
+    }
+    ids = {"sequence_id": found.sequence_id, "model_id": found.model_id}
+    datasets = [
+        Dataset("probabilities", found.probabilities, "1", "class"),
+        *(json_text(name, getattr(found, name)) for name in ("classes", "label", "notes")),
+        json_text("provenance", found.provenance),
+    ]
+    old = classification_from_hdf5(sealed_image(attributes, ids, datasets))
+    assert (old.class_set, old.coverage) == (found.classes, 1.0)
+    assert (old.flags, old.explanation) == ((), ())
+    assert (old.label, old.notes) == (found.label, found.notes)
