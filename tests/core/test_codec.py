@@ -222,7 +222,7 @@ def sections(data: bytes) -> list[bytes]:
 
 def rebuilt(parts: list[bytes]) -> bytes:
     """A stream whose checksums are right whatever it says."""
-    data = b"MMSQ\x01"
+    data = b"MMSQ\x02"
     for part in parts:
         data += write_varint(len(part)) + part + struct.pack("<I", zlib.crc32(part))
     return data
