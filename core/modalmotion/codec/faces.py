@@ -96,7 +96,8 @@ def read_faces(data: bytes, n_faces: int, n_vertices: int, grid: Grid | None) ->
         numbering.code(None)
     numbers = np.empty(n_vertices, dtype=np.int64)
     numbers[numbering.nodes] = np.arange(n_vertices)
-    return numbers[np.array(triangles)]
+    labelled: Ints = numbers[np.array(triangles)]
+    return labelled
 
 
 @dataclass(frozen=True, eq=False)

@@ -88,7 +88,7 @@ def _contexts(
     magnitudes: list[int],
     running: list[int],
 ) -> list[Hashable]:
-    """What is near, in eight ways."""
+    """Tell what is near, in eight ways."""
     x = WIDEST + column
     first, second, third = sums
     near_1 = first[x + 2] - first[x - 1]

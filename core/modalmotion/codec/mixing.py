@@ -82,7 +82,7 @@ class Mixer:
         return answer
 
     def number(self, question: int, contexts: Sequence[Hashable], value: int | None) -> int:
-        """Code a number >= 0: the bits that one more than it has, one answer each, then the bits."""
+        """Code a number >= 0: how many bits one more than it has, by answers; then these bits."""
         length = None if value is None else (value + 1).bit_length() - 1
         n = 0
         while self.bit(

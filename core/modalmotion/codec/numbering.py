@@ -159,7 +159,7 @@ class Numbering:
         return proposals
 
     def _recent(self) -> list[Hashable]:
-        """What the next step may depend on."""
+        """Tell what the next step may depend on."""
         paths, number = self._paths, self._number
         around = self._rings.seen_from(self._node, self._origin)
         taken = tuple(number[v] >= 0 for v in around)
@@ -226,7 +226,7 @@ class Numbering:
             counts[1] = (counts[1] + 1) // 2
 
     def _go_to(self, node: int) -> None:
-        """Number a node, and learn from where it is."""
+        """Give the next number to a node, and learn from where it is."""
         path, origin = None, NOWHERE
         if self._node != NOWHERE:
             around = self._rings.breadth_first(self._node, self._origin, REMEMBERED, node)

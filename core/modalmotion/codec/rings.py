@@ -86,7 +86,7 @@ class Rings:
         return node
 
     def path_along(self, origin: int, nodes: list[int]) -> Path:
-        """Turns that lead from the first node along the others, if one came from an origin."""
+        """List the turns from the first node along the others, if one came from an origin."""
         turns = []
         for here, there in pairwise(nodes):
             place = self._place[here]
@@ -102,16 +102,15 @@ class Rings:
         looks = MOST_LOOKS * most
         for parent, here in enumerate(nodes):
             before = origin if parent == 0 else nodes[parents[parent]]
-            # A hub has more neighbours than are looked at.
-            around = self.seen_from(here, before) if looks > len(self.around[here]) else ()
+            # A hub has more neighbours than there is time for.
             looks -= len(self.around[here])
-            for there in around:
+            if looks <= 0:
+                break
+            for there in self.seen_from(here, before):
                 if there not in found:
                     found.add(there)
                     nodes.append(there)
                     parents.append(parent)
                     if there == goal or len(nodes) > most:
                         return Surroundings(nodes, parents)
-            if looks <= 0:
-                break
         return Surroundings(nodes, parents)
