@@ -15,6 +15,7 @@ from modalmotion.codec.choice import Choice
 from modalmotion.codec.guard import Guards, find_guards
 from modalmotion.codec.measure import measure
 from modalmotion.codec.mixed_matrix import MOST_MIXED
+from modalmotion.codec.progress import Progress, part_of, silent
 from modalmotion.codec.search import coarsest, least
 from modalmotion.codec.spring_modes import SpringModes
 from modalmotion.codec.target import Effort, Measure, Target
@@ -28,6 +29,8 @@ QUANTA_PER_MAX: Final = 64
 MOST_UNCERTAIN: Final = 1e-2
 # What is tried in turn of the squared error allowed: rounding may take more than its average.
 SHARES: Final = (1.0, 0.995, 0.97, 0.8)
+# Projecting, and solving for modes that have to be solved for, beside the search.
+SHARE_OF_MODES: Final = 0.3
 # Coefficients that are coded one by one: some ten microseconds each, for the decoder too.
 MOST_TIGHTENED: Final = {Effort.FAST: 0, Effort.BALANCED: 2**18, Effort.THOROUGH: MOST_MIXED}
 FIRST_STEP: Final = {Measure.RMS: 7.0, Measure.MAX_ERROR: 3.0}
@@ -77,7 +80,9 @@ class _Frames:
     motion: Motion
 
 
-def encode_frames(vertices: FloatArray, choice: Choice, target: Target) -> EncodedBlock | None:
+def encode_frames(
+    vertices: FloatArray, choice: Choice, target: Target, report: Progress = silent
+) -> EncodedBlock | None:
     """Encode some frames at an error.
 
     Returns
@@ -90,7 +95,8 @@ def encode_frames(vertices: FloatArray, choice: Choice, target: Target) -> Encod
         return None
     wanted = float(np.ldexp(target.value, -frames.exponent))
     search = _at_rms if target.measure == Measure.RMS else _at_max_error
-    best = search(frames, choice, target, wanted)
+    report(SHARE_OF_MODES)
+    best = search(frames, choice, target, wanted, part_of(report, SHARE_OF_MODES, 0.9))
     return None if best is None else best.tightened(MOST_TIGHTENED[choice.effort])
 
 
@@ -111,7 +117,9 @@ def _prepare(vertices: FloatArray, choice: Choice, target: Target) -> _Frames | 
     return _Frames(vertices, exponent, origin, offsets, motion)
 
 
-def _at_rms(frames: _Frames, choice: Choice, target: Target, wanted: float) -> EncodedBlock | None:
+def _at_rms(
+    frames: _Frames, choice: Choice, target: Target, wanted: float, report: Progress
+) -> EncodedBlock | None:
     n_frames, _, n_vertices = frames.offsets.shape
     # Rounding to whole quanta adds a twelfth to each coordinate's square.
     allowed = (wanted**2 - 0.25) * n_frames * n_vertices
@@ -128,11 +136,12 @@ def _at_rms(frames: _Frames, choice: Choice, target: Target, wanted: float) -> E
                 if best is None or len(done.data) < len(best.data):
                     best = done
                 break
+        report((1 + choice.kinds.index(kind)) / len(choice.kinds))
     return best
 
 
 def _at_max_error(
-    frames: _Frames, choice: Choice, target: Target, wanted: float
+    frames: _Frames, choice: Choice, target: Target, wanted: float, report: Progress
 ) -> EncodedBlock | None:
     # Half a step of the corrections and the rounding to the type of the vertices stay within.
     largest = float(np.abs(frames.vertices).max())
@@ -161,6 +170,7 @@ def _at_max_error(
             if best is None or len(done.data) < len(best.data):
                 best = done
         found.clear()
+        report((1 + choice.kinds.index(kind)) / len(choice.kinds))
     return best
 
 
