@@ -26,7 +26,7 @@ _CELLS: Final = 1
 _PERIODS: Final = (1, 2, 8, 32)
 _REMEDY: Final = "The stream is damaged: send it again."
 LARGEST_RELATED: Final = 10_000
-"""Vertices of the largest mesh whose numbers are told with relations: a millisecond for each."""
+"""Vertices of the largest mesh whose numbers are told with relations: smaller, but slower."""
 
 
 def write_faces(n_vertices: int, grid: Grid | None, faces: Ints, *, keep_order: bool) -> bytes:
