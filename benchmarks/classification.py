@@ -13,7 +13,6 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from measure import Table, in_words, side_by_side
-from modalmotion.simulate.volume import Cavity
 from numpy.typing import NDArray
 
 from modalmotion.classify import TrainingCase, TrainingOptions, classify, evaluate, train
@@ -22,7 +21,7 @@ from modalmotion.classify.reliability import calibration_curve, calibration_erro
 from modalmotion.distance import resample_to_phase
 from modalmotion.features import axis_features
 from modalmotion.formats import read_sequence
-from modalmotion.mesh import lattice_faces
+from modalmotion.mesh import Cavity, lattice_faces
 from modalmotion.sequence import MeshSequence
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.simulate import simulate_cohort

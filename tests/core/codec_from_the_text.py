@@ -8,6 +8,7 @@ import struct
 import zlib
 from collections import defaultdict, deque
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -135,17 +136,22 @@ def window(m: Array, r: int, c: int, end: int, d: int, k: int) -> int:
     return int(m[r + 3 - d, max(c - k, 0) : min(c + k + 1, end)].sum())
 
 
-def matrix(coded: Coded, R: int, C: int) -> Array:
-    """Section 7."""
-    q = np.zeros((R, C), dtype=np.int64)
-    if not R or not C:
-        return q
+def band_ends(C: int) -> list[int]:
     ends: list[int] = []
     width = 4
     while not ends or ends[-1] < C:
         ends.append(min(C, (ends[-1] if ends else 0) + width))
         if len(ends) % 2 == 0:
             width = min(64, 2 * width)
+    return ends
+
+
+def matrix(coded: Coded, R: int, C: int) -> Array:
+    """Section 7."""
+    q = np.zeros((R, C), dtype=np.int64)
+    if not R or not C:
+        return q
+    ends = band_ends(C)
     B = len(ends)
     begins = [0, *ends[:-1]]
     extents = B - np.cumsum(number_list(coded, R))
@@ -305,96 +311,365 @@ def spring_modes(source: Bytes, N: int, faces: list[list[int]]) -> Array:
     return np.array([mode for _, mode in sorted(entries, key=lambda entry: entry[0])])
 
 
+class Answers:
+    """Section 8."""
+
+    def __init__(self, coded: Coded) -> None:
+        self.coded = coded
+        self.counts: dict[Any, list[int]] = defaultdict(lambda: [0, 0])
+        self.weights: dict[Any, list[int]] = {}
+
+    def ask(self, question: Any, *contexts: Any) -> bool:
+        keys = [(question, place, context) for place, context in enumerate(contexts)]
+        weights = self.weights.setdefault(question, [22938] * len(keys))
+
+        def log(n: int) -> int:
+            return round(256 * math.log(n + 0.4))
+
+        x = [log(self.counts[key][1]) - log(self.counts[key][0]) for key in keys]
+        d = sum(w * v for w, v in zip(weights, x, strict=True)) >> 16
+        chance = round(65536 / (1 + math.exp(-max(-2047, min(2047, d)) / 256)))
+        yes = self.coded.symbol([65536 - chance, chance]) == 1
+        e = 3 * ((65536 if yes else 0) - chance)
+        for place, key in enumerate(keys):
+            weights[place] += (x[place] * e) >> 16
+            pair = self.counts[key]
+            pair[yes] += 1
+            if pair[not yes] > 2:
+                pair[not yes] = (pair[not yes] + 2) // 2
+            if sum(pair) > 250:
+                pair[:] = [pair[0] // 2, pair[1] // 2]
+        return yes
+
+    def number(self, question: Any, *contexts: Any) -> int:
+        n = 0
+        while self.ask(question, *((c, n) for c in contexts)):
+            n += 1
+        return (1 << n) - 1 + self.coded.bits(n)
+
+
+def centred(m: Array, y: int, x: int, d: int, k: int) -> int:
+    return int(m[y - d, x - k : x + k + 1].sum())
+
+
+def mixed_matrix(coded: Coded, R: int, C: int) -> Array:
+    """Section 9."""
+    q = np.zeros((R, C), dtype=np.int64)
+    if not R or not C:
+        return q
+    ends = band_ends(C)
+    extents = np.maximum(len(ends) - np.cumsum(number_list(coded, R)), 0)
+    answers = Answers(coded)
+    m = np.zeros((R + 6, C + 80), dtype=np.int64)
+
+    def z(v: int) -> int:
+        u = int(v) + 2
+        n = u.bit_length() - 1
+        return 2 * n - 2 + ((u >> (n - 1)) & 1)
+
+    for r in range(R):
+        for c in range(ends[extents[r] - 1] if extents[r] else 0):
+            x, y = c + 40, r + 6
+
+            S = partial(centred, m, y, x)
+            W, V = int(m[y, x - 8 : x].sum()), int(m[y, x - 30 : x].sum())
+            up = [int(m[y - d, x]) for d in range(7)]
+            first = z(
+                60 * up[1] + 24 * S(1, 1) + 12 * S(2, 1) + 14 * S(3, 1)
+                + 8 * S(1, 6) + 5 * S(2, 6) + 5 * S(3, 6) + 32 * W
+            )  # fmt: skip
+            contexts = (
+                first,
+                (z(4 * W), z(2 * S(1, 6))),
+                (z(up[1]), z(up[2]), z(up[3])),
+                (z(S(1, 1)), z(S(3, 1))),
+                (z(V), z(W)),
+                (min(c, 60), r % 3),
+                (z(m[y, x - 1]), z(m[y, x - 2]), z(up[1])),
+                (z(S(1, 6) + S(2, 6) + S(3, 6)), z(up[6])),
+            )
+            a = 0
+            while a < 14 and answers.ask(("more than", a), *contexts):
+                a += 1
+            if a == 14:
+                a += answers.number("larger", 0, first)
+            q[r, c] = a
+            m[y, x] = min(a, 1023)
+    for place in zip(*np.nonzero(q), strict=True):
+        if coded.bits(1):
+            q[place] = -q[place]
+    return q
+
+
 def walk(data: bytes, M: int, N: int) -> list[list[int]]:
-    """Section 8, kind 0."""
-    rule = data[1]
-    coded = Coded(data[2:])
-    period = (1, 2, 8)[rule]
-    tables: dict[tuple[int, bool], Table] = {}
+    """Section 10, kind 0."""
+    answers = Answers(Coded(data[3:]))
+    triangles, n_met = walk_triangles(answers, data[1], M)
+    node_of = order_of_vertices(answers, triangles, N, data[2])
+    vertex_of = {node: vertex for vertex, node in enumerate(node_of)}
+    assert sorted(vertex_of) == list(range(N))
+    assert n_met <= N
+    return [[vertex_of[node] for node in face] for face in triangles]
 
-    def symbol(context: int, is_class: bool) -> int:
-        size = 40 if is_class else 64
-        weights = tables.setdefault(
-            (context, is_class), [1 + (64 >> (i // 2 + 2)) for i in range(size)]
-        )
-        value: int = coded.symbol(weights)
-        weights[value] += 96
-        return value
 
-    def number(context: int) -> int:
-        value = symbol(context, False)
-        if value < 63:
-            return value
-        n = symbol(context, True)
-        return 62 + (1 << n) + coded.bits(n)
-
-    def signed(value: int) -> int:
-        return value // 2 if value % 2 == 0 else -(value + 1) // 2
-
-    unused, used, pivots = list(range(N)), list[int](), deque[int]()
+def walk_triangles(answers: Answers, period: int, M: int) -> tuple[list[list[int]], int]:
+    used, pivots, n_met = list[int](), deque[int](), 0
     ahead: dict[int, list[int]] = defaultdict(list)
     behind: dict[int, list[int]] = defaultdict(list)
-    kinds, last_of_role, last_new = (3, 3), dict[int, int](), 0
+    around: dict[int, int] = defaultdict(int)
+    codes, in_role = (0,) * 6, dict[int, int]()
     faces: list[list[int]] = []
-
-    def rank(v: int) -> int:
-        return sum(u < v for u in unused)
 
     def drop() -> None:
         while pivots and not ahead[pivots[0]]:
             pivots.popleft()
 
+    face: list[int] = []
+    kinds = 0
     while len(faces) < M:
-        face: list[int] = []
-        while len(face) < 3:
-            role = 3 * (len(faces) % period) + len(face)
-            a = number(16 * role + 4 * kinds[0] + kinds[1])
-            kinds = (min(a, 3), kinds[0])
-            if a == 2 and not face:
-                pivots.popleft()
-                drop()
-                continue
-            if a == 0 and rule == 0:
-                candidates: list[int] = []
-                for v in used[:-49:-1]:
-                    above, below = [u for u in unused if u > v], [u for u in unused if u < v]
-                    candidates += [u for u in (above[:1] + below[-1:]) if u not in candidates]
-                place = number(2**20 + 1)
-                if place:
-                    v = candidates[place - 1]
+        corner = len(face)
+        role = 3 * (len(faces) % period) + corner
+        named: dict[int, int] = {0: n_met}
+        if corner:
+            if ahead[face[-1]]:
+                named[1] = ahead[face[-1]][-1]
+            if behind[face[0]]:
+                named[2] = behind[face[0]][-1]
+        elif pivots:
+            named[1], named[2] = pivots[0], -1
+        a = b = y = -1
+        if corner or pivots:
+            a = around[face[0] if corner else pivots[0]]
+        if corner == 2:
+            b = around[face[1]]
+        if corner and 2 in named:
+            y = around[named[2]]
+        contexts = (
+            (role, kinds, codes[-3:]),
+            (role, kinds, codes),
+            (kinds, a, b, y),
+            (kinds, a, y, codes[-2:]),
+            (kinds, a, codes[-1]),
+            (kinds, a, b),
+            (role, kinds, in_role.get(role, 0)),
+        )
+        kind = 3
+        for asked in ((1, 2, 0), (1, 0, 2), (0, 2, 1))[corner]:
+            if asked in named and answers.ask((corner, asked), *contexts):
+                kind = asked
+                break
+        if kind == 2 and not corner:
+            pivots.popleft()
+            drop()
+            codes = (*codes[1:], 64)
+            continue
+        v = used[-1 - answers.number("older", corner, role)] if kind == 3 else named[kind]
+        if kind == 0:
+            n_met += 1
+            pivots.append(v)
+        else:
+            used.remove(v)
+        used.append(v)
+        face.append(v)
+        in_role[role] = kind
+        kinds = 4 * kinds + kind
+        if corner == 2:
+            for s, e in zip(face, face[1:] + face[:1], strict=True):
+                if e in ahead[s]:
+                    ahead[s].remove(e)
+                    behind[e].remove(s)
                 else:
-                    v = unused[rank(used[-1] if used else 0) + signed(number(2**20 + 2))]
-            elif a == 0:
-                before = last_of_role.get(role, last_new)
-                v = unused[rank(before) + signed(number(2**20 + 2 + role))]
-            elif a == 1:
-                v = ahead[face[-1]][-1] if face else pivots[0]
-            elif a == 2:
-                v = behind[face[0]][-1]
+                    ahead[e].append(s)
+                    behind[s].append(e)
+                around[s] += 1
+            codes = (*codes[1:], kinds)
+            faces.append(face)
+            face, kinds = [], 0
+            drop()
+    return faces, n_met
+
+
+Route = tuple[int, ...]
+
+
+def rings_of(triangles: list[list[int]], N: int) -> list[list[int]]:
+    neighbours: list[list[int]] = [[] for _ in range(N)]
+    after: list[dict[int, int]] = [{} for _ in range(N)]
+    for a, b, c in triangles:
+        for v, x, y in ((a, b, c), (b, c, a), (c, a, b)):
+            neighbours[v] += [w for w in dict.fromkeys((x, y)) if w not in neighbours[v]]
+            if x not in after[v] and y not in after[v].values():
+                after[v][x] = y
+    rings = []
+    for v in range(N):
+        ring: list[int] = []
+        starts = [x for x in neighbours[v] if x not in after[v].values()]
+        for first in starts + neighbours[v]:
+            w = first
+            while w >= 0 and w not in ring:
+                ring.append(w)
+                w = after[v].get(w, -1)
+        rings.append(ring)
+    return rings
+
+
+def order_of_vertices(
+    answers: Answers, triangles: list[list[int]], N: int, n_relations: int
+) -> list[int]:
+    rings = rings_of(triangles, N)
+
+    def seen(v: int, u: int) -> list[int]:
+        first = rings[v].index(u) + 1 if u in rings[v] else 0
+        return rings[v][first:] + rings[v][:first]
+
+    def lead(v: int, u: int, path: Route) -> int:
+        for turn in path:
+            if turn >= len(rings[v]):
+                return -1
+            v, u = seen(v, u)[turn], v
+        return v
+
+    def around(v: int, u: int, most: int) -> dict[int, list[int]]:
+        """Listed nodes with the nodes that lead to them, themselves the last."""
+        listed: dict[int, list[int]] = {v: [v]}
+        queue, looks = deque([v]), 0
+        while queue:
+            w = queue.popleft()
+            looks += len(rings[w])
+            if looks >= 8 * most:
+                break
+            for x in seen(w, listed[w][-2] if w != v else u):
+                if x not in listed:
+                    listed[x] = [*listed[w], x]
+                    queue.append(x)
+                    if len(listed) > most:
+                        return listed
+        return listed
+
+    def route(way: list[int], u: int) -> Route:
+        turns = []
+        for here, there in pairwise(way):
+            turns.append(seen(here, u).index(there))
+            u = here
+        return tuple(turns)
+
+    lone = [v for v in range(N) if not rings[v]]
+    node_of: list[int] = []
+    vertex: dict[int, int] = {}
+    distance = [6] * N
+    p = o = -1
+    h: list[Route | None] = [None] * 4
+    D = [6] * 4
+    remembered: dict[Any, list[tuple[Route, int]]] = defaultdict(list)
+    counts: dict[Any, list[int]] = defaultdict(lambda: [1, 1])
+    relations: list[list[list[list[int]]]] = []
+    outcome = 4
+
+    def trust(source: Any) -> int:
+        right, wrong = counts[source]
+        return round(1024 * math.log(right + wrong)) - round(1024 * math.log(wrong))
+
+    while len(node_of) < N:
+        if lone and answers.ask("lone", 0):
+            vertex[lone[0]] = len(node_of)
+            node_of.append(lone.pop(0))
+            relations.append([])
+            continue
+        proposals: dict[int, list[Any]] = {}
+
+        def propose(v: int, source: Any, proposals: dict[int, list[Any]] = proposals) -> None:
+            if v >= 0 and v not in vertex:
+                proposals.setdefault(v, []).append(source)
+
+        models: list[Any] = []
+        if p >= 0:
+            taken = tuple(v in vertex for v in seen(p, o))
+            models = [h[-1], (h[-2], h[-1]), tuple(h), taken, (taken, h[-1])]
+            for k, context in enumerate(models):
+                for i, (path, again) in enumerate(remembered[k, context]):
+                    propose(lead(p, o, path), (k, i, min(again, 5)))
+            for turn, v in enumerate(seen(p, o)):
+                propose(v, (5, min(turn, 5), len(rings[p])))
+            for j, of_one in enumerate(relations[:-5:-1]):
+                for i, steps in enumerate(of_one):
+                    for s, ends in enumerate(steps):
+                        for v in ends:
+                            propose(v, (6 + 4 * j + s, i))
+        strength = {v: sum(map(trust, sources)) for v, sources in proposals.items()}
+        order = sorted(proposals, key=lambda v: -strength[v] - 2048 * (distance[v] == D[-1]))[:16]
+        node, outcome_now = -1, 4
+        for place, v in enumerate(order):
+            B = max(proposals[v], key=trust)
+            S, d = min(15, 3 * strength[v] // 1024), distance[v]
+            if answers.ask(
+                ("here", min(place, 3)),
+                B,
+                (place, len(proposals[v]), S),
+                (B[:2], place, outcome),
+                (d, D[-1], D[-2]),
+                (S, d == D[-1], d == D[-4]),
+            ):
+                node, outcome_now = v, min(place, 4)
+                break
+        outcome = outcome_now
+        if node < 0:
+            d = 1
+            while d < 6 and not answers.ask("distance", (d, D[-1]), (d, D[-1], D[-2]), (d, D[-4])):
+                d += 1
+            free = [v for v in range(N) if rings[v] and v not in vertex]
+            if not answers.ask("far", 0):
+                near = [v for v in around(p, o, 400) if v in free and distance[v] == d]
+                node = [v for v in near if v not in order][answers.number("rank", d)]
+            elif N <= 65536:
+                alike = [v for v in free if distance[v] == d]
+                node = alike[answers.coded.bits(len(alike).bit_length())]
             else:
-                v = used[-1 - (a - 3)]
-            if a == 0:
-                unused.remove(v)
-                pivots.append(v)
-                last_new = last_of_role[role] = v
-            else:
-                used.remove(v)
-            used.append(v)
-            face.append(v)
-        for x, y in zip(face, face[1:] + face[:1], strict=True):
-            if y in ahead[x]:
-                ahead[x].remove(y)
-                behind[y].remove(x)
-            else:
-                ahead[y].append(x)
-                behind[x].append(y)
-        drop()
-        faces.append(face)
-    return faces
+                node = answers.coded.bits(N.bit_length())
+        for v, sources in proposals.items():
+            for source in sources:
+                pair = counts[source]
+                pair[v != node] += 1
+                if sum(pair) > 40:
+                    pair[:] = [(n + 1) // 2 for n in pair]
+        path_there, origin = None, rings[node][0]
+        if p >= 0:
+            way = around(p, o, 120).get(node)
+            if way:
+                path_there, origin = route(way, o), way[-2]
+                for k, context in enumerate(models):
+                    known = dict(remembered[k, context])
+                    again = known.pop(path_there, -1) + 1
+                    remembered[k, context] = [(path_there, again), *known.items()][:2]
+        h, D = [*h[1:], path_there], [*D[1:], distance[node]]
+        found: list[list[list[int]]] = []
+        n = len(node_of)
+        for v, way in around(node, origin, 40).items():
+            m = vertex.get(v, n)
+            if m < n - 4 and len(found) < n_relations:
+                back = route(way[::-1], -1)
+                bases = [node_of[b] if b >= 0 else -1 for b in (m + 1, m - 1, m + 2, m - 2)]
+                found.append(
+                    [
+                        [lead(base, u, back) for u in rings[base][:12]] if base >= 0 else []
+                        for base in bases
+                    ]
+                )
+        relations.append(found)
+        p, o = node, origin
+        vertex[node] = n
+        node_of.append(node)
+        distance[node], row = 0, deque([node])
+        while row:
+            v = row.popleft()
+            for w in rings[v]:
+                if distance[w] > distance[v] + 1:
+                    distance[w] = distance[v] + 1
+                    row.append(w)
+    return node_of
 
 
 def cells(data: bytes, ends: list[int], grid: list[int]) -> list[list[int]]:
-    """Section 8, kind 1."""
+    """Section 10, kind 1."""
     bits = [int(bit) for byte in data[1:] for bit in f"{byte:08b}"]
     counts = [n if e == 1 and n > 2 else n - 1 for n, e in zip(grid, ends, strict=True)]
     found: list[list[list[int]]] = []
@@ -415,7 +690,7 @@ def cells(data: bytes, ends: list[int], grid: list[int]) -> list[list[int]]:
 
 
 def block(data: bytes, f: int, N: int, modes: Array, form: str) -> Any:
-    """Section 9."""
+    """Section 11."""
     source = Bytes(data)
     digest = source.take(8)
     kind, step = source.unpack("Bf")
@@ -423,9 +698,10 @@ def block(data: bytes, f: int, N: int, modes: Array, form: str) -> Any:
     exponent = source.zigzag()
     origin = np.array([source.zigzag() for _ in range(3)])
     width, rows, n_modes, n_components = (source.varint() for _ in range(4))
+    read_matrix = mixed_matrix if source.byte() else matrix
     coded = Coded(source.data[source.at :])
-    components = matrix(coded, n_components, (3 * f if kind == 3 else f) if kind > 1 else 0)
-    coefficients = matrix(coded, rows, n_modes)
+    components = read_matrix(coded, n_components, (3 * f if kind == 3 else f) if kind > 1 else 0)
+    coefficients = read_matrix(coded, rows, n_modes)
 
     def values(q: Array) -> Array:
         shift = np.array([shifts[min(abs(int(n)), 3)] for n in q.ravel()]).reshape(q.shape)
@@ -468,7 +744,7 @@ def block(data: bytes, f: int, N: int, modes: Array, form: str) -> Any:
 def decode_from_the_text(data: bytes) -> tuple[Any, list[list[int]]]:
     """Vertices and faces of a stream."""
     source = Bytes(data)
-    assert source.take(5) == b"MMSQ\x01"
+    assert source.take(5) == b"MMSQ\x02"
     header = Bytes(source.section())
     F, N, M = (header.varint() for _ in range(3))
     form = "<f8" if header.byte() else "<f4"

@@ -166,6 +166,14 @@ def test_progress_runs_from_nothing_to_all(rng) -> None:  # type: ignore[no-unty
     assert seen == sorted(seen)
 
 
+def test_progress_is_told_inside_a_block(rng) -> None:  # type: ignore[no-untyped-def]
+    seen: list[float] = []
+    encoded = encode(mesh_of_tube(rng), rms=0.1, progress=seen.append)
+    assert len(inspect(encoded.data).block_frames) == 1
+    assert len([share for share in seen if 0.0 < share < 1.0]) >= 4
+    assert seen == sorted(seen)
+
+
 def test_long_sequences_are_read_in_part_and_block_by_block(rng) -> None:  # type: ignore[no-untyped-def]
     n_frames = 2 * LONGEST_BLOCK + 5
     vertices = wobbling(rng, grid=(3, 4), n_frames=n_frames)
@@ -222,7 +230,7 @@ def sections(data: bytes) -> list[bytes]:
 
 def rebuilt(parts: list[bytes]) -> bytes:
     """A stream whose checksums are right whatever it says."""
-    data = b"MMSQ\x01"
+    data = b"MMSQ\x02"
     for part in parts:
         data += write_varint(len(part)) + part + struct.pack("<I", zlib.crc32(part))
     return data

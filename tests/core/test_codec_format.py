@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.codec import Effort, decode, encode, encoder
 from modalmotion.codec import choice as codec_choice
+from modalmotion.codec import faces as codec_faces
 from modalmotion.codec.temporal import Temporal
 from modalmotion.mesh import lattice_faces
 from modalmotion.sequence import MeshSequence, mesh_sequence
@@ -87,6 +88,29 @@ def test_connectivity_of_any_kind(keep_face_order: bool, seed: int) -> None:
     faces = rng.integers(0, 90, size=(int(rng.integers(1, 80)), 3))
     vertices = rng.normal(size=(2, 90, 3))
     require_same(mesh_sequence(vertices, faces), rms=0.5, keep_face_order=keep_face_order)
+
+
+@pytest.mark.parametrize("keep_face_order", [True, False])
+def test_connectivity_numbered_row_by_row(keep_face_order: bool) -> None:
+    rng = np.random.default_rng(3)
+    faces = lattice_faces(CYLINDER, (12, 16))
+    faces = faces.reshape(2, -1, 3).transpose(1, 0, 2).reshape(-1, 3)
+    sequence = mesh_sequence(moving(rng, 2, (12, 16)), faces)
+    require_same(sequence, rms=2.0, keep_face_order=keep_face_order)
+
+
+def test_large_meshes_go_without_relations(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(codec_faces, "LARGEST_RELATED", 20)
+    sequence = mesh_sequence(moving(rng, 2, (4, 6)), lattice_faces(CYLINDER, (4, 6)))
+    require_same(sequence, rms=1.0)
+
+
+@pytest.mark.parametrize("effort", list(Effort))
+def test_every_effort(effort: Effort, rng: np.random.Generator) -> None:
+    sequence = mesh_sequence(moving(rng, 6, (6, 8)), grid=(6, 8), topology="cylinder")
+    require_same(sequence, rms=0.05, effort=effort)
 
 
 @pytest.mark.parametrize("together", [True, False])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -15,6 +15,7 @@ from modalmotion.codec.corrections import code_corrections
 from modalmotion.codec.entropy import Reader, Writer
 from modalmotion.codec.guard import Guards, code_guards
 from modalmotion.codec.matrix import code_matrix
+from modalmotion.codec.mixed_matrix import code_mixed_matrix
 from modalmotion.codec.quantiser import Quantiser
 from modalmotion.codec.spatial import Modes
 from modalmotion.codec.temporal import (
@@ -51,6 +52,8 @@ class Block:
     origin : (3,) int64, quanta
     width : int
         Quanta of one step of the corrections; 0 if there are none.
+    mixed : bool
+        Whether the matrices are coded one by one, in fewer bits and more time.
     """
 
     kind: Temporal
@@ -61,6 +64,7 @@ class Block:
     exponent: int
     origin: Ints
     width: int = 0
+    mixed: bool = False
 
     def time_basis(self) -> TimeBasis:
         """Make the temporal components."""
@@ -98,9 +102,10 @@ def write_block(
     """
     writer = Writer()
     n_values = positions.size
+    code = code_mixed_matrix if block.mixed else code_matrix
     if block.basis.shape[0]:
-        code_matrix(writer, block.basis.shape, block.basis)
-    code_matrix(writer, block.coefficients.shape, block.coefficients)
+        code(writer, block.basis.shape, block.basis)
+    code(writer, block.coefficients.shape, block.coefficients)
     code_guards(writer, n_values, guards)
     if corrections is not None:
         code_corrections(writer, corrections.shape, corrections)
@@ -111,7 +116,7 @@ def write_block(
         head += write_varint(zigzag(number))
     head += write_varint(block.width)
     head += write_varint(len(block.coefficients)) + write_varint(block.coefficients.shape[1])
-    head += write_varint(len(block.basis))
+    head += write_varint(len(block.basis)) + bytes([block.mixed])
     return digest(positions) + head + writer.finish()
 
 
@@ -127,21 +132,13 @@ def read_block(
     """
     block, position = _read_head(data, n_frames, n_vertices)
     reader = Reader(data[position:])
+    code = code_mixed_matrix if block.mixed else code_matrix
     basis = block.basis
     if len(basis):
-        basis = code_matrix(reader, basis.shape, None)
-    coefficients = code_matrix(reader, block.coefficients.shape, None)
+        basis = code(reader, basis.shape, None)
+    coefficients = code(reader, block.coefficients.shape, None)
     guards = code_guards(reader, 3 * n_frames * n_vertices, None)
-    block = Block(
-        block.kind,
-        n_frames,
-        block.quantiser,
-        basis,
-        coefficients,
-        block.exponent,
-        block.origin,
-        block.width,
-    )
+    block = replace(block, basis=basis, coefficients=coefficients)
     scaled = block.scaled(modes)
     if not (np.abs(scaled) < MOST_QUANTA).all():
         raise MalformedFileError(
@@ -178,6 +175,7 @@ def _read_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int]
     for _ in range(8):
         number, position = read_varint(data, position)
         numbers.append(number)
+    mixed = data[position] if position < len(data) else 2
     exponent = unzigzag(numbers[0])
     origin = np.array([unzigzag(n) for n in numbers[1:4]], dtype=np.int64)
     width, n_rows, n_modes, n_components = numbers[4:]
@@ -196,6 +194,7 @@ def _read_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int]
         or n_rows > 3 * n_frames + 3
         or n_components > (0 if closed_form else most)
         or not n_modes <= n_vertices
+        or mixed > 1
     ):
         raise MalformedFileError(
             "The header of a block makes no sense.",
@@ -212,6 +211,7 @@ def _read_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int]
             exponent,
             origin,
             width,
+            bool(mixed),
         ),
-        position,
+        position + 1,
     )

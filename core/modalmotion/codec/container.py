@@ -20,7 +20,7 @@ LARGEST_BLOCK: Final = 2**26
 """Coordinates of the largest block, unless a single frame has more."""
 
 MAGIC: Final = b"MMSQ"
-VERSION: Final = 1
+VERSION: Final = 2
 
 _ENDS: Final = (OPEN, CLOSED, POLE_OPEN, POLE_POLE)
 _UNITS: Final = (None, *MM_PER_UNIT)

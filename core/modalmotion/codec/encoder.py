@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -16,6 +15,7 @@ from modalmotion.codec.faces import write_faces
 from modalmotion.codec.frames import EncodedBlock, encode_frames
 from modalmotion.codec.measure import Errors, measure
 from modalmotion.codec.modes_section import STORED, write_modes
+from modalmotion.codec.progress import Progress, part_of, silent
 from modalmotion.codec.target import Effort, Measure, Target, require_target
 from modalmotion.errors import ParameterError
 from modalmotion.sequence import MeshSequence
@@ -23,7 +23,8 @@ from modalmotion.sequence import MeshSequence
 LONGEST_BLOCK: Final = 512
 MOST_ROUNDS: Final = 14
 
-Progress = Callable[[float], None]
+# Connectivity beside the motion, roughly.
+SHARE_OF_FACES: Final = 0.1
 
 
 def encode(
@@ -74,14 +75,16 @@ def encode(
         raise ParameterError(
             f"There is no effort {effort!r}.", remedy=f"Use one of {', '.join(Effort)}."
         ) from None
-    report = progress or _silent
+    report = progress or silent
     report(0.0)
     choice = choose(sequence, effort)
     faces = _faces_section(sequence, keep_face_order)
+    report(SHARE_OF_FACES)
+    rest = part_of(report, SHARE_OF_FACES, 1.0)
     if target.measure == Measure.BYTES:
-        encoded = _within_bytes(sequence, choice, faces, int(target.value), report)
+        encoded = _within_bytes(sequence, choice, faces, int(target.value), rest)
     else:
-        encoded = _at_error(sequence, choice, faces, target, report)
+        encoded = _at_error(sequence, choice, faces, target, rest)
     report(1.0)
     return encoded
 
@@ -100,11 +103,13 @@ def _at_error(
     )
     bounds = [sequence.n_frames * i // n_blocks for i in range(n_blocks + 1)]
     for start, stop in itertools.pairwise(bounds):
-        block = encode_frames(sequence.vertices[start:stop], choice, target)
+        shares = start / sequence.n_frames, stop / sequence.n_frames
+        inside = part_of(report, *shares)
+        block = encode_frames(sequence.vertices[start:stop], choice, target, inside)
         if block is None:
             return _store(sequence, faces)
         blocks.append(block)
-        report(stop / sequence.n_frames)
+        report(shares[1])
     decoded = np.concatenate([block.positions for block in blocks])
     errors = measure(sequence.vertices, decoded)
     reached = errors.rms if target.measure == Measure.RMS else errors.max_error
@@ -142,10 +147,10 @@ def _within_bytes(
     low, high = np.log(extent) - 23.0, np.log(extent) + 2.0
     log_rms = np.log(extent) - 6.0
     for done in range(MOST_ROUNDS):
+        inside = part_of(report, done / MOST_ROUNDS, (done + 1) / MOST_ROUNDS)
         trial = _at_error(
-            sequence, choice, faces, Target(Measure.RMS, float(np.exp(log_rms))), _silent
+            sequence, choice, faces, Target(Measure.RMS, float(np.exp(log_rms))), inside
         )
-        report((done + 1) / MOST_ROUNDS)
         smallest = min(smallest, trial.n_bytes)
         if trial.n_bytes <= n_bytes:
             best = trial if best is None or trial.rms < best.rms else best
@@ -209,7 +214,3 @@ def _encoded(sequence: MeshSequence, data: bytes, errors: Errors, transform: str
         sequence.n_vertices,
         transform,
     )
-
-
-def _silent(_: float) -> None:
-    return None

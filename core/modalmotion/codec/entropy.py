@@ -38,6 +38,9 @@ class Coder(Protocol):
     def symbols(self, weights: NDArray[np.float64], values: Ints | None) -> Ints:
         """Code one symbol for each row of weights, (values, symbols) float64."""
 
+    def answer(self, chance: int, value: bool | None) -> bool:
+        """Code yes or no, yes with a chance in 1/65536."""
+
     def bits(self, widths: Ints, values: Ints | None) -> Ints:
         """Code plain numbers of the given widths in bits."""
 
@@ -59,6 +62,13 @@ class Writer:
         if len(values):
             self._coder.encode(values.astype(np.int32), self._family, weights)
         return values
+
+    def answer(self, chance: int, value: bool | None) -> bool:
+        """Write yes or no."""
+        assert value is not None  # noqa: S101 - for the type checker
+        symbol = np.array([value], dtype=np.int32)
+        self._coder.encode(symbol, self._family, _odds(chance))
+        return value
 
     def bits(self, widths: Ints, values: Ints | None) -> Ints:
         """Write plain numbers, high bits first."""
@@ -115,6 +125,16 @@ class Reader:
             ) from error
         return found
 
+    def answer(self, chance: int, value: bool | None = None) -> bool:  # noqa: ARG002
+        """Read yes or no."""
+        try:
+            return bool(self._coder.decode(self._family, _odds(chance))[0])
+        except AssertionError as error:
+            raise MalformedFileError(
+                "The words of the faces are none that the range coder writes.",
+                remedy="The stream is damaged: send it again.",
+            ) from error
+
     def bits(self, widths: Ints, values: Ints | None = None) -> Ints:  # noqa: ARG002
         """Read plain numbers.
 
@@ -134,6 +154,11 @@ class Reader:
         np.add.at(found, which, self._plain[self._position : end].astype(np.int64) << shift)
         self._position = end
         return found
+
+
+def _odds(chance: int) -> NDArray[np.float64]:
+    """Weights of no and yes, (1, 2) float64."""
+    return np.array([[65536.0 - chance, chance]])
 
 
 def _places(widths: Ints) -> tuple[Ints, Ints]:
@@ -199,40 +224,6 @@ def flat_tables(n_contexts: int = 1) -> Tables:
     start = np.array([max(1, 24 >> (i // 2)) for i in range(N_SYMBOLS)], dtype=np.float64)
     classes = np.array([max(1, 8 >> (i // 2)) for i in range(N_CLASSES)], dtype=np.float64)
     return Tables(np.tile(start, (n_contexts, 1)), np.tile(classes, (n_contexts, 1)), 24)
-
-
-class Counter:
-    """One number at a time: an adaptive distribution for each context, made when it is met.
-
-    Numbers below 63 are symbols of their own; a larger one is the symbol 63, then the class n
-    of what exceeds it, e = number - 63 with 2^n <= e + 1 < 2^(n + 1), then n plain bits.
-    """
-
-    def __init__(self, coder: Coder) -> None:
-        self._coder = coder
-        self._tables: dict[int, NDArray[np.float64]] = {}
-
-    def code(self, context: int, value: int | None) -> int:
-        """Code one number >= 0, then count it."""
-        small = self._symbol(context, 64, None if value is None else min(value, 63))
-        if small < 63:
-            return small
-        excess = None if value is None else value - 62
-        n = self._symbol(
-            -1 - context, N_CLASSES, None if excess is None else excess.bit_length() - 1
-        )
-        low = None if excess is None else np.array([excess - (1 << n)])
-        return 62 + (1 << n) + int(self._coder.bits(np.array([n]), low)[0])
-
-    def _symbol(self, context: int, size: int, value: int | None) -> int:
-        table = self._tables.get(context)
-        if table is None:
-            start = [1.0 + (64 >> (i // 2 + 2)) for i in range(size)]
-            table = self._tables[context] = np.array(start)
-        wanted = None if value is None else np.array([value])
-        symbol = int(self._coder.symbols(table[None], wanted)[0])
-        table[symbol] += 96.0
-        return symbol
 
 
 def code_numbers(coder: Coder, count: int, values: Ints | None) -> Ints:

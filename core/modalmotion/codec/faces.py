@@ -1,16 +1,21 @@
-"""Connectivity: triangles in their order and orientation, coded without loss."""
+"""Connectivity: triangles in their orientation, and the order of the vertices, without loss."""
 
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.entropy import Counter, Ints, Reader, Writer
-from modalmotion.codec.varint import unzigzag, zigzag
-from modalmotion.codec.walk import BEHIND, NEARBY, NEW, SAME_ROLE, Walk, WalkRules
+from modalmotion.codec.entropy import Ints, Reader, Writer
+from modalmotion.codec.mixing import Mixer
+from modalmotion.codec.numbering import MOST_RELATIONS, Numbering
+from modalmotion.codec.rings import Rings
+from modalmotion.codec.walk import BEHIND, GIVEN_UP, Walk
 from modalmotion.errors import MalformedFileError
 from modalmotion.topology import CLOSED, Topology
 
@@ -18,9 +23,10 @@ Grid = tuple[Topology, tuple[int, ...]]
 
 _WALK: Final = 0
 _CELLS: Final = 1
-_RULES: Final = (WalkRules(1, NEARBY), WalkRules(2, SAME_ROLE), WalkRules(8, SAME_ROLE))
-_CONTEXTS_OF_CHANGES: Final = 1 << 20
+_PERIODS: Final = (1, 2, 8, 32)
 _REMEDY: Final = "The stream is damaged: send it again."
+LARGEST_RELATED: Final = 10_000
+"""Vertices of the largest mesh whose numbers are told with relations: smaller, but slower."""
 
 
 def write_faces(n_vertices: int, grid: Grid | None, faces: Ints, *, keep_order: bool) -> bytes:
@@ -39,8 +45,20 @@ def write_faces(n_vertices: int, grid: Grid | None, faces: Ints, *, keep_order: 
     cells = None if grid is None else _cells_of(grid, faces)
     if cells is not None:
         return bytes([_CELLS]) + np.packbits(cells).tobytes()
-    rules = range(len(_RULES)) if keep_order else range(1)
-    return min((_write_walk(n_vertices, faces, i, keep_order) for i in rules), key=len)
+    n_relations = MOST_RELATIONS if n_vertices <= LARGEST_RELATED else 0
+    triangles = faces.tolist()
+    period = 1
+    if keep_order:
+        sizes = {
+            p: len(_write_walk(n_vertices, triangles, p, True).writer.finish()) for p in _PERIODS
+        }
+        period = min(sizes, key=sizes.__getitem__)
+    written = _write_walk(n_vertices, triangles, period, keep_order)
+    nodes, writer = written.nodes, written.writer
+    numbering = Numbering(written.mixer, Rings(n_vertices, written.triangles), n_relations)
+    for vertex in range(n_vertices):
+        numbering.code(nodes.get(vertex, len(nodes)))
+    return bytes([_WALK, period, n_relations]) + writer.finish()
 
 
 def read_faces(data: bytes, n_faces: int, n_vertices: int, grid: Grid | None) -> Ints:
@@ -59,103 +77,96 @@ def read_faces(data: bytes, n_faces: int, n_vertices: int, grid: Grid | None) ->
         if faces is None or len(faces) != n_faces:
             raise MalformedFileError("The faces of the stream make no sense.", remedy=_REMEDY)
         return faces
-    if len(data) < 2 or data[1] >= len(_RULES):
+    if len(data) < 3 or not data[1] or data[2] > MOST_RELATIONS:
         raise MalformedFileError("The faces of the stream make no sense.", remedy=_REMEDY)
-    walk = Walk(n_vertices, _RULES[data[1]])
-    counter = Counter(Reader(data[2:]))
-    faces = np.empty((n_faces, 3), dtype=np.int64)
-    drops = 0
-    for face in faces:
-        corner = 0
-        while corner < 3:
-            vertex = _code_corner(counter, walk, None, None)
-            if vertex < 0:
-                drops += 1
-                if drops > n_vertices:
-                    raise MalformedFileError("The faces never end.", remedy=_REMEDY)
-                continue
-            face[corner] = vertex
-            corner += 1
-    return faces
+    mixer = Mixer(Reader(data[3:]))
+    walk = Walk(mixer, n_vertices, data[1])
+    triangles: list[list[int]] = []
+    face: list[int] = []
+    while len(triangles) < n_faces:
+        node = walk.code(None, None)
+        if node == GIVEN_UP:
+            continue
+        face.append(node)
+        if len(face) == 3:
+            triangles.append(face)
+            face = []
+    numbering = Numbering(mixer, Rings(n_vertices, triangles), data[2])
+    for _ in range(n_vertices):
+        numbering.code(None)
+    numbers = np.empty(n_vertices, dtype=np.int64)
+    numbers[numbering.nodes] = np.arange(n_vertices)
+    labelled: Ints = numbers[np.array(triangles)]
+    return labelled
 
 
-def _write_walk(n_vertices: int, faces: Ints, rule: int, keep_order: bool) -> bytes:
-    walk = Walk(n_vertices, _RULES[rule])
+@dataclass(frozen=True, eq=False)
+class _Written:
+    """Triangles of nodes that are numbered as they are met.
+
+    Parameters
+    ----------
+    writer : Writer
+    mixer : Mixer
+    nodes : dict
+        Node of each vertex that a triangle has.
+    triangles : list of [int, int, int]
+        Nodes, in the order in which they were written.
+    """
+
+    writer: Writer
+    mixer: Mixer
+    nodes: dict[int, int]
+    triangles: list[list[int]]
+
+
+def _write_walk(
+    n_vertices: int, triangles: list[list[int]], period: int, keep_order: bool
+) -> _Written:
     writer = Writer()
-    counter = Counter(writer)
-    if keep_order:
-        for face in faces.tolist():
-            for vertex in face:
-                _code_corner(counter, walk, vertex, walk.symbol_of(vertex))
-    else:
-        _walk_fans(counter, walk, faces.tolist())
-    return bytes([_WALK, rule]) + writer.finish()
+    mixer = Mixer(writer)
+    walk = Walk(mixer, n_vertices, period)
+    nodes: dict[int, int] = {}
+    met = []
+    for face in triangles if keep_order else _fans(walk, triangles, nodes):
+        if not face:
+            walk.code(GIVEN_UP, BEHIND)
+            continue
+        for vertex in face:
+            node = nodes.setdefault(vertex, walk.n_met)
+            walk.code(node, walk.kind_of(node))
+        met.append([nodes[vertex] for vertex in face])
+    return _Written(writer, mixer, nodes, met)
 
 
-def _walk_fans(counter: Counter, walk: Walk, faces: list[list[int]]) -> None:
-    """Go round one pivot after the other."""
+def _fans(walk: Walk, triangles: list[list[int]], nodes: dict[int, int]) -> Iterator[list[int]]:
+    """Go round one pivot after the other, as the walk goes on; an empty face gives the pivot up."""
     beside: dict[tuple[int, int], list[int]] = defaultdict(list)
-    for number, (a, b, c) in enumerate(faces):
+    for number, (a, b, c) in enumerate(triangles):
         for edge in ((a, b), (b, c), (c, a)):
             beside[edge].append(number)
-    used = [False] * len(faces)
-    first_unused, n_left = 0, len(faces)
+    used = [False] * len(triangles)
+    first_unused, n_left = 0, len(triangles)
+    vertices: list[int] = []
     while n_left:
-        pivot = walk.pivot
-        if pivot is None:
+        vertices.extend(islice(nodes, len(vertices), None))
+        if walk.pivot is None:
             while used[first_unused]:
                 first_unused += 1
-            number, pivot = first_unused, faces[first_unused][0]
+            number, pivot = first_unused, triangles[first_unused][0]
         else:
-            ends = walk.open_ends(pivot)
-            waiting = (n for end in ends for n in beside[pivot, end] if not used[n])
+            pivot = vertices[walk.pivot]
+            ends = walk.open_ends(walk.pivot)
+            waiting = (n for end in ends for n in beside[pivot, vertices[end]] if not used[n])
             number = next(waiting, -1)
         if number < 0:
-            _code_corner(counter, walk, -1, BEHIND)
+            yield []
             continue
         used[number] = True
         n_left -= 1
-        face = faces[number]
+        face = triangles[number]
         turn = face.index(pivot)
-        for vertex in face[turn:] + face[:turn]:
-            _code_corner(counter, walk, vertex, walk.symbol_of(vertex))
-
-
-def _code_corner(counter: Counter, walk: Walk, vertex: int | None, symbol: int | None) -> int:
-    """Code one corner; -1 where a pivot is given up."""
-    first = walk.role % 3 == 0
-    symbol = counter.code(walk.context, symbol)
-    if first and symbol == BEHIND:
-        if walk.pivot is None:
-            raise MalformedFileError("The faces of the stream make no sense.", remedy=_REMEDY)
-        walk.take(-1, symbol)
-        return -1
-    found = _code_new(counter, walk, vertex) if symbol == NEW else walk.vertex_of(symbol)
-    if found < 0:
-        raise MalformedFileError(
-            "A face of the stream names a vertex that does not exist.", remedy=_REMEDY
-        )
-    walk.take(found, symbol)
-    return found
-
-
-def _code_new(counter: Counter, walk: Walk, vertex: int | None) -> int:
-    context = _CONTEXTS_OF_CHANGES + 1
-    if walk.rules.prediction == NEARBY:
-        nearby = walk.nearby()
-        place = None
-        if vertex is not None:
-            place = nearby.index(vertex) + 1 if vertex in nearby else 0
-        place = counter.code(context, place)
-        if place > len(nearby):
-            return -1
-        if place:
-            return nearby[place - 1]
-        context += 1
-    else:
-        context += 1 + walk.role
-    change = None if vertex is None else zigzag(walk.change_of(vertex))
-    return walk.new_vertex(unzigzag(counter.code(context, change)))
+        yield face[turn:] + face[:turn]
 
 
 _PATTERN_BITS: Final = 13

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -12,8 +12,10 @@ from modalmotion.arrays import FloatArray
 from modalmotion.codec.block import MOST_QUANTA, Block, positions_of, write_block
 from modalmotion.codec.blocking import Motion, Trial, attempt
 from modalmotion.codec.choice import Choice
-from modalmotion.codec.guard import find_guards
+from modalmotion.codec.guard import Guards, find_guards
 from modalmotion.codec.measure import measure
+from modalmotion.codec.mixed_matrix import MOST_MIXED
+from modalmotion.codec.progress import Progress, part_of, silent
 from modalmotion.codec.search import coarsest, least
 from modalmotion.codec.spring_modes import SpringModes
 from modalmotion.codec.target import Effort, Measure, Target
@@ -27,16 +29,35 @@ QUANTA_PER_MAX: Final = 64
 MOST_UNCERTAIN: Final = 1e-2
 # What is tried in turn of the squared error allowed: rounding may take more than its average.
 SHARES: Final = (1.0, 0.995, 0.97, 0.8)
+# Projecting, and solving for modes that have to be solved for, beside the search.
+SHARE_OF_MODES: Final = 0.3
+# Coefficients that are coded one by one: some ten microseconds each, for the decoder too.
+MOST_TIGHTENED: Final = {Effort.FAST: 0, Effort.BALANCED: 2**18, Effort.THOROUGH: MOST_MIXED}
 FIRST_STEP: Final = {Measure.RMS: 7.0, Measure.MAX_ERROR: 3.0}
 
 
 @dataclass(frozen=True, eq=False)
 class EncodedBlock:
-    """A block's bytes, and what they decode to."""
+    """A block's bytes, what they say, and what they decode to."""
 
     data: bytes
     positions: FloatArray
-    kind: Temporal
+    block: Block
+    guards: Guards
+    corrections: Ints | None
+
+    @property
+    def kind(self) -> Temporal:
+        """Its temporal basis."""
+        return self.block.kind
+
+    def tightened(self, most: int) -> EncodedBlock:
+        """Take the time to write the same in fewer bytes, if there are no more coefficients."""
+        mixed = replace(self.block, mixed=True)
+        if mixed.basis.size + mixed.coefficients.size > most:
+            return self
+        data = write_block(mixed, self.guards, self.corrections, self.positions)
+        return self if len(data) >= len(self.data) else replace(self, data=data, block=mixed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +80,9 @@ class _Frames:
     motion: Motion
 
 
-def encode_frames(vertices: FloatArray, choice: Choice, target: Target) -> EncodedBlock | None:
+def encode_frames(
+    vertices: FloatArray, choice: Choice, target: Target, report: Progress = silent
+) -> EncodedBlock | None:
     """Encode some frames at an error.
 
     Returns
@@ -71,9 +94,10 @@ def encode_frames(vertices: FloatArray, choice: Choice, target: Target) -> Encod
     if frames is None:
         return None
     wanted = float(np.ldexp(target.value, -frames.exponent))
-    if target.measure == Measure.RMS:
-        return _at_rms(frames, choice, target, wanted)
-    return _at_max_error(frames, choice, target, wanted)
+    search = _at_rms if target.measure == Measure.RMS else _at_max_error
+    report(SHARE_OF_MODES)
+    best = search(frames, choice, target, wanted, part_of(report, SHARE_OF_MODES, 0.9))
+    return None if best is None else best.tightened(MOST_TIGHTENED[choice.effort])
 
 
 def _prepare(vertices: FloatArray, choice: Choice, target: Target) -> _Frames | None:
@@ -93,7 +117,9 @@ def _prepare(vertices: FloatArray, choice: Choice, target: Target) -> _Frames | 
     return _Frames(vertices, exponent, origin, offsets, motion)
 
 
-def _at_rms(frames: _Frames, choice: Choice, target: Target, wanted: float) -> EncodedBlock | None:
+def _at_rms(
+    frames: _Frames, choice: Choice, target: Target, wanted: float, report: Progress
+) -> EncodedBlock | None:
     n_frames, _, n_vertices = frames.offsets.shape
     # Rounding to whole quanta adds a twelfth to each coordinate's square.
     allowed = (wanted**2 - 0.25) * n_frames * n_vertices
@@ -110,11 +136,12 @@ def _at_rms(frames: _Frames, choice: Choice, target: Target, wanted: float) -> E
                 if best is None or len(done.data) < len(best.data):
                     best = done
                 break
+        report((1 + choice.kinds.index(kind)) / len(choice.kinds))
     return best
 
 
 def _at_max_error(
-    frames: _Frames, choice: Choice, target: Target, wanted: float
+    frames: _Frames, choice: Choice, target: Target, wanted: float, report: Progress
 ) -> EncodedBlock | None:
     # Half a step of the corrections and the rounding to the type of the vertices stay within.
     largest = float(np.abs(frames.vertices).max())
@@ -143,6 +170,7 @@ def _at_max_error(
             if best is None or len(done.data) < len(best.data):
                 best = done
         found.clear()
+        report((1 + choice.kinds.index(kind)) / len(choice.kinds))
     return best
 
 
@@ -163,7 +191,7 @@ def _finish(frames: _Frames, choice: Choice, trial: Trial, width: int = 0) -> En
         whole += width * corrections
     positions = positions_of(block, whole, frames.vertices.dtype)
     data = write_block(block, guards, corrections, positions)
-    return EncodedBlock(data, positions, trial.kind)
+    return EncodedBlock(data, positions, block, guards, corrections)
 
 
 def _uncertainty(block: Block, choice: Choice, scaled: Floats) -> float:

@@ -111,7 +111,7 @@ def code_matrix(coder: Coder, shape: tuple[int, int], values: Ints | None) -> In
     if not n_rows or not n_columns:
         return np.zeros(shape, dtype=np.int64)
     edges = band_edges(n_columns)
-    extents = _code_extents(coder, n_rows, edges, values)
+    extents = code_extents(coder, n_rows, edges, values)
     n_rows = int(np.count_nonzero(extents))
     found = np.zeros(shape, dtype=np.int64)
     if not n_rows:
@@ -136,7 +136,7 @@ def code_matrix(coder: Coder, shape: tuple[int, int], values: Ints | None) -> In
     return found
 
 
-def _code_extents(coder: Coder, n_rows: int, edges: Ints, values: Ints | None) -> Ints:
+def code_extents(coder: Coder, n_rows: int, edges: Ints, values: Ints | None) -> Ints:
     """Code the number of bands in each row, never more than in the row above."""
     n_bands = len(edges) - 1
     drops = None
