@@ -7,7 +7,7 @@ import json
 from dataclasses import InitVar, asdict, dataclass, field, fields
 from enum import StrEnum
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -148,21 +148,25 @@ class SignatureParameters:
         """Whether the number of modes follows from the data."""
         return self.modes is None
 
+    def as_plain(self) -> dict[str, Any]:
+        """Give the parameters as values that JSON knows."""
+        values = asdict(self)
+        # How a number of modes is found is left out where it is stated: most are so.
+        for way in fields(self):
+            if way.name in _LEFT_OUT and values[way.name] == way.default:
+                del values[way.name]
+        return values
+
     @cached_property
     def key(self) -> str:
         """Short name of this choice of parameters, for file names and ETags."""
-        values = asdict(self)
-        # What came later counts only where it is used: names given before stay as they are.
-        for later in fields(self):
-            if later.name in _LATER and values[later.name] == later.default:
-                del values[later.name]
-        text = json.dumps(values, sort_keys=True)
+        text = json.dumps(self.as_plain(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 _WAYS: Final = ("modes", "tolerance", "tolerance_share", "auto")
 
-_LATER: Final = (
+_LEFT_OUT: Final = (
     "tolerance",
     "tolerance_of",
     "tolerance_share",

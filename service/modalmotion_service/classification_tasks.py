@@ -19,6 +19,11 @@ def name_class(signature: Path, model: Path | str, coverage: float) -> Classific
     return classify(signature_from_hdf5(signature), _loaded(model), coverage)
 
 
+def require_loads(model: Path | str) -> None:
+    """Load a model, which checks its file and its golden batch."""
+    _loaded(model)
+
+
 def classify_upload(
     upload: Path,
     options: ReadOptions,

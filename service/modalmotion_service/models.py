@@ -166,6 +166,18 @@ class Models:
             )
         self._store.delete_model(chosen.name, chosen.version)
 
+    async def require_sound(self, chosen: ChosenModel) -> None:
+        """Raise what keeps a version from being asked.
+
+        Raises
+        ------
+        CorruptFileError
+            If its file is damaged.
+        ModelNotReproducedError
+            If it no longer says what it said when it was made.
+        """
+        await self._work(tasks.require_loads, chosen.source)
+
     async def draw(self, kept: KeptModel) -> bytes:
         """Draw the confusion matrix and the calibration curve of a model's card, as PNG."""
         return await self._work(tasks.draw_card, kept.card, str(kept.record.reference))

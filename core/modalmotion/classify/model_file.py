@@ -6,7 +6,6 @@ import base64
 import json
 import zipfile
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
@@ -97,7 +96,7 @@ def contents(model: Model) -> dict[str, Any]:
         "topologies": list(model.readable.topologies),
         "n_modes": model.readable.n_modes,
         "connectivity_id": model.readable.connectivity_id,
-        "parameters": asdict(model.readable.parameters),
+        "parameters": model.readable.parameters.as_plain(),
         "reader": {
             "has_axis": reader.has_axis,
             "is_cycle": reader.is_cycle,

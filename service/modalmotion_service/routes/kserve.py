@@ -11,8 +11,10 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Request
 
-from modalmotion.classify import load_model
+from modalmotion_service.dependencies import StateDependency
+from modalmotion_service.models import Models
 from modalmotion_service.openapi_parts import PROBLEMS
+from modalmotion_service.routes import health
 from modalmotion_service.schemas.kserve import (
     ModelMetadata,
     ModelReady,
@@ -42,28 +44,34 @@ async def live() -> ServerLive:
 @router.get("/health/ready", responses={503: PROBLEMS[503]})
 def ready(request: Request) -> ServerReady:
     """Answer while results can be kept and models can be asked."""
-    request.app.state.owners.local.store.list_sequences(limit=1)
+    health.ready(request)
     return ServerReady(ready=True)
 
 
 @router.get("/models/{model_name}", responses=PROBLEMS)
-async def describe(model_name: ModelName) -> ModelMetadata:
-    """Say what a model takes and gives."""
-    model = await asyncio.to_thread(load_model, model_name)
+async def describe(model_name: ModelName, state: StateDependency) -> ModelMetadata:
+    """Say what the newest version of a model takes and gives, and which versions there are."""
+    return await asyncio.to_thread(_metadata, state.models, model_name)
+
+
+@router.get("/models/{model_name}/ready", responses=PROBLEMS)
+async def model_ready(model_name: ModelName, state: StateDependency) -> ModelReady:
+    """Tell whether the newest version loads and says again what it said when it was made."""
+    chosen = await asyncio.to_thread(state.models.choose, model_name)
+    await state.models.require_sound(chosen)
+    return ModelReady(name=chosen.name, ready=True)
+
+
+def _metadata(models: Models, name: str) -> ModelMetadata:
+    chosen = models.choose(name)
+    n_classes = len(models.describe(chosen).record.classes)
     return ModelMetadata(
-        name=model.name,
-        versions=[model.id],
+        name=chosen.name,
+        versions=[str(version) for version in models.versions(chosen.name)],
         platform="modalmotion",
         inputs=[TensorMetadata(name="sequence", datatype="BYTES", shape=[1])],
         outputs=[
             TensorMetadata(name="label", datatype="BYTES", shape=[1]),
-            TensorMetadata(name="probabilities", datatype="FP64", shape=[len(model.classes)]),
+            TensorMetadata(name="probabilities", datatype="FP64", shape=[n_classes]),
         ],
     )
-
-
-@router.get("/models/{model_name}/ready", responses=PROBLEMS)
-async def model_ready(model_name: ModelName) -> ModelReady:
-    """Tell whether a model loads and says again what it said when it was made."""
-    model = await asyncio.to_thread(load_model, model_name)
-    return ModelReady(name=model.name, ready=True)
