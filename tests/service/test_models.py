@@ -428,6 +428,27 @@ def test_a_sequence_that_cannot_be_fitted_ends_the_training_by_name(
     assert "without this sequence" in job["error"]["remedy"]
 
 
+def test_a_sequence_of_another_topology_ends_the_training_by_name(
+    trained: Trained, npz: Callable[..., bytes]
+) -> None:
+    import numpy as np
+
+    phase = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+    x = np.linspace(0.0, 30.0, 12)
+    curve = np.zeros((8, 12, 3))
+    curve[:, :, 0] = x
+    curve[:, :, 1] = 3.0 * np.sin(phase)[:, None] * np.sin(x / 5.0)
+    body = npz(vertices=curve, topology="open curve", unit="mm")
+    odd = trained.client.post("/v1/sequences", content=body).json()["id"]
+    cases = [*trained.ids, {"id": odd, "label": str(CLASSES[0])}]
+    answer = trained.client.post("/v1/models", json={"name": "mixed", "sequences": cases})
+    job = finished(trained.client, answer.json())
+    assert (job["state"], job["error"]["code"]) == ("failed", "bad_parameter")
+    assert job["error"]["sequence_ids"] == [odd]
+    assert odd[:12] in job["error"]["detail"]
+    assert "one topology" in job["error"]["remedy"]
+
+
 def test_a_model_that_no_longer_reproduces_is_refused_and_others_are_served(
     trained: Trained,
 ) -> None:

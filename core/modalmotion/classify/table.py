@@ -143,7 +143,7 @@ def collect(
     by_id: dict[str, list[_Row]] = {}
     labels: dict[str, str] = {}
     example: ModalSignature | None = None
-    topologies: set[str] = set()
+    topologies: dict[str, list[str]] = {}
     n_same = 0
     for number, case in enumerate(cases):
         _require_usable(case, number, options)
@@ -157,7 +157,7 @@ def collect(
                 remedy="Give each recording one class.",
                 details={"case": number, "sequence_id": case.signature.sequence_id},
             )
-        topologies.add(case.signature.surface)
+        topologies.setdefault(case.signature.surface, []).append(case.signature.sequence_id)
         row = _row(case, options)
         # The same recording with the same modes says nothing new; as another topology it does.
         same = by_id.setdefault(row.sequence_id, [])
@@ -183,7 +183,7 @@ def _table(
     rows: list[_Row],
     classes: tuple[str, ...],
     example: ModalSignature,
-    topologies: set[str],
+    topologies: dict[str, list[str]],
     options: TrainingOptions,
     notes: list[str],
 ) -> CaseTable:
@@ -192,9 +192,13 @@ def _table(
     use_axis = is_cycle and all(row.axis is not None for row in rows)
     walls = _walls(rows, options)
     if len(topologies) > 1 and not use_axis:
+        common, *rare = sorted(topologies, key=lambda name: -len(topologies[name]))
+        ids = [name for topology in rare for name in topologies[topology]]
         raise ParameterError(
-            f"The training cases have the topologies {', '.join(sorted(topologies))}.",
+            f"The training cases have the topologies {', '.join(sorted(topologies))}: most are "
+            f"{common}, and {len(ids)} are not, such as {', '.join(i[:12] for i in ids[:3])}.",
             remedy="Give cases of one topology; only cups and cylinders over a cycle mix.",
+            details={"sequence_ids": ids[:20], "n_sequences": len(ids)},
         )
     found = [row.cycle if is_cycle else row.course for row in rows]
     values = np.zeros((0, 0, 0))
