@@ -253,7 +253,9 @@ class DaskExecutor(Engine):
             others = asyncio.all_tasks() - {asyncio.current_task()}
             for task in others:
                 task.cancel()
-            await asyncio.gather(*others, return_exceptions=True)
+            # Dask's own may go on trying to connect whatever is asked of them.
+            if others:
+                await asyncio.wait(others, timeout=2.0)
 
         self._call(close()).result()
         self._loop.call_soon_threadsafe(self._loop.stop)
