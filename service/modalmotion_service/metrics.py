@@ -138,22 +138,22 @@ class MeteredExecutor(Engine):
     """
 
     def __init__(self, engine: Engine, metrics: Metrics) -> None:
-        self._engine = engine
+        self.engine = engine
         self._metrics = metrics
 
     @property
     def n_workers(self) -> int:
         """Tasks that run at the same time."""
-        return self._engine.n_workers
+        return self.engine.n_workers
 
     def require_ready(self) -> None:
         """Raise ClusterError if a task could not be run now."""
-        self._engine.require_ready()
+        self.engine.require_ready()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Hand a task on."""
         kind, start = getattr(fn, "__name__", "other"), time.perf_counter()
-        future = self._engine.submit(fn, *args, **kwargs)
+        future = self.engine.submit(fn, *args, **kwargs)
         self._metrics.change_tasks(1)
 
         def count(done: Future[T]) -> None:
@@ -167,7 +167,7 @@ class MeteredExecutor(Engine):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the executor."""
-        self._engine.shutdown(wait, cancel_futures=cancel_futures)
+        self.engine.shutdown(wait, cancel_futures=cancel_futures)
 
 
 class StateOfThings(Collector):

@@ -21,7 +21,7 @@ from modalmotion_service.settings import Settings
 ROUTES = sorted(SCOPE_OF, key=lambda route: (route[1], route[0]))
 CLOSED = [route for route in ROUTES if SCOPE_OF[route] is not OPEN]
 # What is the same for everybody, whatever its path names.
-SHARED = {"/v2/models/{model_name}", "/v2/models/{model_name}/ready", "/metrics", "/v1/limits"}
+SHARED = {"/metrics", "/v1/limits"}
 NEEDS_QUERY = {"/v1/sequences/{sequence_id}/distance": {"to": "0" * 64}}
 
 
@@ -51,7 +51,11 @@ def alices(service: Guarded, beat: bytes) -> dict[str, str]:
     while service.ask("alice", "GET", f"/v1/jobs/{job}").json()["progress"] < 1:
         pass
     assert service.ask("alice", "GET", f"/v1/jobs/{job}/result").status_code == 200
-    return {"sequence_id": sequence_id, "template_id": template, "job_id": job}
+    service.keep_model("alice", "hers")
+    model = {"name": "hers", "model_name": "hers", "version": "1"}
+    assert service.ask("alice", "GET", "/v1/models/hers/versions/1").status_code == 200
+    assert service.ask("alice", "GET", "/v2/models/hers/ready").status_code == 200
+    return {"sequence_id": sequence_id, "template_id": template, "job_id": job, **model}
 
 
 def test_every_route_of_the_app_has_a_scope_and_every_scope_a_route() -> None:

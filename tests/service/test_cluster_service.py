@@ -26,5 +26,6 @@ def client(data_dir: Path, dask_cluster: DaskCluster) -> Iterator[TestClient]:
         wait_seconds=120.0,
     )
     with TestClient(create_app(settings), raise_server_exceptions=False) as client:
-        assert type(client.app.state.service.analysis.engine).__name__ == "DaskExecutor"  # type: ignore[attr-defined]
+        metered = client.app.state.owners.local.analysis.engine  # type: ignore[attr-defined]
+        assert type(metered.engine).__name__ == "DaskExecutor"
         yield client

@@ -84,12 +84,15 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
         body = json_body([sequence])
         body["headers"]["Prefer"] = "respond-async"
         job = ask("lab", "POST", "/v1/signatures/query", **body).json()["id"]
+        found.keep_model("lab", "kept")
         stream = ask("lab", "GET", f"/v1/sequences/{sequence}/encoded?rms=0.5").content
         ids = {
             "sequence_id": sequence,
             "template_id": template,
             "job_id": job,
             "model_name": "ventricle-simulated",
+            "name": "kept",
+            "version": "1",
         }
         yield Service(found, session_of(found.client), found.token("lab"), ids, stream)
 

@@ -36,7 +36,7 @@ class Trained:
 
     @property
     def store(self) -> ResultStore:
-        found: ResultStore = self.client.app.state.service.store  # type: ignore[attr-defined]
+        found: ResultStore = self.client.app.state.owners.local.store  # type: ignore[attr-defined]
         return found
 
 
@@ -304,7 +304,7 @@ def test_a_training_says_how_far_it_is(trained: Trained, monkeypatch: pytest.Mon
         def told(share: float, text: str = "") -> None:
             seen.append((share, text))
             report(share, text)
-            jobs = trained.client.app.state.service.jobs  # type: ignore[attr-defined]
+            jobs = trained.client.app.state.owners.local.jobs  # type: ignore[attr-defined]
             trained.texts += [jobs.text(job) for job in list(jobs._texts)]
 
         return await original(*args[:-1], told)
