@@ -170,7 +170,7 @@ def principal(by_surface: Fronts) -> Table:
 def sizes(by_size: dict[str, list[Cost]]) -> Table:
     """Seconds and memory against size."""
     table = Table(
-        "Processor time, memory above the input, RMS left; 12 frames, 7 modes (PCA: components)",
+        "Time, memory above the input, RMS left; 12 frames, 7 modes (PCA: components)",
         ("basis", *(f"{size.n_vertices:,} vertices" for size in by_size[ORDER[1]])),
     )
     for name in ORDER:

@@ -119,7 +119,7 @@ def draw_sizes(by_size: dict[str, list[Cost]], path: Path) -> None:
             )
     seconds.axhline(CAP_SECONDS, color="0.7", lw=0.8)
     seconds.text(1.1e3, CAP_SECONDS * 1.12, "ended after this long", fontsize=8, color="0.4")
-    seconds.set(xlabel="vertices", ylabel="processor seconds", title="Time, 12 frames, 7 modes")
+    seconds.set(xlabel="vertices", ylabel="seconds", title="Time, 12 frames, 7 modes")
     memory.set(xlabel="vertices", ylabel="MB above the input", title="Memory")
     seconds.set_ylim(top=2.5 * CAP_SECONDS)
     for axes in (seconds, memory):

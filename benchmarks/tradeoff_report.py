@@ -213,8 +213,9 @@ def _on_sizes(report: Report) -> str:
     shares = ", ".join(f"{name} {value:.2g} s" for name, value in stages.items())
     of_largest = f"On the largest mesh: {shares}." if stages else ""
     return said(f"""
-        Each cell had a process of its own with one thread, ended after {CAP_SECONDS} s; what was
-        ended is not tried on larger meshes. Memory is the peak above the sequence itself. A
+        Each cell had a process of its own with one thread, ended after {CAP_SECONDS} s of the
+        processor; what cannot end before is not run. Memory is the peak above the sequence
+        itself. A
         lattice needs no factorisation; on a mesh natural coordinates are one sparse solution, and
         the rest is products with the vertices. {of_largest} PCA is the eigenproblem between 12
         frames; its error is of this sequence only, for which its basis was made.
