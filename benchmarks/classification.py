@@ -276,8 +276,12 @@ def _real() -> Table:
 
 
 def _windows(name: str, length: int = 12) -> tuple[list[TrainingCase], list[TrainingCase]]:
-    """Windows of the first and of the second half of each named motion."""
+    """Windows of the first and of the second half of each named motion.
+
+    A figure at rest is at rest in several motions; such windows are left out.
+    """
     halves: tuple[list[TrainingCase], list[TrainingCase]] = ([], [])
+    names: dict[str, set[str]] = {}
     for path in sorted((DATA / name).glob("*.npz")):
         sequence = read_sequence(path).sequence
         half = sequence.n_frames // 2
@@ -286,4 +290,8 @@ def _windows(name: str, length: int = 12) -> tuple[list[TrainingCase], list[Trai
             for start in range(first, last - n + 1, max(1, n // 3)):
                 part = replace(sequence, vertices=sequence.vertices[start : start + n], times=None)
                 cases.append(TrainingCase(modal_signature(part), path.stem))
-    return halves
+                names.setdefault(part.id, set()).add(path.stem)
+    first, second = (
+        [case for case in cases if len(names[case.signature.sequence_id]) == 1] for cases in halves
+    )
+    return first, second

@@ -47,7 +47,7 @@ def _rates(service: RunningService) -> Table:
     template = service.request("POST", f"/v1/templates?{urlencode(known)}", body).json["id"]
     query = urlencode({**known, "template": template})
     heads = {
-        "receive and hash": post("/benchmark/hash", body, {}),
+        "receive and hash": post("/v1/decode", body, {}),
         "signature, JSON": post(f"/v1/signature?{query}", body, JSON),
         "signature, HDF5": post(f"/v1/signature?{query}", body, HDF5),
     }

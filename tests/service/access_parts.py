@@ -47,7 +47,6 @@ class Guarded:
         headers.update(more.pop("headers", {}))
         return self.client.request(method, path, headers=headers, **more)
 
-
     def keep_model(self, owner: str, name: str) -> None:
         """Keep a model for an owner who has asked before, without training one."""
         store = self.client.app.state.owners.states[owner].store  # type: ignore[attr-defined]

@@ -38,8 +38,8 @@ OPERATIONS: dict[str, Any] = {
 UNSAID: list[Any] = [schemathesis.checks.CHECKS.get_one("positive_data_acceptance")]
 
 
-def small() -> bytes:
-    vertices = np.random.default_rng(3).normal(size=(4, 64, 3))
+def small(seed: int = 3) -> bytes:
+    vertices = np.random.default_rng(seed).normal(size=(4, 64, 3))
     buffer = io.BytesIO()
     np.savez(buffer, vertices=vertices, grid=(8, 8), topology="cup", unit="mm")
     return buffer.getvalue()
@@ -79,7 +79,9 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     folder = tmp_path_factory.mktemp("contract") / "data"
     with guarded(folder, max_requests_per_minute=10_000_000) as found:
         ask = found.ask
-        sequence = ask("lab", "POST", "/v1/sequences", content=small()).json()["id"]
+        sent = [ask("lab", "POST", "/v1/sequences", content=small(seed)) for seed in range(6)]
+        sequences = [answer.json()["id"] for answer in sent]
+        sequence = sequences[3]
         template = ask("lab", "POST", "/v1/templates", content=small()).json()["id"]
         body = json_body([sequence])
         body["headers"]["Prefer"] = "respond-async"
@@ -93,6 +95,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
             "model_name": "ventricle-simulated",
             "name": "kept",
             "version": "1",
+            **{f"sequence_{n}": found_id for n, found_id in enumerate(sequences)},
         }
         yield Service(found, session_of(found.client), found.token("lab"), ids, stream)
 
@@ -108,6 +111,13 @@ def strategies(operation: Any, service: Service) -> list[st.SearchStrategy[Any]]
         more.update(body=body, media_type="application/octet-stream")
     elif operation.path.endswith("query"):
         more.update(body={"ids": [service.ids["sequence_id"]]}, media_type="application/json")
+    elif operation.label == "POST /v1/models":
+        # Enough for a training to be begun; whether it succeeds its job says.
+        cases = [
+            {"id": service.ids[f"sequence_{n}"], "label": "ab"[n % 2], "subject": f"s{n}"}
+            for n in range(6)
+        ]
+        more.update(body={"name": "made", "sequences": cases}, media_type="application/json")
     made = [operation.as_strategy(generation_mode=GenerationMode.POSITIVE, **more)]
     if more:
         made.append(operation.as_strategy(generation_mode=GenerationMode.POSITIVE))
