@@ -291,7 +291,7 @@ def _windows(name: str, length: int = 12) -> tuple[list[TrainingCase], list[Trai
                 part = replace(sequence, vertices=sequence.vertices[start : start + n], times=None)
                 cases.append(TrainingCase(modal_signature(part), path.stem))
                 names.setdefault(part.id, set()).add(path.stem)
-    first, second = (
+    known, new = (
         [case for case in cases if len(names[case.signature.sequence_id]) == 1] for cases in halves
     )
-    return first, second
+    return known, new
