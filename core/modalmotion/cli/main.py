@@ -37,7 +37,7 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in COMMANDS:
             module = import_module(f"modalmotion.cli.{COMMANDS[cmd_name][0]}")
-            return _command(getattr(module, cmd_name))
+            return _command(getattr(module, cmd_name.replace("-", "_")))
         for entry in entry_points(group="modalmotion.commands", name=cmd_name):
             return _command(entry.load())
         return super().get_command(ctx, cmd_name)
