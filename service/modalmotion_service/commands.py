@@ -4,11 +4,47 @@ from __future__ import annotations
 
 import asyncio
 import os
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import click
 
 from modalmotion_service.errors import ClusterError
+
+
+class _Later(click.Command):
+    """A command that is imported when it is called, so that the help of all need not wait."""
+
+    def __init__(self, module: str, name: str, line: str) -> None:
+        super().__init__(name, short_help=line)
+        self._module = module
+
+    def make_context(
+        self,
+        info_name: str | None,
+        args: list[str],
+        parent: click.Context | None = None,
+        **extra: Any,
+    ) -> click.Context:
+        """Hand over to the command itself."""
+        found: click.Command = getattr(import_module(self._module), str(self.name))
+        return found.make_context(info_name, args, parent, **extra)
+
+
+keys = _Later(
+    "modalmotion_service.access.commands",
+    "keys",
+    "Make, list and take back the keys that open a service.",
+)
+audit = _Later(
+    "modalmotion_service.access.commands", "audit", "Read and check the record of who did what."
+)
+cohort = _Later(
+    "modalmotion_service.cohort.command",
+    "cohort",
+    "Sign every sequence of MANIFEST; go on where it was interrupted.",
+)
 
 
 @click.command()

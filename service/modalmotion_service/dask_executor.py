@@ -175,15 +175,18 @@ class DaskExecutor(Engine):
 
     async def _connect(self) -> None:
         deadline = self._loop.time() + self._connect_seconds
+        client = Client(
+            self._address,
+            asynchronous=True,
+            set_as_default=False,
+            timeout=self._connect_seconds,
+            name="modalmotion",
+        )
         try:
-            client = await Client(
-                self._address,
-                asynchronous=True,
-                set_as_default=False,
-                timeout=self._connect_seconds,
-                name="modalmotion",
-            )
+            await client
         except (OSError, TimeoutError, ValueError) as error:
+            # Left open it would want our loop when it is collected, which may be gone by then.
+            await client.close(timeout=1.0)
             raise ClusterError(
                 f"There is no scheduler at '{self._address}' "
                 f"(tried for {self._connect_seconds:g} s): {error}",
