@@ -7,9 +7,6 @@ the server's own process.
 from __future__ import annotations
 
 import io
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -38,6 +35,7 @@ from modalmotion.signature import (
     modal_signature,
     resolve_template,
 )
+from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import (
     SequenceRecord,
     record_of,
@@ -101,7 +99,7 @@ class Ingested:
 
 def ingest(upload: Path, options: ReadOptions, image: Path) -> Ingested:
     """Read an upload, check it, and write it as a sequence's HDF5 image."""
-    watch = _Stopwatch()
+    watch = Stopwatch()
     with watch.stage("read"):
         read = _read(upload, options)
     with watch.stage("image"):
@@ -114,7 +112,7 @@ def sign(
     sequence: Path, parameters: SignatureParameters, template: Path | None, image: Path
 ) -> dict[str, float]:
     """Fit a kept sequence and write its signature's HDF5 image; gives milliseconds by stage."""
-    watch = _Stopwatch()
+    watch = Stopwatch()
     with watch.stage("load"):
         loaded = sequence_from_hdf5(sequence)
         named = _named(template)
@@ -133,7 +131,7 @@ def sign_upload(
     media_type: str,
 ) -> tuple[bytes, dict[str, float]]:
     """Fit an upload and write its signature out; gives milliseconds by stage besides."""
-    watch = _Stopwatch()
+    watch = Stopwatch()
     with watch.stage("read"):
         sequence = _read(upload, options).sequence
         named = _named(template)
@@ -168,7 +166,7 @@ def make_template(
     upload: Path, options: ReadOptions, parameters: SignatureParameters, image: Path
 ) -> Templated:
     """Make the template of an upload's reference frame and write its HDF5 image."""
-    watch = _Stopwatch()
+    watch = Stopwatch()
     with watch.stage("read"):
         sequence = _read(upload, options).sequence
     with watch.stage("template"):
@@ -371,16 +369,3 @@ def _trajectory(signature: ModalSignature) -> dict[str, Any]:
     if signature.times is not None:
         arrays["times"] = signature.times
     return arrays
-
-
-class _Stopwatch:
-    def __init__(self) -> None:
-        self.milliseconds: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.milliseconds[name] = 1e3 * (time.perf_counter() - start)
