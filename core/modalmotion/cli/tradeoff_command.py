@@ -84,7 +84,9 @@ def _lines(found: Tradeoff) -> str:
         errors = ", ".join(f"{branch.counts[k]}: {branch.rms[k]:.3f}" for k in shown)
         lines.append(f"{branch.topology}, {branch.components}: RMS by modes {errors}")
     for kind, error in found.scene.errors.items():
-        lines.append(f"as a {kind} motion: {error.rms:.3f} {unit} RMS, {error.max:.3f} at most")
+        article = "an" if kind == "affine" else "a"
+        moved = f"{error.rms:.3f} {unit} RMS, {error.max:.3f} at most"
+        lines.append(f"as {article} {kind} motion: {moved}")
     if found.noise is not None:
         lines.append(found.noise.note(front.unit))
     lines.append(f"chosen: {describe(found)}")

@@ -95,7 +95,7 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
         panel.grid(True, which="both", color="#e4e4e4", linewidth=0.6)
     panels[0].set_ylabel(f"RMS error ({unit})")
     panels[0].legend(fontsize=8, loc="upper right")
-    panels[1].legend(fontsize=8, loc="upper right")
+    panels[1].legend(fontsize=8, loc="lower left")
     _plain_ticks(panels[0].yaxis)
     _plain_ticks(panels[0].xaxis)
     if has_times:
