@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
+from slow_features import slow_axis_features
 
 from modalmotion.body_frame import Components
 from modalmotion.errors import ModeCountError, ParameterError, ShapeError, TopologyError
@@ -153,6 +154,43 @@ def test_readings_are_four_and_differ(signature: ModalSignature) -> None:
     for i in range(4):
         for j in range(i):
             assert np.abs(values[i] - values[j]).max() > 0.1
+
+
+@pytest.mark.parametrize("walls", [False, True])
+@pytest.mark.parametrize(("n_signed", "n_sized"), [(1, 1), (2, 1), (2, 3)])
+@pytest.mark.parametrize("n_modes", [7, 18])
+@pytest.mark.parametrize("timing", ["even", "uneven", "short"])
+def test_each_reading_is_what_its_definition_says(
+    n_modes: int, n_signed: int, n_sized: int, walls: bool, timing: str, rng: np.random.Generator
+) -> None:
+    beat = modal_signature(ventricle(), SignatureParameters(modes=n_modes))
+    if timing == "uneven":
+        beat = replace(beat, times=np.cumsum(rng.uniform(0.2, 2.0, beat.n_frames)))
+    if timing == "short":
+        beat = replace(beat, amplitudes=beat.amplitudes[:4], times=None)
+    found = axis_features(beat, n_signed, n_sized, walls=walls)
+    for reading, values in zip(READINGS, found.values, strict=True):
+        slow = slow_axis_features(beat, reading, n_signed, n_sized, walls=walls)
+        assert set(found.names) == set(slow)
+        expected = [slow[name] for name in found.names]
+        np.testing.assert_allclose(values, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_the_smooth_share_is_what_least_squares_leave(
+    signature: ModalSignature, rng: np.random.Generator
+) -> None:
+    amplitudes = signature.amplitudes + rng.normal(size=signature.amplitudes.shape)
+    noisy = replace(signature, amplitudes=amplitudes, times=None)
+    n = noisy.n_frames
+    moving = amplitudes[:, 1:].reshape(n, -1) - amplitudes[:, 1:].reshape(n, -1).mean(axis=0)
+    angle = 2 * np.pi * np.arange(n) / n
+    waves = [np.ones(n)] + [f(h * angle) for h in (1, 2, 3) for f in (np.cos, np.sin)]
+    design = np.stack(waves, axis=1)
+    rest = moving - design @ np.linalg.lstsq(design, moving)[0]
+    # Of white noise n - 7 of n - 1 parts would remain.
+    left = (rest**2).sum() / (n - 7) * (n - 1) / (moving**2).sum()
+    assert 0.1 < left < 0.9
+    assert axis_features(noisy).smooth_share == pytest.approx(1 - left, abs=1e-12)
 
 
 def synthetic(

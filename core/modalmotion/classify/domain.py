@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -53,10 +54,15 @@ class Domain:
     def distance(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance to the nearest class, (cases,) float64, of standardised features."""
         # |W'z - W'm|^2 for all classes at once.
-        a, b = z @ self.whitening, self.means @ self.whitening
-        squares = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2.0 * a @ b.T
+        a, (b, b_squares) = z @ self.whitening, self._white_means
+        squares = np.einsum("ij,ij->i", a, a)[:, None] + b_squares - 2.0 * a @ b.T
         distances: NDArray[np.float64] = np.sqrt(np.maximum(squares.min(axis=1), 0.0))
         return distances
+
+    @cached_property
+    def _white_means(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        b = self.means @ self.whitening
+        return b, np.einsum("ij,ij->i", b, b)
 
 
 def domain_shape(

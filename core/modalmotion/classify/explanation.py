@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.features import Column
+from modalmotion.modes import ModeSet
 from modalmotion.signature import ModalSignature
+from modalmotion.spring_modes import SpringSpectrum
 
 if TYPE_CHECKING:
     from modalmotion.classify.model import Model
@@ -67,36 +71,29 @@ def explain(
     it takes from this one: the Shapley value of two players, the group and all others (Shapley,
     A value for n-person games, 1953). For a linear score these add up to the whole.
     """
-    groups = dict.fromkeys(column.modes for column in columns)
-    # Features of many modes belong to none of them.
-    groups = {g: None for g in groups if len(g) <= 2}
-    if not groups:
+    players = _players(columns, signature.modes)
+    if not players.modes:
         return ()
-    pairs = [g for g in groups if len(g) == 2 and _is_pair(signature, g)]
-    paired = {k for g in pairs for k in g}
-    chosen = pairs + [(k,) for k in range(len(signature.modes)) if k not in paired]
-    member = np.array([[set(c.modes) <= set(g) for c in columns] for g in chosen])
-    chosen = [g for g, m in zip(chosen, member, strict=True) if m.any()]
-    member = member[member.any(axis=1)]
+    member = players.member
     average = model.blend.centre
     added = np.where(member, values, average)
     taken = np.where(member, average, values)
     logs = model.log_shares(np.concatenate([added, taken, values[None], average[None]]))
     first, second = np.argsort(-probabilities, kind="stable")[:2]
     lead = logs[:, first] - logs[:, second]
-    n = len(chosen)
+    n = len(member)
     scores = 0.5 * ((lead[:n] - lead[-1]) + (lead[-2] - lead[n : 2 * n]))
-    moving = signature.amplitudes - signature.amplitudes.mean(axis=0)
-    sizes = np.sqrt((moving**2).sum(axis=2).mean(axis=0))
-    labels = tuple(map(str, signature.modes.labels))
+    moving = signature.amplitudes - np.add.reduce(signature.amplitudes) / signature.n_frames
+    # Mean squares over time of each mode.
+    squares = np.einsum("fmi,fmi->m", moving, moving) / signature.n_frames
     found = [
         ModeContribution(
-            modes=tuple(labels[k] for k in g),
-            score=float(score),
-            amplitude=float(np.linalg.norm(sizes[list(g)])),
+            modes=labels,
+            score=score,
+            amplitude=math.sqrt(sum(squares[k] for k in group)),
             unit=signature.unit,
         )
-        for g, score in zip(chosen, scores, strict=True)
+        for group, labels, score in zip(players.modes, players.labels, scores.tolist(), strict=True)
     ]
     return tuple(sorted(found, key=lambda part: -abs(part.score)))
 
@@ -135,7 +132,39 @@ def only_modes(signature: ModalSignature, modes: Iterable[str]) -> ModalSignatur
     return replace(signature, amplitudes=amplitudes)
 
 
-def _is_pair(signature: ModalSignature, group: tuple[int, ...]) -> bool:
-    labels = [signature.modes.labels[k] for k in group]
+class _Players(NamedTuple):
+    """Groups of modes that share a prediction among them.
+
+    Parameters
+    ----------
+    modes : tuple of tuple of int
+    labels : tuple of tuple of str
+    member : (groups, features) bool
+        Which features are read from the modes of a group alone.
+    """
+
+    modes: tuple[tuple[int, ...], ...]
+    labels: tuple[tuple[str, ...], ...]
+    member: NDArray[np.bool_]
+
+
+@lru_cache(maxsize=32)
+def _players(columns: tuple[Column, ...], modes: ModeSet | SpringSpectrum) -> _Players:
+    # Features of many modes belong to none of them.
+    groups = [g for g in dict.fromkeys(column.modes for column in columns) if len(g) <= 2]
+    pairs = [g for g in groups if len(g) == 2 and _is_pair(modes, g)] if groups else []
+    paired = {k for g in pairs for k in g}
+    singles = [(k,) for k in range(len(modes)) if k not in paired] if groups else []
+    found = []
+    for group in (*pairs, *singles):
+        member = [set(column.modes) <= set(group) for column in columns]
+        if any(member):
+            found.append((group, tuple(str(modes.labels[k]) for k in group), member))
+    chosen, labels, members = zip(*found, strict=True) if found else ((), (), ())
+    return _Players(chosen, labels, np.array(members, dtype=np.bool_))
+
+
+def _is_pair(modes: ModeSet | SpringSpectrum, group: tuple[int, ...]) -> bool:
+    labels = [modes.labels[k] for k in group]
     names = [getattr(label, "wavenumbers", label) for label in labels]
     return len(set(names)) == 1

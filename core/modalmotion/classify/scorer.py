@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +44,12 @@ class Scorer:
     def probabilities(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         """Probabilities, (cases, classes) float64, of standardised features."""
         if len(self.anchors):
-            z = kernel(z, self.anchors, self.gamma)
+            z = _gaussian(z, self.anchors, self._anchor_squares, self.gamma)
         return softmax((z @ self.weights + self.intercepts) / self.temperature)
+
+    @cached_property
+    def _anchor_squares(self) -> NDArray[np.float64]:
+        return _squares(self.anchors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +87,8 @@ class Blend:
 
 def blended(shares: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     """Log of the mean of probabilities."""
-    logs: NDArray[np.float64] = np.log(np.maximum(np.mean(shares, axis=0), _LEAST))
+    mean = sum(shares[1:], shares[0]) / len(shares)
+    logs: NDArray[np.float64] = np.log(np.maximum(mean, _LEAST))
     return logs
 
 
@@ -90,7 +96,26 @@ def kernel(
     z: NDArray[np.float64], anchors: NDArray[np.float64], gamma: float
 ) -> NDArray[np.float64]:
     """exp(-gamma |z - a|^2), (cases, anchors) float64."""
-    squares = (z**2).sum(axis=1)[:, None] + (anchors**2).sum(axis=1)
-    squares -= 2.0 * z @ anchors.T
-    values: NDArray[np.float64] = np.exp(-gamma * np.maximum(squares, 0.0))
+    return _gaussian(z, anchors, _squares(anchors), gamma)
+
+
+def _gaussian(
+    z: NDArray[np.float64],
+    anchors: NDArray[np.float64],
+    anchor_squares: NDArray[np.float64],
+    gamma: float,
+) -> NDArray[np.float64]:
+    # |z - a|^2 = |z|^2 + |a|^2 - 2 z.a
+    squares = z @ anchors.T
+    squares *= -2.0
+    squares += anchor_squares
+    squares += _squares(z)[:, None]
+    np.maximum(squares, 0.0, out=squares)
+    squares *= -gamma
+    values: NDArray[np.float64] = np.exp(squares, out=squares)
     return values
+
+
+def _squares(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    squares: NDArray[np.float64] = np.einsum("ij,ij->i", rows, rows)
+    return squares

@@ -1,7 +1,8 @@
 """Features of a motion: numbers that do not depend on pose, size, start angle or sampling."""
 
 from modalmotion.features.alignment import align, mean_motion
-from modalmotion.features.axis import READINGS, Reading, axis_features, has_axis
+from modalmotion.features.axis import READINGS, Reading, axis_features
+from modalmotion.features.axis_parts import has_axis
 from modalmotion.features.columns import Column, MotionFeatures
 from modalmotion.features.reader import FeatureReader, Motion, motion_of, surface_size
 

@@ -6,22 +6,24 @@ mean, which is dropped, and harmonics.
 
 from __future__ import annotations
 
+import cmath
+import math
 from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.body_frame import Components
-from modalmotion.errors import ModeCountError, ParameterError, ShapeError, TopologyError
+from modalmotion.errors import ParameterError
+from modalmotion.features.axis_parts import Parts, parts_of, readable_modes
 from modalmotion.features.columns import Column, MotionFeatures
-from modalmotion.features.temporal import cycle_angle, elapsed_share, harmonics, smooth_share
+from modalmotion.features.temporal import elapsed_share, harmonics, smooth_share
 from modalmotion.modes import ModeSet
 from modalmotion.signature import ModalSignature
-from modalmotion.spring_modes import SpringSpectrum
-from modalmotion.topology import CLOSED
 
 Vectors = NDArray[np.float64]
+Spectrum = NDArray[np.complex128]
+Direction = tuple[float, float, float]
 
 
 class Reading(NamedTuple):
@@ -43,28 +45,21 @@ READINGS: Final = tuple(Reading(m, i) for m in (False, True) for i in (False, Tr
 """All readings; which of them holds is decided by what a model knows."""
 
 
-class _Parts(NamedTuple):
-    """Where the parts of a motion are found in the amplitudes of a set of modes.
+class _Layout(NamedTuple):
+    """What the features of all motions in the same modes have in common.
 
     Parameters
     ----------
-    unpaired : (n,) int64
-        Modes (p, 0), from p = 1 on.
-    cosines, sines : (m,) int64
-        Modes (p, p'), p' > 0.
-    first, others : (k,) int64
-        Which of the pairs have p' = 1, and which have more.
-    signed, sized : tuple of Column
-        Names and modes of the parts with a sign and of those without.
+    columns : tuple of Column
+    signs : (readings, features) float64
+        What the other readings turn round in the first one.
+    deforming : (n,) int64
+        Modes that are no translation of the whole.
     """
 
-    unpaired: NDArray[np.int64]
-    cosines: NDArray[np.int64]
-    sines: NDArray[np.int64]
-    first: NDArray[np.int64]
-    others: NDArray[np.int64]
-    signed: tuple[Column, ...]
-    sized: tuple[Column, ...]
+    columns: tuple[Column, ...]
+    signs: Vectors
+    deforming: NDArray[np.int64]
 
 
 def axis_features(
@@ -120,103 +115,144 @@ def axis_features(
     turns e1, e2 and e3; another start angle turns c and s into one another; neither changes a
     feature.
     """
-    modes = _readable_modes(signature)
-    parts = _parts_of(modes)
+    modes = readable_modes(signature)
+    parts, layout = parts_of(modes), _layout(modes, n_signed, n_sized, walls)
     # Percent of the size; the roots are taken apart so that no product overflows.
     along, around = signature.lengths
-    a = 100.0 * (signature.amplitudes / np.sqrt(along) / np.sqrt(around))
-    a = a - a.mean(axis=0)
+    a = signature.amplitudes / math.sqrt(along)
+    a /= math.sqrt(around)
+    a *= 100.0
+    a -= np.add.reduce(a) / len(a)
+    frame = _body_frame(a, parts, None if not walls else _theta_zero(signature))
+    n, n_modes = len(a), len(modes)
+    # Components along e1, e2 and e3.
+    b = (a.reshape(-1, 3) @ frame).reshape(n, n_modes, 3)
     share = elapsed_share(signature)
-    angle = cycle_angle(share)
-    n = len(modes)
-    flat = a.reshape(len(a), 3 * n)
-    spectrum = harmonics(angle, flat, max(n_signed, n_sized)).reshape(-1, n, 3)
-
-    first = parts.first
-    turning = _cross(a[:, parts.cosines[first]], a[:, parts.sines[first]]).sum(axis=(0, 1))
-    towards = None if not walls else _theta_zero(signature)
-    rows = []
-    for is_mirrored in (False, True):
-        sign = -1.0 if is_mirrored else 1.0
-        plane, e3 = _plane(sign * turning, towards)
-        whole = _whole_ring(a, parts, plane, sign)
-        # The line in the complex plane along which (0, 1) moves most is the radial one.
-        gauge = np.exp(-0.5j * np.angle((whole**2).sum()))
-        # A ring narrows while the axis shortens: (1, 0) is positive at the apex end.
-        if float((whole * gauge).real @ (a[:, parts.unpaired[0]] @ e3)) > 0:
-            gauge = -gauge
-        # (harmonics, parts) of what has a sign, and two of each of what has none.
-        signed, sized = _read(spectrum, parts, plane, e3, sign, gauge)
-        n_rings = len(first)
-        for is_inverted in (False, True):
-            turned = signed.copy()
-            if is_inverted:
-                turned[:, : 2 * n_rings] *= -1.0
-            rows.append(_values(turned, sized, n_signed, n_sized, walls))
-    is_deformation = modes.wavenumbers.any(axis=1)
-    deformation = a[:, is_deformation].reshape(len(a), -1)
+    count = max(n_signed, n_sized)
+    spectrum = harmonics(share, b.reshape(n, -1), count).reshape(count, n_modes, 3)
+    signed, x, y = _read(spectrum, parts, _radial_line(b, parts))
+    values = _values(signed, x, y, n_signed, n_sized, walls)
+    deformation = b[:, layout.deforming].reshape(n, -1)
     return MotionFeatures(
-        columns=_columns(parts, n_signed, n_sized, walls),
-        values=np.stack(rows),
-        motion=float(np.sqrt((deformation**2).sum(axis=1).mean())) / 100.0,
+        columns=layout.columns,
+        values=values * layout.signs,
+        motion=math.sqrt(np.vdot(deformation, deformation) / n) / 100.0,
         smooth_share=smooth_share(share, deformation, is_cycle=True),
     )
 
 
-def _read(
-    spectrum: NDArray[np.complex128],
-    parts: _Parts,
-    plane: NDArray[np.complex128],
-    e3: Vectors,
-    sign: float,
-    gauge: complex,
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Harmonics of the parts with a sign, and of both components of those without."""
-    c, s = spectrum[:, parts.cosines], sign * spectrum[:, parts.sines]
-    e1, e2 = plane.real, plane.imag
-    c1, c2, c3 = c @ e1, c @ e2, c @ e3
-    s1, s2, s3 = s @ e1, s @ e2, s @ e3
-    flat = spectrum[:, parts.unpaired]
+def _body_frame(a: Vectors, parts: Parts, towards: Vectors | None) -> Vectors:
+    """e1, e2 and e3 as columns, (3, 3) float64; e1 is towards the zero of theta where known."""
     first = parts.first
+    c, s = a[:, parts.cosines[first]].reshape(-1, 3), a[:, parts.sines[first]].reshape(-1, 3)
+    # The sum of c x s is what is not symmetric in the sum of c s'.
+    m = (c.T @ s).tolist()
+    e3 = _unit((m[1][2] - m[2][1], m[2][0] - m[0][2], m[0][1] - m[1][0]))
+    if towards is None:
+        least = min(range(3), key=lambda k: abs(e3[k]))
+        start: Direction = (float(least == 0), float(least == 1), float(least == 2))
+    else:
+        start = _cross(e3, (float(towards[0]), float(towards[1]), float(towards[2])))
+    e1 = _unit(_cross(start, e3))
+    return np.array([e1, _cross(e3, e1), e3]).T
+
+
+def _radial_line(b: Vectors, parts: Parts) -> complex:
+    """Give the turn about the axis, of modulus 1, that makes radial motion of (0, 1) real."""
+    k = parts.first[0]
+    c, s = b[:, parts.cosines[k]], b[:, parts.sines[k]]
+    # (w(c) - i w(s)) / 2 but for the half, of the mode (0, 1).
+    x, y = c[:, 0] + s[:, 1], c[:, 1] - s[:, 0]
+    # The line in the complex plane along which (0, 1) moves most is the radial one.
+    gauge = cmath.exp(-0.5j * math.atan2(2.0 * (x @ y), x @ x - y @ y))
+    # A ring narrows while the axis shortens: (1, 0) is positive at the apex end.
+    axial = b[:, parts.unpaired[0], 2]
+    if gauge.real * (x @ axial) - gauge.imag * (y @ axial) > 0:
+        gauge = -gauge
+    return gauge
+
+
+def _read(spectrum: Spectrum, parts: Parts, gauge: complex) -> tuple[Spectrum, Spectrum, Spectrum]:
+    """Harmonics of the parts with a sign, and of both components of those without."""
+    c, s, flat = (
+        spectrum[:, chosen].transpose(2, 0, 1)
+        for chosen in (parts.cosines, parts.sines, parts.unpaired)
+    )
+    n_rings = len(parts.first)
     # (w(c) - i w(s)) / 2 = ((c1 + s2) + i (c2 - s1)) / 2, turned by the gauge where p' = 1.
-    x, y = (c1 + s2) / 2, (c2 - s1) / 2
+    x, y = (c[0] + s[1]) / 2, (c[1] - s[0]) / 2
     g, k = gauge.real, gauge.imag
-    radial = x[:, first] * g - y[:, first] * k
-    turning = x[:, first] * k + y[:, first] * g
-    signed = np.concatenate([radial, turning, flat @ e3], axis=1)
+    x1, y1 = x[:, :n_rings], y[:, :n_rings]
+    signed = np.concatenate([x1 * g - y1 * k, x1 * k + y1 * g, flat[2]], axis=1)
     # (w(c) + i w(s)) / 2 = ((c1 - s2) + i (c2 + s1)) / 2 and e3.c - i e3.s
-    real = [flat @ e1, (c1 - s2) / 2, c3, x[:, parts.others]]
-    imaginary = [flat @ e2, (c2 + s1) / 2, -s3, y[:, parts.others]]
-    sized = np.stack([np.concatenate(real, axis=1), np.concatenate(imaginary, axis=1)], axis=2)
-    return signed, sized
+    real = [flat[0], (c[0] - s[1]) / 2, c[2], x[:, n_rings:]]
+    imaginary = [flat[1], (c[1] + s[0]) / 2, -s[2], y[:, n_rings:]]
+    return signed, np.concatenate(real, axis=1), np.concatenate(imaginary, axis=1)
 
 
 def _values(
-    signed: NDArray[np.complex128],
-    sized: NDArray[np.complex128],
-    n_signed: int,
-    n_sized: int,
-    walls: bool,
+    signed: Spectrum, x: Spectrum, y: Spectrum, n_signed: int, n_sized: int, walls: bool
 ) -> Vectors:
     """Real features, phases counted from the height of the contraction."""
     # At phase 0 the contraction, which is the opposite of "radial 0", is at its height.
-    clock = np.angle(-signed[0, 0])
-    turns = np.exp(-1j * clock * np.arange(1, len(signed) + 1))
-    z = signed[:n_signed] * turns[:n_signed, None]
-    v = sized[:n_sized] * turns[:n_sized, None, None]
-    # Columns by part, then harmonic, then cosine and sine.
-    with_sign = np.stack([z.real, z.imag], axis=2).transpose(1, 0, 2).ravel()
+    clock = cmath.phase(-signed[0, 0])
+    turns = np.exp(-1j * clock * np.arange(1, len(signed) + 1))[:, None]
+    with_sign = _by_part(signed[:n_signed] * turns[:n_signed])
+    u, v = _by_part(x[:n_sized] * turns[:n_sized]), _by_part(y[:n_sized] * turns[:n_sized])
+    without = np.concatenate([u, v], axis=1) if walls else np.sqrt(np.hypot(u, v))
     # "radial 0 sin 1" is zero by the choice of the clock.
-    with_sign = np.delete(with_sign, 1)
+    return np.concatenate(
+        [with_sign[0, :1], with_sign[0, 2:], with_sign[1:].ravel(), without.ravel()]
+    )
+
+
+def _by_part(z: Spectrum) -> Vectors:
+    """Give cosine and sine of each harmonic, (parts, 2 harmonics), of (harmonics, parts)."""
+    return z.T.copy().view(np.float64)
+
+
+@lru_cache(maxsize=64)
+def _layout(modes: ModeSet, n_signed: int, n_sized: int, walls: bool) -> _Layout:
+    parts = parts_of(modes)
+    return _Layout(
+        columns=_columns(parts, n_signed, n_sized, walls),
+        signs=np.stack([_signs(parts, reading, n_signed, n_sized, walls) for reading in READINGS]),
+        deforming=np.flatnonzero(modes.wavenumbers.any(axis=1)),
+    )
+
+
+def _signs(parts: Parts, reading: Reading, n_signed: int, n_sized: int, walls: bool) -> Vectors:
+    """Signs by which a reading differs from the first one.
+
+    A theta that runs left-handed turns s and e3 round. Where e1 is towards the zero of theta, e2
+    goes with them, and w becomes its conjugate; elsewhere e1 does, and w becomes the opposite of
+    its conjugate. Both make the radial line its mirror image, radial and axial parts their
+    opposite, and keep turning. Inward and outward exchanged turns radial and turning round. Where
+    radial parts are turned round the height of the contraction is half a period later.
+    """
+    n_rings, n_pairs = len(parts.first), len(parts.cosines)
+    n_flat, n_others = len(parts.unpaired), len(parts.others)
+    mirrored = -1.0 if reading.is_mirrored else 1.0
+    inverted = -1.0 if reading.is_inverted else 1.0
+    later = mirrored * inverted
+    by_part = [mirrored * inverted] * n_rings + [inverted] * n_rings + [mirrored] * n_flat
+    signed = np.array(by_part)[:, None] * _of_harmonics(n_signed, later)
     if walls:
-        without = np.stack([v.real, v.imag], axis=3).transpose(1, 2, 0, 3).ravel()
+        # e1, e2 and, of tilt, e3.c and -e3.s; "towards zero" and "across zero".
+        plane, tilt = (1.0, mirrored), (mirrored, 1.0)
+        sides = [plane] * (n_flat + n_pairs) + [tilt] * n_pairs + [plane] * n_others
+        sized = (np.array(sides)[:, :, None] * _of_harmonics(n_sized, later)).ravel()
     else:
-        lengths = np.stack([np.hypot(*v.real.T), np.hypot(*v.imag.T)], axis=2)
-        without = np.sqrt(lengths).ravel()
-    return np.concatenate([with_sign, without])
+        sized = np.ones(2 * n_sized * (n_flat + 2 * n_pairs + n_others))
+    return np.concatenate([np.delete(signed, 1), sized])
 
 
-def _columns(parts: _Parts, n_signed: int, n_sized: int, walls: bool) -> tuple[Column, ...]:
+def _of_harmonics(count: int, later: float) -> Vectors:
+    """Give the sign of cosine and sine of each harmonic half a period later, if `later` is -1."""
+    return np.repeat(later ** np.arange(1, count + 1), 2)
+
+
+def _columns(parts: Parts, n_signed: int, n_sized: int, walls: bool) -> tuple[Column, ...]:
     found = [
         Column(f"{part.name} {phase} {h}", part.modes)
         for part in parts.signed
@@ -235,25 +271,6 @@ def _columns(parts: _Parts, n_signed: int, n_sized: int, walls: bool) -> tuple[C
     return tuple(found)
 
 
-def _plane(turning: Vectors, towards: Vectors | None) -> tuple[NDArray[np.complex128], Vectors]:
-    """Return e1 + i e2 across the axis, and the axis e3."""
-    e3 = _direction(turning)
-    start = np.eye(3)[np.argmin(np.abs(e3))] if towards is None else _cross(e3, towards)
-    across = _direction(_cross(start, e3))
-    plane: NDArray[np.complex128] = np.asarray(across + 1j * _cross(e3, across))
-    return plane, e3
-
-
-def _whole_ring(
-    a: Vectors, parts: _Parts, plane: NDArray[np.complex128], sign: float
-) -> NDArray[np.complex128]:
-    """(w(c) - i w(s)) / 2 of the mode (0, 1), (frames,) complex128."""
-    k = parts.first[0]
-    c, s = a[:, parts.cosines[k]], sign * a[:, parts.sines[k]]
-    turned: NDArray[np.complex128] = (c @ plane - 1j * (s @ plane)) / 2
-    return turned
-
-
 def _theta_zero(signature: ModalSignature) -> Vectors:
     if signature.landmarks is None:
         raise ParameterError(
@@ -263,97 +280,14 @@ def _theta_zero(signature: ModalSignature) -> Vectors:
     return signature.landmarks.theta_zero
 
 
-def _cross(a: Vectors, b: Vectors) -> Vectors:
-    """Vector product along the last axis; numpy's own costs ten times as much on few vectors."""
-    x, y, z = a[..., 0], a[..., 1], a[..., 2]
-    u, v, w = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
+def _cross(a: Direction, b: Direction) -> Direction:
+    """Vector product; numpy's own costs twenty times as much on one pair."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-def _direction(vector: Vectors) -> Vectors:
+def _unit(vector: Direction) -> Direction:
     """Give the unit vector along `vector`; any one where nothing moves."""
-    length = float(np.linalg.norm(vector))
+    length = math.hypot(*vector)
     if length == 0.0:
-        return np.array([0.0, 0.0, 1.0])
-    unit: Vectors = vector / length
-    return unit
-
-
-@lru_cache(maxsize=32)
-def _parts_of(modes: ModeSet) -> _Parts:
-    rows = list(zip(modes.wavenumbers.tolist(), modes.is_sine.tolist(), strict=True))
-    index = {(p, turns, sine): i for i, ((p, turns), sine) in enumerate(rows)}
-    flat = [(p, i) for (p, turns, _), i in sorted(index.items()) if turns == 0 and p > 0]
-    pairs = [
-        (turns, p, i, index[p, turns, True])
-        for (p, turns, sine), i in index.items()
-        if turns > 0 and not sine and (p, turns, True) in index
-    ]
-    pairs.sort()
-    rings = [(p, (c, s)) for turns, p, c, s in pairs if turns == 1]
-    signed = [Column(f"radial {p}", both) for p, both in rings]
-    signed += [Column(f"turning {p}", both) for p, both in rings]
-    signed += [Column(f"axial {p}", (i,)) for p, i in flat]
-    sized = [Column(f"across {p}", (i,)) for p, i in flat]
-    for first, general in (("oval", "lobe"), ("tilt", "wave")):
-        sized += [
-            Column(f"{first} {p}" if turns == 1 else f"{general} ({p}, {turns})", (c, s))
-            for turns, p, c, s in pairs
-        ]
-    sized += [Column(f"side ({p}, {turns})", (c, s)) for turns, p, c, s in pairs if turns > 1]
-    return _Parts(
-        unpaired=np.array([i for _, i in flat], dtype=np.int64),
-        cosines=np.array([c for _, _, c, _ in pairs], dtype=np.int64),
-        sines=np.array([s for _, _, _, s in pairs], dtype=np.int64),
-        first=np.arange(len(rings)),
-        others=np.arange(len(rings), len(pairs)),
-        signed=tuple(signed),
-        sized=tuple(sized),
-    )
-
-
-def has_axis(signature: ModalSignature) -> bool:
-    """Whether `axis_features` can be read: modes and components say so."""
-    try:
-        _readable_modes(signature)
-    except (TopologyError, ModeCountError, ParameterError, ShapeError):
-        return False
-    return True
-
-
-def _readable_modes(signature: ModalSignature) -> ModeSet:
-    modes = signature.modes
-    if isinstance(modes, SpringSpectrum):
-        raise TopologyError(
-            "The motion is given in the spring modes of one mesh, which say nothing of others.",
-            remedy="Send a cup, a cylinder or a sphere.",
-        )
-    if signature.parameters.components != Components.CARTESIAN:
-        raise ParameterError(
-            "The amplitudes are radial, tangential and axial; features are read from Cartesian "
-            "ones, and find these directions themselves.",
-            remedy="Fit with components = cartesian.",
-        )
-    topology = modes.topology
-    if topology.n_axes != 2 or topology.ends[1] != CLOSED or topology.ends[0] == CLOSED:
-        raise TopologyError(
-            f"The motion of a {topology} has no axis to be read about.",
-            remedy="Send a cup, a cylinder or a sphere.",
-        )
-    if not min(signature.lengths) > 0:
-        raise TopologyError(
-            f"The surface has the lengths {signature.lengths}, so no size to compare with.",
-            remedy="Choose a reference frame in which the surface is not collapsed.",
-        )
-    if signature.n_frames < 2:
-        raise ShapeError(
-            "One frame has no motion to read.", remedy="Send at least two frames of a beat."
-        )
-    parts = _parts_of(modes)
-    if not len(parts.unpaired) or not len(parts.first):
-        raise ModeCountError(
-            f"{len(signature.modes)} modes are too few to read a motion from.",
-            remedy="Fit 7 modes or more.",
-            details={"least": 7},
-        )
-    return modes
+        return (0.0, 0.0, 1.0)
+    return (vector[0] / length, vector[1] / length, vector[2] / length)

@@ -13,7 +13,6 @@ from modalmotion.features.columns import Column, MotionFeatures
 from modalmotion.features.invariants import Waves, invariant_columns, invariants, waves_of
 from modalmotion.features.temporal import (
     cosines,
-    cycle_angle,
     elapsed_share,
     harmonics,
     smooth_share,
@@ -113,7 +112,7 @@ def motion_of(signature: ModalSignature, reader: FeatureReader) -> Motion:
     n_frames, n_modes, _ = a.shape
     share, flat = elapsed_share(signature), a.reshape(n_frames, -1)
     if reader.is_cycle:
-        terms = harmonics(cycle_angle(share), flat, reader.n_harmonics)
+        terms = harmonics(share, flat, reader.n_harmonics)
     else:
         n_terms = TERMS_PER_HARMONIC * reader.n_harmonics
         terms = cosines(share, flat, n_terms).astype(np.complex128)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -15,7 +17,26 @@ _N_SMOOTH: Final = 3
 # Singular values of the design below this share are not determined by the frames.
 _RANK_TOLERANCE: Final = 1e-8
 
+# Designs that are kept factored: recordings of one device share their times.
+_N_DESIGNS: Final = 32
+
 Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class _Design:
+    """Functions of time that a trajectory is fitted by.
+
+    Parameters
+    ----------
+    solve : (terms, frames) float64
+        Pseudoinverse: coefficients by least squares, the least ones where frames are too few.
+    span : (rank, frames) float64
+        Orthonormal trajectories, all that the functions can follow.
+    """
+
+    solve: NDArray[np.float64]
+    span: NDArray[np.float64]
 
 
 def elapsed_share(signature: ModalSignature) -> NDArray[np.float64]:
@@ -34,17 +55,17 @@ def elapsed_share(signature: ModalSignature) -> NDArray[np.float64]:
 def cycle_angle(share: NDArray[np.float64]) -> NDArray[np.float64]:
     """Phase in a cycle, (frames,) float64, rad, which ends one mean step after the last frame."""
     n = len(share)
-    angle: NDArray[np.float64] = 2 * np.pi * share * ((n - 1) / n)
+    angle: NDArray[np.float64] = share * (2 * np.pi * ((n - 1) / n))
     return angle
 
 
-def harmonics(angle: NDArray[np.float64], signals: NDArray[np.float64], count: int) -> Complex:
+def harmonics(share: NDArray[np.float64], signals: NDArray[np.float64], count: int) -> Complex:
     """First harmonics c_h of signals = mean + sum Re(c_h exp(-i h angle)), by least squares.
 
     Parameters
     ----------
-    angle : (frames,) float64, rad
-        Of any spacing.
+    share : (frames,) float64
+        See `elapsed_share`; of any spacing. One cycle is as in `cycle_angle`.
     signals : (frames, signals) float64
     count : int
 
@@ -53,10 +74,11 @@ def harmonics(angle: NDArray[np.float64], signals: NDArray[np.float64], count: i
     (count, signals) complex128
         Zero where there are too few frames.
     """
-    found = min(count, max(1, (len(angle) - 1) // 2))
-    solution = _solved(_cycle_design(angle, found), signals)
+    found = min(count, max(1, (len(share) - 1) // 2))
+    solution = _design(share.tobytes(), found, is_cycle=True).solve @ signals
     result = np.zeros((count, signals.shape[1]), dtype=np.complex128)
-    result[:found] = solution[1 : 1 + found] + 1j * solution[1 + found :]
+    result.real[:found] = solution[1 : 1 + found]
+    result.imag[:found] = solution[1 + found :]
     return result
 
 
@@ -79,7 +101,7 @@ def cosines(
     """
     found = min(count, len(share) - 1)
     result = np.zeros((count, signals.shape[1]))
-    result[:found] = _solved(_course_design(share, found), signals)[1:]
+    result[:found] = (_design(share.tobytes(), found, is_cycle=False).solve @ signals)[1:]
     return result
 
 
@@ -101,28 +123,28 @@ def smooth_share(
         1 for a smooth motion, 0 for noise; 1 where there are too few frames to tell.
     """
     n, n_terms = len(share), 2 * _N_SMOOTH
-    total = float((signals**2).sum())
+    total = float(np.vdot(signals, signals))
     free = n - 1 - n_terms
     if free < 2 or total == 0.0:
         return 1.0
-    design = (
-        _cycle_design(cycle_angle(share), _N_SMOOTH) if is_cycle else _course_design(share, n_terms)
-    )
-    rest = signals - design @ _solved(design, signals)
+    count = _N_SMOOTH if is_cycle else n_terms
+    followed = _design(share.tobytes(), count, is_cycle=is_cycle).span @ signals
+    # What is not followed; none of it is less than rounding of the whole.
+    rest = max(0.0, total - float(np.vdot(followed, followed)))
     # Of white noise n - 1 - terms of n - 1 parts remain.
-    return max(0.0, 1.0 - float((rest**2).sum()) / free * (n - 1) / total)
+    return max(0.0, 1.0 - rest / free * (n - 1) / total)
 
 
-def _cycle_design(angle: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    h = np.arange(1, count + 1) * angle[:, None]
-    return np.concatenate([np.ones((len(angle), 1)), np.cos(h), np.sin(h)], axis=1)
-
-
-def _course_design(share: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    design: NDArray[np.float64] = np.cos(np.pi * np.arange(count + 1) * share[:, None])
-    return design
-
-
-def _solved(design: NDArray[np.float64], signals: NDArray[np.float64]) -> NDArray[np.float64]:
-    solution = np.linalg.lstsq(design, signals, rcond=_RANK_TOLERANCE)[0]
-    return np.asarray(solution, dtype=np.float64)
+@lru_cache(maxsize=_N_DESIGNS)
+def _design(times: bytes, count: int, *, is_cycle: bool) -> _Design:
+    """Factor the design of a cycle's harmonics or a course's cosines; times as in `share`."""
+    share = np.frombuffer(times)
+    if is_cycle:
+        h = np.arange(1, count + 1) * cycle_angle(share)[:, None]
+        design = np.concatenate([np.ones((len(share), 1)), np.cos(h), np.sin(h)], axis=1)
+    else:
+        design = np.cos(np.pi * np.arange(count + 1) * share[:, None])
+    U, s, Vt = np.linalg.svd(design, full_matrices=False)
+    rank = np.count_nonzero(s > _RANK_TOLERANCE * s[0])
+    span = U[:, :rank].T
+    return _Design(solve=(Vt[:rank].T / s[:rank]) @ span, span=span.copy())

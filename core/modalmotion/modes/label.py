@@ -61,16 +61,20 @@ class ModeSet:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, ModeSet):
             return NotImplemented
-        return (
+        return self is other or (
             self.topology == other.topology
             and np.array_equal(self.wavenumbers, other.wavenumbers)
             and np.array_equal(self.is_sine, other.is_sine)
         )
 
     def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
         return hash((self.topology, self.wavenumbers.tobytes(), self.is_sine.tobytes()))
 
-    @property
+    @cached_property
     def labels(self) -> tuple[ModeLabel, ...]:
         """The modes' labels, in order."""
         return tuple(
