@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 import time
@@ -133,9 +132,6 @@ def test_the_proxy_passes_what_the_service_would_take() -> None:
         "access_log off;",
     ):
         assert needed in code
-    if shutil.which("nginx") is None:
-        return
-    subprocess.run(["nginx", "-t", "-c", "deploy/nginx.conf"], cwd=ROOT, check=False)
 
 
 @pytest.mark.parametrize("name", ["modalmotion.service", "modalmotion-worker@.service"])
@@ -143,6 +139,9 @@ def test_units_start_commands_that_exist(name: str) -> None:
     text = (ROOT / "deploy" / name).read_text()
     assert re.search(r"^Restart=always$", text, re.MULTILINE)
     assert re.search(r"^User=modalmotion$", text, re.MULTILINE)
+    if name == "modalmotion.service":
+        # Behind the proxy everybody comes over loopback.
+        assert "MODALMOTION_REQUIRE_KEYS=true" in text
     start = re.search(r"^ExecStart=\S+/modalmotion (\S+)", text, re.MULTILINE)
     assert start is not None
     found = main.get_command(click.Context(main), start[1])
