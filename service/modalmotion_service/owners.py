@@ -10,6 +10,7 @@ import asyncio
 import logging
 import shutil
 from concurrent.futures import Executor
+from datetime import timedelta
 from pathlib import Path
 from typing import Final
 
@@ -122,7 +123,12 @@ class Owners:
         try:
             store.idempotency.release_unfinished()
             spool = Spool(root / "spool")
-            retention = Retention(store.jobs, spool, 3600 * settings.result_hours)
+            retention = Retention(
+                store,
+                spool,
+                file_age=timedelta(hours=settings.result_hours),
+                job_age=timedelta(days=settings.job_days),
+            )
             spool.clear(keep=await asyncio.to_thread(retention.needed))
             analysis = Analysis(store, self._engine, spool)
             models = Models(store, analysis, self._engine)

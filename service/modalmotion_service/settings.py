@@ -53,7 +53,16 @@ class Settings(BaseSettings):
     )
 
     result_hours: float = Field(
-        168.0, gt=0, description="How long the file that a job has made is kept."
+        168.0,
+        gt=0,
+        le=1e6,
+        description="How long the file that a job has made is kept, from the job's end on.",
+    )
+    job_days: float = Field(
+        90.0,
+        gt=0,
+        le=1e5,
+        description="How long a finished job and an idempotency key are known.",
     )
 
     max_body_bytes: int = Field(256_000_000, gt=0, description="Largest request body.")

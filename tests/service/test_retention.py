@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,13 @@ def made(store: ResultStore, spool: Spool, name: str) -> str:
     return job.id
 
 
+def keeping(
+    store: ResultStore, spool: Spool, file_seconds: float, job_seconds: float = 3600.0
+) -> Retention:
+    ages = (timedelta(seconds=seconds) for seconds in (file_seconds, job_seconds))
+    return Retention(store, spool, file_age=next(ages), job_age=next(ages))
+
+
 def test_only_files_whose_time_has_passed_are_removed(tmp_path: Path) -> None:
     with ResultStore(tmp_path) as store:
         spool = Spool(tmp_path / "spool")
@@ -33,12 +41,12 @@ def test_only_files_whose_time_has_passed_are_removed(tmp_path: Path) -> None:
         made(store, spool, "old")
         time.sleep(0.3)
         made(store, spool, "new")
-        retention = Retention(store.jobs, spool, 0.25)
+        retention = keeping(store, spool, 0.25)
         assert retention.needed() == {"new", "upload"}
         assert retention.sweep() == 1
         assert {path.name for path in spool.folder.iterdir()} == {"new", "upload"}
         assert retention.sweep() == 0
-        assert Retention(store.jobs, spool, 3600.0).needed() == {"old", "new", "upload"}
+        assert keeping(store, spool, 3600.0).needed() == {"old", "new", "upload"}
         assert not store.jobs.get(upload.id).is_finished
 
 
@@ -50,7 +58,27 @@ def test_more_results_than_a_page_of_jobs_are_kept(
         names = {made(store, spool, f"f{n}") and f"f{n}" for n in range(7)}
         paged = store.jobs.list
         monkeypatch.setattr(store.jobs, "list", lambda **asked: paged(**{**asked, "limit": 3}))
-        assert Retention(store.jobs, spool, 60.0).needed() == names
+        assert keeping(store, spool, 60.0).needed() == names
+
+
+def test_finished_jobs_and_keys_are_forgotten_but_none_that_has_work_or_a_file(
+    tmp_path: Path,
+) -> None:
+    with ResultStore(tmp_path) as store:
+        spool = Spool(tmp_path / "spool")
+        queued = store.jobs.create("upload", {"file": "upload"}).id
+        failed = store.jobs.create("upload", {}).id
+        store.jobs.update(failed, state=JobState.FAILED, error={})
+        succeeded = made(store, spool, "file")
+        store.idempotency.claim("key", "request")
+        time.sleep(0.05)
+        keeping(store, spool, 3600.0, 0.01).sweep()
+        assert store.jobs.get(failed).is_finished
+        keeping(store, spool, 0.01, 3600.0).sweep()
+        assert store.jobs.get(succeeded).is_finished
+        keeping(store, spool, 0.01, 0.01).sweep()
+        assert [job.id for job in store.jobs.list().jobs] == [queued]
+        assert store.idempotency.forget_before("9999") == 0
 
 
 def test_a_running_service_removes_them_by_itself(tmp_path: Path, beat: bytes) -> None:

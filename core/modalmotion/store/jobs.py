@@ -196,6 +196,14 @@ class Jobs:
         rows = self._database.read("SELECT kind, state, count(*) FROM jobs GROUP BY kind, state")
         return {(kind, JobState(state)): number for kind, state, number in rows}
 
+    def forget_before(self, updated: str) -> int:
+        """Remove jobs that finished before a time (UTC, ISO 8601); returns how many."""
+        with self._database.write() as connection:
+            return connection.execute(
+                "DELETE FROM jobs WHERE updated < ? AND state NOT IN ('queued', 'running')",
+                (updated,),
+            ).rowcount
+
     def unfinished(self) -> tuple[Job, ...]:
         """Jobs to take up again after a restart, oldest first."""
         rows = self._database.read(
