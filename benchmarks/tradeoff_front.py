@@ -10,7 +10,7 @@ from measure import Table, in_words, side_by_side
 
 from modalmotion.basis import make_basis
 from modalmotion.body_frame import Components
-from modalmotion.choice.selection import measure_noise
+from modalmotion.choice.noise_level import measure_noise
 from modalmotion.fit import fit_sequence
 from modalmotion.reconstruction import reconstruct
 from modalmotion.sequence import MeshSequence

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from modalmotion.choice.noise import _marchenko_pastur
-from modalmotion.choice.selection import measure_noise
+from modalmotion.choice.noise_level import measure_noise
 from modalmotion.reconstruction import reconstruct
 from modalmotion.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature import SignatureParameters, modal_signature

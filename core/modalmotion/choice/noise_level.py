@@ -1,0 +1,88 @@
+"""How much noise a sequence has, and the set of modes that stops there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from modalmotion.body_frame import Components
+from modalmotion.choice.energies import Energies, energies_of
+from modalmotion.choice.ladder import Ladder
+from modalmotion.choice.noise import Noise, estimate_noise
+from modalmotion.choice.sorted_ladder import ENERGY_POOL, sorted_ladder
+from modalmotion.sequence import MeshSequence
+from modalmotion.signature_parameters import MOST_MODES, ModeOrder, SignatureParameters
+from modalmotion.template import Template
+
+# The first ladder; each further one is twice as long.
+_FIRST: Final = 128
+
+
+def measure_noise(sequence: MeshSequence, template: Template, asked: SignatureParameters) -> Noise:
+    """Estimate a sequence's noise as its parameters measure displacements."""
+    plain = replace(asked, components=Components.CARTESIAN, order=ModeOrder.FIXED)
+    ladder, fit = sorted_ladder(sequence, template, plain, _FIRST)
+    return estimate_noise(
+        sequence,
+        template,
+        ladder,
+        fit,
+        reference=asked.reference,
+        remove_rotation=asked.remove_rotation,
+    )
+
+
+def modes_until_noise(
+    sequence: MeshSequence, template: Template, asked: SignatureParameters, noise: Noise
+) -> tuple[Ladder, int]:
+    """Give a ladder of modes, and how many of them to keep.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    template : Template
+    asked : SignatureParameters
+    noise : Noise
+    """
+    most = asked.most_modes or MOST_MODES
+    n = min(_FIRST, most)
+    if asked.order == ModeOrder.ENERGY:
+        n = most = asked.most_modes or ENERGY_POOL
+    while True:
+        ladder, fit = sorted_ladder(sequence, template, asked, n)
+        count = least_risk(ladder, energies_of(ladder.basis, fit), noise)
+        if ladder.ends_because or n >= most or 4 * count <= 3 * ladder.counts[-1]:
+            return ladder, count
+        n = min(2 * n, most)
+
+
+def least_risk(ladder: Ladder, energies: Energies, noise: Noise) -> int:
+    """Whole set whose expected distance from the motion without noise is least.
+
+    A mode that is kept brings its noise, one that is dropped takes its motion with it, whose
+    square is the coefficient's less that of its noise: an unbiased risk (Mallows, Some comments
+    on C_p, Technometrics, 1973). Measured from the true reference a displacement carries the
+    noise of its frame and of the reference; positions on the reference as recorded carry the
+    latter whatever the modes. The set is the one that is nearest to the best for both.
+
+    Parameters
+    ----------
+    ladder : Ladder
+    energies : Energies
+    noise : Noise
+    """
+    f = energies.n_frames
+    variance = (noise.sigma / energies.scale) ** 2
+    squares = (energies.coefficients**2).sum(axis=(0, 2)) / f
+    noises = 6.0 * (f - 1) / f * variance * ladder.noise_shares
+    counts = ladder.counts
+    motion = np.append(np.cumsum((squares - noises)[::-1])[::-1], 0.0)[counts]
+    motion = np.maximum(motion, 0.0)
+    kept = np.concatenate([[0.0], np.cumsum(noises)])[counts]
+    displaced, placed = motion + kept, motion + 3.0 * variance
+    if not displaced.min() > 0.0:
+        return int(counts[int(np.argmin(displaced))])
+    excess = np.maximum(displaced / displaced.min(), placed / placed.min())
+    return int(counts[int(np.argmin(excess))])

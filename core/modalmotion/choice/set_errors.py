@@ -1,0 +1,75 @@
+"""Errors of nested sets of modes, of the kind that is asked about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.choice.energies import Energies
+from modalmotion.choice.harmonics import harmonics_of, require_harmonics
+from modalmotion.choice.ladder import Ladder
+from modalmotion.choice.largest_errors import largest_errors
+from modalmotion.sequence import MeshSequence
+from modalmotion.signature_parameters import ErrorKind, SignatureParameters
+from modalmotion.template import Template
+
+# Errors of nested sets are known to this share, and to this share of the motion.
+_ROUNDING: Final = 1e-9
+_ROUNDING_OF_MOTION: Final = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class SetErrors:
+    """Errors of the sets of one ladder, of the kind that is asked about."""
+
+    sequence: MeshSequence
+    template: Template
+    asked: SignatureParameters
+    ladder: Ladder
+    energies: Energies
+
+    def slack(self, limit: float) -> float:
+        """How far errors that are worked out from energies may be off."""
+        return _ROUNDING * limit + _ROUNDING_OF_MOTION * self.energies.scale
+
+    def bound(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
+        """RMS errors, which are no larger than what is asked about."""
+        if self.asked.harmonics is not None:
+            return self._joint(counts)
+        if self.asked.tolerance_of == ErrorKind.MAX:
+            return self.energies.worst_frame_rms(counts)
+        return self.energies.rms(counts)
+
+    def of(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Errors of sets that increase in number."""
+        if self.asked.tolerance_of == ErrorKind.RMS:
+            return self.bound(counts)
+        limited = self.energies
+        if self.asked.harmonics is not None:
+            functions = harmonics_of(self.sequence.n_frames, self.sequence.times)
+            paths = functions.limited(limited.coefficients, self.asked.harmonics)
+            limited = replace(limited, coefficients=paths)
+        return largest_errors(
+            self.sequence, self.template, self.ladder, limited, counts, self.asked
+        )
+
+    def best(self, known: dict[int, float]) -> tuple[float, int]:
+        """Smallest error of all sets, and its number of modes."""
+        counts = self.ladder.counts
+        bounds = dict(zip(counts.tolist(), self.bound(counts).tolist(), strict=True))
+        best = min(((error, count) for count, error in known.items()), default=(np.inf, 0))
+        for count in sorted(bounds, key=lambda count: bounds[count]):
+            if bounds[count] >= best[0]:
+                break
+            if known.get(count, np.inf) == np.inf:
+                best = min(best, (float(self.of(np.array([count]))[0]), count))
+        return best
+
+    def _joint(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
+        functions = harmonics_of(self.sequence.n_frames, self.sequence.times)
+        harmonics = self.asked.harmonics or 0
+        require_harmonics(harmonics, functions)
+        return self.energies.joint_rms(counts, functions)[:, harmonics]

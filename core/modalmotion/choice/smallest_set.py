@@ -1,0 +1,85 @@
+"""The smallest set of modes that holds a tolerance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from modalmotion.choice.energies import energies_of
+from modalmotion.choice.model import Model, fit_model
+from modalmotion.choice.set_errors import SetErrors
+from modalmotion.choice.sorted_ladder import ENERGY_POOL, notes_on, sorted_ladder
+from modalmotion.errors import ToleranceError
+from modalmotion.sequence import MM_PER_UNIT, MeshSequence
+from modalmotion.signature_parameters import MOST_MODES, ModeOrder, SignatureParameters
+from modalmotion.template import Template
+
+# The first ladder; each further one is twice as long.
+_FIRST: Final = 64
+
+# Sets that are scanned for their largest error before it is decided whether one serves.
+_WINDOW: Final = 16
+
+
+def smallest_within(
+    sequence: MeshSequence, template: Template, asked: SignatureParameters, limit: float
+) -> Model:
+    """Smallest whole set whose error, as measured on its own fit, holds a limit.
+
+    Raises
+    ------
+    ToleranceError
+        If none does; its details say the best that can be had.
+    """
+    most = asked.most_modes or MOST_MODES
+    n = min(_FIRST, most)
+    if asked.order == ModeOrder.ENERGY:
+        n = most = asked.most_modes or ENERGY_POOL
+    known: dict[int, float] = {}
+    while True:
+        ladder, fit = sorted_ladder(sequence, template, asked, n)
+        errors = SetErrors(sequence, template, asked, ladder, energies_of(ladder.basis, fit))
+        counts = ladder.counts[ladder.counts > max(known, default=0)]
+        # No maximum is below the RMS of its frame.
+        counts = counts[errors.bound(counts) <= limit + errors.slack(limit)]
+        for first in range(0, len(counts), _WINDOW):
+            some = counts[first : first + _WINDOW]
+            known.update(zip(some.tolist(), errors.of(some).tolist(), strict=True))
+            for count in some.tolist():
+                if known[count] <= limit + errors.slack(limit):
+                    found = fit_model(sequence, template, ladder.modes(count), asked)
+                    if found.error(asked.tolerance_of) <= limit:
+                        return replace(found, notes=notes_on(ladder, asked))
+        if ladder.ends_because or n >= most:
+            best = errors.best(known)
+            reason = ladder.ends_because or f"no more than {ladder.counts[-1]} were allowed"
+            raise _unreachable(sequence, asked, limit, best, reason)
+        known.setdefault(int(ladder.counts[-1]), np.inf)
+        n = min(2 * n, most)
+
+
+def _unreachable(
+    sequence: MeshSequence,
+    asked: SignatureParameters,
+    limit: float,
+    best: tuple[float, int],
+    reason: str,
+) -> ToleranceError:
+    unit = sequence.unit or "length units"
+    error, count = best
+    in_mm = MM_PER_UNIT.get(sequence.unit or "")
+    return ToleranceError(
+        f"No set of modes holds {limit:.6g} {unit} ({asked.tolerance_of}): the best, of {count} "
+        f"modes, leaves {error:.6g} {unit}; {reason}.",
+        remedy=f"Allow {error * (1 + 1e-6):.7g} {unit} or more, or send a finer mesh.",
+        details={
+            "limit_asked": limit,
+            "best_error": error,
+            "best_error_mm": None if in_mm is None else error * in_mm,
+            "best_modes": count,
+            "error_of": asked.tolerance_of.value,
+            "unit": sequence.unit,
+        },
+    )
