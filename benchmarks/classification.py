@@ -167,8 +167,8 @@ def _costs(cohort: list[_Recorded], folds: Sequence[Any], mini: tuple[Any, float
     signature = cohort[int(folds[0][1][0])].signatures[7]
 
     def ours() -> Array:
-        values = model.reader.read(signature).values
-        return model.probabilities(values[[model.distance(values).argmin()]])
+        found = model.reader.read(signature)
+        return model.probabilities(found.values[[model.distance(found.kinds).argmin()]])
 
     calls = {
         "MiniRocket": lambda: mini[0].predict(_trajectories(signature)[None]),

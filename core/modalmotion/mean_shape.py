@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -35,6 +36,10 @@ def mean_shape(sequence: MeshSequence) -> NDArray[np.float64]:
     Gower, Generalized Procrustes analysis, Psychometrika, 1975, without reflection and without
     scaling; vertices count by their area on the mean shape.
     """
+    if sequence.n_frames > 2 and np.array_equal(sequence.vertices[0], sequence.vertices[-1]):
+        # A frame that is there twice counts once.
+        times = None if sequence.times is None else sequence.times[:-1]
+        sequence = replace(sequence, vertices=sequence.vertices[:-1], times=times)
     mean: NDArray[np.float64] = sequence.vertices[0].astype(np.float64)
     for _ in range(_N_ROUNDS):
         shape = ReferenceShape.at(sequence, _shares(sequence, mean), mean)

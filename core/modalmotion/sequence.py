@@ -135,11 +135,13 @@ class MeshSequence:
         ParameterError
             If it is neither a frame of the sequence nor `MEAN`.
         """
-        if reference != MEAN and not (
-            isinstance(reference, int) and 0 <= reference < self.n_frames
-        ):
+        if isinstance(reference, str):
+            is_there = reference == MEAN
+        else:
+            is_there = 0 <= reference < self.n_frames
+        if not is_there:
             raise ParameterError(
-                f"The reference is frame {reference}, but there are {self.n_frames} frames "
+                f"The reference is frame {reference!r}, but there are {self.n_frames} frames "
                 f"(0 to {self.n_frames - 1}).",
                 remedy=f"Name a frame of the sequence, counted from 0, or {MEAN!r}.",
             )

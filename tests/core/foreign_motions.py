@@ -212,7 +212,8 @@ def _smooth_fields(shape: MeshSequence, count: int, rng: np.random.Generator) ->
     phases = rng.uniform(0.0, 2 * np.pi, (count, 12))
     sizes = rng.standard_normal((count, 12, 3))
     fields: Floats = np.cos(waves @ x.T + phases[:, :, None]).transpose(0, 2, 1) @ sizes
-    return fields / np.sqrt((fields**2).sum(axis=2).mean(axis=1))[:, None, None]
+    fields /= np.sqrt((fields**2).sum(axis=2).mean(axis=1))[:, None, None]
+    return fields
 
 
 def _tube(rng: np.random.Generator) -> tuple[MeshSequence, Floats, Floats, Floats]:
@@ -237,9 +238,8 @@ def _tube(rng: np.random.Generator) -> tuple[MeshSequence, Floats, Floats, Float
 
 
 def _across(axis: Floats) -> tuple[Floats, Floats]:
-    a = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    a /= np.linalg.norm(a)
-    return a, np.cross(axis, a)
+    first, second = np.linalg.svd(axis[None])[2][1:]
+    return first, second
 
 
 FLAGGED: Final[dict[str, Draw]] = {

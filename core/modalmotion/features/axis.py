@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from modalmotion.body_frame import Components
 from modalmotion.errors import ModeCountError, ParameterError, ShapeError, TopologyError
 from modalmotion.features.columns import Column, MotionFeatures
-from modalmotion.features.temporal import cycle_angle, elapsed_share, harmonics, smooth_share
+from modalmotion.features.temporal import (
+    cycle_angle,
+    elapsed_share,
+    harmonics,
+    one_turn,
+    smooth_share,
+)
 from modalmotion.modes import ModeSet
 from modalmotion.signature import ModalSignature
 from modalmotion.spring_modes import SpringSpectrum
@@ -76,7 +82,7 @@ def axis_features(
     ----------
     signature : ModalSignature
         Of a cup, cylinder or sphere. Its frames cover one period: the frame after the last
-        would be the first again.
+        would be the first again, or the last is (see `one_turn`).
     n_signed, n_sized : int
         Harmonics of the parts with a sign, and of those without.
     walls : bool
@@ -121,6 +127,7 @@ def axis_features(
     feature.
     """
     modes = _readable_modes(signature)
+    signature = one_turn(signature)
     parts = _parts_of(modes)
     # Percent of the size; the roots are taken apart so that no product overflows.
     along, around = signature.lengths
@@ -226,7 +233,7 @@ def _columns(parts: _Parts, n_signed: int, n_sized: int, walls: bool) -> tuple[C
     del found[1]
     sides = (" towards zero", " across zero") if walls else ("",)
     found += [
-        Column(f"{part.name}{side} {phase} {h}", part.modes)
+        Column(f"{part.name}{side} {phase} {h}", part.modes, power=1.0 if walls else 0.5)
         for part in parts.sized
         for side in sides
         for h in range(1, n_sized + 1)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.errors import TopologyError
 from modalmotion.lattice import Lattice
 from modalmotion.mesh import lattice_faces
 from modalmotion.sequence import MeshSequence, Reference
