@@ -61,14 +61,14 @@ class Recording:
 
 
 def draw_recording(label: MotionClass, rng: np.random.Generator, noise: float = 0.0) -> Recording:
-    """Draw one: any severity, lattice or triangulation, 12 to 40 frames, half from any phase."""
+    """Draw one: any severity, lattice or triangulation, 15 to 40 frames, half from any phase."""
     return Recording(
         label=label,
         parameters=draw_parameters(label, rng),
         grid=(int(rng.integers(12, 37)), 2 * int(rng.integers(12, 37))),
         n_vertices=int(rng.integers(500, 2001)) if rng.uniform() < 0.5 else None,
         acquisition=Acquisition(
-            n_frames=int(rng.integers(12, 41)),
+            n_frames=int(rng.integers(15, 41)),
             start_phase=float(rng.choice([0.0, rng.uniform()])),
             noise=noise,
         ),
