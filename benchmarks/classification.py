@@ -23,7 +23,7 @@ from modalmotion.features import axis_features
 from modalmotion.formats import read_sequence
 from modalmotion.mesh import Cavity, lattice_faces
 from modalmotion.sequence import MeshSequence
-from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature import ModalSignature, modal_signature
 from modalmotion.simulate import simulate_cohort
 from modalmotion.topology import CUP
 
@@ -61,7 +61,7 @@ def _cohort(n_per_class: int) -> list[_Recorded]:
     rng = np.random.default_rng(SEED)
     for case in simulate_cohort(n_per_class, rng=rng, noise=0.6):
         signatures = {
-            modes: modal_signature(case.sequence, SignatureParameters(modes=modes))
+            modes: modal_signature(case.sequence, TrainingOptions(modes=modes).signature_parameters)
             for modes in MODE_COUNTS
         }
         found.append(_Recorded(str(case.label), signatures, _volumes(case.sequence)))
@@ -167,8 +167,8 @@ def _costs(cohort: list[_Recorded], folds: Sequence[Any], mini: tuple[Any, float
     signature = cohort[int(folds[0][1][0])].signatures[7]
 
     def ours() -> Array:
-        values = model.reader.read(signature).values
-        return model.probabilities(values[[model.distance(values).argmin()]])
+        found = model.reader.read(signature)
+        return model.probabilities(found.values[[model.distance(found.kinds).argmin()]])
 
     calls = {
         "MiniRocket": lambda: mini[0].predict(_trajectories(signature)[None]),
@@ -187,10 +187,8 @@ def _costs(cohort: list[_Recorded], folds: Sequence[Any], mini: tuple[Any, float
 
 
 def _trade(cohort: list[_Recorded], y: NDArray[Any], folds: Sequence[Any], folder: Path) -> Table:
-    """Accuracy of the linear part alone against amplitudes, harmonics and training cases."""
-    table = Table(
-        "The trade, linear estimator", ("what", "features", "accuracy", "calibration error")
-    )
+    """Accuracy of the default pipeline against amplitudes, harmonics and training cases."""
+    table = Table("The trade", ("what", "features", "accuracy", "calibration error"))
     lines: dict[str, list[tuple[float, float]]] = {"amplitudes": [], "harmonics": [], "cases": []}
 
     def measured(what: str, x: float, X: Array, splits: Sequence[Any]) -> None:
@@ -216,7 +214,7 @@ def _trade(cohort: list[_Recorded], y: NDArray[Any], folds: Sequence[Any], folde
 def _honest(X: Array, y: NDArray[Any], folds: Sequence[Any]) -> tuple[float, float]:
     confidence, right = [], []
     for inner, outer in folds:
-        model = MotionClassifier("linear").fit(X[inner], y[inner])
+        model = MotionClassifier().fit(X[inner], y[inner])
         shares = model.predict_proba(X[outer])
         confidence.append(shares.max(axis=1))
         right.append(model.classes_[shares.argmax(axis=1)] == y[outer])
@@ -249,10 +247,10 @@ def _real() -> Table:
     table = Table(
         "Real and animated recordings", ("what", "cases", "accuracy", "majority", "chance")
     )
-    words = []
+    words, asked = [], TrainingOptions().signature_parameters
     for path in sorted((DATA / "tongue").glob("*.npz")):
         sequence = read_sequence(path).sequence
-        words.append(TrainingCase(modal_signature(sequence), path.stem.split("_")[1]))
+        words.append(TrainingCase(modal_signature(sequence, asked), path.stem.split("_")[1]))
     right = []
     for left_out in words:
         others = [case for case in words if case is not left_out]
@@ -280,6 +278,7 @@ def _windows(name: str, length: int = 12) -> tuple[list[TrainingCase], list[Trai
 
     A figure at rest is at rest in several motions; such windows are left out.
     """
+    asked = TrainingOptions().signature_parameters
     halves: tuple[list[TrainingCase], list[TrainingCase]] = ([], [])
     names: dict[str, set[str]] = {}
     for path in sorted((DATA / name).glob("*.npz")):
@@ -289,7 +288,7 @@ def _windows(name: str, length: int = 12) -> tuple[list[TrainingCase], list[Trai
             n = min(length, last - first)
             for start in range(first, last - n + 1, max(1, n // 3)):
                 part = replace(sequence, vertices=sequence.vertices[start : start + n], times=None)
-                cases.append(TrainingCase(modal_signature(part), path.stem))
+                cases.append(TrainingCase(modal_signature(part, asked), path.stem))
                 names.setdefault(part.id, set()).add(path.stem)
     known, new = (
         [case for case in cases if len(names[case.signature.sequence_id]) == 1] for cases in halves

@@ -16,6 +16,8 @@ MODULES = (
     "tradeoff_front",
     "codec",
     "classification",
+    "classification_domain",
+    "classification_invariance",
     "load",
     "access",
     "cluster",

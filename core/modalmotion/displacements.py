@@ -12,7 +12,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.products import product, weighted_sum
 from modalmotion.reference_shape import ReferenceShape
 from modalmotion.rigid import Rotations, kabsch
-from modalmotion.sequence import MeshSequence
+from modalmotion.sequence import MeshSequence, Reference
 
 # Floats of displacements held at once.
 _BLOCK = 500_000
@@ -50,7 +50,7 @@ def displacement_blocks(
     sequence: MeshSequence,
     weights: NDArray[np.float64],
     *,
-    reference: int,
+    reference: Reference,
     remove_rotation: bool,
 ) -> Iterator[tuple[NDArray[np.float64], Rotations, float]]:
     """Displacements from the reference, rotation removed, a block of frames at a time.
@@ -64,7 +64,8 @@ def displacement_blocks(
         A power of two near the size of the surface where its size is extreme, else 1.
     """
     shape = ReferenceShape.of(sequence, weights, reference)
-    for block in position_blocks(sequence, shape, reference):
+    start = sequence.reference_positions(reference)
+    for block in position_blocks(sequence, shape, start):
         u, rotations = aligned(block, shape, remove_rotation)
         yield u.transpose(0, 2, 1), rotations, shape.scale
 
@@ -72,7 +73,7 @@ def displacement_blocks(
 def position_blocks(
     sequence: MeshSequence,
     shape: ReferenceShape,
-    reference: int,
+    start: NDArray[np.float64],
     present: NDArray[np.bool_] | None = None,
 ) -> Iterator[PositionBlock]:
     """Positions of all frames, a block of bounded memory at a time.
@@ -81,12 +82,11 @@ def position_blocks(
     ----------
     sequence : MeshSequence
     shape : ReferenceShape
-        Of the frame `reference`.
-    reference : int
+        Of the positions `start`.
+    start : (vertices, 3) float64, length unit
     present : (frames, vertices) bool, optional
         Which positions are there; the others are not read.
     """
-    start = sequence.vertices[reference]
     n = max(1, _BLOCK // (3 * sequence.n_vertices))
     for first in range(0, sequence.n_frames, n):
         taken = sequence.vertices[first : first + n]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh import lattice_faces
 from modalmotion.reconstruction import reconstruct
-from modalmotion.sequence import MeshSequence
+from modalmotion.sequence import MEAN, MeshSequence, Reference
 from modalmotion.signature import ModalSignature, resolve_sequence
 
 if TYPE_CHECKING:
@@ -38,14 +38,14 @@ def systole_figure(sequence: MeshSequence, signature: ModalSignature) -> Figure:
     matplotlib.figure.Figure
     """
     frame = extreme_frame(signature)
-    reference = sequence.vertices[signature.parameters.reference].astype(np.float64)
+    reference = sequence.reference_positions(signature.parameters.reference)
     true = sequence.vertices[frame].astype(np.float64)
     superposed = reconstruct(signature, sequence, [frame])[0]
     error = np.linalg.norm(superposed - true, axis=1)
     unit = signature.unit or "length units"
     n_amplitudes = 3 * len(signature.modes)
     panels = [
-        (reference, None, f"Reference (frame {signature.parameters.reference})"),
+        (reference, None, _named(signature.parameters.reference)),
         (true, None, f"Frame {frame}, moved {signature.motion_rms[frame]:.2f} {unit} RMS"),
         (superposed, None, f"From {n_amplitudes} amplitudes"),
         (
@@ -188,3 +188,7 @@ def _draw(
         drawn.set_clim(0.0, max(float(values.max()), 1e-12))
     axis.add_collection3d(drawn)
     return drawn
+
+
+def _named(reference: Reference) -> str:
+    return "Mean shape" if reference == MEAN else f"Reference (frame {reference})"

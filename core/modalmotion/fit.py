@@ -23,7 +23,7 @@ from modalmotion.errors import ModeCountError, ParameterError, ShapeError
 from modalmotion.products import product
 from modalmotion.reference_shape import ReferenceShape
 from modalmotion.rigid import Rotations
-from modalmotion.sequence import MeshSequence
+from modalmotion.sequence import MEAN, MeshSequence, Reference
 from modalmotion.template import Template
 
 __all__ = [
@@ -76,7 +76,7 @@ def fit_sequence(
     template: Template,
     basis: Basis,
     *,
-    reference: int = 0,
+    reference: Reference = 0,
     remove_rotation: bool = True,
     components: Components = Components.CARTESIAN,
     present: NDArray[np.bool_] | None = None,
@@ -88,8 +88,8 @@ def fit_sequence(
     sequence : MeshSequence
     template : Template
     basis : Basis
-    reference : int
-        Frame from which displacements are measured.
+    reference : int or "mean"
+        Frame from which displacements are measured, or the mean shape.
     remove_rotation : bool
         Whether to take out each frame's best rotation about its centroid first.
     components : Components
@@ -117,7 +117,8 @@ def fit_sequence(
     shape = ReferenceShape.of(sequence, template.weights, reference, template.isolated)
     in_one = PositionFit.of(basis, shape)
     fit = _empty(sequence.n_frames, len(basis.modes), basis.condition)
-    for block in position_blocks(sequence, shape, reference, present):
+    start = sequence.reference_positions(reference)
+    for block in position_blocks(sequence, shape, start, present):
         if frames is None and block.present is None:
             _store(fit, block.first, in_one.fit(block, remove_rotation), shape.scale)
             continue
@@ -227,7 +228,7 @@ def _store(fit: Fit, first: int, part: BlockFit, scale: float) -> None:
 
 
 def _require_present(
-    sequence: MeshSequence, reference: int, present: NDArray[np.bool_] | None
+    sequence: MeshSequence, reference: Reference, present: NDArray[np.bool_] | None
 ) -> None:
     if present is None:
         return
@@ -238,6 +239,13 @@ def _require_present(
             f"{shape} truth values are needed.",
             remedy="Give one truth value for each vertex of each frame.",
         )
+    if reference == MEAN:
+        if not present.all():
+            raise ParameterError(
+                "Vertices are missing, so there is no mean shape to measure from.",
+                remedy="Choose a reference frame in which all vertices are there.",
+            )
+        return
     if not present[reference].all():
         vertex = int(np.flatnonzero(~present[reference])[0])
         raise ParameterError(

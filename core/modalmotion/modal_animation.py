@@ -64,7 +64,7 @@ def modal_animation(
         )
     resolved = resolve_sequence(sequence, asked)
     used = resolve_template(resolved, asked, template)
-    start = sequence.vertices[asked.reference].astype(np.float64)
+    start = sequence.reference_positions(asked.reference)
     centre = used.weights @ start
     # (2) u = sum_p a_p phi_p, each shape taken about its own mean, which moves the whole.
     phi = mode_shapes(signature.modes, used)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.products import weighted_sum
 from modalmotion.rigid import RANK_TOLERANCE
-from modalmotion.sequence import MeshSequence
+from modalmotion.sequence import MeshSequence, Reference
 
 # Relative rounding of sums over thousands of vertices.
 _ROUNDING: Final = 1e-13
@@ -67,15 +67,26 @@ class ReferenceShape:
     def of(
         sequence: MeshSequence,
         weights: NDArray[np.float64],
-        reference: int,
+        reference: Reference,
         ignored: NDArray[np.int64] | None = None,
     ) -> ReferenceShape:
-        """Centre one frame of a sequence."""
+        """Centre one frame of a sequence, or its mean shape."""
+        return ReferenceShape.at(
+            sequence, weights, sequence.reference_positions(reference), ignored
+        )
+
+    @staticmethod
+    def at(
+        sequence: MeshSequence,
+        weights: NDArray[np.float64],
+        start: NDArray[np.float64],
+        ignored: NDArray[np.int64] | None = None,
+    ) -> ReferenceShape:
+        """Centre positions (vertices, 3) that a sequence is measured from."""
         ignored = np.zeros(0, dtype=np.int64) if ignored is None else ignored
-        start = sequence.vertices[reference].T.astype(np.float64)
         counted = weights > 0
-        centre = weighted_sum(weights, start.T)
-        rest = np.ascontiguousarray(start - centre[:, None])
+        centre = weighted_sum(weights, start)
+        rest = np.ascontiguousarray(start.T - centre[:, None])
         tolerance = _rank_tolerance(sequence, counted, centre, rest)
         scale = _scale(sequence, counted, centre)
         rest[:, ignored] = 0.0

@@ -6,7 +6,7 @@ import hashlib
 import json
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,12 @@ MM_PER_UNIT: Final[dict[str, float]] = {
     "nm": 1e-6,
 }
 """Length units that are understood, in millimetres."""
+
+
+MEAN: Final = "mean"
+
+Reference: TypeAlias = int | Literal["mean"]
+"""What displacements are measured from: a frame, or `MEAN`, the mean shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +112,39 @@ class MeshSequence:
         if self.times is not None:
             digest.update(np.ascontiguousarray(self.times.astype("<f8")).data)
         return digest.hexdigest()
+
+    @cached_property
+    def mean_shape(self) -> NDArray[np.float64]:
+        """Mean of all frames, turned onto one another: see `modalmotion.mean_shape`."""
+        from modalmotion.mean_shape import mean_shape
+
+        return mean_shape(self)
+
+    def reference_positions(self, reference: Reference) -> NDArray[np.float64]:
+        """Positions that displacements are measured from, (vertices, 3) float64, in `unit`."""
+        if reference == MEAN:
+            return self.mean_shape
+        positions: NDArray[np.float64] = self.vertices[reference].astype(np.float64)
+        return positions
+
+    def require_reference(self, reference: Reference) -> None:
+        """Check that there is such a reference.
+
+        Raises
+        ------
+        ParameterError
+            If it is neither a frame of the sequence nor `MEAN`.
+        """
+        if isinstance(reference, str):
+            is_there = reference == MEAN
+        else:
+            is_there = 0 <= reference < self.n_frames
+        if not is_there:
+            raise ParameterError(
+                f"The reference is frame {reference!r}, but there are {self.n_frames} frames "
+                f"(0 to {self.n_frames - 1}).",
+                remedy=f"Name a frame of the sequence, counted from 0, or {MEAN!r}.",
+            )
 
     def with_unit(self, unit: str) -> MeshSequence:
         """Return the same numbers, understood in another length unit.

@@ -11,7 +11,7 @@ import numpy as np
 
 from modalmotion.choice.selection import select_model
 from modalmotion.errors import ParameterError
-from modalmotion.sequence import MeshSequence
+from modalmotion.sequence import MeshSequence, Reference
 from modalmotion.signature_parameters import MOST_MODES, SignatureParameters
 from modalmotion.signature_value import ModalSignature
 from modalmotion.spring_modes import SpringModes
@@ -165,14 +165,14 @@ def _versions() -> dict[str, str]:
     return {name: version(name) for name in ("modalmotion", "numpy", "scipy", "h5py")}
 
 
-def _notes_on_sequence(sequence: MeshSequence, reference: int) -> list[str]:
+def _notes_on_sequence(sequence: MeshSequence, reference: Reference) -> list[str]:
     notes = []
     if sequence.n_frames == 1:
         notes.append("There is only one frame, so there is no motion to describe.")
     if sequence.unit is None:
         notes.append("The length unit is unknown; lengths are in the unit of the input.")
     if sequence.vertices.dtype == np.float32:
-        positions = sequence.vertices[reference].astype(np.float64)
+        positions = sequence.reference_positions(reference)
         extent = float(np.ptp(positions, axis=0).max())
         step = float(np.spacing(np.float32(np.abs(positions).max())))
         if extent > 0 and step > 1e-5 * extent:

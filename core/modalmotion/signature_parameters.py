@@ -13,6 +13,7 @@ import numpy as np
 
 from modalmotion.body_frame import Components
 from modalmotion.errors import ModeCountError, ParameterError
+from modalmotion.sequence import Reference
 from modalmotion.template import GivenLandmarks, Weights
 
 # Above this a signature is no longer compact, and a typing error is more likely.
@@ -55,8 +56,9 @@ class SignatureParameters:
         Name of the topology, over what the sequence states.
     grid : tuple of int or None
         Lattice shape, over what the sequence states.
-    reference : int
-        Frame from which displacements are measured.
+    reference : int or "mean"
+        Frame from which displacements are measured, or the mean of all frames, each turned
+        onto it: another first frame then changes nothing.
     weights : Weights
     remove_rotation : bool
     wave_speed : float, length unit per s
@@ -90,7 +92,7 @@ class SignatureParameters:
     modes: int | None = None
     topology: str | None = None
     grid: tuple[int, ...] | None = None
-    reference: int = 0
+    reference: Reference = 0
     weights: Weights = Weights.AREA
     remove_rotation: bool = True
     wave_speed: float = 1.0

@@ -12,7 +12,7 @@ from modalmotion.body_frame import Components, from_local, local_frames
 from modalmotion.modes import ModeSet, shapes_at
 from modalmotion.quantile import weighted_quantile
 from modalmotion.rigid import Rotations
-from modalmotion.sequence import MeshSequence
+from modalmotion.sequence import MeshSequence, Reference
 from modalmotion.spring_modes import SpringSpectrum, spring_modes
 from modalmotion.template import Template
 
@@ -46,11 +46,11 @@ class Superposition:
         template: Template,
         shapes: NDArray[np.float64],
         *,
-        reference: int,
+        reference: Reference,
         components: Components,
     ) -> Superposition:
-        """Superpose shapes on one frame of a sequence."""
-        start = sequence.vertices[reference].astype(np.float64)
+        """Superpose shapes on one frame of a sequence, or on its mean shape."""
+        start = sequence.reference_positions(reference)
         frames = None if components == Components.CARTESIAN else local_frames(template)
         return Superposition(start, template.weights @ start, shapes, frames)
 

@@ -8,7 +8,7 @@ from threading import Lock
 from typing import Final, Generic, TypeVar
 
 from modalmotion.basis import Basis, make_basis
-from modalmotion.sequence import MeshSequence
+from modalmotion.sequence import MEAN, MeshSequence, Reference
 from modalmotion.template import (
     GivenLandmarks,
     ModeChoice,
@@ -57,7 +57,7 @@ class TemplateCache:
         self,
         sequence: MeshSequence,
         *,
-        reference: int = 0,
+        reference: Reference = 0,
         weights: Weights = Weights.AREA,
         landmarks: GivenLandmarks | None = None,
         closed_form: bool = True,
@@ -72,7 +72,7 @@ class TemplateCache:
                 landmarks=landmarks,
                 closed_form=closed_form,
             )
-            if 0 <= reference < sequence.n_frames
+            if reference == MEAN or 0 <= reference < sequence.n_frames
             else ""
         )
         return self.named(

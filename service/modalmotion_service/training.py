@@ -78,7 +78,7 @@ class Trainer:
         known = await asyncio.to_thread(self._store.model_of_training, training)
         if known is not None:
             return known
-        parameters = SignatureParameters(modes=options.modes)
+        parameters = options.signature_parameters
         plan, image, progress = (self._spool.new_path() for _ in range(3))
         try:
             paths = await self._fit(cases, parameters, report)

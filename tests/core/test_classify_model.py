@@ -31,6 +31,8 @@ from modalmotion.classify.conformal import Calibration
 from modalmotion.classify.machine import ALLOWED
 from modalmotion.errors import CorruptFileError, NotFoundError
 
+SIGNED = ("radial", "turning", "axial")
+
 
 @pytest.fixture(scope="module")
 def small() -> Model:
@@ -58,8 +60,21 @@ def test_probabilities_are_what_the_definition_says(small: Model) -> None:
             parts.append(weights / weights.sum())
         mixed = np.mean(parts, axis=0) ** (1.0 / small.blend.temperature)
         assert shares == pytest.approx(mixed / mixed.sum(), abs=1e-9)
-        distances = [np.linalg.norm((z - m) @ small.domain.whitening) for m in small.domain.means]
-        assert small.distance(row[None])[0] == pytest.approx(min(distances))
+
+
+def test_the_distance_is_that_of_the_kind_of_motion_from_the_nearest_class(small: Model) -> None:
+    found = small.reader.read(cohort(6)[0].signature)
+    for values, kind, distance in zip(
+        found.values, found.kinds, small.distance(found.kinds), strict=True
+    ):
+        # Roots of lengths grow with the root of the motion.
+        sizes = [
+            (100.0 * found.motion) ** (1.0 if name.split()[0] in SIGNED else 0.5)
+            for name in found.names
+        ]
+        assert kind == pytest.approx([*(values / sizes), np.log(found.motion)])
+        apart = [np.linalg.norm((kind - m) @ small.domain.whitening) for m in small.domain.means]
+        assert distance == pytest.approx(min(apart))
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=35, max_size=35))

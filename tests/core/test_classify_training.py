@@ -182,8 +182,8 @@ def test_an_explanation_names_the_modes_that_move_the_answer() -> None:
         assert part.unit == "mm"
     # The scores of a linear model add up to its lead over that of an average case.
     linear = model.blend.scorers[0]
-    values = model.reader.read(signature).values
-    z = model.blend.standardised(values[model.distance(values).argmin()])
+    read = model.reader.read(signature)
+    z = model.blend.standardised(read.values[model.distance(read.kinds).argmin()])
     first, second = np.argsort(-found.probabilities)[:2]
     lead = z @ (linear.weights[:, first] - linear.weights[:, second])
     total = sum(part.score for part in found.explanation)

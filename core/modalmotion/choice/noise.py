@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from modalmotion.choice.ladder import Ladder
 from modalmotion.displacements import displacement_blocks
 from modalmotion.fit import Fit
-from modalmotion.sequence import MeshSequence
+from modalmotion.sequence import MeshSequence, Reference
 from modalmotion.template import Template
 
 # Modes that are taken out of the motion first, and the share of the vertices they may be.
@@ -73,7 +73,7 @@ def estimate_noise(
     ladder: Ladder,
     fit: Fit,
     *,
-    reference: int,
+    reference: Reference,
     remove_rotation: bool,
 ) -> Noise:
     """Estimate independent noise of equal size in every coordinate.
@@ -125,7 +125,7 @@ def _residual(
     ladder: Ladder,
     fit: Fit,
     m: int,
-    reference: int,
+    reference: Reference,
     remove_rotation: bool,
 ) -> NDArray[np.float64]:
     """Take the first m modes out, in units of its noise where the coordinates' is 1.

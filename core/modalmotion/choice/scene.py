@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from modalmotion.displacements import displacement_blocks
 from modalmotion.products import weighted_sum
 from modalmotion.rigid import Rotations
-from modalmotion.sequence import MeshSequence
+from modalmotion.sequence import MeshSequence, Reference
 from modalmotion.superposition import distances
 from modalmotion.template import Template
 
@@ -136,7 +136,7 @@ class Scene:
 
 
 def scene_of(
-    sequence: MeshSequence, template: Template, rotations: Rotations, *, reference: int
+    sequence: MeshSequence, template: Template, rotations: Rotations, *, reference: Reference
 ) -> Scene:
     """Measure a sequence against each simple kind of motion.
 
@@ -148,7 +148,7 @@ def scene_of(
         About the centroid of each frame, from the fit of its modes.
     reference : int
     """
-    start = sequence.vertices[reference].astype(np.float64)
+    start = sequence.reference_positions(reference)
     weights = template.weights
     centre = weighted_sum(weights, start)
     rest = start - centre
@@ -183,7 +183,9 @@ def scene_of(
     )
 
 
-def planar_motion(sequence: MeshSequence, template: Template, *, reference: int) -> PlanarMotion:
+def planar_motion(
+    sequence: MeshSequence, template: Template, *, reference: Reference
+) -> PlanarMotion:
     """Find the plane that holds most of the displacements, each frame's rotation removed."""
     moments = np.zeros((3, 3))
     for u, _, _ in _displacements(sequence, template, reference):
@@ -201,7 +203,7 @@ def planar_motion(sequence: MeshSequence, template: Template, *, reference: int)
 
 
 def _displacements(
-    sequence: MeshSequence, template: Template, reference: int
+    sequence: MeshSequence, template: Template, reference: Reference
 ) -> Iterator[tuple[NDArray[np.float64], Rotations, float]]:
     return displacement_blocks(
         sequence, template.weights, reference=reference, remove_rotation=True

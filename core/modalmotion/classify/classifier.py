@@ -20,22 +20,28 @@ from modalmotion.classify.options import require_coverage
 from modalmotion.classify.shipped import load_model
 from modalmotion.features import READINGS, Column, MotionFeatures
 from modalmotion.modes import ModeSet
-from modalmotion.signature import ModalSignature, provenance
+from modalmotion.sequence import MEAN, MeshSequence
+from modalmotion.signature import ModalSignature, modal_signature, provenance
 
+_REFERENCE_NOTE = (
+    "The signature is measured from one frame, so the answer depends on which it is; fitted with "
+    "the model's signature parameters, which name the mean shape, it does not."
+)
 _MIRRORED_NOTE = (
     "The columns run left-handed about the axis from the apex; the motion was read accordingly."
 )
 
 
 def classify(
-    signature: ModalSignature, model: Model | None = None, coverage: float = 0.9
+    motion: ModalSignature | MeshSequence, model: Model | None = None, coverage: float = 0.9
 ) -> Classification:
     """Name the class of a motion, or abstain.
 
     Parameters
     ----------
-    signature : ModalSignature
-        Fitted with `model.signature_parameters`; any reference frame will do.
+    motion : ModalSignature or MeshSequence
+        A signature is best fitted with `model.signature_parameters`, as a sequence is here: of
+        another reference it is answered with a note. Other differences are not answered.
     model : Model, optional
         The shipped one by default.
     coverage : float
@@ -56,6 +62,9 @@ def classify(
     """
     require_coverage(coverage)
     chosen = load_model() if model is None else model
+    signature = motion
+    if isinstance(signature, MeshSequence):
+        signature = modal_signature(signature, chosen.signature_parameters)
     refusal = _unreadable(signature, chosen)
     read = None if refusal is not None else _read(signature, chosen)
     if read is not None:
@@ -68,6 +77,8 @@ def classify(
     probabilities /= probabilities.sum()
     label = chosen.classes[int(probabilities.argmax())]
     notes = [*chosen.notes.get(label, ()), *chosen.notes.get("", ())]
+    if chosen.signature_parameters.reference == MEAN != signature.parameters.reference:
+        notes.append(_REFERENCE_NOTE)
     if read.is_mirrored:
         notes.insert(0, _MIRRORED_NOTE)
     few = chosen.calibration.too_few(coverage)
@@ -171,7 +182,7 @@ def _zero_is_known(signature: ModalSignature) -> bool:
 def _read(signature: ModalSignature, model: Model) -> _Read:
     """Features in the reading that is nearest to what the model knows."""
     found = model.reader.read(signature)
-    distances = model.distance(found.values)
+    distances = model.distance(found.kinds)
     nearest = int(distances.argmin())
     return _Read(
         values=found.values[nearest],

@@ -28,11 +28,11 @@ class Domain:
 
     Parameters
     ----------
-    means : (classes, features) float64
-        Of standardised features.
-    whitening : (features, features) float64
-        |(z - mean) @ whitening| is the distance in standard deviations within a class
-        (Mahalanobis), over the root of the number of features.
+    means : (classes, columns) float64
+        Of what motions are like and how large they are: see `kind_of`.
+    whitening : (columns, columns) float64
+        |(kind - mean) @ whitening| is the distance in standard deviations within a class
+        (Mahalanobis), over the root of the number of columns.
     limit : float
         Distance from every class beyond which a motion is unlike any of the training.
     least_motion : float
@@ -51,10 +51,10 @@ class Domain:
         self.means.setflags(write=False)
         self.whitening.setflags(write=False)
 
-    def distance(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Distance to the nearest class, (cases,) float64, of standardised features."""
-        # |W'z - W'm|^2 for all classes at once.
-        a, (b, b_squares) = z @ self.whitening, self._white_means
+    def distance(self, kinds: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distance to the nearest class, (cases,) float64, of kinds (cases, columns)."""
+        # |W'k - W'm|^2 for all classes at once.
+        a, (b, b_squares) = kinds @ self.whitening, self._white_means
         squares = np.einsum("ij,ij->i", a, a)[:, None] + b_squares - 2.0 * a @ b.T
         distances: NDArray[np.float64] = np.sqrt(np.maximum(squares.min(axis=1), 0.0))
         return distances

@@ -32,7 +32,7 @@ class Readable:
     connectivity_id : str
         Of that mesh; empty for modes in closed form.
     parameters : SignatureParameters
-        Of the signatures; any reference frame and landmarks will do.
+        Of the signatures; any landmarks will do, and any frame as reference that is one.
     """
 
     topologies: tuple[str, ...]
@@ -115,6 +115,6 @@ class Model:
         """Probabilities, (cases, classes) float64, of features (cases, features)."""
         return softmax(self.log_shares(features))
 
-    def distance(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Distance to the nearest class, (cases,) float64, of features (cases, features)."""
-        return self.domain.distance(self.blend.standardised(features))
+    def distance(self, kinds: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distance to the nearest class, (cases,) float64, of `MotionFeatures.kinds`."""
+        return self.domain.distance(kinds)

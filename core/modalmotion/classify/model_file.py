@@ -20,7 +20,7 @@ from modalmotion.errors import CorruptFileError, InputError
 from modalmotion.features import Column, FeatureReader
 from modalmotion.signature import SignatureParameters
 
-SCHEMA: Final = 2
+SCHEMA: Final = 3
 
 # The golden batch must come out as it was stored, but for the last digits.
 _GOLDEN_TOLERANCE: Final = 1e-9
@@ -106,7 +106,7 @@ def contents(model: Model) -> dict[str, Any]:
             if reader.typical is None
             else _packed(np.stack([reader.typical.real, reader.typical.imag])),
         },
-        "columns": [[column.name, list(column.modes)] for column in model.columns],
+        "columns": [[c.name, list(c.modes), c.power] for c in model.columns],
         "centre": _packed(blend.centre),
         "scale": _packed(blend.scale),
         "scorers": [
@@ -155,7 +155,9 @@ def _model(stored: Mapping[str, Any]) -> Model:
             parameters=parameters_from(parameters),
         ),
         reader=FeatureReader(**reader),
-        columns=tuple(Column(str(n), tuple(map(int, m))) for n, m in stored["columns"]),
+        columns=tuple(
+            Column(str(n), tuple(map(int, m)), float(power)) for n, m, power in stored["columns"]
+        ),
         blend=Blend(
             centre=_unpacked(stored["centre"]),
             scale=_unpacked(stored["scale"]),
@@ -207,8 +209,8 @@ def _require_shapes(model: Model) -> None:
         model.blend.centre.shape == model.blend.scale.shape == (d,),
         scorers == expected,
         bool(scorers) != bool(model.machine),
-        model.domain.means.shape == (n, d),
-        model.domain.whitening.shape == (d, d),
+        model.domain.means.shape == (n, d + 1),
+        model.domain.whitening.shape == (d + 1, d + 1),
         len(model.calibration.scores) == n >= 2,
         all(scores.ndim == 1 for scores in model.calibration.scores),
         model.golden_features.ndim == 2 and model.golden_features.shape[1] == d,

@@ -11,7 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.errors import ParameterError
-from modalmotion.signature import MOST_MODES
+from modalmotion.sequence import MEAN
+from modalmotion.signature import MOST_MODES, SignatureParameters
 
 MOST_FOLDS: Final = 20
 MOST_HARMONICS: Final = 8
@@ -140,6 +141,14 @@ class TrainingOptions:
         else:
             chosen = _member(ClassWeights, "class_weights", weights)
             object.__setattr__(self, "class_weights", chosen)
+
+    @property
+    def signature_parameters(self) -> SignatureParameters:
+        """What the signatures of training cases are best fitted with.
+
+        From the mean shape, for the shape of one frame depends on where a recording starts.
+        """
+        return SignatureParameters(modes=self.modes, reference=MEAN)
 
     def as_json(self) -> dict[str, Any]:
         """Return the options as JSON-able values."""

@@ -22,9 +22,12 @@ from modalmotion.features import (
     Motion,
     axis_features,
     has_axis,
+    kind_of,
     mean_motion,
     motion_of,
+    powers_of,
 )
+from modalmotion.sequence import MEAN
 from modalmotion.signature import ModalSignature
 from modalmotion.spring_modes import SpringSpectrum
 from modalmotion.template import GivenLandmarks
@@ -106,6 +109,12 @@ class CaseTable:
         if reader.has_axis:
             return self.values
         return np.stack([reader.of(self.example, motion).values for motion in self.motions])
+
+    def kinds(
+        self, reader: FeatureReader, values: NDArray[np.float64], rows: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Give the kinds (`kind_of`) of some cases, (cases, readings, columns) float64."""
+        return kind_of(values, self.sizes[rows][:, None], powers_of(self.columns(reader)))
 
     def columns(self, reader: FeatureReader) -> tuple[Column, ...]:
         """Names of the features."""
@@ -213,8 +222,13 @@ def _table(
     if mixed:
         notes = [*notes, f"{mixed} recordings are of two subjects each; these are kept together."]
     lines = sorted(f"{r.sequence_id} {r.label} {s}" for r, s in zip(rows, subjects, strict=True))
+    reference = example.parameters.reference
     parameters = replace(
-        example.parameters, template=None, landmarks=GivenLandmarks(), grid=None, reference=0
+        example.parameters,
+        template=None,
+        landmarks=GivenLandmarks(),
+        grid=None,
+        reference=MEAN if reference == MEAN else 0,
     )
     modes = example.modes
     return CaseTable(
@@ -363,6 +377,7 @@ def _require_alike(signature: ModalSignature, example: ModalSignature, number: i
         a.weights == b.weights
         and a.remove_rotation == b.remove_rotation
         and a.components == b.components
+        and (a.reference == MEAN) == (b.reference == MEAN)
         and len(signature.modes) == len(example.modes)
         and isinstance(signature.modes, SpringSpectrum) == isinstance(example.modes, SpringSpectrum)
     )
@@ -378,8 +393,9 @@ def _require_alike(signature: ModalSignature, example: ModalSignature, number: i
     if not same:
         raise ParameterError(
             f"The training cases differ in their modes: case {number} has {len(signature.modes)} "
-            f"of a {signature.surface}, {a.components}, weights {a.weights}; the first has "
-            f"{len(example.modes)} of a {example.surface}, {b.components}, weights {b.weights}.",
+            f"of a {signature.surface}, {a.components}, weights {a.weights}, reference "
+            f"{a.reference}; the first has {len(example.modes)} of a {example.surface}, "
+            f"{b.components}, weights {b.weights}, reference {b.reference}.",
             remedy="Fit all signatures with the same parameters.",
             details={"case": number, "sequence_id": signature.sequence_id},
         )

@@ -17,7 +17,7 @@ from modalmotion.classify.model_file import model_to_bytes
 from modalmotion.classify.options import TrainingOptions
 from modalmotion.classify.shipped import DEFAULT_MODEL
 from modalmotion.classify.training import train
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.signature import modal_signature
 from modalmotion.simulate import Case, MotionClass, simulate_cohort
 from modalmotion.topology import CYLINDER
 
@@ -32,7 +32,7 @@ N_TEST: Final = 400
 RECORDINGS: Final = ((0.2, False), (0.6, False), (0.6, True), (1.0, True))
 FRAMES: Final = (12, 40)
 
-_PARAMETERS: Final = SignatureParameters(modes=MODES)
+_PARAMETERS: Final = TrainingOptions(modes=MODES).signature_parameters
 
 _NO_PATIENT: Final = "The model was trained on simulated ventricles only and has seen no patient."
 _TORSION: Final = (

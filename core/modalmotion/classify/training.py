@@ -121,10 +121,10 @@ class _Fit:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Features in the reading that is nearest to a class, and the distance."""
         values = table.features(self.reader)[rows]
-        n, n_readings, d = values.shape
-        z = (values.reshape(-1, d) - self.centre) / self.scale
+        n, n_readings, _ = values.shape
+        kinds = table.kinds(self.reader, values, rows)
         domain = Domain(self.means, self.whitening, np.inf, 0.0, 0.0)
-        apart = domain.distance(z).reshape(n, n_readings)
+        apart = domain.distance(kinds.reshape(n * n_readings, -1)).reshape(n, n_readings)
         chosen = apart.argmin(axis=1)
         return values[np.arange(n), chosen], apart[np.arange(n), chosen]
 
@@ -156,12 +156,22 @@ def _fit(table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions) ->
             best = loss, reader, X, estimator
     assert best is not None  # noqa: S101 (there is at least one reader)
     _, reader, X, estimator = best
-    centre, spread = X.mean(axis=0), X.std(axis=0)
-    scale = np.where(spread > 1e-12 * np.abs(X).max(axis=0), spread, np.inf)
-    means, whitening = domain_shape((X - centre) / scale, y, n_classes)
+    centre, scale = _standards(X)
+    kinds = table.kinds(reader, X[:, None], rows)[:, 0]
+    middle, spread = _standards(kinds)
+    means, whitening = domain_shape((kinds - middle) / spread, y, n_classes)
+    # Distances are of kinds as they are, not standardised: (k - middle) / spread - mean.
+    means = middle + means * np.where(np.isfinite(spread), spread, 0.0)
+    whitening = whitening / spread[:, None]
     return _Fit(
         reader, estimator, estimator.kind_, estimator.classes_, centre, scale, means, whitening, X
     )
+
+
+def _standards(X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and standard deviation of each column; infinite where it is constant."""
+    centre, spread = X.mean(axis=0), X.std(axis=0)
+    return centre, np.where(spread > 1e-12 * np.abs(X).max(axis=0), spread, np.inf)
 
 
 def _splits(

@@ -106,16 +106,14 @@ def train(
     """
     from modalmotion.classify import TrainingOptions
     from modalmotion.classify import train as fit
-    from modalmotion.signature import SignatureParameters
     from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
 
     require_model_name(name)
     chosen = TrainingOptions.from_json(options)
     files = labelled_files(sources)
-    parameters = SignatureParameters(modes=chosen.modes)
     said = {"unit": unit, "topology": topology}
     with _TrainingBar() as bar:
-        cases = bar.after(training_cases(files, parameters, said))
+        cases = bar.after(training_cases(files, chosen.signature_parameters, said))
         model = fit(cases, name, chosen, bar)
     write_atomic(out, model_to_hdf5(model))
     if plot is not None:

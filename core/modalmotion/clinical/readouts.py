@@ -137,7 +137,7 @@ def clinical_readouts(
             remedy="Give the signature of the sequence's own frames.",
         )
     cavity = _cavity(used)
-    start = sequence.vertices[signature.parameters.reference].astype(np.float64)
+    start = sequence.reference_positions(signature.parameters.reference)
     corner = start[cavity.faces[0, 0]]
     corners = np.unique(cavity.faces)
     scale = _size(start[corners] - corner)

@@ -3,7 +3,7 @@
 from modalmotion.features.alignment import align, mean_motion
 from modalmotion.features.axis import READINGS, Reading, axis_features
 from modalmotion.features.axis_parts import has_axis
-from modalmotion.features.columns import Column, MotionFeatures
+from modalmotion.features.columns import Column, MotionFeatures, kind_of, powers_of
 from modalmotion.features.reader import FeatureReader, Motion, motion_of, surface_size
 
 __all__ = [
@@ -16,7 +16,9 @@ __all__ = [
     "align",
     "axis_features",
     "has_axis",
+    "kind_of",
     "mean_motion",
     "motion_of",
+    "powers_of",
     "surface_size",
 ]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError
 from modalmotion.features.axis_parts import Parts, parts_of, readable_modes
 from modalmotion.features.columns import Column, MotionFeatures
-from modalmotion.features.temporal import elapsed_share, harmonics, smooth_share
+from modalmotion.features.temporal import elapsed_share, harmonics, one_turn, smooth_share
 from modalmotion.modes import ModeSet
 from modalmotion.signature import ModalSignature
 
@@ -71,7 +71,7 @@ def axis_features(
     ----------
     signature : ModalSignature
         Of a cup, cylinder or sphere. Its frames cover one period: the frame after the last
-        would be the first again.
+        would be the first again, or the last is (see `one_turn`).
     n_signed, n_sized : int
         Harmonics of the parts with a sign, and of those without.
     walls : bool
@@ -116,6 +116,7 @@ def axis_features(
     feature.
     """
     modes = readable_modes(signature)
+    signature = one_turn(signature)
     parts, layout = parts_of(modes), _layout(modes, n_signed, n_sized, walls)
     # Percent of the size; the roots are taken apart so that no product overflows.
     along, around = signature.lengths
@@ -262,7 +263,7 @@ def _columns(parts: Parts, n_signed: int, n_sized: int, walls: bool) -> tuple[Co
     del found[1]
     sides = (" towards zero", " across zero") if walls else ("",)
     found += [
-        Column(f"{part.name}{side} {phase} {h}", part.modes)
+        Column(f"{part.name}{side} {phase} {h}", part.modes, power=1.0 if walls else 0.5)
         for part in parts.sized
         for side in sides
         for h in range(1, n_sized + 1)

@@ -15,6 +15,7 @@ from modalmotion.features.temporal import (
     cosines,
     elapsed_share,
     harmonics,
+    one_turn,
     smooth_share,
 )
 from modalmotion.modes import ModeSet
@@ -107,6 +108,8 @@ class Motion:
 
 def motion_of(signature: ModalSignature, reader: FeatureReader) -> Motion:
     """First terms of all amplitudes: harmonics of a cycle, cosines of a course."""
+    if reader.is_cycle:
+        signature = one_turn(signature)
     a = signature.body_amplitudes / surface_size(signature)
     a = a - a.mean(axis=0)
     n_frames, n_modes, _ = a.shape

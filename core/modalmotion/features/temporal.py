@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final
 
@@ -19,6 +19,8 @@ _RANK_TOLERANCE: Final = 1e-8
 
 # Designs that are kept factored: recordings of one device share their times.
 _N_DESIGNS: Final = 32
+# Share of the motion below which the last frame repeats the first: what float32 leaves of it.
+_REPEATED: Final = 1e-4
 
 Complex = NDArray[np.complex128]
 
@@ -37,6 +39,20 @@ class _Design:
 
     solve: NDArray[np.float64]
     span: NDArray[np.float64]
+
+
+def one_turn(signature: ModalSignature) -> ModalSignature:
+    """Leave a last frame out that repeats the first, for it belongs to the next turn.
+
+    Only where it does so but for rounding: in noise nobody can tell a frame that comes back
+    from one that has almost done so, and the usual recording ends one step before.
+    """
+    n = signature.n_frames
+    a = signature.amplitudes[:, 1:].reshape(n, -1)
+    if n < 4 or not np.abs(a[-1] - a[0]).max(initial=0.0) < _REPEATED * np.ptp(a, axis=0).max():
+        return signature
+    times = None if signature.times is None else signature.times[:-1]
+    return replace(signature, amplitudes=signature.amplitudes[:-1], times=times)
 
 
 def elapsed_share(signature: ModalSignature) -> NDArray[np.float64]:

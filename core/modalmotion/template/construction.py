@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.errors import TopologyError
 from modalmotion.lattice import Lattice
 from modalmotion.mesh import lattice_faces
-from modalmotion.sequence import MeshSequence
+from modalmotion.sequence import MeshSequence, Reference
 from modalmotion.template.axis import degree
 from modalmotion.template.coordinates import Coordinates
 from modalmotion.template.cup import cup_coordinates
@@ -47,7 +47,7 @@ _MAKERS = {
 def make_template(
     sequence: MeshSequence,
     *,
-    reference: int = 0,
+    reference: Reference = 0,
     weights: Weights = Weights.AREA,
     landmarks: GivenLandmarks | None = None,
     closed_form: bool = True,
@@ -59,7 +59,7 @@ def make_template(
     sequence : MeshSequence
         Its topology is taken at its word where the connectivity allows it, and found from the
         connectivity where it states none.
-    reference : int
+    reference : int or "mean"
         Frame whose shape the coordinates and areas are taken from.
     weights : Weights
     landmarks : GivenLandmarks, optional
@@ -75,14 +75,9 @@ def make_template(
         If the stated topology does not fit the connectivity, or there are neither triangles
         nor a stated topology.
     """
-    if not 0 <= reference < sequence.n_frames:
-        raise ParameterError(
-            f"The reference is frame {reference}, but there are {sequence.n_frames} frames "
-            f"(0 to {sequence.n_frames - 1}).",
-            remedy="Name a frame of the sequence, counted from 0.",
-        )
+    sequence.require_reference(reference)
     given = GivenLandmarks() if landmarks is None else landmarks
-    start = sequence.vertices[reference].astype(np.float64)
+    start = sequence.reference_positions(reference)
     faces = _faces_of(sequence)
     surface, corner, scale = _normalised(start, faces)
     places = {

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.sequence import MeshSequence
+from modalmotion.sequence import MeshSequence, Reference
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks
 from modalmotion.topology import Topology
 
@@ -105,7 +105,7 @@ class Template:
 def template_id(
     sequence: MeshSequence,
     *,
-    reference: int = 0,
+    reference: Reference = 0,
     weights: Weights = Weights.AREA,
     landmarks: GivenLandmarks | None = None,
     closed_form: bool = True,
@@ -117,7 +117,7 @@ def template_id(
     str
         sha256 in hex, over faces, reference vertices, topology, grid, weights and landmarks.
     """
-    start = sequence.vertices[reference].astype("<f8")
+    start = sequence.reference_positions(reference).astype("<f8")
     given = GivenLandmarks() if landmarks is None else landmarks
     header = {
         "schema": _SCHEMA,

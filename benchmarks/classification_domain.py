@@ -1,0 +1,100 @@
+"""What the shipped model gives no class to: rates over hundreds of recordings of each kind."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from measure import Table
+
+from modalmotion.classify import classify, load_model
+from modalmotion.classify.train_shipped import held_out_cases
+from modalmotion.formats import read_sequence
+from modalmotion.sequence import MeshSequence
+from modalmotion.signature import ModalSignature, modal_signature
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "core"))
+
+from foreign_motions import DATA, FLAGGED, REPORTED, driven_by, figures
+
+SEED: Final = 7
+HELD_OUT_SEED: Final = 606
+N_OF_A_KIND: Final = 200
+N_HELD_OUT: Final = 400
+LEAST: Final = 95.0
+MOST_HELD_OUT: Final = 5.0
+
+Rate = tuple[int, float, str, str]
+
+
+def run(folder: Path, n: int = N_OF_A_KIND, n_held_out: int = N_HELD_OUT) -> list[Table]:
+    """Measure the rates, and ask about the real ventricles."""
+    del folder
+    table = Table("Recordings without a class", ("what", "n", "flagged", "flags", "classes"))
+    for kinds in (FLAGGED, REPORTED):
+        for name, draw in kinds.items():
+            rng = np.random.default_rng(SEED)
+            _add(table, name, rate(draw(rng) for _ in range(n)), is_bound=kinds is FLAGGED)
+    for name in ("fox", "robot"):
+        if not (DATA / name).is_dir():
+            continue
+        _add(table, f"{name}, its windows", rate(figures(name)), is_bound=True)
+        rng = np.random.default_rng(SEED)
+        moving = (driven_by(name, rng) for _ in range(n))
+        _add(table, f"{name}, as a cup or cylinder", rate(moving), is_bound=True)
+    held_out = rate(case.signature for case in held_out_cases(n_held_out, HELD_OUT_SEED))
+    count, share, flags, classes = held_out
+    cells = ("held-out ventricles", str(count), f"{share:.1f} %", flags, classes)
+    table.add_at_most(share, MOST_HELD_OUT, *cells)
+    return [table, _real()]
+
+
+def rate(motions: Iterable[ModalSignature | MeshSequence]) -> Rate:
+    """How many there are, which percentage is flagged, by which flags, and what the rest is."""
+    model = load_model()
+    flags: Counter[str] = Counter()
+    classes: Counter[str] = Counter()
+    for motion in motions:
+        found = classify(motion, model)
+        flags.update(found.flags)
+        classes.update([] if found.label is None else [found.label])
+    n = flags.total() + classes.total()
+    texts = [", ".join(f"{k} {v}" for k, v in c.most_common()) for c in (flags, classes)]
+    return n, 100.0 * flags.total() / n, texts[0], texts[1]
+
+
+def _add(table: Table, name: str, found: Rate, *, is_bound: bool) -> None:
+    n, share, flags, classes = found
+    cells = (name, str(n), f"{share:.1f} %", flags, classes)
+    if is_bound:
+        table.add_at_least(share, LEAST, *cells)
+    else:
+        table.add(*cells)
+
+
+def _real() -> Table:
+    table = Table("A real heart", ("what", "answer", "distance", "limit", "would be", "at"))
+    model = load_model()
+    for path in sorted((DATA / "heart").glob("*.npz")):
+        signature = modal_signature(read_sequence(path).sequence, model.signature_parameters)
+        answer = classify(signature, model)
+        said = answer.label or answer.flags[0]
+        if signature.surface not in model.readable.topologies:
+            table.add(path.stem, said, "", "", "", "")
+            continue
+        found = model.reader.read(signature)
+        distances = model.distance(found.kinds)
+        shares = model.probabilities(found.values[[distances.argmin()]])[0]
+        table.add(
+            path.stem,
+            said,
+            f"{distances.min():.2f}",
+            f"{model.domain.limit:.2f}",
+            model.classes[int(shares.argmax())],
+            f"{shares.max():.0%}",
+        )
+    return table

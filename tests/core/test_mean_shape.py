@@ -1,0 +1,142 @@
+"""The mean shape as a reference: the same from wherever a recording starts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from modalmotion.errors import ParameterError
+from modalmotion.fit import fit_sequence, make_basis
+from modalmotion.mesh import vertex_areas
+from modalmotion.reconstruction import reconstruct
+from modalmotion.sequence import MEAN, MeshSequence, mesh_sequence
+from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.simulate import Acquisition, Pose, VentricleParameters, simulate_ventricle
+from modalmotion.template import choose_modes, make_template
+from modalmotion.template_cache import TemplateCache
+
+ASKED = SignatureParameters(reference=MEAN)
+
+
+def beat(n_vertices: int | None = None, n_frames: int = 12) -> MeshSequence:
+    return simulate_ventricle(
+        VentricleParameters(shape_variation=1.0, motion_variation=1.0),
+        grid=(12, 24),
+        n_vertices=n_vertices,
+        acquisition=Acquisition(
+            n_frames=n_frames,
+            noise=0.5,
+            pose=Pose(drift_rotation=(0.2, 0.1, -0.3), drift_translation=(3.0, -2.0, 1.0)),
+        ),
+        rng=np.random.default_rng(4),
+    )
+
+
+def distances(positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Between every tenth vertex and all others: what no rigid motion changes."""
+    apart: NDArray[np.float64] = np.linalg.norm(positions[::10, None] - positions[None], axis=2)
+    return apart
+
+
+def naive_mean(sequence: MeshSequence, rounds: int = 30) -> NDArray[np.float64]:
+    """By turns, frame by frame, until nothing changes."""
+    frames = sequence.vertices.astype(np.float64)
+    mean = np.array(frames[0])
+    for _ in range(rounds):
+        w = vertex_areas(mean, sequence.faces)
+        w = w / w.sum()
+        turned = []
+        for x in frames:
+            turn, _ = Rotation.align_vectors(mean - w @ mean, x - w @ x, weights=w)
+            turned.append(turn.apply(x - w @ x))
+        mean = np.stack(turned).mean(axis=0)
+    return mean
+
+
+@pytest.mark.parametrize("n_vertices", [None, 400])
+def test_it_is_the_mean_of_frames_turned_onto_it(n_vertices: int | None) -> None:
+    sequence = beat(n_vertices)
+    assert np.allclose(
+        distances(sequence.mean_shape), distances(naive_mean(sequence)), rtol=0, atol=1e-5
+    )
+
+
+@pytest.mark.parametrize("n_vertices", [None, 400])
+def test_another_first_frame_changes_neither_shape_nor_amplitudes(n_vertices: int | None) -> None:
+    sequence = beat(n_vertices)
+    other = replace(sequence, vertices=np.roll(sequence.vertices.astype(np.float64), 5, axis=0))
+    a, b = sequence.mean_shape, other.mean_shape
+    assert np.allclose(distances(a), distances(b), rtol=0, atol=1e-5)
+    one, two = (modal_signature(s, ASKED) for s in (sequence, other))
+    sizes = np.linalg.norm(one.amplitudes, axis=2)
+    assert np.allclose(
+        np.roll(sizes, 5, axis=0)[:, 1:], np.linalg.norm(two.amplitudes, axis=2)[:, 1:], atol=1e-5
+    )
+    # Measured from frame 0 they differ, for that is another shape.
+    plain = [modal_signature(s).deformation_spectrum for s in (sequence, other)]
+    assert not np.allclose(plain[0], plain[1], rtol=0.05)
+
+
+def test_nothing_that_moves_has_its_first_frame_as_mean() -> None:
+    still = mesh_sequence(np.repeat(beat().vertices[:1], 5, axis=0), grid=(12, 24), topology="cup")
+    assert np.array_equal(still.mean_shape, still.vertices[0])
+    assert not modal_signature(still, ASKED).amplitudes.any()
+
+
+def test_a_frame_that_is_there_twice_counts_once() -> None:
+    sequence = beat()
+    again = np.concatenate([sequence.vertices, sequence.vertices[:1]])
+    closed = mesh_sequence(again, grid=(12, 24), topology="cup", unit="mm")
+    assert np.array_equal(closed.mean_shape, replace(sequence, times=None).mean_shape)
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e-9, 1e200])
+def test_it_scales_with_the_unit(scale: float) -> None:
+    sequence = beat()
+    scaled = replace(sequence, vertices=scale * sequence.vertices)
+    assert np.allclose(scaled.mean_shape / scale, sequence.mean_shape, rtol=0, atol=1e-9)
+
+
+def test_curves_and_points_have_one_too() -> None:
+    s = np.linspace(0.0, 1.0, 9)
+    lift = np.sin(2 * np.pi * np.arange(8) / 8)
+    points = np.zeros((8, 9, 3))
+    points[:, :, 0], points[:, :, 1] = 60 * s, lift[:, None] * s
+    for topology in ("open curve", None):
+        curve = mesh_sequence(points, topology=topology)
+        assert np.allclose(curve.mean_shape.mean(axis=0), points.mean(axis=(0, 1)), atol=1e-6)
+        assert np.allclose(curve.mean_shape, points.mean(axis=0), atol=0.1)
+
+
+def test_a_signature_from_it_reconstructs_the_sequence_with_less_error() -> None:
+    sequence = beat()
+    one, zero = modal_signature(sequence, ASKED), modal_signature(sequence)
+    apart = np.linalg.norm(reconstruct(one, sequence) - sequence.vertices, axis=2)
+    assert np.sqrt((apart**2).mean()) == pytest.approx(one.rms_error, rel=0.05)
+    assert one.rms_error < zero.rms_error
+    assert one.template_id != zero.template_id
+    cached = TemplateCache().template(sequence, reference=MEAN)
+    assert cached.id == one.template_id
+
+
+def test_a_reference_that_is_none_is_refused() -> None:
+    sequence = beat()
+    for reference in (12, -1, "median"):
+        with pytest.raises(ParameterError, match="reference"):
+            modal_signature(sequence, replace(ASKED, reference=reference, amplitudes=None))  # type: ignore[arg-type]
+
+
+def test_without_every_vertex_there_is_no_mean() -> None:
+    sequence = beat()
+    template = make_template(sequence, reference=MEAN)
+    basis = make_basis(template, choose_modes(template, 7).modes)
+    present = np.ones((12, sequence.n_vertices), dtype=np.bool_)
+    whole = fit_sequence(sequence, template, basis, reference=MEAN, present=present)
+    assert np.allclose(whole.amplitudes, modal_signature(sequence, ASKED).amplitudes, atol=1e-9)
+    present[3, 7] = False
+    with pytest.raises(ParameterError, match="mean shape"):
+        fit_sequence(sequence, template, basis, reference=MEAN, present=present)
