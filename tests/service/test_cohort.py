@@ -104,7 +104,7 @@ def test_a_manifest_that_names_nothing_is_refused(tmp_path: Path, name: str) -> 
 
 
 def test_batches_get_smaller_towards_the_end_and_are_never_empty() -> None:
-    sizes = []
+    sizes: list[int] = []
     while sum(sizes) < 500:
         sizes.append(batch_size(500 - sum(sizes), 2))
     assert sum(sizes) == 500

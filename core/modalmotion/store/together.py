@@ -34,11 +34,12 @@ class FilesTogether:
             If it cannot be written.
         """
         temporary = temporary_beside(path)
-        self._written.append((temporary, path))
         try:
             temporary.write_bytes(data)
         except OSError as error:
+            temporary.unlink(missing_ok=True)
             raise cannot_write(path, error) from error
+        self._written.append((temporary, path))
 
     def __enter__(self) -> Self:
         return self
