@@ -132,7 +132,11 @@ class Owners:
             spool.clear(keep=await asyncio.to_thread(retention.needed))
             analysis = Analysis(store, self._engine, spool)
             models = Models(store, analysis, self._engine)
-            trainer = Trainer(store, analysis, self._training_executor, spool, settings.workers)
+            trainer = Trainer(
+                *(store, analysis, self._training_executor, spool),
+                settings.scheduler,
+                settings.workers,
+            )
             runner = make_runner(settings, store, spool, analysis, models, trainer)
             state = State(settings, store, spool, analysis, models, runner)
             await runner.resume()

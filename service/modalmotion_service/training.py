@@ -38,18 +38,27 @@ class Trainer:
     executor : Executor
         Where training happens, apart from the short work of other requests.
     spool : Spool
-    n_fits : int
-        Signatures that one training has fitted at a time.
+    scheduler : str, optional
+        Whose workers take their part in it.
+    n_threads : int
+        Of a training, where there is none.
     """
 
     def __init__(
-        self, store: ResultStore, analysis: Analysis, executor: Executor, spool: Spool, n_fits: int
+        self,
+        store: ResultStore,
+        analysis: Analysis,
+        executor: Executor,
+        spool: Spool,
+        scheduler: str | None,
+        n_threads: int,
     ) -> None:
         self._store = store
         self._analysis = analysis
         self._executor = executor
         self._spool = spool
-        self._n_fits = n_fits
+        self._scheduler = scheduler
+        self._n_threads = n_threads
 
     async def train(
         self,
@@ -92,6 +101,8 @@ class Trainer:
                     training,
                     image,
                     progress,
+                    self._scheduler,
+                    self._n_threads,
                 )
             )
             try:
@@ -132,7 +143,8 @@ class Trainer:
                 report(_FITTING * done / len(cases), f"signature {done} of {len(cases)}")
 
         numbers = iter(range(len(cases)))
-        takers = [asyncio.ensure_future(take(numbers)) for _ in range(self._n_fits)]
+        n_at_once = self._analysis.engine.n_workers
+        takers = [asyncio.ensure_future(take(numbers)) for _ in range(n_at_once)]
         try:
             await asyncio.gather(*takers)
         finally:

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
-import copy
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from modalmotion.classify import TrainingCase, TrainingOptions, train
-from modalmotion.errors import ModalMotionError
-from modalmotion.store import kept_model, model_to_hdf5, signature_from_hdf5
+from modalmotion.classify import CaseFile, Model, TrainingOptions, train
+from modalmotion.errors import ModalMotionError, ParameterError
+from modalmotion.parallel import joblib_backend
+from modalmotion.store import kept_model, model_to_hdf5
+from modalmotion_service.errors import ClusterError
 
 
 def train_model(
-    plan: Path, name: str, options: dict[str, Any], training: str, image: Path, progress: Path
+    plan: Path,
+    name: str,
+    options: dict[str, Any],
+    training: str,
+    image: Path,
+    progress: Path,
+    scheduler: str | None = None,
+    n_threads: int = 1,
 ) -> None:
     """Train a model on kept signatures and write its HDF5 image.
 
@@ -31,6 +40,17 @@ def train_model(
         Written at the end.
     progress : Path
         Written over and over; see `read_progress`.
+    scheduler : str, optional
+        Whose workers read the signatures and fit the folds; else this process does.
+    n_threads : int
+        Of this process. It may have no children of its own.
+
+    Raises
+    ------
+    ModalMotionError
+        If no model can be trained on them.
+    ClusterError
+        If the scheduler or its workers are lost.
     """
     beside = progress.with_name(f"{progress.name}.new")
 
@@ -39,12 +59,44 @@ def train_model(
         beside.write_text(json.dumps([share, text]))
         beside.replace(progress)
 
-    cases = _Cases(plan)
-    try:
-        model = train(cases, name, TrainingOptions.from_json(options), report)
-    except ModalMotionError as error:
-        raise _naming(error, cases.under_way) from error
+    chosen = TrainingOptions.from_json(options)
+
+    def work() -> Model:
+        return train(_Cases(plan), name, chosen, report)
+
+    if scheduler is not None:
+        model = _on_workers(work, scheduler)
+    else:
+        with joblib_backend(n_jobs=n_threads, threads=True):
+            model = work()
     image.write_bytes(model_to_hdf5(kept_model(model, training=training)))
+
+
+def _on_workers(work: Callable[[], Model], scheduler: str) -> Model:
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(joblib_backend(scheduler))
+        except ParameterError as error:
+            raise ClusterError(error.message, remedy=error.remedy) from error
+        try:
+            return work()
+        except ModalMotionError:
+            raise
+        except Exception as error:
+            if not _is_of_dask(error):
+                raise
+            raise ClusterError(
+                f"The workers of '{scheduler}' were lost during a training: {error}",
+                remedy="Try again soon; an operator should look after the scheduler.",
+            ) from error
+
+
+def _is_of_dask(error: Exception) -> bool:
+    from concurrent.futures import CancelledError
+
+    from distributed import KilledWorker
+
+    return isinstance(error, (OSError, TimeoutError, CancelledError, KilledWorker))
 
 
 def read_progress(progress: Path) -> tuple[float, str]:
@@ -57,30 +109,18 @@ def read_progress(progress: Path) -> tuple[float, str]:
 
 
 class _Cases:
-    """Cases of a plan, their signatures read one by one, and the one that is in use."""
+    """Cases of a plan, line by line."""
 
     def __init__(self, plan: Path) -> None:
         self._plan = plan
-        self.under_way: str | None = None
         with plan.open() as lines:
             self._n_cases = sum(1 for _ in lines)
 
     def __len__(self) -> int:
         return self._n_cases
 
-    def __iter__(self) -> Iterator[TrainingCase]:
+    def __iter__(self) -> Iterator[CaseFile]:
         with self._plan.open() as lines:
             for line in lines:
                 case = json.loads(line)
-                self.under_way = case["id"]
-                signature = signature_from_hdf5(Path(case["path"]))
-                yield TrainingCase(signature, case["label"], case["subject"])
-        self.under_way = None
-
-
-def _naming(error: ModalMotionError, sequence_id: str | None) -> ModalMotionError:
-    if sequence_id is None:
-        return error
-    named = copy.copy(error)
-    named.details = {**error.details, "sequence_id": sequence_id}
-    return named
+                yield CaseFile(Path(case["path"]), case["id"], case["label"], case["subject"])

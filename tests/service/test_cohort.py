@@ -22,7 +22,7 @@ from modalmotion.signature import SignatureParameters, modal_signature
 from modalmotion.store import ResultStore, verify
 from modalmotion_service.cohort import read_manifest
 from modalmotion_service.cohort.command import cohort
-from modalmotion_service.cohort.run import batch_size
+from modalmotion_service.cohort.run import MOST_IN_BATCH, batch_size
 
 
 def write_cohort(folder: Path, n: int, n_nodes: tuple[int, int] = (8, 8)) -> list[Path]:
@@ -103,8 +103,15 @@ def test_a_manifest_that_names_nothing_is_refused(tmp_path: Path, name: str) -> 
         read_manifest(tmp_path / name)
 
 
-def test_batches_are_small_enough_to_share_out_and_never_empty() -> None:
-    assert [batch_size(n, 2) for n in (0, 1, 31, 32, 500, 10**6)] == [1, 1, 1, 2, 16, 16]
+def test_batches_get_smaller_towards_the_end_and_are_never_empty() -> None:
+    sizes: list[int] = []
+    while sum(sizes) < 500:
+        sizes.append(batch_size(500 - sum(sizes), 2))
+    assert sum(sizes) == 500
+    assert sizes == sorted(sizes, reverse=True)
+    assert (sizes[0], sizes[-1]) == (MOST_IN_BATCH, 1)
+    # Whatever is left is never one worker's alone.
+    assert all(batch_size(n, 2) <= max(1, n // 2) for n in range(1, 1000))
 
 
 @pytest.mark.parametrize("engine", ["pebble", "dask"])

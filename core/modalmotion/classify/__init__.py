@@ -1,7 +1,7 @@
 """Motion classes: models that are trained, tested and asked, and what they say of a signature."""
 
 from modalmotion.classify.card import ModelCard
-from modalmotion.classify.cases import TrainingCase
+from modalmotion.classify.cases import CaseFile, TrainingCase
 from modalmotion.classify.classification import FLAGS, Classification
 from modalmotion.classify.classifier import classify
 from modalmotion.classify.evaluation import Evaluation, evaluate
@@ -15,6 +15,7 @@ from modalmotion.classify.training import train
 __all__ = [
     "DEFAULT_MODEL",
     "FLAGS",
+    "CaseFile",
     "Classification",
     "Evaluation",
     "ModeContribution",

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classify.cases import TrainingCase
+from modalmotion.classify.cases import CaseFile, TrainingCase
 from modalmotion.classify.model import Readable
 from modalmotion.classify.options import PoseOf, Timing, TrainingOptions, Walls
 from modalmotion.errors import ParameterError
@@ -27,8 +28,9 @@ from modalmotion.features import (
     motion_of,
     powers_of,
 )
+from modalmotion.modes import ModeSet
 from modalmotion.sequence import MEAN
-from modalmotion.signature import ModalSignature
+from modalmotion.signature import ModalSignature, SignatureParameters
 from modalmotion.spring_modes import SpringSpectrum
 from modalmotion.template import GivenLandmarks
 from modalmotion.template.landmarks import WEAK
@@ -38,6 +40,9 @@ _CLOSED: Final = 2.5
 
 # Motions that the typical one is made of; more cost time and move it little.
 _MOST_TYPICAL: Final = 200
+
+# Cases that are read in one piece of work: some 0.1 s of it.
+_IN_ONE_PIECE: Final = 16
 
 # Times that the readings are chosen anew from the classes they gave.
 _N_ROUNDS: Final = 5
@@ -135,12 +140,23 @@ class _Row:
     course: Motion
 
 
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """A case as read by whoever did the work; the signature itself is kept of the first only."""
+
+    row: _Row
+    surface: str
+    parameters: SignatureParameters
+    modes: ModeSet | SpringSpectrum
+    signature: ModalSignature | None
+
+
 def collect(
-    cases: Iterable[TrainingCase],
+    cases: Iterable[TrainingCase | CaseFile],
     options: TrainingOptions,
     progress: Callable[[int], None] | None = None,
 ) -> CaseTable:
-    """Read the features of labelled signatures, one after the other.
+    """Read the features of labelled signatures, a few at a time, wherever joblib works.
 
     Raises
     ------
@@ -151,23 +167,22 @@ def collect(
     rows: list[_Row] = []
     by_id: dict[str, list[_Row]] = {}
     labels: dict[str, str] = {}
-    example: ModalSignature | None = None
+    first: _Read | None = None
     topologies: dict[str, list[str]] = {}
     n_same = 0
-    for number, case in enumerate(cases):
-        _require_usable(case, number, options)
-        example = case.signature if example is None else example
-        _require_alike(case.signature, example, number)
-        known = labels.setdefault(case.signature.sequence_id, case.label)
-        if known != case.label:
+    for number, read in enumerate(_read(cases, options)):
+        row = read.row
+        first = read if first is None else first
+        _require_alike(read, first, number)
+        known = labels.setdefault(row.sequence_id, row.label)
+        if known != row.label:
             raise ParameterError(
-                f"The recording {case.signature.sequence_id[:12]} has two classes, {known!r} "
-                f"and {case.label!r}.",
+                f"The recording {row.sequence_id[:12]} has two classes, {known!r} "
+                f"and {row.label!r}.",
                 remedy="Give each recording one class.",
-                details={"case": number, "sequence_id": case.signature.sequence_id},
+                details={"case": number, "sequence_id": row.sequence_id},
             )
-        topologies.setdefault(case.signature.surface, []).append(case.signature.sequence_id)
-        row = _row(case, options)
+        topologies.setdefault(read.surface, []).append(row.sequence_id)
         # The same recording with the same modes says nothing new; as another topology it does.
         same = by_id.setdefault(row.sequence_id, [])
         if any(np.array_equal(r.cycle.terms, row.cycle.terms) for r in same):
@@ -177,6 +192,7 @@ def collect(
             same.append(row)
         if progress is not None:
             progress(number + 1)
+    example = None if first is None else first.signature
     classes = tuple(sorted({row.label for row in rows}))
     if example is None or len(classes) < 2:
         raise ParameterError(
@@ -186,6 +202,36 @@ def collect(
         )
     notes = [f"{n_same} cases came twice and counted once."] if n_same else []
     return _table(rows, classes, example, topologies, options, notes)
+
+
+def _read(cases: Iterable[TrainingCase | CaseFile], options: TrainingOptions) -> Iterator[_Read]:
+    """Read cases, in their order."""
+    from joblib import Parallel, delayed
+
+    numbered = enumerate(cases)
+    pieces = iter(lambda: tuple(itertools.islice(numbered, _IN_ONE_PIECE)), ())
+    works = (delayed(_read_piece)(piece, options) for piece in pieces)
+    return itertools.chain.from_iterable(Parallel(return_as="generator")(works))
+
+
+def _read_piece(
+    piece: tuple[tuple[int, TrainingCase | CaseFile], ...], options: TrainingOptions
+) -> list[_Read]:
+    found = []
+    for number, given in piece:
+        case = given.read() if isinstance(given, CaseFile) else given
+        _require_usable(case, number, options)
+        signature = case.signature
+        found.append(
+            _Read(
+                _row(case, options),
+                signature.surface,
+                signature.parameters,
+                signature.modes,
+                None if number else signature,
+            )
+        )
+    return found
 
 
 def _table(
@@ -367,35 +413,35 @@ def _require_usable(case: TrainingCase, number: int, options: TrainingOptions) -
             f"The training case {number} has {len(signature.modes)} modes, but {options.modes} "
             "were asked for.",
             remedy=f"Fit the signatures with modes={options.modes}.",
-            details={"case": number},
+            details={"case": number, "sequence_id": signature.sequence_id},
         )
 
 
-def _require_alike(signature: ModalSignature, example: ModalSignature, number: int) -> None:
-    a, b = signature.parameters, example.parameters
+def _require_alike(read: _Read, example: _Read, number: int) -> None:
+    a, b = read.parameters, example.parameters
     same = (
         a.weights == b.weights
         and a.remove_rotation == b.remove_rotation
         and a.components == b.components
         and (a.reference == MEAN) == (b.reference == MEAN)
-        and len(signature.modes) == len(example.modes)
-        and isinstance(signature.modes, SpringSpectrum) == isinstance(example.modes, SpringSpectrum)
+        and len(read.modes) == len(example.modes)
+        and isinstance(read.modes, SpringSpectrum) == isinstance(example.modes, SpringSpectrum)
     )
-    if same and isinstance(signature.modes, SpringSpectrum):
+    if same and isinstance(read.modes, SpringSpectrum):
         assert isinstance(example.modes, SpringSpectrum)  # noqa: S101 (just compared)
-        if signature.modes.connectivity_id != example.modes.connectivity_id:
+        if read.modes.connectivity_id != example.modes.connectivity_id:
             raise ParameterError(
                 f"The training case {number} is of another mesh than the first, and spring modes "
                 "compare within one mesh only.",
                 remedy="Give recordings of one mesh, or of surfaces with natural coordinates.",
-                details={"case": number, "sequence_id": signature.sequence_id},
+                details={"case": number, "sequence_id": read.row.sequence_id},
             )
     if not same:
         raise ParameterError(
-            f"The training cases differ in their modes: case {number} has {len(signature.modes)} "
-            f"of a {signature.surface}, {a.components}, weights {a.weights}, reference "
-            f"{a.reference}; the first has {len(example.modes)} of a {example.surface}, "
-            f"{b.components}, weights {b.weights}, reference {b.reference}.",
+            f"The training cases differ in their modes: case {number} has {len(read.modes)} "
+            f"of a {read.surface}, {a.components}, weights {a.weights}, reference {a.reference}; "
+            f"the first has {len(example.modes)} of a {example.surface}, {b.components}, weights "
+            f"{b.weights}, reference {b.reference}.",
             remedy="Fit all signatures with the same parameters.",
-            details={"case": number, "sequence_id": signature.sequence_id},
+            details={"case": number, "sequence_id": read.row.sequence_id},
         )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classify.card import ModelCard
-from modalmotion.classify.cases import TrainingCase
+from modalmotion.classify.cases import CaseFile, TrainingCase
 from modalmotion.classify.conformal import Calibration, calibrate
 from modalmotion.classify.domain import Domain, domain_limit, domain_shape, motion_limits
 from modalmotion.classify.intervals import accuracy_interval
@@ -39,7 +39,7 @@ WALLS_NOTE: Final = (
 
 
 def train(
-    cases: Iterable[TrainingCase],
+    cases: Iterable[TrainingCase | CaseFile],
     name: str,
     options: TrainingOptions | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -48,8 +48,8 @@ def train(
 
     Parameters
     ----------
-    cases : iterable of TrainingCase
-        Read one by one; nothing but their features is kept.
+    cases : iterable of TrainingCase or CaseFile
+        Read a few at a time; nothing but their features is kept.
     name : str
     options : TrainingOptions, optional
     progress : callable, optional
@@ -69,7 +69,12 @@ def train(
     -----
     Settings, typical motion and estimator are chosen anew within each fold, so that accuracy,
     calibration and class sets are of cases that took no part in anything.
+
+    Cases are read and folds are fitted through joblib: wherever `parallel.joblib_backend`, or
+    joblib's own `parallel_config`, says. The model does not depend on it.
     """
+    from joblib import Parallel, delayed
+
     chosen = TrainingOptions() if options is None else options
     told = progress or _silent
     sized = len(cases) if isinstance(cases, Sized) else 0
@@ -83,14 +88,14 @@ def train(
     n, n_classes = len(table), len(table.classes)
     probabilities = np.full((n, n_classes), 1.0 / n_classes)
     distances = np.zeros(n)
-    for k, (inner, outer) in enumerate(splits):
-        told(0.4 + 0.5 * k / (len(splits) + 1), f"fold {k + 1} of {len(splits)}")
-        fold = _fit(table, inner, chosen)
-        X, distances[outer] = fold.nearest(table, outer)
-        probabilities[outer] = fold.probabilities(X, n_classes)
-    told(0.4 + 0.5 * len(splits) / (len(splits) + 1), "all cases")
     every = np.arange(n)
-    fitted = _fit(table, every, chosen)
+    works = [delayed(_fold)(table, inner, outer, chosen) for inner, outer in splits]
+    found = Parallel(return_as="generator")([*works, delayed(_fit)(table, every, chosen)])
+    for k, (_, outer) in enumerate(splits):
+        told(0.4 + 0.5 * k / (len(splits) + 1), f"fold {k + 1} of {len(splits)}")
+        probabilities[outer], distances[outer] = next(found)
+    told(0.4 + 0.5 * len(splits) / (len(splits) + 1), "all cases")
+    fitted = next(found)
     model = _model(table, fitted, name, probabilities, distances, bool(splits), chosen)
     card = _card(table, chosen, splits, is_grouped, probabilities, fitted.kind)
     told(1.0, "trained")
@@ -172,6 +177,18 @@ def _standards(X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.
     """Mean and standard deviation of each column; infinite where it is constant."""
     centre, spread = X.mean(axis=0), X.std(axis=0)
     return centre, np.where(spread > 1e-12 * np.abs(X).max(axis=0), spread, np.inf)
+
+
+def _fold(
+    table: CaseTable,
+    inner: NDArray[np.int64],
+    outer: NDArray[np.int64],
+    options: TrainingOptions,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Probabilities of cases that took no part in a fit, and their distances from it."""
+    fold = _fit(table, inner, options)
+    X, distances = fold.nearest(table, outer)
+    return fold.probabilities(X, len(table.classes)), distances
 
 
 def _splits(

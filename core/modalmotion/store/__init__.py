@@ -11,6 +11,7 @@ from modalmotion.store.classification_file import (
 from modalmotion.store.idempotency import IdempotencyKeys, IdempotentRequest
 from modalmotion.store.index import SequencePage
 from modalmotion.store.jobs import UNSET, Job, JobPage, Jobs, JobState, Unset
+from modalmotion.store.made import MadeSignature
 from modalmotion.store.maintenance import rebuild
 from modalmotion.store.model_file import KeptModel, kept_model, model_from_hdf5, model_to_hdf5
 from modalmotion.store.model_record import (
@@ -21,7 +22,7 @@ from modalmotion.store.model_record import (
     parse_reference,
     require_model_name,
 )
-from modalmotion.store.record import SequenceRecord, record_of
+from modalmotion.store.record import SequenceRecord, record_of, record_to_json
 from modalmotion.store.recovery import Reconciliation
 from modalmotion.store.results import ResultStore
 from modalmotion.store.sequence_file import sequence_from_hdf5, sequence_to_hdf5
@@ -42,6 +43,7 @@ __all__ = [
     "JobState",
     "Jobs",
     "KeptModel",
+    "MadeSignature",
     "ModelRecord",
     "ModelReference",
     "Reconciliation",
@@ -61,6 +63,7 @@ __all__ = [
     "parse_reference",
     "rebuild",
     "record_of",
+    "record_to_json",
     "require_model_name",
     "sequence_from_hdf5",
     "sequence_to_hdf5",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass
 from typing import Any
 
@@ -124,6 +124,12 @@ class Index:
         """Add a result."""
         with self.database.write() as connection:
             put_results(connection, [(name, digest)])
+
+    def put_all(self, records: Iterable[SequenceRecord], results: Mapping[ResultName, str]) -> None:
+        """Add records, and results with the sha256 of their files, in one transaction."""
+        with self.database.write() as connection:
+            put_records(connection, records)
+            put_results(connection, results.items())
 
     @property
     def is_clean(self) -> bool:

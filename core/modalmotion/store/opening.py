@@ -11,7 +11,13 @@ from types import TracebackType
 from typing import Final, Self, TypeVar
 
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
-from modalmotion.store.atomic import content_of, make_folder, put_back, write_atomic
+from modalmotion.store.atomic import (
+    cannot_write,
+    content_of,
+    make_folder,
+    put_back,
+    write_atomic,
+)
 from modalmotion.store.contents import Contents, require_match
 from modalmotion.store.database import Database
 from modalmotion.store.deletion import finish_deletion
@@ -22,6 +28,7 @@ from modalmotion.store.jobs import Jobs
 from modalmotion.store.lock import FolderLock
 from modalmotion.store.model_index import ModelIndex
 from modalmotion.store.recovery import reconcile
+from modalmotion.store.together import move_together, sync_together
 
 _N_STRIPES: Final = 64
 
@@ -128,18 +135,21 @@ class Opening:
         return index
 
     @contextmanager
-    def _changing(self, sequence_id: str) -> Iterator[bool]:
-        """Keep other changes to a sequence out; after a failure the next `open` looks closely.
+    def _changing(self, *sequence_ids: str) -> Iterator[bool]:
+        """Keep other changes to sequences out; after a failure the next `open` looks closely.
 
         Yields whether a deletion that had failed was finished first.
         """
-        with self._stripes[int(sequence_id[:8], 16) % _N_STRIPES]:
+        with contextlib.ExitStack() as stack:
+            # All who take several take them in this order, and nobody waits in a circle.
+            for number in sorted({int(name[:8], 16) % _N_STRIPES for name in sequence_ids}):
+                stack.enter_context(self._stripes[number])
             index = self._open_index()
             try:
-                was_deleted = self._folder.deletion(sequence_id).exists()
-                if was_deleted:
-                    finish_deletion(self._folder, index, sequence_id)
-                yield was_deleted
+                deleted = {name for name in sequence_ids if self._folder.deletion(name).exists()}
+                for name in deleted:
+                    finish_deletion(self._folder, index, name)
+                yield bool(deleted)
             except NotFoundError:
                 raise
             except BaseException:
@@ -150,23 +160,38 @@ class Opening:
         """Write files, then note them in the index: what the index knows is there."""
         # What was there before is a record, or damaged; either way it is put back on failure.
         before = [(path, content_of(path)) for path, _ in files]
-        try:
+        with _put_back_on_failure(before):
             for path, data in files:
-                self._make_shard(path.parent)
+                self._make_shards(path.parent)
                 write_atomic(path, data)
             note()
-        except BaseException:
-            for path, content in reversed(before):
-                put_back(path, content)
-            raise
 
-    def _make_shard(self, shard: Path) -> None:
+    def _move(self, moves: list[tuple[Path, Path]], note: Callable[[], None]) -> None:
+        """Move durable files to their paths, then note them in the index, as `_write` does."""
+        before = [(target, content_of(target)) for _, target in moves]
+        with _put_back_on_failure(before):
+            self._make_shards(*(target.parent for _, target in moves))
+            try:
+                move_together(moves)
+            except OSError as error:
+                raise cannot_write(moves[0][1], error) from error
+            note()
+
+    def _make_shards(self, *shards: Path) -> None:
         # Once for each: that a folder can be seen does not say that it is durable, for it may
         # have been made by another thread just now, or by a process that was killed.
         with self._shards_lock:
-            if shard not in self._shards:
-                make_folder(shard)
-                self._shards.add(shard)
+            new = set(shards) - self._shards
+            for parent in {shard.parent for shard in new} - self._shards:
+                make_folder(parent)
+                self._shards.add(parent)
+            try:
+                for shard in new:
+                    shard.mkdir(exist_ok=True)
+                sync_together({shard.parent for shard in new})
+            except OSError as error:
+                raise cannot_write(next(iter(new)), error) from error
+            self._shards |= new
 
     def _read(
         self,
@@ -193,6 +218,16 @@ class Opening:
                     ) from None
         require_match(path, contents, sequence_id=sequence_id, **ids)
         return found
+
+
+@contextmanager
+def _put_back_on_failure(before: list[tuple[Path, bytes | None]]) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        for path, content in reversed(before):
+            put_back(path, content)
+        raise
 
 
 def unknown_sequence(sequence_id: object) -> NotFoundError:

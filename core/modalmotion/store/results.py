@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.signature import ModalSignature
 from modalmotion.store.classification_file import classification_to_hdf5, read_classification
 from modalmotion.store.folder import ResultKind, ResultName, is_id, is_key
+from modalmotion.store.made import MadeSignature, Taken
 from modalmotion.store.models import ModelStore
 from modalmotion.store.sealed import digest_of, is_sound, load_sealed
 from modalmotion.store.signature_file import read_signature, signature_to_hdf5
@@ -67,6 +69,42 @@ class ResultStore(TemplateStore, ModelStore):
         """
         name = ResultName("signature", sequence_id, "", key)
         return self._put_result(name, load_sealed(image)[1])
+
+    def put_made(self, made: Sequence[MadeSignature]) -> tuple[bool, ...]:
+        """Keep signatures that other processes have made, and their sequences: all or none.
+
+        One wait for the disk and one transaction serve them all. Files that the store has not
+        yet are moved; the others stay where they are.
+
+        Parameters
+        ----------
+        made : sequence of MadeSignature
+            Some may be of one sequence. Of a sequence that is known, the record that is kept
+            stays, but for vertices that it had not.
+
+        Returns
+        -------
+        tuple of bool
+            For each, whether its sequence was not known before.
+
+        Raises
+        ------
+        ParameterError
+            If subject or label cannot be kept.
+        StoreError
+            If they cannot be kept; the store is as it was.
+        CorruptFileError
+            If a file has no sound seal.
+        """
+        for one in made:
+            one.require_names()
+        index = self._open_index()
+        with self._changing(*(one.record.id for one in made)):
+            taken = Taken(self._folder, index)
+            are_new = tuple(taken.add(one) for one in made)
+            if taken.moves:
+                self._move(taken.moves, lambda: index.put_all(taken.records, taken.results))
+        return are_new
 
     def signature(self, sequence_id: str, key: str) -> ModalSignature:
         """Signature of a sequence with the parameters of that key.

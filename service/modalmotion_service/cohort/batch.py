@@ -11,28 +11,57 @@ from modalmotion.signature import SignatureParameters, modal_signature
 from modalmotion.store import (
     SequenceRecord,
     record_of,
+    record_to_json,
     sequence_to_hdf5,
     signature_to_hdf5,
     template_from_hdf5,
 )
-from modalmotion_service.tasks import write_whole
+from modalmotion.store.together import FilesTogether
 
 
 @dataclass(frozen=True)
 class Item:
-    """A file, and where what is made of it goes.
+    """A file, what is said of it, and where what is made of it goes.
 
     Parameters
     ----------
     path : Path
-    signature : Path
-    vertices : Path or None
-        None if they are not kept.
+    subject, label : str or None
+    created : str
+        When the record says that it came. It is not for the worker to say: a second one at the
+        same work must write the same.
+    made : Path
+        Name that the files of its results begin with.
+    keeps_vertices : bool
     """
 
     path: Path
-    signature: Path
-    vertices: Path | None
+    subject: str | None
+    label: str | None
+    created: str
+    made: Path
+    keeps_vertices: bool
+
+    @property
+    def record_file(self) -> Path:
+        """Where the record of the sequence goes."""
+        return self.made.with_suffix(".record")
+
+    @property
+    def signature(self) -> Path:
+        """Where the signature goes."""
+        return self.made.with_suffix(".signature")
+
+    @property
+    def vertices(self) -> Path | None:
+        """Where the vertices go, if they are kept."""
+        return self.made.with_suffix(".vertices") if self.keeps_vertices else None
+
+    def remove_files(self) -> None:
+        """Remove what of it the store has not taken."""
+        for path in (self.record_file, self.signature, self.vertices):
+            if path is not None:
+                path.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)
@@ -68,21 +97,32 @@ def sign_batch(
     parameters: SignatureParameters,
     template: Path | None,
 ) -> list[Signed | Refused]:
-    """Write the signature of each file; what is wrong with one does not concern the others."""
+    """Write record and signature of each file, durably: what is left is to move them.
+
+    What is wrong with one file does not concern the others.
+    """
     named = None if template is None else template_from_hdf5(template)
     # This process may be lost and is limited from outside: parsers need none of their own.
     parser = ParserHere(options.limits)
     outcomes: list[Signed | Refused] = []
-    for item in items:
-        try:
-            sequence = read_sequence(item.path, options, parser=parser).sequence
-            signature = modal_signature(sequence, parameters, template=named)
-        except ModalMotionError as error:
-            outcomes.append(Refused(error.code, str(error)))
-            continue
-        if item.vertices is not None:
-            write_whole(item.vertices, sequence_to_hdf5(sequence))
-        write_whole(item.signature, signature_to_hdf5(signature))
-        record = record_of(sequence, created="", has_upload=item.vertices is not None)
-        outcomes.append(Signed(record, signature.rms_error))
+    with FilesTogether() as files:
+        for item in items:
+            try:
+                sequence = read_sequence(item.path, options, parser=parser).sequence
+                signature = modal_signature(sequence, parameters, template=named)
+            except ModalMotionError as error:
+                outcomes.append(Refused(error.code, str(error)))
+                continue
+            record = record_of(
+                sequence,
+                created=item.created,
+                has_upload=item.keeps_vertices,
+                subject=item.subject,
+                label=item.label,
+            )
+            files.write(item.record_file, record_to_json(record))
+            if item.vertices is not None:
+                files.write(item.vertices, sequence_to_hdf5(sequence))
+            files.write(item.signature, signature_to_hdf5(signature))
+            outcomes.append(Signed(record, signature.rms_error))
     return outcomes

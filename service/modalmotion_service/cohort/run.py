@@ -16,7 +16,8 @@ from typing import Any
 from modalmotion.errors import ModalMotionError, NotFoundError
 from modalmotion.formats import ReadOptions
 from modalmotion.signature import SignatureParameters
-from modalmotion.store import ResultStore, write_atomic
+from modalmotion.store import MadeSignature, ResultStore, write_atomic
+from modalmotion.store.cursor import now
 from modalmotion_service import tasks
 from modalmotion_service.cohort.batch import Item, Refused, Signed, sign_batch
 from modalmotion_service.cohort.ledger import Done, Ledger, stamp_of
@@ -28,7 +29,9 @@ from modalmotion_service.spool import Spool
 MOST_IN_BATCH = 16
 # Batches that wait at a worker while one is at work, so that it is never idle.
 _AHEAD = 2
-_BATCHES_A_WORKER = 8
+# Of what is left to each worker: work gets smaller towards the end, where all should be done
+# at the same time.
+_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -142,18 +145,17 @@ class _Run:
         self.n_known = 0
         self.failures: dict[Path, str] = {}
         self._done: dict[Path, Done] = {}
-        self._waiting: deque[tuple[Entry, ...]] = deque()
+        self._waiting: deque[Entry] = deque()
+        self._suspects: deque[Entry] = deque()
         self._running: dict[Future[Any], tuple[tuple[Entry, ...], tuple[Item, ...]]] = {}
         self._stamps: dict[Path, str] = {}
         self._lost_since: float | None = None
 
     def finish(self) -> None:
         """Do what is left to do."""
-        left = [entry for entry in self._job.entries if not self._is_known(entry)]
-        size = self._job.batch or batch_size(len(left), self._engine.n_workers)
-        self._waiting.extend(tuple(left[i : i + size]) for i in range(0, len(left), size))
+        self._waiting.extend(entry for entry in self._job.entries if not self._is_known(entry))
         self._show()
-        while self._waiting or self._running:
+        while self._waiting or self._suspects or self._running:
             self._submit()
             done, _ = wait(self._running, timeout=1.0, return_when=FIRST_COMPLETED)
             for future in done:
@@ -237,17 +239,31 @@ class _Run:
                 return
             if waited > self._job.patience_seconds:
                 raise self._given_up(ClusterError("The workers do not finish anything."))
-        while self._waiting and len(self._running) < _AHEAD * self._engine.n_workers:
-            entries = self._waiting.popleft()
+        while len(self._running) < _AHEAD * self._engine.n_workers:
+            entries = self._next_batch()
+            if not entries:
+                return
             items = tuple(self._item(entry) for entry in entries)
             options, parameters = self._job.options, self._parameters
             future = self._engine.submit(sign_batch, items, options, parameters, self._template)
             self._running[future] = entries, items
 
+    def _next_batch(self) -> tuple[Entry, ...]:
+        if not self._waiting:
+            return (self._suspects.popleft(),) if self._suspects else ()
+        n_waiting = len(self._waiting)
+        size = self._job.batch or batch_size(n_waiting, self._engine.n_workers)
+        return tuple(self._waiting.popleft() for _ in range(min(size, n_waiting)))
+
     def _item(self, entry: Entry) -> Item:
-        path = self._spool.new_path()
-        vertices = path.with_suffix(".vertices") if self._job.keep_vertices else None
-        return Item(entry.path, path.with_suffix(".signature"), vertices)
+        return Item(
+            path=entry.path,
+            subject=entry.subject,
+            label=entry.label,
+            created=now(),
+            made=self._spool.new_path(),
+            keeps_vertices=self._job.keep_vertices,
+        )
 
     def _take(self, future: Future[Any]) -> None:
         entries, items = self._running.pop(future)
@@ -257,11 +273,11 @@ class _Run:
             self._keep(entries, items, future.result())
         elif isinstance(error, ClusterError):
             self._lost_since = self._lost_since or time.monotonic()
-            self._waiting.appendleft(entries)
+            self._waiting.extendleft(reversed(entries))
             time.sleep(0.1)
         elif len(entries) > 1:
             # One of them broke its worker, or a limit of the whole: which, is found alone.
-            self._waiting.extend((entry,) for entry in entries)
+            self._suspects.extend(entries)
         elif isinstance(error, ModalMotionError):
             self.failures[entries[0].path] = str(error)
         else:
@@ -273,30 +289,31 @@ class _Run:
         items: tuple[Item, ...],
         outcomes: list[Signed | Refused],
     ) -> None:
-        made = []
+        signed: list[tuple[Entry, Item, Signed]] = []
         for entry, item, outcome in zip(entries, items, outcomes, strict=True):
             if isinstance(outcome, Refused):
                 self.failures[entry.path] = outcome.reason
-                continue
-            sequence_id = outcome.record.id
-            self._store.put_sequence_image(
-                item.vertices or item.signature,
-                outcome.record,
-                subject=entry.subject,
-                label=entry.label,
-            )
-            self._store.put_signature_image(item.signature, sequence_id, self._parameters.key)
-            self._name(entry, sequence_id)
-            item.signature.unlink()
-            if item.vertices is not None:
-                item.vertices.unlink()
+            else:
+                signed.append((entry, item, outcome))
+        key = self._parameters.key
+        are_new = self._store.put_made(
+            [
+                MadeSignature(one.record, item.record_file, key, item.signature, item.vertices)
+                for _, item, one in signed
+            ]
+        )
+        made = []
+        for (entry, item, one), is_new in zip(signed, are_new, strict=True):
+            if not is_new:
+                self._name(entry, one.record.id)
+                item.remove_files()
             done = Done(
                 str(entry.path),
                 self._stamps[entry.path],
                 self._settings,
-                sequence_id,
-                outcome.rms_error,
-                outcome.record.unit,
+                one.record.id,
+                one.rms_error,
+                one.record.unit,
             )
             made.append(done)
             self._done[entry.path] = done
@@ -317,6 +334,6 @@ class _Run:
         )
 
 
-def batch_size(n_files: int, n_workers: int) -> int:
-    """Files in one piece of work: few enough that all workers end at about the same time."""
-    return max(1, min(MOST_IN_BATCH, n_files // (_BATCHES_A_WORKER * n_workers)))
+def batch_size(n_left: int, n_workers: int) -> int:
+    """Files in the next piece of work: few enough that all workers end at about the same time."""
+    return max(1, min(MOST_IN_BATCH, int(_SHARE * n_left / n_workers)))
