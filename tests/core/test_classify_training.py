@@ -99,15 +99,15 @@ def test_a_recording_that_came_twice_counts_once() -> None:
 
 
 def test_no_subject_is_on_both_sides_of_a_split() -> None:
+    from modalmotion.classify.splits import split_cases
     from modalmotion.classify.table import collect
-    from modalmotion.classify.training import _splits
 
     # Three recordings of each subject, and one recording that is said to be of two.
     cases = [replace(c, subject=f"s{n // 6}-{c.label}") for n, c in enumerate(cohort(12))]
     cases.append(replace(cases[0], subject=cases[6].subject))
     options = TrainingOptions()
     table = collect(cases, options)
-    splits, is_grouped, _ = _splits(table, options)
+    splits, is_grouped, _ = split_cases(table, options)
     assert is_grouped
     for inner, outer in splits:
         assert not set(table.groups[inner]) & set(table.groups[outer])

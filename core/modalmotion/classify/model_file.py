@@ -20,7 +20,10 @@ from modalmotion.errors import CorruptFileError, InputError
 from modalmotion.features import Column, FeatureReader
 from modalmotion.signature import SignatureParameters
 
-SCHEMA: Final = 2
+SCHEMA: Final = 3
+
+# Files of this schema hold the same where features are read about an axis.
+_FORMER_SCHEMA: Final = 2
 
 # The golden batch must come out as it was stored, but for the last digits.
 _GOLDEN_TOLERANCE: Final = 1e-9
@@ -47,10 +50,13 @@ def model_from_bytes(data: bytes) -> Model:
         raise CorruptFileError("The file is too large to be a model.", remedy="Name a model.")
     try:
         stored = json.loads(data)
-        if stored["schema"] != SCHEMA:
+        is_read = stored["schema"] == SCHEMA or (
+            stored["schema"] == _FORMER_SCHEMA and stored["reader"]["has_axis"]
+        )
+        if not is_read:
             raise CorruptFileError(
                 f"The model has schema {stored['schema']!r}, not {SCHEMA}.",
-                remedy="Use the version of the package that wrote it.",
+                remedy="Use the version of the package that wrote it, or train it again.",
             )
         found = str(stored["id"])
         model = _model(stored)
@@ -105,6 +111,8 @@ def contents(model: Model) -> dict[str, Any]:
             "typical": None
             if reader.typical is None
             else _packed(np.stack([reader.typical.real, reader.typical.imag])),
+            # Left out where there is none, as in files that do not know of it.
+            **({"adds_modes": True} if reader.adds_modes else {}),
         },
         "columns": [[column.name, list(column.modes)] for column in model.columns],
         "centre": _packed(blend.centre),

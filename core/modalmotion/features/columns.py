@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,3 +47,9 @@ class MotionFeatures:
     def names(self) -> tuple[str, ...]:
         """Names of the features."""
         return tuple(column.name for column in self.columns)
+
+    def beside(self, other: MotionFeatures) -> MotionFeatures:
+        """Return these features followed by others, which have one reading."""
+        repeated = np.broadcast_to(other.values, (len(self.values), other.values.shape[1]))
+        values = np.concatenate([self.values, repeated], axis=1)
+        return replace(self, columns=self.columns + other.columns, values=values)

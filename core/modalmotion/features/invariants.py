@@ -75,16 +75,22 @@ def invariants(
     """
     z = _stacked(motion, waves)
     sizes = np.sqrt((np.abs(z) ** 2).sum(axis=(2, 3)))
-    i, j = _pairs(waves)
-    # Over directions and the two members of a pair, then over terms.
-    products = np.einsum("hncd,hncd->hn", z[:, i].conj(), z[:, j])
-    together = products.real.sum(axis=0)
     spread = np.linalg.svd(
         np.concatenate([z.real, z.imag]).reshape(-1, 3), compute_uv=False, full_matrices=False
     )
-    parts = [sizes.T.ravel(), _root(together), spread]
-    if is_cycle:
-        parts.append(_root(products.imag.sum(axis=0)))
+    i, j = _pairs(waves)
+    ahead = _cycle_lead if is_cycle else _course_lead
+    parts = [sizes.T.ravel(), _root(_together(z[:, i], z[:, j]))]
+    parts += [spread, _root(ahead(z[:, i], z[:, j]))]
+    has_sine = waves.sines >= 0
+    if has_sine.any():
+        c, s = z[:, :, :1], z[:, :, 1:]
+        parts.append(_root(ahead(c[:, has_sine], s[:, has_sine])))
+        # Of two pairs: turning both by one angle keeps c.c' + s.s' and c.s' - s.c'.
+        k = has_sine[i] & has_sine[j]
+        i, j = i[k], j[k]
+        for product in (_together, ahead):
+            parts.append(_root(product(c[:, i], s[:, j]) - product(s[:, i], c[:, j])))
     return np.concatenate(parts)
 
 
@@ -97,14 +103,59 @@ def invariant_columns(waves: Waves, n_terms: int, *, is_cycle: bool) -> tuple[Co
         for h in range(1, n_terms + 1)
     ]
     pairs = list(zip(*(index.tolist() for index in _pairs(waves)), strict=True))
-    names = [f"{waves.names[i]} {waves.names[j]}" for i, j in pairs]
-    modes = [waves.modes(i) + waves.modes(j) for i, j in pairs]
-    found += [Column(f"together {n}", m) for n, m in zip(names, modes, strict=True)]
     everything = tuple(m for k in range(len(waves.names)) for m in waves.modes(k))
+
+    def of_pairs(what: str, chosen: list[tuple[int, int]]) -> list[Column]:
+        return [
+            Column(f"{what} {waves.names[i]} {waves.names[j]}", waves.modes(i) + waves.modes(j))
+            for i, j in chosen
+        ]
+
+    found += of_pairs("together", pairs)
     found += [Column(f"spread {axis}", everything) for axis in (1, 2, 3)]
-    if is_cycle:
-        found += [Column(f"ahead {n}", m) for n, m in zip(names, modes, strict=True)]
+    found += of_pairs("ahead", pairs)
+    has_sine = waves.sines >= 0
+    found += [Column(f"runs {waves.names[k]}", waves.modes(k)) for k in np.flatnonzero(has_sine)]
+    if has_sine.any():
+        both = [(i, j) for i, j in pairs if has_sine[i] and has_sine[j]]
+        found += of_pairs("beside", both) + of_pairs("ahead beside", both)
     return tuple(found)
+
+
+def _together(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Products of (terms, n, members, 3) over terms, members and directions, (n,)."""
+    products: NDArray[np.float64] = np.einsum("hncd,hncd->n", a.conj(), b).real
+    return products
+
+
+def _cycle_lead(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """How far a is ahead of b: the sine parts of the products of their harmonics, (n,)."""
+    lead: NDArray[np.float64] = np.einsum("hncd,hncd->n", a.conj(), b).imag
+    return lead
+
+
+def _course_lead(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Twice the signed area between the paths of a and b and their chord, (n,).
+
+    int (a db - b da) says which of two moves first, however the time between is stretched
+    (Chen, Integration of paths: a faithful representation of paths by noncommutative formal
+    power series, Trans Am Math Soc, 1958).
+    """
+    area: NDArray[np.float64] = np.einsum("kncd,kl,lncd->n", a.real, _areas(len(a)), b.real)
+    return area
+
+
+@lru_cache(maxsize=32)
+def _areas(n_terms: int) -> NDArray[np.float64]:
+    """int_0^1 (c_k dc_l - c_l dc_k) of c_k = cos(k pi t), k from 1, (terms, terms)."""
+    k = np.arange(1, n_terms + 1)
+    k, m = k[:, None], k[None, :]
+    # int c_k dc_l = -2 l^2 / (l^2 - k^2) where k + l is odd; otherwise the ends are equal.
+    is_odd = (k + m) % 2 == 1
+    apart = np.where(is_odd, k**2 - m**2, 1)
+    areas: NDArray[np.float64] = np.where(is_odd, 2.0 * (k**2 + m**2) / apart, 0.0)
+    areas.setflags(write=False)
+    return areas
 
 
 def _stacked(motion: NDArray[np.complex128], waves: Waves) -> NDArray[np.complex128]:

@@ -24,6 +24,9 @@ from modalmotion.signature import ModalSignature
 # A course holds what a cycle of twice its length holds.
 TERMS_PER_HARMONIC = 2
 
+# Percent of the size: less motion than this is none.
+_LEAST_TOTAL = 1e-2
+
 
 @dataclass(frozen=True, eq=False)
 class FeatureReader:
@@ -43,6 +46,8 @@ class FeatureReader:
         Motion onto which each one is turned, and which it is started like, before its terms
         are features themselves; None to use invariants alone. All zero where recordings share
         their coordinates and are not turned.
+    adds_modes : bool
+        About an axis: whether modes are read as they are beside the parts.
     """
 
     has_axis: bool
@@ -50,6 +55,7 @@ class FeatureReader:
     n_harmonics: int
     walls: bool
     typical: NDArray[np.complex128] | None = None
+    adds_modes: bool = False
 
     def read(self, signature: ModalSignature) -> MotionFeatures:
         """Features of one sequence, one row for each way to read it.
@@ -61,15 +67,27 @@ class FeatureReader:
         """
         if self.has_axis:
             n_sized = max(1, self.n_harmonics - 1)
-            return axis_features(signature, self.n_harmonics, n_sized, walls=self.walls)
+            parts = axis_features(signature, self.n_harmonics, n_sized, walls=self.walls)
+            if not self.adds_modes:
+                return parts
+            return parts.beside(self.of(signature, motion_of(signature, self)))
         return self.of(signature, motion_of(signature, self))
 
     def of(self, signature: ModalSignature, motion: Motion) -> MotionFeatures:
         """Features of a motion whose terms are known, for surfaces of any topology."""
         waves = self.waves(signature)
-        terms = motion.terms
-        values = [invariants(terms, waves, is_cycle=self.is_cycle)]
-        columns = [*invariant_columns(waves, len(terms), is_cycle=self.is_cycle)]
+        total = float(np.linalg.norm(motion.terms))
+        # How much moves is one feature; the others say what share of it moves how.
+        terms = motion.terms / total if total > 0 else motion.terms
+        everything = tuple(range(len(signature.modes)))
+        values = [
+            np.log([max(total, _LEAST_TOTAL)]),
+            invariants(terms, waves, is_cycle=self.is_cycle),
+        ]
+        columns = [
+            Column("motion", everything),
+            *invariant_columns(waves, len(terms), is_cycle=self.is_cycle),
+        ]
         if self.typical is not None:
             turned = terms
             if self.typical.any():
