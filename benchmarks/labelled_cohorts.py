@@ -361,6 +361,35 @@ def _tube(label: str, person: Person, rng: Rng) -> MeshSequence:
     return mesh_sequence(vertices, grid=grid, topology="cylinder", unit="mm")
 
 
+def _bulge(label: str, person: Person, rng: Rng) -> MeshSequence:
+    """Record a sheet that bulges a little, more, or much: only the amplitude differs."""
+    grid = _grid(rng, (9, 16), (10, 18))
+    s, u = _lattice(grid, (False, False))
+    phase = _cycle(rng)[:, None]
+    size = 0.06 * {"little": 0.75, "more": 1.0, "much": 1.33}[label] * np.exp(rng.normal(0.0, 0.13))
+    x, y = rng.normal(0.5, 0.08, 2)
+    frames = np.repeat(np.stack([s, 1.2 * u, 0.1 * s * u], axis=1)[None], len(phase), axis=0)
+    lift = np.cos(phase) + 0.3 * np.cos(2 * phase + person.habit[0])
+    frames[:, :, 2] += size * lift * _bump(s, x, 0.3) * _bump(u, y, 0.3)
+    vertices = _moved(frames, person, rng, noise=0.02, turned=True, wander=0.01)
+    return mesh_sequence(vertices, grid=grid, topology="plane", unit="mm")
+
+
+def _rope(label: str, person: Person, rng: Rng) -> MeshSequence:
+    """Record a curve that rises early, late, or for long: only the timing differs."""
+    s = np.linspace(0.0, 1.0, int(rng.integers(12, 25)))
+    t = _course(person, rng)[:, None]
+    when = {"early": 0.42, "late": 0.58, "for long": 0.5}[label] + rng.normal(0.0, 0.05)
+    length = {"early": 0.1, "late": 0.1, "for long": 0.17}[label] * np.exp(rng.normal(0.0, 0.2))
+    size = 0.15 * person.strength * np.exp(rng.normal(0.0, 0.3))
+    lift = size * _bump(t, when, length) * _bump(s, 0.5 + 0.08 * person.habit[0], 0.2)
+    frames = np.repeat(np.stack([s, 0.1 * s**2, 0 * s], axis=1)[None], len(t), axis=0)
+    frames[:, :, 1] += lift
+    frames[:, :, 2] += 0.3 * person.habit[1] * lift
+    vertices = _moved(frames, person, rng, noise=0.02, turned=True, wander=0.02)
+    return mesh_sequence(vertices, topology="open curve", unit="mm")
+
+
 COHORTS: Final[dict[str, Cohort]] = {
     "membrane": Cohort({"stands": 24, "towards": 24, "away": 24}, 12, _membrane),
     "folding": Cohort({"near": 20, "middle": 20, "far": 20}, 10, _folding),
@@ -372,5 +401,7 @@ COHORTS: Final[dict[str, Cohort]] = {
     "cup": Cohort(dict.fromkeys(_WALLS, 20), 16, _cup),
     "ring": Cohort({"even": 36, "less": 16, "late": 12}, 16, _ring),
     "tube": Cohort({"up": 16, "down": 16, "up slowly": 16}, 12, _tube),
+    "bulge": Cohort({"little": 20, "more": 20, "much": 20}, 10, _bulge),
+    "rope": Cohort({"early": 16, "late": 16, "for long": 16}, 8, _rope),
 }
 """Every kind, by name."""

@@ -16,6 +16,7 @@ MODULES = (
     "tradeoff_front",
     "codec",
     "classification",
+    "classification_cohorts",
     "load",
     "access",
     "cluster",

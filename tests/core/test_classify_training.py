@@ -160,7 +160,10 @@ def test_class_weights_pull_towards_a_class() -> None:
     )
     k = plain.classes.index("normal")
     X = plain.golden_features
-    assert pulled.probabilities(X)[:, k].mean() > plain.probabilities(X)[:, k].mean() + 0.01
+    before, after = (model.probabilities(X)[:, k] for model in (plain, pulled))
+    others = before < 0.5
+    assert others.any()
+    assert after[others].mean() > 1.5 * before[others].mean()
     assert pulled.id != plain.id
 
 
@@ -180,12 +183,15 @@ def test_an_explanation_names_the_modes_that_move_the_answer() -> None:
         expected = np.sqrt((moving[:, rows] ** 2).sum(axis=(1, 2)).mean())
         assert part.amplitude == pytest.approx(expected)
         assert part.unit == "mm"
-    # The scores of a linear model add up to its lead over that of an average case.
+    # The scores of a linear model add up to its lead over that of an average case, but for
+    # features of several modes, which belong to none.
     linear = model.blend.scorers[0]
     values = model.reader.read(signature).values
     z = model.blend.standardised(values[model.distance(values).argmin()])
     first, second = np.argsort(-found.probabilities)[:2]
-    lead = z @ (linear.weights[:, first] - linear.weights[:, second])
+    parts = [{place[label] for label in part.modes} for part in found.explanation]
+    told = np.array([any(set(c.modes) <= part for part in parts) for c in model.columns])
+    lead = (z @ (told[:, None] * linear.weights))[[first, second]] @ [1.0, -1.0]
     total = sum(part.score for part in found.explanation)
     assert total == pytest.approx(lead / linear.temperature / model.blend.temperature, rel=1e-6)
     shown = only_modes(signature, found.explanation[0].modes)
