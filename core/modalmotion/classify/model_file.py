@@ -111,8 +111,8 @@ def contents(model: Model) -> dict[str, Any]:
             "typical": None
             if reader.typical is None
             else _packed(np.stack([reader.typical.real, reader.typical.imag])),
-            # Left out where there is none, as in files that do not know of it.
-            **({"adds_modes": True} if reader.adds_modes else {}),
+            # Left out where they do not hold, as in files that do not know of them.
+            **{name: True for name in ("adds_modes", "is_brief") if getattr(reader, name)},
         },
         "columns": [[column.name, list(column.modes)] for column in model.columns],
         "centre": _packed(blend.centre),

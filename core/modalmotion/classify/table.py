@@ -242,7 +242,7 @@ def _readers(
         return tuple(found)
     for is_cycle in timings:
         plain = FeatureReader(False, is_cycle, h, walls)
-        found.append(plain)
+        found += [replace(plain, is_brief=True), plain]
         # Terms as they are mean nothing where theta may start anywhere.
         if plain.waves(example).sines.max() < 0:
             terms = rows[0].cycle.terms if is_cycle else rows[0].course.terms

@@ -35,6 +35,11 @@ class Waves(NamedTuple):
         both = int(self.cosines[wave]), int(self.sines[wave])
         return both if both[1] >= 0 else both[:1]
 
+    @property
+    def all_modes(self) -> tuple[int, ...]:
+        """Indices of all modes."""
+        return tuple(mode for wave in range(len(self.names)) for mode in self.modes(wave))
+
 
 @lru_cache(maxsize=32)
 def waves_of(modes: ModeSet | SpringSpectrum, *, theta_is_free: bool) -> Waves:
@@ -73,24 +78,24 @@ def invariants(
     (features,) float64
         All in the unit of the motion: roots of squares and of products.
     """
-    z = _stacked(motion, waves)
+    z = stacked(motion, waves)
     sizes = np.sqrt((np.abs(z) ** 2).sum(axis=(2, 3)))
     spread = np.linalg.svd(
         np.concatenate([z.real, z.imag]).reshape(-1, 3), compute_uv=False, full_matrices=False
     )
     i, j = _pairs(waves)
     ahead = _cycle_lead if is_cycle else _course_lead
-    parts = [sizes.T.ravel(), _root(_together(z[:, i], z[:, j]))]
-    parts += [spread, _root(ahead(z[:, i], z[:, j]))]
+    parts = [sizes.T.ravel(), signed_root(_together(z[:, i], z[:, j]))]
+    parts += [spread, signed_root(ahead(z[:, i], z[:, j]))]
     has_sine = waves.sines >= 0
     if has_sine.any():
         c, s = z[:, :, :1], z[:, :, 1:]
-        parts.append(_root(ahead(c[:, has_sine], s[:, has_sine])))
+        parts.append(signed_root(ahead(c[:, has_sine], s[:, has_sine])))
         # Of two pairs: turning both by one angle keeps c.c' + s.s' and c.s' - s.c'.
         k = has_sine[i] & has_sine[j]
         i, j = i[k], j[k]
         for product in (_together, ahead):
-            parts.append(_root(product(c[:, i], s[:, j]) - product(s[:, i], c[:, j])))
+            parts.append(signed_root(product(c[:, i], s[:, j]) - product(s[:, i], c[:, j])))
     return np.concatenate(parts)
 
 
@@ -103,7 +108,7 @@ def invariant_columns(waves: Waves, n_terms: int, *, is_cycle: bool) -> tuple[Co
         for h in range(1, n_terms + 1)
     ]
     pairs = list(zip(*(index.tolist() for index in _pairs(waves)), strict=True))
-    everything = tuple(m for k in range(len(waves.names)) for m in waves.modes(k))
+    everything = waves.all_modes
 
     def of_pairs(what: str, chosen: list[tuple[int, int]]) -> list[Column]:
         return [
@@ -158,8 +163,8 @@ def _areas(n_terms: int) -> NDArray[np.float64]:
     return areas
 
 
-def _stacked(motion: NDArray[np.complex128], waves: Waves) -> NDArray[np.complex128]:
-    """Cosine and sine parts, (terms, waves, 2, 3)."""
+def stacked(motion: NDArray[np.complex128], waves: Waves) -> NDArray[np.complex128]:
+    """Stack cosine and sine parts of a motion, (terms, waves, 2, 3)."""
     sines = np.where((waves.sines >= 0)[:, None], motion[:, waves.sines], 0.0)
     return np.stack([motion[:, waves.cosines], sines], axis=2)
 
@@ -176,6 +181,7 @@ def _pairs(waves: Waves) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return _pairs_of(tuple(map(tuple, waves.turns.tolist())))
 
 
-def _root(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def signed_root(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Root of the magnitude, with the sign."""
     rooted: NDArray[np.float64] = np.sign(values) * np.sqrt(np.abs(values))
     return rooted

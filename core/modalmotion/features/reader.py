@@ -11,6 +11,7 @@ from modalmotion.features.alignment import align
 from modalmotion.features.axis import axis_features
 from modalmotion.features.columns import Column, MotionFeatures
 from modalmotion.features.invariants import Waves, invariant_columns, invariants, waves_of
+from modalmotion.features.summary import summary, summary_columns
 from modalmotion.features.temporal import (
     cosines,
     cycle_angle,
@@ -48,6 +49,8 @@ class FeatureReader:
         their coordinates and are not turned.
     adds_modes : bool
         About an axis: whether modes are read as they are beside the parts.
+    is_brief : bool
+        Whether modes are summed up in a few numbers (`summary`).
     """
 
     has_axis: bool
@@ -56,6 +59,7 @@ class FeatureReader:
     walls: bool
     typical: NDArray[np.complex128] | None = None
     adds_modes: bool = False
+    is_brief: bool = False
 
     def read(self, signature: ModalSignature) -> MotionFeatures:
         """Features of one sequence, one row for each way to read it.
@@ -79,14 +83,16 @@ class FeatureReader:
         total = float(np.linalg.norm(motion.terms))
         # How much moves is one feature; the others say what share of it moves how.
         terms = motion.terms / total if total > 0 else motion.terms
-        everything = tuple(range(len(signature.modes)))
+        describe, name = (
+            (summary, summary_columns) if self.is_brief else (invariants, invariant_columns)
+        )
         values = [
             np.log([max(total, _LEAST_TOTAL)]),
-            invariants(terms, waves, is_cycle=self.is_cycle),
+            describe(terms, waves, is_cycle=self.is_cycle),
         ]
         columns = [
-            Column("motion", everything),
-            *invariant_columns(waves, len(terms), is_cycle=self.is_cycle),
+            Column("motion", waves.all_modes),
+            *name(waves, len(terms), is_cycle=self.is_cycle),
         ]
         if self.typical is not None:
             turned = terms
