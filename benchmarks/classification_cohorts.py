@@ -25,7 +25,8 @@ from modalmotion.features import surface_size
 from modalmotion.formats import read_sequence
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
 
-SEEDS: Final = (1, 2, 3)
+# Features were chosen on cohorts of the seeds 1 to 3.
+SEEDS: Final = (4, 5)
 
 WINDOW: Final = 12
 

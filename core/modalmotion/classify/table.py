@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -69,6 +69,7 @@ class CaseTable:
     about_axis: NDArray[np.float64]
     motions: Mapping[bool, tuple[Motion, ...]]
     notes: tuple[str, ...]
+    _kept: dict[FeatureReader, NDArray[np.float64]] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return len(self.y)
@@ -87,12 +88,20 @@ class CaseTable:
         """Features of all cases, (cases, readings, features) float64."""
         if reader.has_axis and not reader.adds_modes:
             return self.values
-        motions = self.motions[reader.is_cycle]
-        modes = np.stack([reader.of(self.example, motion).values for motion in motions])
-        if not reader.has_axis:
-            return modes
-        repeated = np.repeat(modes, self.values.shape[1], axis=1)
-        return np.concatenate([self.values, repeated], axis=2)
+        if reader.typical is not None:
+            return self._modes(reader)
+        # The same in all folds.
+        if reader not in self._kept:
+            modes = self._modes(reader)
+            if reader.has_axis:
+                repeated = np.repeat(modes, self.values.shape[1], axis=1)
+                modes = np.concatenate([self.values, repeated], axis=2)
+            self._kept[reader] = modes
+        return self._kept[reader]
+
+    def _modes(self, reader: FeatureReader) -> NDArray[np.float64]:
+        waves = reader.waves(self.example)
+        return np.stack([reader.values(waves, m) for m in self.motions[reader.is_cycle]])[:, None]
 
     def sizes(self, reader: FeatureReader) -> NDArray[np.float64]:
         """Size and smooth share of each motion, (cases, 2) float64."""

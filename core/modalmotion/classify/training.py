@@ -84,7 +84,7 @@ def train(
     every = np.arange(n)
     fitted = fit_rows(table, every, chosen)
     model = _model(table, fitted, name, probabilities, distances, bool(splits.folds), chosen)
-    card = training_card(table, chosen, splits, probabilities, fitted.estimator.kind_)
+    card = training_card(table, chosen, splits, probabilities, fitted)
     told(1.0, "trained")
     return replace(model, card=replace(card, notes=(*table.notes, *splits.notes, *card.notes)))
 

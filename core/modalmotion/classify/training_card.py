@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from modalmotion.classify.card import ModelCard
 from modalmotion.classify.conformal import calibrate
+from modalmotion.classify.fold_fit import FoldFit
 from modalmotion.classify.intervals import accuracy_interval
 from modalmotion.classify.options import TrainingOptions
 from modalmotion.classify.reliability import calibration_curve, calibration_error
@@ -51,7 +52,7 @@ def training_card(
     options: TrainingOptions,
     splits: Splits,
     probabilities: NDArray[np.float64],
-    kind: str,
+    fitted: FoldFit,
 ) -> ModelCard:
     """Say what was trained, on what, and how well it predicts what was held out.
 
@@ -62,8 +63,8 @@ def training_card(
     splits : Splits
     probabilities : (cases, classes) float64
         Of each case, when it was held out.
-    kind : str
-        Of the estimator that was chosen.
+    fitted : FoldFit
+        To all cases.
     """
     labels = [table.classes[k] for k in table.y]
     pairs = dict.fromkeys(zip(labels, table.subjects, strict=True))
@@ -83,7 +84,11 @@ def training_card(
         n_subjects=n_subjects,
         is_grouped=splits.is_grouped,
         coverage=options.coverage,
-        options={**options.as_json(), "chosen": kind},
+        options={
+            **options.as_json(),
+            "chosen": fitted.estimator.kind_,
+            "features": fitted.reader.description,
+        },
         versions={p: version(p) for p in ("modalmotion", "numpy", "scipy", "scikit-learn")},
         has_seen=(
             f"{len(table)} recordings of {len(set(table.subjects))} subjects: "

@@ -61,6 +61,17 @@ class FeatureReader:
     adds_modes: bool = False
     is_brief: bool = False
 
+    @property
+    def description(self) -> str:
+        """What is read, in words."""
+        what = "a few numbers of the modes" if self.is_brief else "modes"
+        if self.has_axis:
+            what = "parts about the axis, and modes" if self.adds_modes else "parts about the axis"
+        if self.typical is not None:
+            how = "turned onto the typical motion" if self.typical.any() else "as they are"
+            what += f" and their terms, {how}"
+        return f"{what}; as a {'cycle' if self.is_cycle else 'course'}"
+
     def read(self, signature: ModalSignature) -> MotionFeatures:
         """Features of one sequence, one row for each way to read it.
 
@@ -79,30 +90,33 @@ class FeatureReader:
 
     def of(self, signature: ModalSignature, motion: Motion) -> MotionFeatures:
         """Features of a motion whose terms are known, for surfaces of any topology."""
-        waves = self.waves(signature)
+        waves, n_terms = self.waves(signature), len(motion.terms)
+        name = summary_columns if self.is_brief else invariant_columns
+        columns = [
+            Column("motion", waves.all_modes),
+            *name(waves, n_terms, is_cycle=self.is_cycle),
+        ]
+        if self.typical is not None:
+            columns += _term_columns(signature, n_terms, is_cycle=self.is_cycle)
+        values = self.values(waves, motion)[None]
+        return MotionFeatures(tuple(columns), values, motion.size, motion.smooth_share)
+
+    def values(self, waves: Waves, motion: Motion) -> NDArray[np.float64]:
+        """Give what `of` does without the names, (features,) float64."""
         total = float(np.linalg.norm(motion.terms))
         # How much moves is one feature; the others say what share of it moves how.
         terms = motion.terms / total if total > 0 else motion.terms
-        describe, name = (
-            (summary, summary_columns) if self.is_brief else (invariants, invariant_columns)
-        )
+        describe = summary if self.is_brief else invariants
         values = [
             np.log([max(total, _LEAST_TOTAL)]),
             describe(terms, waves, is_cycle=self.is_cycle),
-        ]
-        columns = [
-            Column("motion", waves.all_modes),
-            *name(waves, len(terms), is_cycle=self.is_cycle),
         ]
         if self.typical is not None:
             turned = terms
             if self.typical.any():
                 turned = align(terms, self.typical, is_cycle=self.is_cycle)
             values.append(_flat(turned, is_cycle=self.is_cycle))
-            columns += _term_columns(signature, len(terms), is_cycle=self.is_cycle)
-        return MotionFeatures(
-            tuple(columns), np.concatenate(values)[None], motion.size, motion.smooth_share
-        )
+        return np.concatenate(values)
 
     def waves(self, signature: ModalSignature) -> Waves:
         """Modes that the reader takes together."""
