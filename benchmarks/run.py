@@ -18,6 +18,7 @@ MODULES = (
     "classification",
     "classification_domain",
     "classification_invariance",
+    "classification_cohorts",
     "load",
     "access",
     "cluster",

@@ -99,15 +99,15 @@ def test_a_recording_that_came_twice_counts_once() -> None:
 
 
 def test_no_subject_is_on_both_sides_of_a_split() -> None:
+    from modalmotion.classify.splits import split_cases
     from modalmotion.classify.table import collect
-    from modalmotion.classify.training import _splits
 
     # Three recordings of each subject, and one recording that is said to be of two.
     cases = [replace(c, subject=f"s{n // 6}-{c.label}") for n, c in enumerate(cohort(12))]
     cases.append(replace(cases[0], subject=cases[6].subject))
     options = TrainingOptions()
     table = collect(cases, options)
-    splits, is_grouped, _ = _splits(table, options)
+    splits, is_grouped, _ = split_cases(table, options)
     assert is_grouped
     for inner, outer in splits:
         assert not set(table.groups[inner]) & set(table.groups[outer])
@@ -160,7 +160,10 @@ def test_class_weights_pull_towards_a_class() -> None:
     )
     k = plain.classes.index("normal")
     X = plain.golden_features
-    assert pulled.probabilities(X)[:, k].mean() > plain.probabilities(X)[:, k].mean() + 0.01
+    before, after = (model.probabilities(X)[:, k] for model in (plain, pulled))
+    others = before < 0.5
+    assert others.any()
+    assert after[others].mean() > 1.5 * before[others].mean()
     assert pulled.id != plain.id
 
 
@@ -180,12 +183,15 @@ def test_an_explanation_names_the_modes_that_move_the_answer() -> None:
         expected = np.sqrt((moving[:, rows] ** 2).sum(axis=(1, 2)).mean())
         assert part.amplitude == pytest.approx(expected)
         assert part.unit == "mm"
-    # The scores of a linear model add up to its lead over that of an average case.
+    # The scores of a linear model add up to its lead over that of an average case, but for
+    # features of several modes, which belong to none.
     linear = model.blend.scorers[0]
     read = model.reader.read(signature)
     z = model.blend.standardised(read.values[model.distance(read.kinds).argmin()])
     first, second = np.argsort(-found.probabilities)[:2]
-    lead = z @ (linear.weights[:, first] - linear.weights[:, second])
+    parts = [{place[label] for label in part.modes} for part in found.explanation]
+    told = np.array([any(set(c.modes) <= part for part in parts) for c in model.columns])
+    lead = (z @ (told[:, None] * linear.weights))[[first, second]] @ [1.0, -1.0]
     total = sum(part.score for part in found.explanation)
     assert total == pytest.approx(lead / linear.temperature / model.blend.temperature, rel=1e-6)
     shown = only_modes(signature, found.explanation[0].modes)

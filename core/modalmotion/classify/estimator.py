@@ -18,7 +18,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from modalmotion.classify.ridge import INTERCEPT, ridge
 from modalmotion.classify.scorer import Blend, Scorer, blended, kernel
-from modalmotion.classify.temperature import fit_temperature, log_loss, softmax
+from modalmotion.classify.temperature import case_losses, fit_temperature, log_loss, softmax
 
 KINDS: Final = ("auto", "linear", "kernel", "blend", "svm", "forest")
 
@@ -68,6 +68,8 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         What "auto" chose.
     loss_ : float
         Log loss of what was left out, nats; NaN for "svm" and "forest".
+    losses_ : (cases,) float64
+        The same of each case, with its weight.
     blend_ : Blend or None
         All of it as plain arrays; None for "svm" and "forest".
     """
@@ -113,6 +115,7 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         z = (X - self._centre) / self._scale
         self.blend_: Blend | None = None
         self.loss_ = float("nan")
+        self.losses_ = np.full(len(y), np.nan)
         if self.kind in ("svm", "forest"):
             self.kind_ = self.kind
             self._fit_machine(z, place, dict(enumerate(per_class.tolist())))
@@ -158,14 +161,15 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             choices = {}
         if len(fitted) == 2:
             choices["blend"] = list(fitted.values())
-        found: list[tuple[float, str, float]] = []
+        found: list[tuple[float, str, float, Array]] = []
         for kind, parts in choices.items():
             shares = [softmax(part.held_out / part.scorer.temperature) for part in parts]
             logs = blended(shares)
             temperature = fit_temperature(logs, y, weights)
-            found.append((log_loss(logs / temperature, y, weights), kind, temperature))
+            losses = case_losses(logs / temperature, y) * weights / weights.mean()
+            found.append((float(losses.mean()), kind, temperature, losses))
         # A loss may be infinite where a held-out class has no share left.
-        self.loss_, self.kind_, temperature = min(found)
+        self.loss_, self.kind_, temperature, self.losses_ = min(found, key=lambda of: of[0])
         scorers = tuple(part.scorer for part in choices[self.kind_])
         self.blend_ = Blend(self._centre, self._scale, scorers, temperature)
 

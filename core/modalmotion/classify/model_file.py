@@ -50,7 +50,7 @@ def model_from_bytes(data: bytes) -> Model:
         if stored["schema"] != SCHEMA:
             raise CorruptFileError(
                 f"The model has schema {stored['schema']!r}, not {SCHEMA}.",
-                remedy="Use the version of the package that wrote it.",
+                remedy="Use the version of the package that wrote it, or train it again.",
             )
         found = str(stored["id"])
         model = _model(stored)
@@ -105,6 +105,8 @@ def contents(model: Model) -> dict[str, Any]:
             "typical": None
             if reader.typical is None
             else _packed(np.stack([reader.typical.real, reader.typical.imag])),
+            # Left out where they do not hold, as in files that do not know of them.
+            **{name: True for name in ("adds_modes", "is_brief") if getattr(reader, name)},
         },
         "columns": [[c.name, list(c.modes), c.power] for c in model.columns],
         "centre": _packed(blend.centre),

@@ -3,49 +3,33 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.classify.case_checks import require_alike
+from modalmotion.classify.case_groups import group_cases
+from modalmotion.classify.case_reading import ReadCase, read_cases
+from modalmotion.classify.case_row import CaseRow
 from modalmotion.classify.cases import CaseFile, TrainingCase
 from modalmotion.classify.model import Readable
 from modalmotion.classify.options import PoseOf, Timing, TrainingOptions, Walls
 from modalmotion.errors import ParameterError
-from modalmotion.features import (
-    READINGS,
-    Column,
-    FeatureReader,
-    Motion,
-    axis_features,
-    has_axis,
-    kind_of,
-    mean_motion,
-    motion_of,
-    powers_of,
-)
-from modalmotion.modes import ModeSet
+from modalmotion.features import Column, FeatureReader, Motion, kind_of, mean_motion, powers_of
 from modalmotion.sequence import MEAN
-from modalmotion.signature import ModalSignature, SignatureParameters
+from modalmotion.signature import ModalSignature
 from modalmotion.spring_modes import SpringSpectrum
 from modalmotion.template import GivenLandmarks
-from modalmotion.template.landmarks import WEAK
 
 # A cycle whose next frame would be the first closes within this many usual steps.
 _CLOSED: Final = 2.5
 
 # Motions that the typical one is made of; more cost time and move it little.
 _MOST_TYPICAL: Final = 200
-
-# Cases that are read in one piece of work: some 0.1 s of it.
-_IN_ONE_PIECE: Final = 16
-
-# Times that the readings are chosen anew from the classes they gave.
-_N_ROUNDS: Final = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +41,8 @@ class CaseTable:
     example : ModalSignature
         One of them, for its modes.
     readable : Readable
-    reader : FeatureReader
-        Without a typical motion.
+    readers : tuple of FeatureReader
+        Choices of features that may be tried; a typical motion is still to be found.
     classes : tuple of str
     y : (cases,) int64
     groups : (cases,) int64
@@ -68,36 +52,29 @@ class CaseTable:
         sha256 in hex of ids, labels and subjects, in any order.
     values : (cases, readings, features) float64
         About an axis; else empty.
-    motions : tuple of Motion
-        Where there is no axis.
-    sizes, smooth_shares : (cases,) float64
-        Of the motions.
+    motions : mapping of bool to tuple of Motion
+        Where modes are read as they are: as cycles, under True, and as courses.
+    about_axis : (cases, 2) float64
+        Size and smooth share of each motion, about an axis; else empty.
     notes : tuple of str
     """
 
     example: ModalSignature
     readable: Readable
-    reader: FeatureReader
+    readers: tuple[FeatureReader, ...]
     classes: tuple[str, ...]
     y: NDArray[np.int64]
     groups: NDArray[np.int64]
     subjects: tuple[str, ...]
     hash: str
     values: NDArray[np.float64]
-    motions: tuple[Motion, ...]
-    sizes: NDArray[np.float64]
-    smooth_shares: NDArray[np.float64]
+    about_axis: NDArray[np.float64]
+    motions: Mapping[bool, tuple[Motion, ...]]
     notes: tuple[str, ...]
+    _kept: dict[FeatureReader, NDArray[np.float64]] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return len(self.y)
-
-    def readers(self) -> tuple[FeatureReader, ...]:
-        """Choices of features that may be tried."""
-        if self.reader.has_axis or self.reader.waves(self.example).sines.max() >= 0:
-            return (self.reader,)
-        empty = np.zeros((len(self.motions[0].terms), self.readable.n_modes, 3), np.complex128)
-        return self.reader, replace(self.reader, typical=empty)
 
     def fitted(
         self, reader: FeatureReader, rows: NDArray[np.int64], pose: PoseOf | str
@@ -106,49 +83,45 @@ class CaseTable:
         if reader.typical is None or pose == PoseOf.FIXED:
             return reader
         chosen = rows[:: -(-len(rows) // _MOST_TYPICAL)]
-        motions = [self.motions[i].terms for i in chosen]
+        motions = [self.motions[reader.is_cycle][i].terms for i in chosen]
         return replace(reader, typical=mean_motion(motions, is_cycle=reader.is_cycle))
 
     def features(self, reader: FeatureReader) -> NDArray[np.float64]:
         """Features of all cases, (cases, readings, features) float64."""
-        if reader.has_axis:
+        if reader.has_axis and not reader.adds_modes:
             return self.values
-        return np.stack([reader.of(self.example, motion).values for motion in self.motions])
+        if reader.typical is not None:
+            return self._modes(reader)
+        # The same in all folds.
+        if reader not in self._kept:
+            modes = self._modes(reader)
+            if reader.has_axis:
+                repeated = np.repeat(modes, self.values.shape[1], axis=1)
+                modes = np.concatenate([self.values, repeated], axis=2)
+            self._kept[reader] = modes
+        return self._kept[reader]
+
+    def _modes(self, reader: FeatureReader) -> NDArray[np.float64]:
+        waves = reader.waves(self.example)
+        return np.stack([reader.values(waves, m) for m in self.motions[reader.is_cycle]])[:, None]
+
+    def sizes(self, reader: FeatureReader) -> NDArray[np.float64]:
+        """Size and smooth share of each motion, (cases, 2) float64."""
+        if reader.has_axis:
+            return self.about_axis
+        motions = self.motions[reader.is_cycle]
+        return np.array([(motion.size, motion.smooth_share) for motion in motions])
 
     def kinds(
         self, reader: FeatureReader, values: NDArray[np.float64], rows: NDArray[np.int64]
     ) -> NDArray[np.float64]:
         """Give the kinds (`kind_of`) of some cases, (cases, readings, columns) float64."""
-        return kind_of(values, self.sizes[rows][:, None], powers_of(self.columns(reader)))
+        motions = self.sizes(reader)[rows, :1]
+        return kind_of(values, motions, powers_of(self.columns(reader)))
 
     def columns(self, reader: FeatureReader) -> tuple[Column, ...]:
         """Names of the features."""
         return reader.read(self.example).columns
-
-
-@dataclass(frozen=True, eq=False)
-class _Row:
-    label: str
-    subject: str | None
-    sequence_id: str
-    gap: float
-    zero_is_given: bool
-    zero_is_known: bool
-    axis: tuple[NDArray[np.float64], float, float] | None
-    walls: NDArray[np.float64] | None
-    cycle: Motion
-    course: Motion
-
-
-@dataclass(frozen=True, eq=False)
-class _Read:
-    """A case as read by whoever did the work; the signature itself is kept of the first only."""
-
-    row: _Row
-    surface: str
-    parameters: SignatureParameters
-    modes: ModeSet | SpringSpectrum
-    signature: ModalSignature | None
 
 
 def collect(
@@ -164,16 +137,16 @@ def collect(
         If a label is missing, a signature cannot be used or is of another kind than the
         others, one recording has two classes, or there are fewer than two classes.
     """
-    rows: list[_Row] = []
-    by_id: dict[str, list[_Row]] = {}
+    rows: list[CaseRow] = []
+    by_id: dict[str, list[CaseRow]] = {}
     labels: dict[str, str] = {}
-    first: _Read | None = None
+    first: ReadCase | None = None
     topologies: dict[str, list[str]] = {}
     n_same = 0
-    for number, read in enumerate(_read(cases, options)):
+    for number, read in enumerate(read_cases(cases, options)):
         row = read.row
         first = read if first is None else first
-        _require_alike(read, first, number)
+        require_alike(read, first, number)
         known = labels.setdefault(row.sequence_id, row.label)
         if known != row.label:
             raise ParameterError(
@@ -204,49 +177,22 @@ def collect(
     return _table(rows, classes, example, topologies, options, notes)
 
 
-def _read(cases: Iterable[TrainingCase | CaseFile], options: TrainingOptions) -> Iterator[_Read]:
-    """Read cases, in their order."""
-    from joblib import Parallel, delayed
-
-    numbered = enumerate(cases)
-    pieces = iter(lambda: tuple(itertools.islice(numbered, _IN_ONE_PIECE)), ())
-    works = (delayed(_read_piece)(piece, options) for piece in pieces)
-    return itertools.chain.from_iterable(Parallel(return_as="generator")(works))
-
-
-def _read_piece(
-    piece: tuple[tuple[int, TrainingCase | CaseFile], ...], options: TrainingOptions
-) -> list[_Read]:
-    found = []
-    for number, given in piece:
-        case = given.read() if isinstance(given, CaseFile) else given
-        _require_usable(case, number, options)
-        signature = case.signature
-        found.append(
-            _Read(
-                _row(case, options),
-                signature.surface,
-                signature.parameters,
-                signature.modes,
-                None if number else signature,
-            )
-        )
-    return found
+def class_counts(labels: Iterable[str]) -> dict[str, int]:
+    """How often each label occurs, sorted by label."""
+    return dict(sorted(Counter(labels).items()))
 
 
 def _table(
-    rows: list[_Row],
+    rows: list[CaseRow],
     classes: tuple[str, ...],
     example: ModalSignature,
     topologies: dict[str, list[str]],
     options: TrainingOptions,
     notes: list[str],
 ) -> CaseTable:
-    gap = float(np.median([row.gap for row in rows]))
-    is_cycle = options.timing == Timing.CYCLE or (options.timing == Timing.AUTO and gap < _CLOSED)
-    use_axis = is_cycle and all(row.axis is not None for row in rows)
     walls = _walls(rows, options)
-    if len(topologies) > 1 and not use_axis:
+    readers = _readers(rows, example, options, walls, n_topologies=len(topologies))
+    if not readers:
         common, *rare = sorted(topologies, key=lambda name: -len(topologies[name]))
         ids = [name for topology in rare for name in topologies[topology]]
         raise ParameterError(
@@ -255,16 +201,12 @@ def _table(
             remedy="Give cases of one topology; only cups and cylinders over a cycle mix.",
             details={"sequence_ids": ids[:20], "n_sequences": len(ids)},
         )
-    found = [row.cycle if is_cycle else row.course for row in rows]
-    values = np.zeros((0, 0, 0))
-    if use_axis:
-        both = [row.walls if walls else row.axis[0] for row in rows if row.axis is not None]
-        values = np.array(both)
-    seen = [(motion.size, motion.smooth_share) for motion in found]
-    if use_axis:
-        seen = [row.axis[1:] for row in rows if row.axis is not None]
-    sizes, shares = zip(*seen, strict=True)
-    subjects, groups, mixed = _groups(rows)
+    values, about_axis = np.zeros((0, 0, 0)), np.zeros((0, 2))
+    if readers[0].has_axis:
+        read = [row.walls if walls else row.axis for row in rows]
+        values = np.array([found.values for found in read if found is not None])
+        about_axis = np.array([found[1:] for found in read if found is not None])
+    subjects, groups, mixed = group_cases(rows)
     if mixed:
         notes = [*notes, f"{mixed} recordings are of two subjects each; these are kept together."]
     lines = sorted(f"{r.sequence_id} {r.label} {s}" for r, s in zip(rows, subjects, strict=True))
@@ -285,53 +227,53 @@ def _table(
             connectivity_id=modes.connectivity_id if isinstance(modes, SpringSpectrum) else "",
             parameters=parameters,
         ),
-        reader=FeatureReader(use_axis, is_cycle, options.harmonics, walls),
+        readers=readers,
         classes=classes,
         y=np.array([classes.index(row.label) for row in rows]),
         groups=groups,
         subjects=subjects,
         hash=hashlib.sha256("\n".join(lines).encode()).hexdigest(),
         values=values,
-        motions=() if use_axis else tuple(found),
-        sizes=np.array(sizes),
-        smooth_shares=np.array(shares),
+        about_axis=about_axis,
+        motions={
+            True: tuple(row.cycle for row in rows),
+            False: tuple(row.course for row in rows),
+        },
         notes=tuple(notes),
     )
 
 
-def _row(case: TrainingCase, options: TrainingOptions) -> _Row:
-    signature = case.signature
-    landmarks = signature.landmarks
-    axis = walls = None
-    if has_axis(signature):
-        n = options.harmonics
-        read = axis_features(signature, n, max(1, n - 1))
-        axis = read.values, read.motion, read.smooth_share
-        if landmarks is not None:
-            walls = axis_features(signature, n, max(1, n - 1), walls=True).values
-    kinds = [FeatureReader(False, is_cycle, options.harmonics, False) for is_cycle in (True, False)]
-    cycle, course = (motion_of(signature, kind) for kind in kinds)
-    return _Row(
-        label=case.label,
-        subject=case.subject,
-        sequence_id=signature.sequence_id,
-        gap=signature.closure_gap,
-        zero_is_given=landmarks is not None and "theta_zero" in landmarks.given,
-        zero_is_known=zero_is_known(signature),
-        axis=axis,
-        walls=walls,
-        cycle=cycle,
-        course=course,
+def _readers(
+    rows: list[CaseRow],
+    example: ModalSignature,
+    options: TrainingOptions,
+    walls: bool,
+    n_topologies: int,
+) -> tuple[FeatureReader, ...]:
+    """Choices of features, what depends on the least first."""
+    h = options.harmonics
+    closes = float(np.median([row.gap for row in rows])) < _CLOSED
+    timings = {Timing.CYCLE: [True], Timing.COURSE: [False]}.get(
+        Timing(options.timing), [True, False] if closes else [False]
     )
+    found: list[FeatureReader] = []
+    if timings[0] and all(row.axis is not None for row in rows):
+        found.append(FeatureReader(True, True, h, walls))
+        if n_topologies == 1:
+            found.append(FeatureReader(True, True, h, walls, adds_modes=True))
+    if n_topologies > 1:
+        return tuple(found)
+    for is_cycle in timings:
+        plain = FeatureReader(False, is_cycle, h, walls)
+        found += [replace(plain, is_brief=True), plain]
+        # Terms as they are mean nothing where theta may start anywhere.
+        if plain.waves(example).sines.max() < 0:
+            terms = rows[0].cycle.terms if is_cycle else rows[0].course.terms
+            found.append(replace(plain, typical=np.zeros_like(terms)))
+    return tuple(found)
 
 
-def zero_is_known(signature: ModalSignature) -> bool:
-    """Whether the shape or the sender says where theta starts."""
-    landmarks = signature.landmarks
-    return landmarks is not None and landmarks.strengths.get("theta_zero", 0.0) >= WEAK
-
-
-def _walls(rows: list[_Row], options: TrainingOptions) -> bool:
+def _walls(rows: list[CaseRow], options: TrainingOptions) -> bool:
     if options.walls == Walls.NO:
         return False
     if options.walls == Walls.AUTO:
@@ -343,105 +285,3 @@ def _walls(rows: list[_Row], options: TrainingOptions) -> bool:
             remedy="State the landmark theta_zero, or leave the option 'walls' out.",
         )
     return True
-
-
-def _groups(rows: list[_Row]) -> tuple[tuple[str, ...], NDArray[np.int64], int]:
-    """Subjects, groups of whatever shares a subject or a recording, recordings with two."""
-    subjects = tuple(row.subject or f"sequence {row.sequence_id}" for row in rows)
-    parent: dict[str, str] = {}
-
-    def root(name: str) -> str:
-        while parent.setdefault(name, name) != name:
-            name = parent[name]
-        return name
-
-    seen: dict[str, set[str]] = {}
-    for row, subject in zip(rows, subjects, strict=True):
-        parent[root(subject)] = root(f"sequence {row.sequence_id}")
-        if row.subject is not None:
-            seen.setdefault(row.sequence_id, set()).add(subject)
-    roots = [root(subject) for subject in subjects]
-    places = {name: k for k, name in enumerate(dict.fromkeys(roots))}
-    mixed = sum(len(names) > 1 for names in seen.values())
-    return subjects, np.array([places[name] for name in roots]), mixed
-
-
-def best_readings(
-    values: NDArray[np.float64], y: NDArray[np.int64], n_classes: int
-) -> NDArray[np.float64]:
-    """Features in the reading that is nearer to the case's own class, found by turns.
-
-    Cases are taken to be right-handed, so only the side of inward is to be found.
-    """
-    from modalmotion.classify.domain import domain_shape
-
-    if values.shape[1] == 1:
-        return values[:, 0]
-    both = values[:, [k for k, reading in enumerate(READINGS) if not reading.is_mirrored]]
-    X = both[:, 0]
-    for _ in range(_N_ROUNDS):
-        centre, scale = X.mean(axis=0), np.where(X.std(axis=0) > 0, X.std(axis=0), np.inf)
-        means, whitening = domain_shape((X - centre) / scale, y, n_classes)
-        apart = ((both - centre) / scale - means[y][:, None]) @ whitening
-        chosen = (apart**2).sum(axis=2).argmin(axis=1)
-        X = both[np.arange(len(both)), chosen]
-    return X
-
-
-def class_counts(labels: Iterable[str]) -> dict[str, int]:
-    """How often each label occurs, sorted by label."""
-    return dict(sorted(Counter(labels).items()))
-
-
-def _require_usable(case: TrainingCase, number: int, options: TrainingOptions) -> None:
-    signature = case.signature
-    if not str(case.label or "").strip():
-        raise ParameterError(
-            f"The training case {number} has no label.",
-            remedy="Give every case the name of its class, or leave it out.",
-            details={"case": number, "sequence_id": signature.sequence_id},
-        )
-    if signature.n_frames < 2:
-        raise ParameterError(
-            f"The training case {number} has one frame, which shows no motion.",
-            remedy="Leave it out.",
-            details={"case": number, "sequence_id": signature.sequence_id},
-        )
-    asked = signature.parameters.modes
-    if options.modes not in (asked, len(signature.modes)):
-        raise ParameterError(
-            f"The training case {number} has {len(signature.modes)} modes, but {options.modes} "
-            "were asked for.",
-            remedy=f"Fit the signatures with modes={options.modes}.",
-            details={"case": number, "sequence_id": signature.sequence_id},
-        )
-
-
-def _require_alike(read: _Read, example: _Read, number: int) -> None:
-    a, b = read.parameters, example.parameters
-    same = (
-        a.weights == b.weights
-        and a.remove_rotation == b.remove_rotation
-        and a.components == b.components
-        and (a.reference == MEAN) == (b.reference == MEAN)
-        and len(read.modes) == len(example.modes)
-        and isinstance(read.modes, SpringSpectrum) == isinstance(example.modes, SpringSpectrum)
-    )
-    if same and isinstance(read.modes, SpringSpectrum):
-        assert isinstance(example.modes, SpringSpectrum)  # noqa: S101 (just compared)
-        if read.modes.connectivity_id != example.modes.connectivity_id:
-            raise ParameterError(
-                f"The training case {number} is of another mesh than the first, and spring modes "
-                "compare within one mesh only.",
-                remedy="Give recordings of one mesh, or of surfaces with natural coordinates.",
-                details={"case": number, "sequence_id": read.row.sequence_id},
-            )
-    if not same:
-        raise ParameterError(
-            f"The training cases differ in their modes: case {number} has {len(read.modes)} "
-            f"of a {read.surface}, {a.components}, weights {a.weights}, reference {a.reference}; "
-            f"the first has {len(example.modes)} of a {example.surface}, {b.components}, weights "
-            f"{b.weights}, reference {b.reference}.",
-            remedy="Fit all signatures with the same parameters.",
-            details={"case": number, "sequence_id": read.row.sequence_id},
-        )

@@ -29,10 +29,17 @@ def log_loss(
 
     `doubt` is the share of each case that is spread over all classes evenly.
     """
+    return float(np.average(case_losses(scores, y, doubt), weights=weights))
+
+
+def case_losses(
+    scores: NDArray[np.float64], y: NDArray[np.int64], doubt: float = 0.0
+) -> NDArray[np.float64]:
+    """Give what `log_loss` is the mean of, (cases,) float64."""
     shifted = scores - scores.max(axis=1, keepdims=True)
     right = (1.0 - doubt) * shifted[np.arange(len(y)), y] + doubt * shifted.mean(axis=1)
-    losses = np.log(np.exp(shifted).sum(axis=1)) - right
-    return float(np.average(losses, weights=weights))
+    losses: NDArray[np.float64] = np.log(np.exp(shifted).sum(axis=1)) - right
+    return losses
 
 
 def fit_temperature(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final
 
@@ -60,6 +60,12 @@ class MotionFeatures:
     def names(self) -> tuple[str, ...]:
         """Names of the features."""
         return tuple(column.name for column in self.columns)
+
+    def beside(self, other: MotionFeatures) -> MotionFeatures:
+        """Return these features followed by others, which have one reading."""
+        repeated = np.broadcast_to(other.values, (len(self.values), other.values.shape[1]))
+        values = np.concatenate([self.values, repeated], axis=1)
+        return replace(self, columns=self.columns + other.columns, values=values)
 
 
 def kind_of(

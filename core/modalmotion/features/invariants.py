@@ -35,6 +35,11 @@ class Waves(NamedTuple):
         both = int(self.cosines[wave]), int(self.sines[wave])
         return both if both[1] >= 0 else both[:1]
 
+    @property
+    def all_modes(self) -> tuple[int, ...]:
+        """Indices of all modes."""
+        return tuple(mode for wave in range(len(self.names)) for mode in self.modes(wave))
+
 
 @lru_cache(maxsize=32)
 def waves_of(modes: ModeSet | SpringSpectrum, *, theta_is_free: bool) -> Waves:
@@ -73,18 +78,24 @@ def invariants(
     (features,) float64
         All in the unit of the motion: roots of squares and of products.
     """
-    z = _stacked(motion, waves)
+    z = stacked(motion, waves)
     sizes = np.sqrt((np.abs(z) ** 2).sum(axis=(2, 3)))
-    i, j = _pairs(waves)
-    # Over directions and the two members of a pair, then over terms.
-    products = np.einsum("hncd,hncd->hn", z[:, i].conj(), z[:, j])
-    together = products.real.sum(axis=0)
     spread = np.linalg.svd(
         np.concatenate([z.real, z.imag]).reshape(-1, 3), compute_uv=False, full_matrices=False
     )
-    parts = [sizes.T.ravel(), _root(together), spread]
-    if is_cycle:
-        parts.append(_root(products.imag.sum(axis=0)))
+    i, j = _pairs(waves)
+    ahead = _cycle_lead if is_cycle else _course_lead
+    parts = [sizes.T.ravel(), signed_root(_together(z[:, i], z[:, j]))]
+    parts += [spread, signed_root(ahead(z[:, i], z[:, j]))]
+    has_sine = waves.sines >= 0
+    if has_sine.any():
+        c, s = z[:, :, :1], z[:, :, 1:]
+        parts.append(signed_root(ahead(c[:, has_sine], s[:, has_sine])))
+        # Of two pairs: turning both by one angle keeps c.c' + s.s' and c.s' - s.c'.
+        k = has_sine[i] & has_sine[j]
+        i, j = i[k], j[k]
+        for product in (_together, ahead):
+            parts.append(signed_root(product(c[:, i], s[:, j]) - product(s[:, i], c[:, j])))
     return np.concatenate(parts)
 
 
@@ -97,18 +108,63 @@ def invariant_columns(waves: Waves, n_terms: int, *, is_cycle: bool) -> tuple[Co
         for h in range(1, n_terms + 1)
     ]
     pairs = list(zip(*(index.tolist() for index in _pairs(waves)), strict=True))
-    names = [f"{waves.names[i]} {waves.names[j]}" for i, j in pairs]
-    modes = [waves.modes(i) + waves.modes(j) for i, j in pairs]
-    found += [Column(f"together {n}", m) for n, m in zip(names, modes, strict=True)]
-    everything = tuple(m for k in range(len(waves.names)) for m in waves.modes(k))
+    everything = waves.all_modes
+
+    def of_pairs(what: str, chosen: list[tuple[int, int]]) -> list[Column]:
+        return [
+            Column(f"{what} {waves.names[i]} {waves.names[j]}", waves.modes(i) + waves.modes(j))
+            for i, j in chosen
+        ]
+
+    found += of_pairs("together", pairs)
     found += [Column(f"spread {axis}", everything) for axis in (1, 2, 3)]
-    if is_cycle:
-        found += [Column(f"ahead {n}", m) for n, m in zip(names, modes, strict=True)]
+    found += of_pairs("ahead", pairs)
+    has_sine = waves.sines >= 0
+    found += [Column(f"runs {waves.names[k]}", waves.modes(k)) for k in np.flatnonzero(has_sine)]
+    if has_sine.any():
+        both = [(i, j) for i, j in pairs if has_sine[i] and has_sine[j]]
+        found += of_pairs("beside", both) + of_pairs("ahead beside", both)
     return tuple(found)
 
 
-def _stacked(motion: NDArray[np.complex128], waves: Waves) -> NDArray[np.complex128]:
-    """Cosine and sine parts, (terms, waves, 2, 3)."""
+def _together(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Products of (terms, n, members, 3) over terms, members and directions, (n,)."""
+    products: NDArray[np.float64] = np.einsum("hncd,hncd->n", a.conj(), b).real
+    return products
+
+
+def _cycle_lead(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """How far a is ahead of b: the sine parts of the products of their harmonics, (n,)."""
+    lead: NDArray[np.float64] = np.einsum("hncd,hncd->n", a.conj(), b).imag
+    return lead
+
+
+def _course_lead(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Twice the signed area between the paths of a and b and their chord, (n,).
+
+    int (a db - b da) says which of two moves first, however the time between is stretched
+    (Chen, Integration of paths: a faithful representation of paths by noncommutative formal
+    power series, Trans Am Math Soc, 1958).
+    """
+    area: NDArray[np.float64] = np.einsum("kncd,kl,lncd->n", a.real, _areas(len(a)), b.real)
+    return area
+
+
+@lru_cache(maxsize=32)
+def _areas(n_terms: int) -> NDArray[np.float64]:
+    """int_0^1 (c_k dc_l - c_l dc_k) of c_k = cos(k pi t), k from 1, (terms, terms)."""
+    k = np.arange(1, n_terms + 1)
+    k, m = k[:, None], k[None, :]
+    # int c_k dc_l = -2 l^2 / (l^2 - k^2) where k + l is odd; otherwise the ends are equal.
+    is_odd = (k + m) % 2 == 1
+    apart = np.where(is_odd, k**2 - m**2, 1)
+    areas: NDArray[np.float64] = np.where(is_odd, 2.0 * (k**2 + m**2) / apart, 0.0)
+    areas.setflags(write=False)
+    return areas
+
+
+def stacked(motion: NDArray[np.complex128], waves: Waves) -> NDArray[np.complex128]:
+    """Stack cosine and sine parts of a motion, (terms, waves, 2, 3)."""
     sines = np.where((waves.sines >= 0)[:, None], motion[:, waves.sines], 0.0)
     return np.stack([motion[:, waves.cosines], sines], axis=2)
 
@@ -125,6 +181,7 @@ def _pairs(waves: Waves) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return _pairs_of(tuple(map(tuple, waves.turns.tolist())))
 
 
-def _root(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def signed_root(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Root of the magnitude, with the sign."""
     rooted: NDArray[np.float64] = np.sign(values) * np.sqrt(np.abs(values))
     return rooted

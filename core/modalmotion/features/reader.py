@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from modalmotion.features.alignment import align
 from modalmotion.features.axis import axis_features
 from modalmotion.features.columns import Column, MotionFeatures
 from modalmotion.features.invariants import Waves, invariant_columns, invariants, waves_of
+from modalmotion.features.summary import summary, summary_columns
 from modalmotion.features.temporal import (
     cosines,
     elapsed_share,
@@ -23,6 +24,9 @@ from modalmotion.signature import ModalSignature
 
 # A course holds what a cycle of twice its length holds.
 TERMS_PER_HARMONIC = 2
+
+# Percent of the size: less motion than this is none.
+_LEAST_TOTAL = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +47,10 @@ class FeatureReader:
         Motion onto which each one is turned, and which it is started like, before its terms
         are features themselves; None to use invariants alone. All zero where recordings share
         their coordinates and are not turned.
+    adds_modes : bool
+        About an axis: whether modes are read as they are beside the parts.
+    is_brief : bool
+        Whether modes are summed up in a few numbers (`summary`).
     """
 
     has_axis: bool
@@ -50,6 +58,19 @@ class FeatureReader:
     n_harmonics: int
     walls: bool
     typical: NDArray[np.complex128] | None = None
+    adds_modes: bool = False
+    is_brief: bool = False
+
+    @property
+    def description(self) -> str:
+        """What is read, in words."""
+        what = "a few numbers of the modes" if self.is_brief else "modes"
+        if self.has_axis:
+            what = "parts about the axis, and modes" if self.adds_modes else "parts about the axis"
+        if self.typical is not None:
+            how = "turned onto the typical motion" if self.typical.any() else "as they are"
+            what += f" and their terms, {how}"
+        return f"{what}; as a {'cycle' if self.is_cycle else 'course'}"
 
     def read(self, signature: ModalSignature) -> MotionFeatures:
         """Features of one sequence, one row for each way to read it.
@@ -61,24 +82,43 @@ class FeatureReader:
         """
         if self.has_axis:
             n_sized = max(1, self.n_harmonics - 1)
-            return axis_features(signature, self.n_harmonics, n_sized, walls=self.walls)
+            parts = axis_features(signature, self.n_harmonics, n_sized, walls=self.walls)
+            if not self.adds_modes:
+                return parts
+            return parts.beside(self.of(signature, motion_of(signature, self)))
         return self.of(signature, motion_of(signature, self))
 
     def of(self, signature: ModalSignature, motion: Motion) -> MotionFeatures:
         """Features of a motion whose terms are known, for surfaces of any topology."""
-        waves = self.waves(signature)
-        terms = motion.terms
-        values = [invariants(terms, waves, is_cycle=self.is_cycle)]
-        columns = [*invariant_columns(waves, len(terms), is_cycle=self.is_cycle)]
+        waves, n_terms = self.waves(signature), len(motion.terms)
+        name = summary_columns if self.is_brief else invariant_columns
+        columns = [
+            Column("motion", waves.all_modes),
+            *name(waves, n_terms, is_cycle=self.is_cycle),
+        ]
+        if self.typical is not None:
+            columns += _term_columns(signature, n_terms, is_cycle=self.is_cycle)
+        # Shares do not grow with the motion.
+        shares = tuple(replace(column, power=0.0) for column in columns)
+        values = self.values(waves, motion)[None]
+        return MotionFeatures(shares, values, motion.size, motion.smooth_share)
+
+    def values(self, waves: Waves, motion: Motion) -> NDArray[np.float64]:
+        """Give what `of` does without the names, (features,) float64."""
+        total = float(np.linalg.norm(motion.terms))
+        # How much moves is one feature; the others say what share of it moves how.
+        terms = motion.terms / total if total > 0 else motion.terms
+        describe = summary if self.is_brief else invariants
+        values = [
+            np.log([max(total, _LEAST_TOTAL)]),
+            describe(terms, waves, is_cycle=self.is_cycle),
+        ]
         if self.typical is not None:
             turned = terms
             if self.typical.any():
                 turned = align(terms, self.typical, is_cycle=self.is_cycle)
             values.append(_flat(turned, is_cycle=self.is_cycle))
-            columns += _term_columns(signature, len(terms), is_cycle=self.is_cycle)
-        return MotionFeatures(
-            tuple(columns), np.concatenate(values)[None], motion.size, motion.smooth_share
-        )
+        return np.concatenate(values)
 
     def waves(self, signature: ModalSignature) -> Waves:
         """Modes that the reader takes together."""
