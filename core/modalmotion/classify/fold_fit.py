@@ -93,7 +93,7 @@ def fit_rows(table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions
 
 
 def _compared(table: CaseTable, rows: NDArray[np.int64], seed: int) -> NDArray[np.int64]:
-    """Some of the cases where there are many, of each class its share, but never few."""
+    """Take some cases where there are many: of each class its share, but never few."""
     if len(rows) <= _MOST_COMPARED:
         return rows
     rng, kept = np.random.default_rng(seed), []
