@@ -16,6 +16,7 @@ from modalmotion.classify import (
     TrainingCase,
     TrainingOptions,
     evaluate,
+    fold_fit,
     model_from_bytes,
     model_to_bytes,
     train,
@@ -132,6 +133,17 @@ def test_cups_and_cylinders_together_are_read_about_their_axis_only() -> None:
     (reader,) = collect(mixed, TrainingOptions()).readers
     assert reader.has_axis
     assert not reader.adds_modes
+
+
+def test_many_cases_are_compared_on_some_and_fitted_to_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    table = collect(cases(bulge, 14, seed=1), TrainingOptions())
+    rows = np.arange(len(table))
+    monkeypatch.setattr(fold_fit, "_MOST_COMPARED", 14)
+    monkeypatch.setattr(fold_fit, "_FEWEST_COMPARED", 3)
+    found = fold_fit.fit_rows(table, rows, TrainingOptions())
+    assert found.X.shape[0] == found.estimator.losses_.shape[0] == len(rows)
 
 
 def test_a_class_of_one_subject_is_left_out_case_by_case() -> None:
