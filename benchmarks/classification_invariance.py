@@ -73,7 +73,7 @@ def _table(title: str, which: str, noise: float, n_per_class: int) -> Table:
         if name in OTHER_COORDINATES:
             table.add(*cells)
         else:
-            table.add_at_most(float(moves.max()), BOUND, *cells)
+            table.add_at_most(float(np.quantile(moves, 0.99)), BOUND, *cells)
     return table
 
 

@@ -36,7 +36,7 @@ def mean_shape(sequence: MeshSequence) -> NDArray[np.float64]:
     Gower, Generalized Procrustes analysis, Psychometrika, 1975, without reflection and without
     scaling; vertices count by their area on the mean shape.
     """
-    if sequence.n_frames > 2 and np.array_equal(sequence.vertices[0], sequence.vertices[-1]):
+    if _ends_as_it_began(sequence):
         # A frame that is there twice counts once.
         times = None if sequence.times is None else sequence.times[:-1]
         sequence = replace(sequence, vertices=sequence.vertices[:-1], times=times)
@@ -51,6 +51,17 @@ def mean_shape(sequence: MeshSequence) -> NDArray[np.float64]:
             break
         mean = mean + step.T * (shape.scale / sequence.n_frames)
     return mean
+
+
+def _ends_as_it_began(sequence: MeshSequence) -> bool:
+    """Whether the last frame repeats the first, and not because nothing moves then."""
+    x = sequence.vertices
+    return (
+        sequence.n_frames > 3
+        and np.array_equal(x[0], x[-1])
+        and not np.array_equal(x[0], x[1])
+        and not np.array_equal(x[-2], x[-1])
+    )
 
 
 def _shares(sequence: MeshSequence, positions: NDArray[np.float64]) -> NDArray[np.float64]:

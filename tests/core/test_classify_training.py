@@ -131,6 +131,19 @@ def test_cases_of_different_modes_are_refused() -> None:
         train([*cohort(5), TrainingCase(signature, "normal")], "mixed")
 
 
+def test_what_is_measured_from_a_frame_and_from_the_mean_shape_is_not_mixed() -> None:
+    beat = simulate_ventricle(grid=(12, 24))
+    other = modal_signature(beat, TrainingOptions().signature_parameters)
+    with pytest.raises(ParameterError, match="reference mean"):
+        train([*cohort(5), TrainingCase(other, "normal")], "mixed")
+    about = [
+        TrainingCase(replace(c.signature, parameters=other.parameters), c.label, c.subject)
+        for c in cohort(5)
+    ]
+    assert train(about, "mean").signature_parameters == other.parameters
+    assert train(cohort(5), "frame").signature_parameters.reference == 0
+
+
 def test_one_frame_is_refused() -> None:
     still = modal_signature(simulate_ventricle(grid=(12, 24)))
     still = replace(still, amplitudes=still.amplitudes[:1], times=None)

@@ -61,6 +61,18 @@ def test_options_reach_the_library(beat: Path, tmp_path: Path) -> None:
     assert "spectrum" in run.output
 
 
+def test_the_mean_shape_can_be_the_reference(beat: Path, tmp_path: Path) -> None:
+    out, plot = tmp_path / "mean.h5", tmp_path / "mean.png"
+    options = ["--reference", "mean", "--plot", str(plot)]
+    run = CliRunner().invoke(main, ["signature", str(beat), "-o", str(out), *options])
+    assert run.exit_code == 0, run.output
+    assert signature_from_hdf5(out).parameters == SignatureParameters(reference="mean")
+    assert plot.exists()
+    wrong = CliRunner().invoke(main, ["signature", str(beat), "--reference", "median"])
+    assert wrong.exit_code == 2
+    assert "no frame" in wrong.output
+
+
 @pytest.mark.parametrize("suffix", [".npz", ".vtkhdf", ".zip"])
 def test_reconstructions_read_back_as_what_was_fitted(
     beat: Path, tmp_path: Path, suffix: str

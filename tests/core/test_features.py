@@ -15,6 +15,7 @@ from slow_features import slow_axis_features
 from modalmotion.body_frame import Components
 from modalmotion.errors import ModeCountError, ParameterError, ShapeError, TopologyError
 from modalmotion.features import READINGS, MotionFeatures, Reading, axis_features
+from modalmotion.features.temporal import one_turn
 from modalmotion.modes import ModeSet
 from modalmotion.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
@@ -268,6 +269,20 @@ def test_few_frames_give_finite_features(signature: ModalSignature, n_frames: in
     # The second harmonic needs five frames.
     second = [v for n, v in zip(features.names, features.values, strict=True) if n[-1] == "2"]
     assert (np.abs(second).max() > 0) == (n_frames == 5)
+
+
+def test_a_last_frame_that_repeats_the_first_is_left_out_unless_it_rests(
+    signature: ModalSignature,
+) -> None:
+    a = signature.amplitudes
+    closed = with_amplitudes(signature, np.concatenate([a, a[:1]]))
+    assert_same(motion_features(with_amplitudes(signature, a)), motion_features(closed))
+    # In a rest at the start and at the end nobody can tell which turn the last frame is of.
+    resting = np.concatenate([a[:1], a, a[:1], a[:1]])
+    assert one_turn(with_amplitudes(signature, resting)).n_frames == len(resting)
+    noise = np.random.default_rng(3).normal(0.0, 0.05, a[:1].shape)
+    nearly = with_amplitudes(signature, np.concatenate([a, a[:1] + noise]))
+    assert one_turn(nearly).n_frames == len(a) + 1
 
 
 def test_without_times_the_frames_are_evenly_spaced(signature: ModalSignature) -> None:

@@ -11,8 +11,9 @@ import click
 
 from modalmotion.body_frame import Components
 from modalmotion.cli.asking import asked_for, asking_options
-from modalmotion.cli.files import GridShape, read, sequence_argument
+from modalmotion.cli.files import GridShape, ReferenceShape, read, sequence_argument
 from modalmotion.cli.readouts_command import volume_lines
+from modalmotion.sequence import Reference
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.template import Weights
@@ -25,7 +26,13 @@ from modalmotion.tradeoff import Price, price_of
 @asking_options
 @click.option("--topology", help="cup, cylinder, plane, ...; over what the file states.")
 @click.option("--grid", type=GridShape(), help="Lattice shape such as 32,64; over the file's own.")
-@click.option("--reference", default=0, show_default=True, help="Frame to measure from.")
+@click.option(
+    "--reference",
+    type=ReferenceShape(),
+    default=0,
+    show_default=True,
+    help="Frame to measure from, or mean: of all frames, wherever the recording starts.",
+)
 @click.option(
     "--weights",
     type=click.Choice([w.value for w in Weights]),
@@ -48,7 +55,7 @@ def signature(
     output: Path | None,
     topology: str | None,
     grid: tuple[int, ...] | None,
-    reference: int,
+    reference: Reference,
     weights: str,
     components: str,
     keep_rotation: bool,

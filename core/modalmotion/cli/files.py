@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from modalmotion.formats import Format, ReadOptions, read_sequence
-from modalmotion.sequence import MeshSequence
+from modalmotion.sequence import MEAN, MeshSequence, Reference
 
 
 class GridShape(click.ParamType[tuple[int, ...]]):
@@ -29,6 +29,23 @@ class GridShape(click.ParamType[tuple[int, ...]]):
             return tuple(int(n) for n in str(value).split(","))
         except ValueError:
             self.fail(f"{value!r} is no lattice shape; write it as 32,64.", param, ctx)
+
+
+class ReferenceShape(click.ParamType[Reference]):
+    """A frame's number, or the mean shape."""
+
+    name = "FRAME|mean"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Reference:
+        """Read what was typed."""
+        if value == MEAN:
+            return MEAN
+        try:
+            return int(str(value))
+        except ValueError:
+            self.fail(f"{value!r} is no frame; give its number, or {MEAN}.", param, ctx)
 
 
 def sequence_argument(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -10,10 +10,10 @@ from typing import Any
 import click
 
 from modalmotion.body_frame import Components
-from modalmotion.cli.files import GridShape, read, sequence_argument
+from modalmotion.cli.files import GridShape, ReferenceShape, read, sequence_argument
 from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts, volume_figure
 from modalmotion.errors import TopologyError
-from modalmotion.sequence import MeshSequence
+from modalmotion.sequence import MeshSequence, Reference
 from modalmotion.signature import INTENDED_USE, ModalSignature, SignatureParameters, modal_signature
 
 
@@ -22,7 +22,13 @@ from modalmotion.signature import INTENDED_USE, ModalSignature, SignatureParamet
 @click.option("--modes", default=7, show_default=True, help="Modes, 3 amplitudes a frame each.")
 @click.option("--topology", help="cup, cylinder, sphere, ...; over what the file states.")
 @click.option("--grid", type=GridShape(), help="Lattice shape such as 32,64; over the file's own.")
-@click.option("--reference", default=0, show_default=True, help="Frame to measure from.")
+@click.option(
+    "--reference",
+    type=ReferenceShape(),
+    default=0,
+    show_default=True,
+    help="Frame to measure from, or mean: of all frames, wherever the recording starts.",
+)
 @click.option(
     "--components",
     type=click.Choice([c.value for c in Components]),
@@ -37,7 +43,7 @@ def readouts(
     modes: int,
     topology: str | None,
     grid: tuple[int, ...] | None,
-    reference: int,
+    reference: Reference,
     components: str,
     plot: Path | None,
     as_json: bool,

@@ -44,12 +44,19 @@ class _Design:
 def one_turn(signature: ModalSignature) -> ModalSignature:
     """Leave a last frame out that repeats the first, for it belongs to the next turn.
 
-    Only where it does so but for rounding: in noise nobody can tell a frame that comes back
-    from one that has almost done so, and the usual recording ends one step before.
+    Only where it does so but for rounding, and not because it rests: in noise nobody can tell a
+    frame that comes back from one that has almost done so, nor at rest one that is still there.
+    The usual recording ends one step before.
     """
     n = signature.n_frames
+    if n < 4:
+        return signature
     a = signature.amplitudes[:, 1:].reshape(n, -1)
-    if n < 4 or not np.abs(a[-1] - a[0]).max(initial=0.0) < _REPEATED * np.ptp(a, axis=0).max():
+    limit = _REPEATED * float(np.ptp(a, axis=0).max(initial=0.0))
+    gap, first, last = (
+        np.abs(a[i] - a[j]).max(initial=0.0) for i, j in ((-1, 0), (1, 0), (-1, -2))
+    )
+    if not gap < limit < min(first, last):
         return signature
     times = None if signature.times is None else signature.times[:-1]
     return replace(signature, amplitudes=signature.amplitudes[:-1], times=times)
