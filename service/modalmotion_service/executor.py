@@ -141,6 +141,9 @@ class WorkerPool(Engine):
         if wait:
             for process in processes:
                 process.join()
+        else:
+            # What is only stopped stays, with its process, for as long as this one lives.
+            _dispose_apart(*processes)
 
     def _open_processes(self, n_workers: int) -> None:
         for _ in range(n_workers):
@@ -234,7 +237,7 @@ class WorkerPool(Engine):
             self._busy.discard(process)
             self._busy.add(new)
         # Its own threads call this, and cannot wait for their own end.
-        threading.Thread(target=_dispose, args=[process], daemon=True).start()
+        _dispose_apart(process)
         return new
 
     def _explain(self, error: BaseException) -> BaseException:
@@ -269,9 +272,13 @@ def _cannot_start() -> ClusterError:
     )
 
 
-def _dispose(process: pebble.ProcessPool) -> None:
-    process.stop()
-    process.join()
+def _dispose_apart(*processes: pebble.ProcessPool) -> None:
+    def dispose() -> None:
+        for process in processes:
+            process.stop()
+            process.join()
+
+    threading.Thread(target=dispose, daemon=True).start()
 
 
 def _start_worker(memory_bytes: int) -> None:

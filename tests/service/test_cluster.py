@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from dask_cluster import DaskCluster, free_port
 from fastapi.testclient import TestClient
-from worker_tasks import hang, slow_mark
+from worker_tasks import hang, is_running, slow_mark
 
 from modalmotion_service.app import create_app
 from modalmotion_service.dask_executor import DaskExecutor
@@ -39,14 +39,6 @@ def until(holds: Callable[[], bool], seconds: float = 60.0) -> None:
     while not holds():
         assert time.monotonic() < end, "it does not come to pass"
         time.sleep(0.1)
-
-
-def is_running(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 def is_ready(engine: DaskExecutor) -> bool:
@@ -124,9 +116,11 @@ def test_pools_of_many_limits_are_closed_but_for_those_in_use_and_the_last() -> 
     assert len(pools) == 2
     with pools.pool(limits[5]) as last, pools.pool(limits[5]) as same:
         assert last is same
+        kept = last.submit(os.getpid).result(timeout=30)
     until(lambda: not is_running(pid))
     pools.close()
     assert len(pools) == 0
+    until(lambda: not is_running(kept))
 
 
 def test_two_clients_share_workers_and_one_may_leave(

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from dask_cluster import DaskCluster
-from worker_tasks import die, die_once, hang, refuse, swallow_memory
+from worker_tasks import die, die_once, hang, is_running, refuse, swallow_memory
 
 from modalmotion.errors import LimitError, NonFiniteError
 from modalmotion_service.errors import ClusterError, WorkerDiedError
@@ -169,12 +169,3 @@ def test_a_worker_ends_with_the_process_that_it_works_for(tmp_path: Path) -> Non
             return
         time.sleep(0.05)
     raise AssertionError("the worker goes on")
-
-
-def is_running(pid: int) -> bool:
-    try:
-        status = Path(f"/proc/{pid}/stat").read_text()
-    except FileNotFoundError:
-        return False
-    # One that nobody has asked after stays in the table as a zombie.
-    return status.rpartition(")")[2].split()[0] != "Z"
