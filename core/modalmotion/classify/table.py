@@ -202,7 +202,8 @@ def _read(cases: Iterable[TrainingCase | CaseFile], options: TrainingOptions) ->
     numbered = enumerate(cases)
     pieces = iter(lambda: tuple(itertools.islice(numbered, _IN_ONE_PIECE)), ())
     works = (delayed(_read_piece)(piece, options) for piece in pieces)
-    return itertools.chain.from_iterable(Parallel(return_as="generator")(works))
+    read = Parallel(return_as="generator", batch_size=1)(works)
+    return itertools.chain.from_iterable(read)
 
 
 def _read_piece(

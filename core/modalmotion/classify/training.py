@@ -90,7 +90,8 @@ def train(
     distances = np.zeros(n)
     every = np.arange(n)
     works = [delayed(_fold)(table, inner, outer, chosen) for inner, outer in splits]
-    found = Parallel(return_as="generator")([*works, delayed(_fit)(table, every, chosen)])
+    works.append(delayed(_fit)(table, every, chosen))
+    found = Parallel(return_as="generator", batch_size=1)(works)
     for k, (_, outer) in enumerate(splits):
         told(0.4 + 0.5 * k / (len(splits) + 1), f"fold {k + 1} of {len(splits)}")
         probabilities[outer], distances[outer] = next(found)
