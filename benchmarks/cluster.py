@@ -6,15 +6,15 @@ import os
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from cluster_processes import Cluster, ProcessorSeconds, processor_seconds, running_cluster
 from measure import Table, in_words
 
 from modalmotion.formats import read_sequence, write_npz
@@ -32,8 +32,6 @@ N_ROUNDS = int(os.environ.get("MODALMOTION_BENCH_ROUNDS", "3"))
 LEAST_RATIO = 1.7
 _LIMITS = (300.0, 6_000_000_000)
 
-OpenEngine = Callable[[Path], Engine]
-
 
 def run(_folder: Path | None = None) -> list[Table]:
     """Give the tables."""
@@ -46,80 +44,122 @@ def run(_folder: Path | None = None) -> list[Table]:
         for number, case in zip(range(N_SEQUENCES), cases, strict=False):
             (cohort / f"{number:06d}.npz").write_bytes(write_npz(case.sequence))
         job = CohortJob(read_manifest(cohort), Path(name) / "out")
-        with _dask(1) as one, _dask(2) as two:
-            engines: dict[str, OpenEngine] = {
-                "Dask, 1 worker": lambda folder: DaskExecutor(one, folder, *_LIMITS),
-                "Dask, 2 workers": lambda folder: DaskExecutor(two, folder, *_LIMITS),
-                "pebble, 1 process": lambda _: WorkerPool(1, *_LIMITS),
-                "pebble, 2 processes": lambda _: WorkerPool(2, *_LIMITS),
+        with (
+            running_cluster(1, Path(name)) as one,
+            running_cluster(2, Path(name)) as two,
+        ):
+            engines = {
+                "Dask, 1 worker": _Where(lambda at: DaskExecutor(one.address, at, *_LIMITS), one),
+                "Dask, 2 workers": _Where(lambda at: DaskExecutor(two.address, at, *_LIMITS), two),
+                "pebble, 1 process": _Where(lambda _: WorkerPool(1, *_LIMITS), None),
+                "pebble, 2 processes": _Where(lambda _: WorkerPool(2, *_LIMITS), None),
             }
-            return [_scaling(job, engines), _batches(job, engines["Dask, 2 workers"]), _costs()]
+            return [*_scaling(job, engines), _batches(job, engines["Dask, 2 workers"]), _costs()]
 
 
-@contextmanager
-def _dask(n_workers: int) -> Iterator[str]:
-    import dask
-    from distributed import LocalCluster
-
-    # A worker of a nanny must be allowed children: the processes that tasks run in.
-    with (
-        dask.config.set({"distributed.worker.daemon": False}),
-        LocalCluster(
-            n_workers=n_workers,
-            threads_per_worker=1,
-            memory_limit=0,
-            dashboard_address="127.0.0.1:0",
-            host="127.0.0.1",
-        ) as cluster,
-    ):
-        yield cluster.scheduler_address
+@dataclass(frozen=True)
+class _Where:
+    open_engine: Callable[[Path], Engine]
+    cluster: Cluster | None
 
 
-def _seconds(job: CohortJob, open_engine: OpenEngine) -> float:
-    """Time of a cohort in a new folder, from when the workers' processes are there."""
-    started = []
+@dataclass(frozen=True)
+class _Took:
+    seconds: float
+    processor: ProcessorSeconds
+
+
+def _took(job: CohortJob, where: _Where) -> _Took:
+    """Run a cohort in a new folder, and time it from when the workers' processes are there.
+
+    Processor times are those up to the last result: processes of a pool end with it.
+    """
+    started: list[_Took] = []
+    done: list[ProcessorSeconds] = []
 
     def open_warm(folder: Path) -> Engine:
-        engine = open_engine(folder)
+        engine = where.open_engine(folder)
         for future in [engine.submit(time.sleep, 0.2) for _ in range(2 * engine.n_workers)]:
             future.result()
-        started.append(time.perf_counter())
+        started.append(_Took(time.perf_counter(), processor_seconds(where.cluster)))
         return engine
 
+    def progress(n_done: int, n_files: int) -> None:
+        if n_done == n_files:
+            done.append(processor_seconds(where.cluster))
+
     with tempfile.TemporaryDirectory() as name:
-        report = sign_cohort(replace(job, folder=Path(name) / "out"), open_warm)
-        seconds = time.perf_counter() - started[0]
+        report = sign_cohort(replace(job, folder=Path(name) / "out"), open_warm, progress)
+        seconds = time.perf_counter() - started[0].seconds
     assert report.n_made == len(job.entries)
-    return seconds
+    return _Took(seconds, done[0].since(started[0].processor))
 
 
-def _scaling(job: CohortJob, engines: dict[str, OpenEngine]) -> Table:
-    table = Table(
-        f"A cohort of {len(job.entries)} simulated ventricles (medians of {N_ROUNDS}, in turn)",
-        ("work", "seconds", "a sequence", "against one"),
+def _scaling(job: CohortJob, engines: dict[str, _Where]) -> tuple[Table, Table]:
+    n = len(job.entries)
+    walls = Table(
+        f"A cohort of {n} simulated ventricles (medians and least of {N_ROUNDS}, in turn)",
+        ("work", "seconds", "a sequence", "against one", "least", "against one"),
     )
-    samples: dict[str, list[float]] = {name: [] for name in (*engines, "one", "two")}
+    parts = Table(
+        "Processor seconds of the same (medians), and what two free cores would make of them",
+        ("work", "coordinator", "scheduler", "workers", "in all", "against one"),
+    )
+    samples: dict[str, list[_Took]] = {name: [] for name in engines}
+    plain: list[float] = []
     for _ in range(N_ROUNDS):
-        for name, open_engine in engines.items():
-            samples[name].append(_seconds(job, open_engine))
-        for name, n in (("one", 1), ("two", 2)):
-            samples[name].append(_plain(n))
-    medians = {name: statistics.median(times) for name, times in samples.items()}
-    for name in engines:
-        seconds, alone = medians[name], name.split(",")[0]
-        cells = (name, f"{seconds:.2f}", in_words(seconds / len(job.entries)))
-        if "2" not in name:
-            table.add(*cells, "")
+        for name, where in engines.items():
+            samples[name].append(_took(job, where))
+        plain.append(2 * _plain(1) / _plain(2))
+    for name, runs in samples.items():
+        alone = next(other for other in engines if other.split(",")[0] == name.split(",")[0])
+        seconds, first = _median(runs, _wall), _median(samples[alone], _wall)
+        least, first_least = min(map(_wall, runs)), min(map(_wall, samples[alone]))
+        cells = (name, f"{seconds:.2f}", in_words(seconds / n))
+        whole = _median(runs, _all)
+        # One worker goes beside the coordinator; with two there are three for two cores.
+        bound = _median(samples[alone], _workers) / max(whole / 2, _median(runs, _workers) / 2)
+        each = (_median(runs, part) for part in (_coordinator, _scheduler, _workers))
+        times = (name, *(f"{value:.2f}" for value in each), f"{whole:.2f}")
+        if name == alone:
+            walls.add(*cells, "", f"{least:.2f}", "")
+            parts.add(*times, "")
             continue
-        (first,) = (other for other in engines if other.startswith(alone) and "1" in other)
-        ratio = medians[first] / seconds
-        if alone == "Dask":
-            table.add_at_least(ratio, LEAST_RATIO, *cells, f"{ratio:.2f}")
+        ratios = (f"{first / seconds:.2f}", f"{least:.2f}", f"{first_least / least:.2f}")
+        parts.add(*times, f"{bound:.2f}")
+        if "Dask" in name:
+            walls.add_at_least(first / seconds, LEAST_RATIO, *cells, *ratios)
         else:
-            table.add(*cells, f"{ratio:.2f}")
-    ratio = 2 * medians["one"] / medians["two"]
-    table.add("two plain processes that only count", f"{medians['two']:.2f}", "", f"{ratio:.2f}")
-    return table
+            walls.add(*cells, *ratios)
+    walls.add(
+        *("two plain processes that only count", "", "", f"{statistics.median(plain):.2f}"),
+        *("", f"{max(plain):.2f}"),
+    )
+    return walls, parts
+
+
+def _median(runs: list[_Took], part: Callable[[_Took], float]) -> float:
+    return statistics.median(map(part, runs))
+
+
+def _wall(run: _Took) -> float:
+    return run.seconds
+
+
+def _coordinator(run: _Took) -> float:
+    return run.processor.coordinator
+
+
+def _scheduler(run: _Took) -> float:
+    return run.processor.scheduler
+
+
+def _workers(run: _Took) -> float:
+    return run.processor.workers
+
+
+def _all(run: _Took) -> float:
+    return _coordinator(run) + _scheduler(run) + _workers(run)
 
 
 def _plain(n: int) -> float:
@@ -138,13 +178,13 @@ def _count(n: int) -> int:
     return total
 
 
-def _batches(job: CohortJob, open_engine: OpenEngine) -> Table:
+def _batches(job: CohortJob, where: _Where) -> Table:
     table = Table(
         f"Files in one piece of work, {len(job.entries)} sequences on Dask's 2 workers",
         ("files", "seconds", "a sequence"),
     )
     for size in (1, 2, 4, 8, 16, 32):
-        times = [_seconds(replace(job, batch=size), open_engine) for _ in range(N_ROUNDS)]
+        times = [_took(replace(job, batch=size), where).seconds for _ in range(N_ROUNDS)]
         seconds = statistics.median(times)
         table.add(str(size), f"{seconds:.2f}", in_words(seconds / len(job.entries)))
     return table

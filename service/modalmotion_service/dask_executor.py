@@ -18,7 +18,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from distributed import Client, KilledWorker
 
-from modalmotion_service.dask_tasks import Mark, PoolLimits, PoolPlugin, run_in_pool
+from modalmotion_service.dask_tasks import PLUGIN, Mark, PoolLimits, PoolPlugin, run_in_pool
 from modalmotion_service.errors import ClusterError, WorkerDiedError
 from modalmotion_service.executor import Engine
 
@@ -152,7 +152,7 @@ class DaskExecutor(Engine):
         remote = client.submit(
             run_in_pool,
             payload,
-            self._limits.name,
+            self._limits,
             self._mark,
             key=f"modalmotion-{secrets.token_hex(16)}",
             pure=False,
@@ -220,7 +220,7 @@ class DaskExecutor(Engine):
                 f"'{self._mark.path.parent}' does not arrive here.",
                 remedy="Mount the same volume under the same path everywhere.",
             )
-        await client.register_plugin(PoolPlugin(self._limits), name=self._limits.name)
+        await client.register_plugin(PoolPlugin(self._limits), name=PLUGIN)
         self._n_threads = sum((await client.nthreads()).values())
 
     async def _supervise(self) -> None:

@@ -11,18 +11,25 @@ import os
 import pickle
 import secrets
 import socket
+import threading
+from collections import Counter
+from collections.abc import Iterator
 from concurrent.futures import wait
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from distributed import Worker, WorkerPlugin, get_worker
 
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.executor import WorkerPool
 
+PLUGIN: Final = "modalmotion-pools"
+# Pools that are kept for limits that tasks may come with again.
+_MOST_UNUSED: Final = 2
 # How soon the work of a task that nobody wants any more is ended.
 _LOOK_SECONDS = 0.1
 
@@ -42,40 +49,86 @@ class PoolLimits:
     memory_bytes: int
     attempts: int
 
-    @property
-    def name(self) -> str:
-        """Name of the pool that holds these limits."""
-        return f"modalmotion-{self.seconds:g}-{self.memory_bytes}-{self.attempts}"
+
+class Pools:
+    """Pools of processes, one for each set of limits that tasks come with.
+
+    Those that are at work are never more than the worker's threads; of the others the last few
+    that were used are kept, and the rest closed.
+
+    Parameters
+    ----------
+    n_processes : int
+        Of each pool.
+    """
+
+    def __init__(self, n_processes: int) -> None:
+        self._n_processes = n_processes
+        self._lock = threading.Lock()
+        # In order of their last use.
+        self._pools: dict[PoolLimits, WorkerPool] = {}
+        self._n_users: Counter[PoolLimits] = Counter()
+
+    @contextmanager
+    def pool(self, limits: PoolLimits) -> Iterator[WorkerPool]:
+        """Give a pool with these limits, which stays open as long as the block."""
+        with self._lock:
+            pool = self._pools.pop(limits, None)
+            if pool is None:
+                pool = WorkerPool(
+                    self._n_processes, limits.seconds, limits.memory_bytes, limits.attempts
+                )
+            self._pools[limits] = pool
+            self._n_users[limits] += 1
+        try:
+            yield pool
+        finally:
+            with self._lock:
+                self._n_users[limits] -= 1
+                unused = [other for other in self._pools if not self._n_users[other]]
+                closing = [self._pools.pop(other) for other in unused[:-_MOST_UNUSED]]
+            for other_pool in closing:
+                other_pool.shutdown(wait=False)
+
+    def close(self) -> None:
+        """End all of them."""
+        with self._lock:
+            pools = list(self._pools.values())
+            self._pools.clear()
+        for pool in pools:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+    def __len__(self) -> int:
+        return len(self._pools)
 
 
 class PoolPlugin(WorkerPlugin):  # type: ignore[misc]
-    """A pool of processes in every worker, one for each of its threads.
+    """Pools of processes in every worker, with one for each of its threads.
 
     Parameters
     ----------
     limits : PoolLimits
+        That the first tasks will come with.
     """
 
-    # Several clients may ask for the same pool; the second must not end the first one's tasks.
+    # Several clients ask for it; the second must not end the first one's tasks.
     idempotent = True
-    pool: WorkerPool
+    name = PLUGIN
+    pools: Pools
 
     def __init__(self, limits: PoolLimits) -> None:
-        self.name = limits.name
         self._limits = limits
 
     def setup(self, worker: Worker) -> None:
-        """Make the pool, and have its processes import what tasks need."""
-        limits = self._limits
-        self.pool = WorkerPool(
-            worker.state.nthreads, limits.seconds, limits.memory_bytes, limits.attempts
-        )
-        for _ in range(worker.state.nthreads):
-            self.pool.submit(os.getpid)
+        """Make the first pool, and have its processes import what tasks need."""
+        self.pools = Pools(worker.state.nthreads)
+        with self.pools.pool(self._limits) as pool:
+            for _ in range(worker.state.nthreads):
+                pool.submit(os.getpid)
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 (Dask passes it by name)
-        """End the pool with the worker."""
-        self.pool.shutdown(wait=False, cancel_futures=True)
+        """End the pools with the worker."""
+        self.pools.close()
 
 
 @dataclass(frozen=True)
@@ -129,8 +182,8 @@ class Mark:
         return path.name
 
 
-def run_in_pool(payload: bytes, pool_name: str, mark: Mark) -> bytes:
-    """Run a pickled task in this worker's pool; gives its pickled result.
+def run_in_pool(payload: bytes, limits: PoolLimits, mark: Mark) -> bytes:
+    """Run a pickled task in a pool of this worker's; gives its pickled result.
 
     Raises
     ------
@@ -140,13 +193,14 @@ def run_in_pool(payload: bytes, pool_name: str, mark: Mark) -> bytes:
     mark.require_here()
     worker = get_worker()
     key = worker.get_current_task()
-    plugin: Any = worker.plugins[pool_name]
-    future = plugin.pool.submit(run_pickled, payload)
-    while not wait([future], timeout=_LOOK_SECONDS).done:
-        state = worker.state.tasks.get(key)
-        if state is None or state.state == "cancelled":
-            future.cancel()
-            break
+    plugin: Any = worker.plugins[PLUGIN]
+    with plugin.pools.pool(limits) as pool:
+        future = pool.submit(run_pickled, payload)
+        while not wait([future], timeout=_LOOK_SECONDS).done:
+            state = worker.state.tasks.get(key)
+            if state is None or state.state == "cancelled":
+                future.cancel()
+                break
     if future.cancelled():
         # Read by nobody, or by a client that sends the task again.
         raise ClusterError("The work was given up.", remedy="Try again.")

@@ -25,13 +25,16 @@ from typing import Any, Final, ParamSpec, TypeVar
 import pebble
 
 from modalmotion.errors import LimitError
-from modalmotion_service.errors import WorkerDiedError
+from modalmotion_service.errors import ClusterError, WorkerDiedError
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
 _PRELOADED: Final = ["modalmotion_service.tasks", "modalmotion_service.classification_tasks"]
+
+# Processes that are begun for one task until one of them starts.
+_MOST_STARTS: Final = 5
 
 
 @dataclass
@@ -138,11 +141,14 @@ class WorkerPool(Engine):
         if wait:
             for process in processes:
                 process.join()
+        else:
+            # What is only stopped stays, with its process, for as long as this one lives.
+            _dispose_apart(*processes)
 
     def _open_processes(self, n_workers: int) -> None:
         for _ in range(n_workers):
             process = self._new_process()
-            with contextlib.suppress(RuntimeError):
+            with contextlib.suppress(RuntimeError, OSError):
                 # Whatever becomes of it: a process that is lost is replaced when it is needed.
                 wait_for([process.schedule(abs, args=[0])])
             with self._lock:
@@ -177,13 +183,19 @@ class WorkerPool(Engine):
             self._run(task, process)
 
     def _run(self, task: _Task, process: pebble.ProcessPool) -> None:
-        try:
-            inner = process.schedule(
-                task.function, args=task.args, kwargs=task.kwargs, timeout=self._task_seconds
-            )
-        except RuntimeError:
-            # Killed while it was idle: nothing of the task has happened.
-            self._run(task, self._replaced(process))
+        for _ in range(_MOST_STARTS):
+            try:
+                inner = process.schedule(
+                    task.function, args=task.args, kwargs=task.kwargs, timeout=self._task_seconds
+                )
+                break
+            except (RuntimeError, OSError):
+                # Killed while it was idle, or not started: nothing of the task has happened.
+                process = self._replaced(process)
+        else:
+            self._release(process)
+            with contextlib.suppress(InvalidStateError):
+                task.future.set_exception(_cannot_start())
             return
 
         def finish(done: Future[Any]) -> None:
@@ -193,10 +205,9 @@ class WorkerPool(Engine):
             task.attempts -= died
             if died and task.attempts and not task.future.cancelled():
                 self._run(task, kept)
+                self._start_waiting()
                 return
-            with self._lock:
-                self._busy.discard(kept)
-                self._free.append(kept)
+            self._release(kept)
             # The next task first: whoever waits for this one may ask for another at once.
             self._start_waiting()
             with contextlib.suppress(InvalidStateError):
@@ -214,6 +225,11 @@ class WorkerPool(Engine):
         inner.add_done_callback(finish)
         task.future.add_done_callback(cancel)
 
+    def _release(self, process: pebble.ProcessPool) -> None:
+        with self._lock:
+            self._busy.discard(process)
+            self._free.append(process)
+
     def _replaced(self, process: pebble.ProcessPool) -> pebble.ProcessPool:
         """Put a new process in the place of a broken one."""
         new = self._new_process()
@@ -221,7 +237,7 @@ class WorkerPool(Engine):
             self._busy.discard(process)
             self._busy.add(new)
         # Its own threads call this, and cannot wait for their own end.
-        threading.Thread(target=_dispose, args=[process], daemon=True).start()
+        _dispose_apart(process)
         return new
 
     def _explain(self, error: BaseException) -> BaseException:
@@ -248,9 +264,21 @@ class WorkerPool(Engine):
         return error
 
 
-def _dispose(process: pebble.ProcessPool) -> None:
-    process.stop()
-    process.join()
+def _cannot_start() -> ClusterError:
+    return ClusterError(
+        f"No process could be started for the work, {_MOST_STARTS} times in a row.",
+        remedy="Try again soon; an operator should look after memory and the limit on processes.",
+        details={"tries": _MOST_STARTS},
+    )
+
+
+def _dispose_apart(*processes: pebble.ProcessPool) -> None:
+    def dispose() -> None:
+        for process in processes:
+            process.stop()
+            process.join()
+
+    threading.Thread(target=dispose, daemon=True).start()
 
 
 def _start_worker(memory_bytes: int) -> None:

@@ -72,10 +72,12 @@ def train_model(
     image.write_bytes(model_to_hdf5(kept_model(model, training=training)))
 
 
-def _on_workers(work: Callable[[], Model], scheduler: str) -> Model:
+def _on_workers(
+    work: Callable[[], Model], scheduler: str, *, connect_seconds: float = 30.0
+) -> Model:
     with ExitStack() as stack:
         try:
-            stack.enter_context(joblib_backend(scheduler))
+            stack.enter_context(joblib_backend(scheduler, connect_seconds=connect_seconds))
         except ParameterError as error:
             raise ClusterError(error.message, remedy=error.remedy) from error
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -14,11 +15,11 @@ from typing import Any
 import pytest
 from dask_cluster import DaskCluster, free_port
 from fastapi.testclient import TestClient
-from worker_tasks import hang, slow_mark
+from worker_tasks import hang, is_running, slow_mark
 
 from modalmotion_service.app import create_app
 from modalmotion_service.dask_executor import DaskExecutor
-from modalmotion_service.dask_tasks import Mark
+from modalmotion_service.dask_tasks import Mark, PoolLimits, Pools
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.settings import Settings
 
@@ -99,6 +100,27 @@ def test_a_worker_that_loses_the_folder_does_no_work(
         with pytest.raises(ClusterError, match="does not see the data folder"):
             engine.submit(abs, -1).result(timeout=30)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_pools_of_many_limits_are_closed_but_for_those_in_use_and_the_last() -> None:
+    limits = [PoolLimits(20.0, MEMORY + n, 3) for n in range(6)]
+    pools = Pools(1)
+    with pools.pool(limits[0]) as first:
+        pid = first.submit(os.getpid).result(timeout=30)
+        for other in limits[1:]:
+            with pools.pool(other) as pool:
+                assert pool.submit(abs, -1).result(timeout=30) == 1
+        # The one in use, and the last two.
+        assert len(pools) == 3
+        assert first.submit(os.getpid).result(timeout=30) == pid
+    assert len(pools) == 2
+    with pools.pool(limits[5]) as last, pools.pool(limits[5]) as same:
+        assert last is same
+        kept = last.submit(os.getpid).result(timeout=30)
+    until(lambda: not is_running(pid))
+    pools.close()
+    assert len(pools) == 0
+    until(lambda: not is_running(kept))
 
 
 def test_two_clients_share_workers_and_one_may_leave(

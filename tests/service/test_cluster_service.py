@@ -8,9 +8,11 @@ from pathlib import Path
 import pytest
 from conftest import LIMIT_BYTES
 from dask_cluster import DaskCluster
+from distributed import Client
 from fastapi.testclient import TestClient
 from test_codec_routes import *  # noqa: F403
 from test_jobs import *  # noqa: F403
+from training_cohort import cohort, send, train
 
 from modalmotion_service.app import create_app
 from modalmotion_service.settings import Settings
@@ -29,3 +31,22 @@ def client(data_dir: Path, dask_cluster: DaskCluster) -> Iterator[TestClient]:
         metered = client.app.state.owners.local.analysis.engine  # type: ignore[attr-defined]
         assert type(metered.engine).__name__ == "DaskExecutor"
         yield client
+
+
+def test_a_model_trained_on_the_workers_is_the_one_of_one_machine(
+    client: TestClient, dask_cluster: DaskCluster, tmp_path: Path
+) -> None:
+    with Client(dask_cluster.address, set_as_default=False) as dask:
+
+        def n_done() -> int:
+            return sum(dask.run(lambda dask_worker: dask_worker.state.executed_count).values())
+
+        ids = send(client, cohort(6, seed=8))
+        before = n_done()
+        there = train(client, "anywhere", ids, options={"folds": 3})
+        # Twelve signatures; then reading them, three folds, and the whole.
+        assert n_done() - before == 12 + 1 + 3 + 1
+    with TestClient(create_app(Settings(data_dir=tmp_path / "alone"))) as alone:
+        send(alone, cohort(6, seed=8))
+        here = train(alone, "anywhere", ids, options={"folds": 3})
+    assert here["id"] == there["id"]

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -8,15 +9,16 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, wait
+from multiprocessing import popen_forkserver
 from pathlib import Path
 
 import pytest
 from dask_cluster import DaskCluster
-from worker_tasks import die, die_once, hang, refuse, swallow_memory
+from worker_tasks import die, die_once, hang, is_running, refuse, swallow_memory
 
 from modalmotion.errors import LimitError, NonFiniteError
-from modalmotion_service.errors import WorkerDiedError
-from modalmotion_service.executor import Engine, WorkerPool
+from modalmotion_service.errors import ClusterError, WorkerDiedError
+from modalmotion_service.executor import _MOST_STARTS, Engine, WorkerPool
 
 MEMORY = 3_000_000_000
 # Two processes here, or two Dask workers of a process each.
@@ -96,6 +98,29 @@ def test_a_worker_killed_while_it_is_idle_costs_nothing(open_engine: OpenEngine)
             assert time.monotonic() - started < 20
 
 
+def test_a_machine_that_starts_no_process_is_told_and_may_recover(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    n_tries = 0
+
+    def refuse_to_start(*_: object) -> None:
+        nonlocal n_tries
+        n_tries += 1
+        raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    with monkeypatch.context() as broken:
+        broken.setattr(popen_forkserver.Popen, "_launch", refuse_to_start)
+        pool = WorkerPool(1, 20.0, MEMORY)
+        waiting = [pool.submit(abs, -n) for n in range(3)]
+        for future in waiting:
+            with pytest.raises(ClusterError, match="No process could be started") as caught:
+                future.result(timeout=20)
+            assert caught.value.remedy
+        assert 3 <= n_tries <= 3 * _MOST_STARTS + 1
+    assert pool.submit(abs, -4).result(timeout=20) == 4
+    pool.shutdown()
+
+
 def test_waiting_tasks_are_finished_or_cancelled_at_shutdown(open_engine: OpenEngine) -> None:
     pool = open_engine(20.0)
     futures = [pool.submit(abs, -n) for n in range(10)]
@@ -144,12 +169,3 @@ def test_a_worker_ends_with_the_process_that_it_works_for(tmp_path: Path) -> Non
             return
         time.sleep(0.05)
     raise AssertionError("the worker goes on")
-
-
-def is_running(pid: int) -> bool:
-    try:
-        status = Path(f"/proc/{pid}/stat").read_text()
-    except FileNotFoundError:
-        return False
-    # One that nobody has asked after stays in the table as a zombie.
-    return status.rpartition(")")[2].split()[0] != "Z"

@@ -39,3 +39,12 @@ def slow_mark(mark: Path, seconds: float) -> str:
     mark.touch()
     time.sleep(seconds)
     return "done"
+
+
+def is_running(pid: int) -> bool:
+    try:
+        status = Path(f"/proc/{pid}/stat").read_text()
+    except FileNotFoundError:
+        return False
+    # One that nobody has asked after stays in the table as a zombie.
+    return status.rpartition(")")[2].split()[0] != "Z"

@@ -55,7 +55,8 @@ def read_cases(
     numbered = enumerate(cases)
     pieces = iter(lambda: tuple(itertools.islice(numbered, _IN_ONE_PIECE)), ())
     works = (delayed(_read_piece)(piece, options) for piece in pieces)
-    return itertools.chain.from_iterable(Parallel(return_as="generator")(works))
+    read = Parallel(return_as="generator", batch_size=1)(works)
+    return itertools.chain.from_iterable(read)
 
 
 def _read_piece(

@@ -82,7 +82,8 @@ def train(
     distances = np.zeros(n)
     every = np.arange(n)
     works = [delayed(predict_fold)(table, *fold, chosen) for fold in splits.folds]
-    found = Parallel(return_as="generator")([*works, delayed(fit_rows)(table, every, chosen)])
+    works.append(delayed(fit_rows)(table, every, chosen))
+    found = Parallel(return_as="generator", batch_size=1)(works)
     for k, (_, outer) in enumerate(splits.folds):
         told(0.4 + 0.5 * k / (len(splits.folds) + 1), f"fold {k + 1} of {len(splits.folds)}")
         probabilities[outer], distances[outer] = next(found)
