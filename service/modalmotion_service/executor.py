@@ -25,7 +25,7 @@ from typing import Any, Final, ParamSpec, TypeVar
 import pebble
 
 from modalmotion.errors import LimitError
-from modalmotion_service.allocation import keep_freed_memory
+from modalmotion_service.allocation import settle
 from modalmotion_service.errors import WorkerDiedError
 
 P = ParamSpec("P")
@@ -256,7 +256,7 @@ def _dispose(process: pebble.ProcessPool) -> None:
 
 def _start_worker(memory_bytes: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-    keep_freed_memory()
+    settle()
     # The server decides when its workers end, not a Ctrl-C that reaches the whole group.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

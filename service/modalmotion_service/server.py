@@ -14,7 +14,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from modalmotion.errors import MalformedFileError
 from modalmotion.store import ResultStore
 from modalmotion_service.access.first_key import offer_first_key, secured
-from modalmotion_service.allocation import keep_freed_memory
+from modalmotion_service.allocation import settle
 from modalmotion_service.app import create_app
 from modalmotion_service.engine import open_engine
 from modalmotion_service.observation import LOG_CONFIG
@@ -109,7 +109,7 @@ def run(settings: Settings, host: str, port: int) -> None:
 
 def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
     """Serve an application as `run` serves the service's own."""
-    keep_freed_memory()
+    settle()
     uvicorn.run(
         app,
         host=host,
