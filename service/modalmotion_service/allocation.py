@@ -1,4 +1,4 @@
-"""How a process that answers one request after another keeps its memory."""
+"""How a worker, which does one task after another, keeps its memory."""
 
 from __future__ import annotations
 
@@ -10,20 +10,22 @@ from typing import Final
 # 128 KiB, and takes it back page by page: 900 page faults for each signature of 1 MB.
 _M_TRIM_THRESHOLD: Final = -1
 _M_MMAP_THRESHOLD: Final = -3
-_KEPT_BYTES: Final = 16 << 20
-_LARGE_BYTES: Final = 4 << 20
 
 
-def settle() -> None:
-    """Keep up to 16 MiB of freed memory for what comes next, and never look again at what is here.
+def settle(kept_bytes: int) -> None:
+    """Keep some freed memory for what comes next, and never look again at what is here.
 
-    Blocks of 4 MiB and more go back to the system at once. Where the C library knows no such
-    setting it stays as it is.
+    Where the C library knows no such setting it stays as it is.
+
+    Parameters
+    ----------
+    kept_bytes : int
+        At most; blocks of half of it and more go back to the system at once.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
-        mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
-        mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
-    # Modules, classes and routes stay for good: the collector need not walk them. It does not
-    # now either, for in a forked process each object that it touches is copied.
+        mallopt(_M_TRIM_THRESHOLD, kept_bytes)
+        mallopt(_M_MMAP_THRESHOLD, kept_bytes // 2)
+    # Modules and classes stay for good: the collector need not walk them. It does not now either,
+    # for in a forked process each object that it touches is copied.
     gc.freeze()

@@ -34,6 +34,9 @@ T = TypeVar("T")
 
 _PRELOADED: Final = ["modalmotion_service.tasks", "modalmotion_service.classification_tasks"]
 
+# Freed memory that a worker keeps: a signature of 1 MB needs 4 MB for a moment.
+_KEPT_BYTES: Final = 8 << 20
+
 
 @dataclass
 class _Task:
@@ -256,7 +259,7 @@ def _dispose(process: pebble.ProcessPool) -> None:
 
 def _start_worker(memory_bytes: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-    settle()
+    settle(_KEPT_BYTES)
     # The server decides when its workers end, not a Ctrl-C that reaches the whole group.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 from typing import Any
 
 import h11
@@ -14,13 +15,11 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from modalmotion.errors import MalformedFileError
 from modalmotion.store import ResultStore
 from modalmotion_service.access.first_key import offer_first_key, secured
-from modalmotion_service.allocation import settle
 from modalmotion_service.app import create_app
 from modalmotion_service.engine import open_engine
 from modalmotion_service.observation import LOG_CONFIG
 from modalmotion_service.problems import problem_of
 from modalmotion_service.settings import Settings
-
 
 def protocol_with_deadline(header_seconds: float) -> type[H11Protocol]:
     """Make a protocol that closes connections whose request line and headers do not arrive.
@@ -109,7 +108,8 @@ def run(settings: Settings, host: str, port: int) -> None:
 
 def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
     """Serve an application as `run` serves the service's own."""
-    settle()
+    # Modules, classes and routes stay for good: the collector need not walk them.
+    gc.freeze()
     uvicorn.run(
         app,
         host=host,
