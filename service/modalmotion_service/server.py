@@ -21,6 +21,7 @@ from modalmotion_service.observation import LOG_CONFIG
 from modalmotion_service.problems import problem_of
 from modalmotion_service.settings import Settings
 
+
 def protocol_with_deadline(header_seconds: float) -> type[H11Protocol]:
     """Make a protocol that closes connections whose request line and headers do not arrive.
 
