@@ -154,9 +154,7 @@ def _squared_distances(
         part = product(coefficients, shapes[:, j : j + step])
         np.subtract(rows[:, j : j + step], part, out=part)
         part *= part
-        x, y, z = part.reshape(m // 3, 3, -1).transpose(1, 0, 2)
-        x += y
-        np.add(x, z, out=squares[:, j : j + step])
+        np.add.reduce(part.reshape(m // 3, 3, -1), axis=1, out=squares[:, j : j + step])
     return squares
 
 

@@ -25,6 +25,7 @@ from typing import Any, Final, ParamSpec, TypeVar
 import pebble
 
 from modalmotion.errors import LimitError
+from modalmotion_service.allocation import settle
 from modalmotion_service.errors import ClusterError, WorkerDiedError
 
 P = ParamSpec("P")
@@ -35,6 +36,10 @@ _PRELOADED: Final = ["modalmotion_service.tasks", "modalmotion_service.classific
 
 # Processes that are begun for one task until one of them starts.
 _MOST_STARTS: Final = 5
+
+
+# Freed memory that a worker keeps: a signature of 1 MB needs 4 MB for a moment.
+_KEPT_BYTES: Final = 8 << 20
 
 
 @dataclass
@@ -283,6 +288,7 @@ def _dispose_apart(*processes: pebble.ProcessPool) -> None:
 
 def _start_worker(memory_bytes: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+    settle(_KEPT_BYTES)
     # The server decides when its workers end, not a Ctrl-C that reaches the whole group.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -38,8 +38,8 @@ class SpooledUpload:
             raise cannot_write(self.path, error) from error
 
     def remove(self) -> None:
-        """Remove the file, and what was made beside it."""
-        remove_with_beside(self.path)
+        """Remove the file."""
+        self.path.unlink(missing_ok=True)
 
 
 def remove_with_beside(path: Path) -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Header, Query, Response
+from fastapi import APIRouter, Depends, Request, Response
 
 from modalmotion_service.analysis import Upload
 from modalmotion_service.dependencies import StateDependency, UploadDependency
 from modalmotion_service.negotiation import HDF5, JSON, NPZ, RAW, best_type
 from modalmotion_service.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
+from modalmotion_service.query import described, header, read_once
 from modalmotion_service.routes.templates import TemplateQuery
 from modalmotion_service.schemas import SignatureAnswer
 
@@ -18,18 +19,20 @@ router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 OFFERED: Final = (JSON, HDF5, NPZ, RAW)
 """What a signature is given as; RAW is its amplitudes as little-endian float32."""
 
+_PARAMETERS: Final = [*described(TemplateQuery), header("accept", JSON, ", ".join(OFFERED))]
+
 
 @router.post(
     "/signature",
     response_model=SignatureAnswer,
-    openapi_extra=UPLOAD_BODY,
+    openapi_extra={**UPLOAD_BODY, "parameters": _PARAMETERS},
     responses={200: {"content": dict.fromkeys(OFFERED[1:], BINARY)}},
 )
 async def signature(
     spooled: UploadDependency,
-    query: Annotated[TemplateQuery, Query()],
+    query: Annotated[TemplateQuery, Depends(read_once(TemplateQuery))],
     state: StateDependency,
-    accept: Annotated[str, Header(description=", ".join(OFFERED))] = JSON,
+    request: Request,
 ) -> Response:
     """Give the modal signature of a sequence that is sent with the request; nothing is stored.
 
@@ -37,7 +40,7 @@ async def signature(
     (frame by frame, mode by mode, three directions), by `Accept`.
     """
     try:
-        media_type = best_type(accept, OFFERED)
+        media_type = best_type(request.headers.get("accept", JSON), OFFERED)
         sent = Upload(spooled, query.options(state.settings.read_limits), None, None)
         body = await state.analysis.signature_of_upload(sent, query.parameters(), media_type)
     finally:

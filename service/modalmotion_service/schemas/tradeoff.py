@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 from pydantic import BaseModel, Field
 
 from modalmotion.body_frame import Components
@@ -32,7 +30,7 @@ class PriceAnswer(BaseModel):
     @staticmethod
     def of(price: Price) -> PriceAnswer:
         """Write a price out."""
-        return PriceAnswer(**asdict(price))
+        return PriceAnswer(**vars(price))
 
 
 class BranchAnswer(BaseModel):
