@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -51,7 +52,7 @@ class SpringSpectrum:
     def __hash__(self) -> int:
         return hash(self._key)
 
-    @property
+    @cached_property
     def _key(self) -> tuple[str, bytes]:
         return self.connectivity_id, self.eigenvalues.tobytes()
 
@@ -63,7 +64,7 @@ class SpringSpectrum:
         """None: spring modes belong to one mesh and to no topology."""
         return
 
-    @property
+    @cached_property
     def labels(self) -> tuple[SpringLabel, ...]:
         """The modes' labels, in order."""
         return tuple(SpringLabel(rank) for rank in range(len(self)))
@@ -107,7 +108,7 @@ class SpringModes:
         """None: spring modes belong to one mesh and to no topology."""
         return
 
-    @property
+    @cached_property
     def labels(self) -> tuple[SpringLabel, ...]:
         """The modes' labels, in order."""
         return tuple(SpringLabel(rank) for rank in range(len(self)))

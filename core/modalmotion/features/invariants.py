@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,8 @@ from modalmotion.modes import ModeSet
 from modalmotion.spring_modes import SpringSpectrum
 
 
-class Waves(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Waves:
     """Modes taken together where a start angle would mix them.
 
     Parameters

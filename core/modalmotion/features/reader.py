@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from modalmotion.features.temporal import (
 )
 from modalmotion.modes import ModeSet
 from modalmotion.signature import ModalSignature
+from modalmotion.spring_modes import SpringSpectrum
 
 # A course holds what a cycle of twice its length holds.
 TERMS_PER_HARMONIC = 2
@@ -90,18 +92,17 @@ class FeatureReader:
 
     def of(self, signature: ModalSignature, motion: Motion) -> MotionFeatures:
         """Features of a motion whose terms are known, for surfaces of any topology."""
-        waves, n_terms = self.waves(signature), len(motion.terms)
-        name = summary_columns if self.is_brief else invariant_columns
-        columns = [
-            Column("motion", waves.all_modes),
-            *name(waves, n_terms, is_cycle=self.is_cycle),
-        ]
-        if self.typical is not None:
-            columns += _term_columns(signature, n_terms, is_cycle=self.is_cycle)
-        # Shares do not grow with the motion.
-        shares = tuple(replace(column, power=0.0) for column in columns)
+        waves = self.waves(signature)
+        columns = _columns(
+            signature.modes,
+            waves,
+            len(motion.terms),
+            is_cycle=self.is_cycle,
+            is_brief=self.is_brief,
+            has_terms=self.typical is not None,
+        )
         values = self.values(waves, motion)[None]
-        return MotionFeatures(shares, values, motion.size, motion.smooth_share)
+        return MotionFeatures(columns, values, motion.size, motion.smooth_share)
 
     def values(self, waves: Waves, motion: Motion) -> NDArray[np.float64]:
         """Give what `of` does without the names, (features,) float64."""
@@ -188,7 +189,25 @@ def _flat(terms: NDArray[np.complex128], *, is_cycle: bool) -> NDArray[np.float6
     return np.concatenate([terms.real, terms.imag]).ravel() if is_cycle else terms.real.ravel()
 
 
-def _term_columns(signature: ModalSignature, n_terms: int, *, is_cycle: bool) -> list[Column]:
+@lru_cache(maxsize=32)
+def _columns(
+    modes: ModeSet | SpringSpectrum,
+    waves: Waves,
+    n_terms: int,
+    *,
+    is_cycle: bool,
+    is_brief: bool,
+    has_terms: bool,
+) -> tuple[Column, ...]:
+    name = summary_columns if is_brief else invariant_columns
+    found = [Column("motion", waves.all_modes), *name(waves, n_terms, is_cycle=is_cycle)]
+    if has_terms:
+        found += _term_columns(modes, n_terms, is_cycle=is_cycle)
+    # Shares do not grow with the motion.
+    return tuple(replace(column, power=0.0) for column in found)
+
+
+def _term_columns(modes: ModeSet | SpringSpectrum, n_terms: int, *, is_cycle: bool) -> list[Column]:
     parts = [f"cos {h + 1}" for h in range(n_terms)]
     if is_cycle:
         parts += [f"sin {h + 1}" for h in range(n_terms)]
@@ -197,6 +216,6 @@ def _term_columns(signature: ModalSignature, n_terms: int, *, is_cycle: bool) ->
     return [
         Column(f"{label} direction {direction} {part}", (k,))
         for part in parts
-        for k, label in enumerate(signature.modes.labels)
+        for k, label in enumerate(modes.labels)
         for direction in (1, 2, 3)
     ]
