@@ -16,17 +16,15 @@ from modalmotion.classify.case_groups import group_cases
 from modalmotion.classify.case_reading import ReadCase, read_cases
 from modalmotion.classify.case_row import CaseRow
 from modalmotion.classify.cases import CaseFile, TrainingCase
+from modalmotion.classify.feature_choices import feature_choices, tells_walls
 from modalmotion.classify.model import Readable
-from modalmotion.classify.options import PoseOf, Timing, TrainingOptions, Walls
+from modalmotion.classify.options import PoseOf, TrainingOptions
 from modalmotion.errors import ParameterError
 from modalmotion.features import Column, FeatureReader, Motion, kind_of, mean_motion, powers_of
 from modalmotion.sequence import MEAN
 from modalmotion.signature import ModalSignature
 from modalmotion.spring_modes import SpringSpectrum
 from modalmotion.template import GivenLandmarks
-
-# A cycle whose next frame would be the first closes within this many usual steps.
-_CLOSED: Final = 2.5
 
 # Motions that the typical one is made of; more cost time and move it little.
 _MOST_TYPICAL: Final = 200
@@ -190,8 +188,8 @@ def _table(
     options: TrainingOptions,
     notes: list[str],
 ) -> CaseTable:
-    walls = _walls(rows, options)
-    readers = _readers(rows, example, options, walls, n_topologies=len(topologies))
+    walls = tells_walls(rows, options)
+    readers = feature_choices(rows, example, options, walls, n_topologies=len(topologies))
     if not readers:
         common, *rare = sorted(topologies, key=lambda name: -len(topologies[name]))
         ids = [name for topology in rare for name in topologies[topology]]
@@ -241,47 +239,3 @@ def _table(
         },
         notes=tuple(notes),
     )
-
-
-def _readers(
-    rows: list[CaseRow],
-    example: ModalSignature,
-    options: TrainingOptions,
-    walls: bool,
-    n_topologies: int,
-) -> tuple[FeatureReader, ...]:
-    """Choices of features, what depends on the least first."""
-    h = options.harmonics
-    closes = float(np.median([row.gap for row in rows])) < _CLOSED
-    timings = {Timing.CYCLE: [True], Timing.COURSE: [False]}.get(
-        Timing(options.timing), [True, False] if closes else [False]
-    )
-    found: list[FeatureReader] = []
-    if timings[0] and all(row.axis is not None for row in rows):
-        found.append(FeatureReader(True, True, h, walls))
-        if n_topologies == 1:
-            found.append(FeatureReader(True, True, h, walls, adds_modes=True))
-    if n_topologies > 1:
-        return tuple(found)
-    for is_cycle in timings:
-        plain = FeatureReader(False, is_cycle, h, walls)
-        found += [replace(plain, is_brief=True), plain]
-        # Terms as they are mean nothing where theta may start anywhere.
-        if plain.waves(example).sines.max() < 0:
-            terms = rows[0].cycle.terms if is_cycle else rows[0].course.terms
-            found.append(replace(plain, typical=np.zeros_like(terms)))
-    return tuple(found)
-
-
-def _walls(rows: list[CaseRow], options: TrainingOptions) -> bool:
-    if options.walls == Walls.NO:
-        return False
-    if options.walls == Walls.AUTO:
-        return all(row.zero_is_given for row in rows)
-    unknown = sum(not row.zero_is_known for row in rows)
-    if unknown:
-        raise ParameterError(
-            f"Walls are to be told apart, but theta has no zero in {unknown} cases.",
-            remedy="State the landmark theta_zero, or leave the option 'walls' out.",
-        )
-    return True
