@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from foreign_motions import figures
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -123,6 +124,15 @@ def test_a_signature_from_it_reconstructs_the_sequence_with_less_error() -> None
     assert cached.id == one.template_id
 
 
+def test_a_surface_is_what_its_first_frame_is() -> None:
+    stated = beat(400)
+    unstated = replace(stated, topology=None)
+    one, zero = (make_template(unstated, reference=r) for r in (MEAN, 0))
+    assert one.surface == zero.surface
+    assert one.id == TemplateCache().template(unstated, reference=MEAN).id != zero.id
+    assert np.allclose(one.coordinates, make_template(stated, reference=MEAN).coordinates)
+
+
 def test_a_reference_that_is_none_is_refused() -> None:
     sequence = beat()
     for reference in (12, -1, "median"):
@@ -140,3 +150,12 @@ def test_without_every_vertex_there_is_no_mean() -> None:
     present[3, 7] = False
     with pytest.raises(ParameterError, match="mean shape"):
         fit_sequence(sequence, template, basis, reference=MEAN, present=present)
+
+
+@pytest.mark.parametrize("name", ["fox", "robot"])
+def test_windows_of_one_figure_are_all_of_one_topology(name: str) -> None:
+    found = figures(name)
+    if not found:
+        pytest.skip(f"{name}/ is not there: it is measured on, not shipped")
+    surfaces = {make_template(window, reference=MEAN).surface for window in found[::3]}
+    assert surfaces == {None}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -9,7 +11,7 @@ from scipy.spatial import cKDTree
 from modalmotion.errors import TopologyError
 from modalmotion.lattice import Lattice
 from modalmotion.mesh import lattice_faces
-from modalmotion.sequence import MeshSequence, Reference
+from modalmotion.sequence import MEAN, MeshSequence, Reference
 from modalmotion.template.axis import degree
 from modalmotion.template.coordinates import Coordinates
 from modalmotion.template.cup import cup_coordinates
@@ -76,6 +78,9 @@ def make_template(
         nor a stated topology.
     """
     sequence.require_reference(reference)
+    is_stated = sequence.topology is not None or sequence.grid is not None
+    if reference == MEAN and not is_stated and closed_form:
+        return _recognised_in_frame_0(sequence, weights, landmarks)
     given = GivenLandmarks() if landmarks is None else landmarks
     start = sequence.reference_positions(reference)
     faces = _faces_of(sequence)
@@ -128,6 +133,27 @@ def make_template(
         reason="" if topology is not None else reason,
         notes=tuple(notes),
     )
+
+
+def _recognised_in_frame_0(
+    sequence: MeshSequence, weights: Weights, landmarks: GivenLandmarks | None
+) -> Template:
+    """Make the template of the mean shape, as what frame 0 is.
+
+    Limbs that swing leave a mean without them, which may be a sphere where no frame is one.
+    """
+    first = make_template(sequence, weights=weights, landmarks=landmarks)
+    is_known = first.surface is not None
+    made = make_template(
+        sequence.with_topology(first.surface, None),
+        reference=MEAN,
+        weights=weights,
+        landmarks=landmarks,
+        closed_form=is_known,
+    )
+    id_ = template_id(sequence, reference=MEAN, weights=weights, landmarks=landmarks)
+    notes = tuple(dict.fromkeys((*first.notes, *made.notes))) if is_known else first.notes
+    return replace(made, id=id_, reason=first.reason, notes=notes)
 
 
 def _decide(
