@@ -20,7 +20,7 @@ from modalmotion.errors import CorruptFileError, InputError
 from modalmotion.features import Column, FeatureReader
 from modalmotion.signature import SignatureParameters
 
-SCHEMA: Final = 3
+SCHEMA: Final = 4
 
 # The golden batch must come out as it was stored, but for the last digits.
 _GOLDEN_TOLERANCE: Final = 1e-9
@@ -105,8 +105,8 @@ def contents(model: Model) -> dict[str, Any]:
             "typical": None
             if reader.typical is None
             else _packed(np.stack([reader.typical.real, reader.typical.imag])),
-            # Left out where they do not hold, as in files that do not know of them.
-            **{name: True for name in ("adds_modes", "is_brief") if getattr(reader, name)},
+            "adds_modes": reader.adds_modes,
+            "is_brief": reader.is_brief,
         },
         "columns": [[c.name, list(c.modes), c.power] for c in model.columns],
         "centre": _packed(blend.centre),

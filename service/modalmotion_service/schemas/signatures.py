@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -63,7 +63,11 @@ class SignatureQuery(BaseModel):
     )
     topology: str | None = TOPOLOGY
     grid: str | None = GRID
-    reference: int = Field(0, ge=0, description="Frame that displacements are measured from.")
+    reference: Annotated[int, Field(ge=0)] | Literal["mean"] = Field(
+        0,
+        description="What displacements are measured from: a frame, or the mean shape, which does "
+        "not depend on the frame that a recording starts with.",
+    )
     weights: Weights = Field(
         Weights.AREA, description="How much each vertex counts: its area, or all alike."
     )
