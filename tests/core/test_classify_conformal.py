@@ -13,7 +13,7 @@ from modalmotion.classify.conformal import Calibration, calibrate
 from modalmotion.classify.estimator import MotionClassifier
 from modalmotion.classify.intervals import accuracy_interval
 from modalmotion.classify.reliability import calibration_curve, calibration_error
-from modalmotion.classify.ridge import ridge
+from modalmotion.classify.ridge import kernel_ridge, ridge
 from modalmotion.classify.temperature import fit_temperature, softmax
 
 
@@ -96,6 +96,22 @@ def test_leaving_a_group_out_is_fitting_without_it(seed: int, n_groups: int) -> 
         W = ridge(X[~out], y[~out], 2, weights[~out], np.arange((~out).sum())).weights(0.7)
         slow = np.c_[X[out], np.full(out.sum(), 10.0)] @ W
         assert fast[out] == pytest.approx(slow, abs=1e-8)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), n_groups=st.integers(3, 24))
+def test_a_regression_on_kernels_is_one_on_their_features(seed: int, n_groups: int) -> None:
+    rng = np.random.default_rng(seed)
+    X, y = rng.standard_normal((24, 4)), rng.integers(0, 3, 24)
+    weights, groups = rng.uniform(0.5, 2.0, 24), np.arange(24) % n_groups
+    new = rng.standard_normal((5, 4))
+    slow = ridge(X, y, 3, weights, groups)
+    fast = kernel_ridge(X @ X.T, y, 3, weights, groups)
+    assert fast.held_out(0.7) == pytest.approx(slow.held_out(0.7), abs=1e-8)
+    V, W = fast.weights(0.7), slow.weights(0.7)
+    # Features and kernels of new cases, the constant beside both.
+    expected = np.c_[new, np.full(5, 10.0)] @ W
+    assert np.c_[new @ X.T, np.full(5, 10.0)] @ V == pytest.approx(expected, abs=1e-8)
 
 
 def test_a_temperature_makes_scores_reliable() -> None:

@@ -16,7 +16,7 @@ from sklearn.utils.class_weight import compute_class_weight
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from modalmotion.classify.ridge import INTERCEPT, ridge
+from modalmotion.classify.ridge import INTERCEPT, Ridge, kernel_ridge, ridge
 from modalmotion.classify.scorer import Blend, Scorer, blended, kernel
 from modalmotion.classify.temperature import case_losses, fit_temperature, log_loss, softmax
 
@@ -261,18 +261,31 @@ def _kernel(
         anchors = z[np.sort(chosen)]
     best: _Fitted | None = None
     for width in _WIDTHS:
-        features, B = _nystrom(z, anchors, width / d)
-        fitted = ridge(features, y, n_classes, weights, groups)
+        fitted, B = _prepared(z, anchors, width / d, (y, n_classes, weights, groups))
         for penalty in _PENALTIES:
             held_out = fitted.held_out(penalty * n)
             temperature = fit_temperature(held_out, y, weights)
             loss = log_loss(held_out / temperature, y, weights)
             if best is None or loss < best.loss:
                 W = fitted.weights(penalty * n)
-                scorer = Scorer(anchors, width / d, B @ W[:-1], W[-1] * INTERCEPT, temperature)
+                of_anchors = W[:-1] if B is None else B @ W[:-1]
+                scorer = Scorer(anchors, width / d, of_anchors, W[-1] * INTERCEPT, temperature)
                 best = _Fitted(scorer, held_out, loss)
     assert best is not None  # noqa: S101 (there are widths and penalties)
     return best
+
+
+def _prepared(
+    z: Array,
+    anchors: Array,
+    gamma: float,
+    cases: tuple[NDArray[np.int64], int, Array, NDArray[np.int64]],
+) -> tuple[Ridge, Array | None]:
+    """Prepare a regression on kernels, and what turns its weights into the anchors'."""
+    if len(anchors) == len(z):
+        return kernel_ridge(kernel(z, z, gamma), *cases), None
+    features, B = _nystrom(z, anchors, gamma)
+    return ridge(features, *cases), B
 
 
 def _nystrom(z: Array, anchors: Array, gamma: float) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from modalmotion.classify.case_groups import inner_groups
 from modalmotion.classify.domain import Domain, domain_shape
-from modalmotion.classify.options import ClassWeights, TrainingOptions
+from modalmotion.classify.options import ClassWeights, Estimator, TrainingOptions
 from modalmotion.classify.readings import best_readings
 from modalmotion.classify.table import CaseTable
 from modalmotion.features import FeatureReader
@@ -20,8 +20,10 @@ from modalmotion.features import FeatureReader
 # depends on less.
 _SURE: Final = 1.0
 
-# Cases that choices of features are compared on; more cost time and say little.
+# Cases that choices of features are compared on; more cost time and say little. Beyond some the
+# linear estimator compares them, which takes a tenth of the time.
 _MOST_COMPARED: Final = 1000
+_MOST_COMPARED_FULLY: Final = 150
 _FEWEST_COMPARED: Final = 20
 
 
@@ -82,16 +84,21 @@ def fit_rows(table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions
     better by a standard error (Breiman, Friedman, Olshen and Stone, Classification and
     regression trees, 1984). Where there is no loss to compare the first is taken.
     """
-    compared = _compared(table, rows, options.seed)
     first, *others = table.readers
-    best = _fit(table, first, compared if others else rows, options)
+    if not others:
+        return _fit(table, first, rows, options)
+    compared = _compared(table, rows, options.seed)
+    quick = options
+    if len(compared) > _MOST_COMPARED_FULLY and options.estimator == Estimator.AUTO:
+        quick = replace(options, estimator=Estimator.LINEAR)
+    best = _fit(table, first, compared, quick)
     for choice in others:
-        found = _fit(table, choice, compared, options)
+        found = _fit(table, choice, compared, quick)
         if _is_better(found.estimator.losses_, best.estimator.losses_):
             best = found
-    if len(best.X) < len(rows):
-        best = _fit(table, best.reader, rows, options)
-    return best
+    if len(best.X) == len(rows) and quick is options:
+        return best
+    return _fit(table, best.reader, rows, options)
 
 
 def _compared(table: CaseTable, rows: NDArray[np.int64], seed: int) -> NDArray[np.int64]:

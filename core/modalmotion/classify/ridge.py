@@ -84,15 +84,48 @@ def ridge(
     groups : (cases,) int64
         Counted from 0.
     """
-    roots = np.sqrt(weights)
     # A large constant, so that the penalty hardly touches the intercept.
     with_one = np.concatenate([features, np.full((len(features), 1), INTERCEPT)], axis=1)
+    roots = np.sqrt(weights)
     U, singular, Vt = np.linalg.svd(roots[:, None] * with_one, full_matrices=False)
     kept = singular > 1e-10 * singular[0]
     Y = np.eye(n_classes)[y] * roots[:, None]
+    return Ridge(U[:, kept], singular[kept], Vt[kept], Y, roots, _members(groups))
+
+
+def kernel_ridge(
+    kernels: NDArray[np.float64],
+    y: NDArray[np.int64],
+    n_classes: int,
+    weights: NDArray[np.float64],
+    groups: NDArray[np.int64],
+) -> Ridge:
+    """Prepare a ridge regression on features that are known by their products alone.
+
+    One symmetric decomposition in the place of two, of the kernel and of its features. The
+    weights are then of the kernels at the cases.
+
+    Parameters
+    ----------
+    kernels : (cases, cases) float64
+        Products of the features of all cases.
+    y, n_classes, weights, groups
+        As in `ridge`.
+    """
+    roots = np.sqrt(weights)
+    values, vectors = np.linalg.eigh(roots[:, None] * (kernels + INTERCEPT**2) * roots)
+    kept = values > 1e-13 * values[-1]
+    U, singular = vectors[:, kept], np.sqrt(values[kept])
+    # With U S V' the weighted features, V' = S^-1 U' (weighted features): here of their products.
+    at_cases = U.T / singular[:, None] * roots
+    Vt = np.concatenate([at_cases, INTERCEPT * at_cases.sum(axis=1, keepdims=True)], axis=1)
+    Y = np.eye(n_classes)[y] * roots[:, None]
+    return Ridge(U, singular, Vt, Y, roots, _members(groups))
+
+
+def _members(groups: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
     order = np.argsort(groups, kind="stable")
-    edges = np.flatnonzero(np.diff(groups[order])) + 1
-    return Ridge(U[:, kept], singular[kept], Vt[kept], Y, roots, tuple(np.split(order, edges)))
+    return tuple(np.split(order, np.flatnonzero(np.diff(groups[order])) + 1))
 
 
 INTERCEPT = 10.0
