@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+
+from modalmotion.formats import read_npz, write_npz
 
 
 @pytest.fixture
@@ -43,6 +46,27 @@ def test_names_are_changed_and_taken_away(client: TestClient, send: Callable[...
     assert client.patch(here, json={"label": None}).json()["label"] is None
     assert client.patch(here, json={"colour": "red"}).status_code == 422
     assert client.patch("/v1/sequences/" + "0" * 64, json={}).status_code == 404
+
+
+def test_from_the_mean_shape_it_does_not_matter_where_a_recording_starts(
+    client: TestClient, beat: bytes
+) -> None:
+    sequence = read_npz(beat).sequence
+    vertices = np.roll(sequence.vertices, -9, axis=0)
+    later = write_npz(replace(sequence, vertices=vertices, times=None))
+    found = []
+    for body in (write_npz(replace(sequence, times=None)), later):
+        sequence_id = client.post("/v1/sequences", content=body).json()["id"]
+        here = f"/v1/sequences/{sequence_id}/signature"
+        answer = client.get(here, params={"reference": "mean"}).json()
+        assert answer["parameters"]["reference"] == "mean"
+        # Amplitudes are in the pose of the first frame; their sizes are in none.
+        found.append(np.array(answer["deformation_spectrum"]))
+    assert found[0] == pytest.approx(found[1], rel=1e-6, abs=1e-6 * found[0].max())
+    for wrong in ("first", "-1", "1.5"):
+        refused = client.get(here, params={"reference": wrong})
+        assert refused.status_code == 422
+        assert "a frame, counted from 0, or 'mean'" in refused.json()["detail"]
 
 
 def test_deleting_takes_everything_that_derives_from_it(

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field, StringConstraints
+from pydantic import (
+    Field,
+    StringConstraints,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
+from pydantic_core import PydanticCustomError
 
 from modalmotion.errors import ParameterError
 from modalmotion.template.landmarks import Place
@@ -65,6 +72,20 @@ def parse_times(text: str) -> list[float]:
         raise ParameterError(
             f"The times {text[:60]!r} are not all numbers.", remedy="Write them as 0,0.1,0.25."
         ) from None
+
+
+def _reference(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    # Of a union pydantic says what is wrong with each member, and not what is wanted.
+    try:
+        return handler(value)
+    except ValidationError as error:
+        raise PydanticCustomError(
+            "reference", "Input should be a frame, counted from 0, or 'mean'"
+        ) from error
+
+
+ReferenceShape = Annotated[Annotated[int, Field(ge=0)] | Literal["mean"], WrapValidator(_reference)]
+"""What displacements are measured from."""
 
 
 def parse_grid(text: str | None) -> tuple[int, ...] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -17,6 +17,7 @@ from modalmotion_service.schemas.fields import (
     GRID,
     PLACE,
     TOPOLOGY,
+    ReferenceShape,
     SequenceId,
     parse_grid,
     parse_place,
@@ -63,7 +64,7 @@ class SignatureQuery(BaseModel):
     )
     topology: str | None = TOPOLOGY
     grid: str | None = GRID
-    reference: Annotated[int, Field(ge=0)] | Literal["mean"] = Field(
+    reference: ReferenceShape = Field(
         0,
         description="What displacements are measured from: a frame, or the mean shape, which does "
         "not depend on the frame that a recording starts with.",
