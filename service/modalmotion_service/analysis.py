@@ -19,7 +19,8 @@ from modalmotion_service import tasks
 from modalmotion_service.executor import Engine
 from modalmotion_service.flights import Flights
 from modalmotion_service.schemas import EncodedAnswer, EncodingTarget, ReadingAnswer, TemplateAnswer
-from modalmotion_service.spool import Spool, SpooledUpload
+from modalmotion_service.spool import Spool, SpooledUpload, remove_with_beside
+from modalmotion_service.task_progress import followed
 from modalmotion_service.timing import add_milliseconds, stage
 
 P = ParamSpec("P")
@@ -238,22 +239,27 @@ class Analysis:
         return output
 
     async def encoded(
-        self, source: Upload | str, target: EncodingTarget
+        self,
+        source: Upload | str,
+        target: EncodingTarget,
+        report: Callable[[float, str], None] = lambda _share, _text: None,
     ) -> tuple[Path, EncodedAnswer]:
         """Encode an upload, or a kept sequence by its id, to a file that the caller removes."""
-        output = self._spool.new_path()
+        output, progress = self._spool.new_path(), self._spool.new_path()
         try:
             with stage("encode"):
                 if isinstance(source, str):
                     path = await asyncio.to_thread(self._store.sequence_path, source)
-                    work = self._work(tasks.encode_kept, path, target, output)
+                    work = self._work(tasks.encode_kept, path, target, output, progress)
                 else:
                     path, options = source.spooled.path, source.options
-                    work = self._work(tasks.encode_upload, path, options, target, output)
-                return output, await work
+                    work = self._work(tasks.encode_upload, path, options, target, output, progress)
+                return output, await followed(work, progress, report)
         except BaseException:
             output.unlink(missing_ok=True)
             raise
+        finally:
+            remove_with_beside(progress)
 
     async def decoded(
         self, stream: SpooledUpload, limits: ReadLimits, frames: range | None, media_type: str

@@ -73,9 +73,9 @@ def make_runner(
         )
         return {"file": path.name, "media_type": media_type}
 
-    async def encoding(request: Any, _: Report) -> Any:
+    async def encoding(request: Any, report: Report) -> Any:
         target = EncodingTarget(**request["target"])
-        path, answer = await analysis.encoded(request["sequence_id"], target)
+        path, answer = await analysis.encoded(request["sequence_id"], target, report)
         return {"file": path.name, "media_type": STREAM, "headers": answer.headers}
 
     async def classification(request: Any, _: Report) -> Any:

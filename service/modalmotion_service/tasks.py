@@ -63,6 +63,7 @@ from modalmotion_service.schemas import (
     TemplateAnswer,
     TradeoffAnswer,
 )
+from modalmotion_service.task_progress import ProgressFile
 
 # Templates and factored modes that a worker holds on to, each.
 _KEPT_BYTES: Final = 32_000_000
@@ -259,15 +260,17 @@ def superpose(
 
 
 def encode_upload(
-    upload: Path, options: ReadOptions, asked: EncodingTarget, output: Path
+    upload: Path, options: ReadOptions, asked: EncodingTarget, output: Path, progress: Path
 ) -> EncodedAnswer:
-    """Read an upload and write it as a compressed stream."""
-    return _encoded(_read(upload, options).sequence, asked, output)
+    """Read an upload and write it as a compressed stream; `progress` is a `ProgressFile`."""
+    return _encoded(_read(upload, options).sequence, asked, output, progress)
 
 
-def encode_kept(sequence: Path, asked: EncodingTarget, output: Path) -> EncodedAnswer:
-    """Write a kept sequence as a compressed stream."""
-    return _encoded(sequence_from_hdf5(sequence), asked, output)
+def encode_kept(
+    sequence: Path, asked: EncodingTarget, output: Path, progress: Path
+) -> EncodedAnswer:
+    """Write a kept sequence as a compressed stream; `progress` is a `ProgressFile`."""
+    return _encoded(sequence_from_hdf5(sequence), asked, output, progress)
 
 
 def decode_upload(
@@ -279,13 +282,16 @@ def decode_upload(
     write_whole(output, write(sequence))
 
 
-def _encoded(sequence: MeshSequence, asked: EncodingTarget, output: Path) -> EncodedAnswer:
+def _encoded(
+    sequence: MeshSequence, asked: EncodingTarget, output: Path, progress: Path
+) -> EncodedAnswer:
     found = encode(
         sequence,
         rms=asked.rms,
         max_error=asked.max_error,
         n_bytes=asked.bytes,
         effort=asked.effort,
+        progress=ProgressFile(progress).write,
     )
     write_whole(output, found.data)
     return EncodedAnswer.of(found)

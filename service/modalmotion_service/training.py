@@ -19,12 +19,11 @@ from modalmotion_service import training_task
 from modalmotion_service.analysis import Analysis
 from modalmotion_service.jobs import Report
 from modalmotion_service.spool import Spool, remove_with_beside
+from modalmotion_service.task_progress import followed
 from modalmotion_service.training_set import Case
 
 # Share of a training's progress that fitting the signatures is counted as.
 _FITTING: Final = 0.5
-
-_POLL_SECONDS: Final = 0.25
 
 
 class Trainer:
@@ -105,14 +104,12 @@ class Trainer:
                     self._n_threads,
                 )
             )
+
+            def told(share: float, text: str) -> None:
+                report(_FITTING + (1 - _FITTING) * share, text)
+
             try:
-                while not (await asyncio.wait([work], timeout=_POLL_SECONDS))[0]:
-                    share, text = training_task.read_progress(progress)
-                    report(_FITTING + (1 - _FITTING) * share, text)
-                await work
-            except asyncio.CancelledError:
-                work.cancel()
-                raise
+                await followed(work, progress, told)
             except ModalMotionError as error:
                 raise self._about(error, error.details.get("sequence_id")) from error
             return await asyncio.to_thread(self._store.put_model_image, image)

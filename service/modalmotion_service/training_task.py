@@ -13,6 +13,7 @@ from modalmotion.errors import ModalMotionError, ParameterError
 from modalmotion.parallel import joblib_backend
 from modalmotion.store import kept_model, model_to_hdf5
 from modalmotion_service.errors import ClusterError
+from modalmotion_service.task_progress import ProgressFile
 
 
 def train_model(
@@ -39,7 +40,7 @@ def train_model(
     image : Path
         Written at the end.
     progress : Path
-        Written over and over; see `read_progress`.
+        Where `ProgressFile` tells how far it is.
     scheduler : str, optional
         Whose workers read the signatures and fit the folds; else this process does.
     n_threads : int
@@ -52,13 +53,7 @@ def train_model(
     ClusterError
         If the scheduler or its workers are lost.
     """
-    beside = progress.with_name(f"{progress.name}.new")
-
-    def report(share: float, text: str) -> None:
-        # Renamed into place, so that it is never read half-written.
-        beside.write_text(json.dumps([share, text]))
-        beside.replace(progress)
-
+    report = ProgressFile(progress).write
     chosen = TrainingOptions.from_json(options)
 
     def work() -> Model:
@@ -99,15 +94,6 @@ def _is_of_dask(error: Exception) -> bool:
     from distributed import KilledWorker
 
     return isinstance(error, (OSError, TimeoutError, CancelledError, KilledWorker))
-
-
-def read_progress(progress: Path) -> tuple[float, str]:
-    """Share that a training has done, 0 to 1, and what it does now."""
-    try:
-        share, text = json.loads(progress.read_text())
-    except FileNotFoundError:
-        return 0.0, "training"
-    return min(max(float(share), 0.0), 1.0), str(text)
 
 
 class _Cases:

@@ -1,0 +1,94 @@
+"""What a worker tells through a file reaches whoever waits for it."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from modalmotion.formats import read_npz
+from modalmotion.store.sequence_file import sequence_to_hdf5
+from modalmotion_service import task_progress, tasks
+from modalmotion_service.schemas import EncodingTarget
+from modalmotion_service.task_progress import ProgressFile, followed
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(task_progress, "_POLL_SECONDS", 0.005)
+    monkeypatch.setattr(task_progress, "_LEAST_SECONDS", 0.0)
+
+
+def test_shares_are_told_in_their_order_until_the_work_is_done(tmp_path: Path) -> None:
+    told: list[tuple[float, str]] = []
+    path = tmp_path / "progress"
+
+    async def work() -> str:
+        file = ProgressFile(path)
+        for share, text in ((0.25, "reading"), (0.5, "fitting"), (7.0, "beyond")):
+            file.write(share, text)
+            while (min(share, 1.0), text) not in told:
+                await asyncio.sleep(0.001)
+        return "done"
+
+    assert asyncio.run(followed(work(), path, lambda *said: told.append(said))) == "done"
+    assert list(dict.fromkeys(told)) == [(0.25, "reading"), (0.5, "fitting"), (1.0, "beyond")]
+
+
+def test_who_stops_waiting_stops_the_work(tmp_path: Path) -> None:
+    ended: list[str] = []
+
+    async def work() -> None:
+        try:
+            await asyncio.sleep(60)
+        except asyncio.CancelledError:
+            ended.append("cancelled")
+            raise
+
+    async def main() -> None:
+        waiting = asyncio.create_task(followed(work(), tmp_path / "none", lambda *_: None))
+        await asyncio.sleep(0.02)
+        waiting.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await waiting
+        await asyncio.sleep(0)
+
+    asyncio.run(main())
+    assert ended == ["cancelled"]
+
+
+def test_what_fails_fails_where_it_is_waited_for(tmp_path: Path) -> None:
+    async def work() -> None:
+        raise ValueError("no")
+
+    with pytest.raises(ValueError, match="no"):
+        asyncio.run(followed(work(), tmp_path / "none", lambda *_: None))
+
+
+def test_a_file_is_not_written_more_often_than_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(task_progress, "_LEAST_SECONDS", 60.0)
+    file = ProgressFile(tmp_path / "progress")
+    for share in (0.1, 0.2, 0.3):
+        file.write(share)
+    assert file.read() == (0.1, "")
+
+
+def test_encoding_tells_how_far_it_is(tmp_path: Path, beat: bytes) -> None:
+    kept, output, progress = (tmp_path / name for name in ("kept", "output", "progress"))
+    kept.write_bytes(sequence_to_hdf5(read_npz(beat).sequence))
+    shares: list[float] = []
+
+    class Noted(ProgressFile):
+        def write(self, share: float, text: str = "") -> None:
+            shares.append(share)
+            super().write(share, text)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(tasks, "ProgressFile", Noted)
+        tasks.encode_kept(kept, EncodingTarget(rms=0.5), output, progress)
+    assert shares == sorted(shares)
+    assert any(0.0 < share < 1.0 for share in shares)
+    assert ProgressFile(progress).read() == (1.0, "")
