@@ -104,10 +104,11 @@ class JobRunner:
         self._begin(job, instead_of)
         return job
 
-    def text(self, job_id: str) -> str | None:
+    def text(self, job: Job) -> str | None:
         """Say what a job is doing now; None where it is not running or does not say."""
-        # Kept here and not in the store: it means nothing once the work has stopped.
-        return self._texts.get(job_id)
+        # Kept here and not in the store: it means nothing once the work has stopped, which the
+        # store knows a moment before this does.
+        return None if job.is_finished else self._texts.get(job.id)
 
     async def cancel(self, job_id: str) -> Job:
         """End a job.

@@ -140,3 +140,11 @@ def test_the_spool_is_empty_when_everything_is_done(
     finished(client, client.post("/v1/sequences", content=b"nonsense", headers=ASYNC).json())
     time.sleep(0.2)
     assert list((data_dir / "spool").iterdir()) == []
+
+
+def test_a_finished_job_says_nothing_of_what_it_did_last(client: TestClient, beat: bytes) -> None:
+    job = finished(client, client.post("/v1/sequences", content=beat, headers=ASYNC).json())
+    # Noted as finished by the store a moment before its last words are taken away.
+    client.app.state.owners.local.jobs._texts[job["id"]] = "last words"  # type: ignore[attr-defined]
+    assert client.get(job["links"]["self"]).json()["text"] is None
+    assert [item["text"] for item in client.get("/v1/jobs").json()["jobs"]] == [None]

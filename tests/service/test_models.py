@@ -305,7 +305,7 @@ def test_a_training_says_how_far_it_is(trained: Trained, monkeypatch: pytest.Mon
             seen.append((share, text))
             report(share, text)
             jobs = trained.client.app.state.owners.local.jobs  # type: ignore[attr-defined]
-            trained.texts += [jobs.text(job) for job in list(jobs._texts)]
+            trained.texts += jobs._texts.values()
 
         return await original(*args[:-1], told)
 

@@ -32,7 +32,7 @@ class ListQuery(BaseModel):
 def list_jobs(query: Annotated[ListQuery, Query()], state: StateDependency) -> JobPageAnswer:
     """List jobs from the newest to the oldest, a page at a time."""
     page = state.store.jobs.list(state=query.state, limit=query.limit, cursor=query.cursor)
-    jobs = [JobAnswer.of(job, state.jobs.text(job.id)) for job in page.jobs]
+    jobs = [JobAnswer.of(job, state.jobs.text(job)) for job in page.jobs]
     return JobPageAnswer(jobs=jobs, cursor=page.cursor)
 
 
@@ -42,7 +42,7 @@ def job(job_id: JobId, state: StateDependency, response: Response) -> JobAnswer:
     found = state.store.jobs.get(job_id)
     if not found.is_finished:
         response.headers["Retry-After"] = "1"
-    return JobAnswer.of(found, state.jobs.text(job_id))
+    return JobAnswer.of(found, state.jobs.text(found))
 
 
 @router.get(
