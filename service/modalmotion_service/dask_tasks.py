@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from distributed import Worker, WorkerPlugin, get_worker
+from distributed.core import Status
 
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.executor import WorkerPool
@@ -32,6 +33,9 @@ PLUGIN: Final = "modalmotion-pools"
 _MOST_UNUSED: Final = 2
 # How soon the work of a task that nobody wants any more is ended.
 _LOOK_SECONDS = 0.1
+
+# When nobody waits for what a worker does.
+_ENDED: Final = (Status.closing, Status.closed, Status.failed)
 
 
 @dataclass(frozen=True)
@@ -198,7 +202,9 @@ def run_in_pool(payload: bytes, limits: PoolLimits, mark: Mark) -> bytes:
         future = pool.submit(run_pickled, payload)
         while not wait([future], timeout=_LOOK_SECONDS).done:
             state = worker.state.tasks.get(key)
-            if state is None or state.state == "cancelled":
+            is_released = state is None or state.state == "cancelled"
+            # A worker that has lost its scheduler would wait half a minute for its threads.
+            if is_released or worker.status in _ENDED:
                 future.cancel()
                 break
     if future.cancelled():
