@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import subprocess
 import sys
 import time
@@ -10,16 +11,19 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from dask_cluster import DaskCluster, free_port
+from distributed.core import Status
 from fastapi.testclient import TestClient
 from worker_tasks import hang, is_running, slow_mark
 
+from modalmotion_service import dask_tasks
 from modalmotion_service.app import create_app
 from modalmotion_service.dask_executor import DaskExecutor
-from modalmotion_service.dask_tasks import Mark, PoolLimits, Pools
+from modalmotion_service.dask_tasks import PLUGIN, Mark, PoolLimits, Pools, run_in_pool
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.settings import Settings
 
@@ -134,6 +138,28 @@ def test_two_clients_share_workers_and_one_may_leave(
         with DaskExecutor(dask_cluster.address, folders[1], 20.0, MEMORY) as leaves:
             assert leaves.submit(abs, -1).result(timeout=30) == 1
         assert slow.result(timeout=30) == "done"
+
+
+def test_a_worker_that_ends_gives_up_the_work_under_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mark = Mark(tmp_path / "mark", version("modalmotion"))
+    mark.path.touch()
+    limits, pools = PoolLimits(60.0, MEMORY, 1), Pools(1)
+    task = SimpleNamespace(state="executing")
+    worker = SimpleNamespace(
+        get_current_task=lambda: "key",
+        plugins={PLUGIN: SimpleNamespace(pools=pools)},
+        state=SimpleNamespace(tasks={"key": task}),
+        # Dask waits half a minute for the threads of a worker that has lost its scheduler.
+        status=Status.closing,
+    )
+    monkeypatch.setattr(dask_tasks, "get_worker", lambda: worker)
+    with pytest.raises(ClusterError, match="given up"):
+        run_in_pool(pickle.dumps((hang, (), {})), limits, mark)
+    worker.status = Status.running
+    assert run_in_pool(pickle.dumps((abs, (-1,), {})), limits, mark) == pickle.dumps(1)
+    pools.close()
 
 
 def test_a_lost_worker_or_scheduler_is_survived(own_cluster: DaskCluster, tmp_path: Path) -> None:
