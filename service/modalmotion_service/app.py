@@ -82,7 +82,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         metrics.registry.register(things)
         try:
             await owners.open()
-            with KeyRing(chosen.data_dir) as keys, AuditLog(chosen.data_dir) as log:
+            log = AuditLog(chosen.data_dir, chosen.audit_entries_per_file)
+            with KeyRing(chosen.data_dir) as keys, log:
                 app.state.owners, app.state.access = owners, Access(keys, log)
                 app.state.metrics = metrics
                 yield

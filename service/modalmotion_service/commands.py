@@ -33,12 +33,14 @@ class _Later(click.Command):
 
 
 keys = _Later(
-    "modalmotion_service.access.commands",
+    "modalmotion_service.access.key_commands",
     "keys",
     "Make, list and take back the keys that open a service.",
 )
 audit = _Later(
-    "modalmotion_service.access.commands", "audit", "Read and check the record of who did what."
+    "modalmotion_service.access.audit_commands",
+    "audit",
+    "Read, check and archive the record of who did what.",
 )
 cohort = _Later(
     "modalmotion_service.cohort.command",

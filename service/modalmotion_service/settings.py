@@ -9,6 +9,7 @@ from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from modalmotion.formats import ReadLimits
+from modalmotion_service.access.audit import ENTRIES_PER_FILE
 
 
 class Settings(BaseSettings):
@@ -50,6 +51,11 @@ class Settings(BaseSettings):
     )
     max_failures_per_minute: int = Field(
         30, gt=0, description="Answers 401 a minute to one address; then 429."
+    )
+    audit_entries_per_file: int = Field(
+        ENTRIES_PER_FILE,
+        ge=1,
+        description="A file of the audit log with as many is closed, and can be archived.",
     )
 
     result_hours: float = Field(

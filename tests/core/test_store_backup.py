@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
+import sqlite3
 import threading
 from pathlib import Path
 
@@ -81,6 +83,26 @@ def test_a_second_backup_copies_what_is_new_and_forgets_what_was_deleted(tmp_pat
         assert restored.sequence_record(stays).label == "rest"
         with pytest.raises(NotFoundError):
             restored.sequence_record(gone)
+
+
+def test_a_database_is_copied_again_when_it_has_changed(tmp_path: Path) -> None:
+    root, copy = tmp_path / "store", tmp_path / "copy"
+    with ResultStore(root) as store:
+        put(store, 1)
+    other = root / "access" / "closed.sqlite"
+    other.parent.mkdir()
+    with contextlib.closing(sqlite3.connect(other, isolation_level=None)) as file:
+        file.execute("CREATE TABLE t (x)")
+    backup(root, copy)
+    assert backup(root, copy).n_copied == 0
+    with contextlib.closing(sqlite3.connect(other, isolation_level=None)) as file:
+        for number in range(4):
+            # In its log what is new changes neither the file's size nor its time.
+            file.execute(f"PRAGMA journal_mode = {'WAL' if number > 1 else 'DELETE'}")
+            file.execute("INSERT INTO t VALUES (?)", (number,))
+            assert backup(root, copy).n_copied == 1
+            with contextlib.closing(sqlite3.connect(copy / "access" / "closed.sqlite")) as copied:
+                assert copied.execute("SELECT count(*) FROM t").fetchone() == (number + 1,)
 
 
 def test_a_backup_into_itself_or_over_other_files_is_refused(tmp_path: Path) -> None:

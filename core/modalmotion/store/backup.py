@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 import sqlite3
 from collections.abc import Callable
@@ -80,11 +81,11 @@ def _copy(root: Path, target: Path, progress: Progress | None) -> BackupReport:
     target.mkdir(parents=True, exist_ok=True)
     # Keys, audit log and the indices of other owners' stores lie further down.
     databases = sorted(path.relative_to(root) for path in root.rglob("*.sqlite"))
+    n_copied = 0
     for database in databases:
         (target / database).parent.mkdir(parents=True, exist_ok=True)
-        _copy_database(root / database, target / database)
+        n_copied += _copy_database(root / database, target / database)
     names = [path.relative_to(root) for path in root.rglob("*") if _belongs(path)]
-    n_copied = 0
     for number, name in enumerate(names):
         n_copied += _copy_file(root / name, target / name)
         if progress is not None:
@@ -95,7 +96,7 @@ def _copy(root: Path, target: Path, progress: Progress | None) -> BackupReport:
         path.unlink()
     files = [path for path in kept if path.exists()]
     n_bytes = sum(path.stat().st_size for path in files)
-    return BackupReport(len(files), n_bytes, n_copied + len(databases), len(old))
+    return BackupReport(len(files), n_bytes, n_copied, len(old))
 
 
 def _belongs(path: Path) -> bool:
@@ -103,7 +104,12 @@ def _belongs(path: Path) -> bool:
     return not (is_database or path.name == "lock" or is_temporary(path.name)) and path.is_file()
 
 
-def _copy_database(source: Path, copy: Path) -> None:
+def _copy_database(source: Path, copy: Path) -> bool:
+    """Copy a database that is in use or was changed; tell whether it was."""
+    # Before the look at its log: what is written after it shows in the time, or in the log.
+    then = source.stat()
+    if not _wal_of(source).exists() and _is_same(then, copy):
+        return False
     # The library copies what is committed, whatever is written meanwhile.
     temporary = temporary_beside(copy)
     try:
@@ -113,21 +119,32 @@ def _copy_database(source: Path, copy: Path) -> None:
         ):
             here.backup(there)
             there.execute("PRAGMA journal_mode = DELETE")
+        os.utime(temporary, ns=(then.st_atime_ns, then.st_mtime_ns))
         temporary.replace(copy)
     except sqlite3.Error as error:
         raise OSError(5, str(error), str(copy)) from error
     finally:
         temporary.unlink(missing_ok=True)
+    return True
+
+
+def _wal_of(database: Path) -> Path:
+    return database.with_name(f"{database.name}-wal")
+
+
+def _is_same(now: os.stat_result, copy: Path) -> bool:
+    if not copy.exists():
+        return False
+    then = copy.stat()
+    return (now.st_size, now.st_mtime_ns) == (then.st_size, then.st_mtime_ns)
 
 
 def _copy_file(source: Path, copy: Path) -> bool:
     """Copy a file that is new or was replaced; tell whether it was."""
     try:
         now = source.stat()
-        if copy.exists():
-            then = copy.stat()
-            if (now.st_size, now.st_mtime_ns) == (then.st_size, then.st_mtime_ns):
-                return False
+        if _is_same(now, copy):
+            return False
         copy.parent.mkdir(parents=True, exist_ok=True)
         temporary = temporary_beside(copy)
         try:

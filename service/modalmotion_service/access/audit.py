@@ -1,53 +1,25 @@
 """The audit log: who did what to which id; appended to, never changed, and durable.
 
 Entries are committed together: while one transaction reaches the disk, those that come wait for
-the next. An answer leaves after its entry is on the disk.
+the next. An answer leaves after its entry is on the disk. The log is a row of files: one that has
+its number of entries is closed, and the chain goes on in the next.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import threading
-from collections.abc import Iterator
-from dataclasses import astuple, dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Final, Self
 
-from modalmotion.store.cursor import now
-from modalmotion_service.access.audit_entry import GENESIS, AuditEntry, Event, chained
-from modalmotion_service.access.database import explained, open_database
+from modalmotion.errors import StoreError
+from modalmotion_service.access.audit_entry import GENESIS, AuditEntry, Event
+from modalmotion_service.access.audit_part import AuditPart, AuditWriter, PartClosedError
 
-_VERSION: Final = 1
-_TABLES: Final = (
-    """CREATE TABLE audit (
-        number INTEGER PRIMARY KEY, time TEXT NOT NULL, request_id TEXT NOT NULL, owner TEXT,
-        key_id TEXT, client TEXT NOT NULL, method TEXT NOT NULL, route TEXT NOT NULL,
-        ids TEXT NOT NULL, status INTEGER NOT NULL, sha256 TEXT NOT NULL
-    )""",
-    # Against a slip of the hand; against intent there is the chain.
-    """CREATE TRIGGER audit_is_not_changed BEFORE UPDATE ON audit
-    BEGIN SELECT raise(ABORT, 'the audit log is not changed'); END""",
-    """CREATE TRIGGER audit_is_not_shortened BEFORE DELETE ON audit
-    BEGIN SELECT raise(ABORT, 'the audit log is not changed'); END""",
-)
-
-
-@dataclass(frozen=True)
-class AuditReport:
-    """What a check of the log found.
-
-    Parameters
-    ----------
-    n_entries : int
-    head : str
-        Digest of the last entry: noted elsewhere, it shows later that nothing before is gone.
-    faults : tuple of str
-    """
-
-    n_entries: int
-    head: str
-    faults: tuple[str, ...]
+ENTRIES_PER_FILE: Final = 1_000_000
+"""Some 300 MB."""
 
 
 class AuditLog:
@@ -56,12 +28,15 @@ class AuditLog:
     Parameters
     ----------
     data_dir : Path
+    entries_per_file : int
+        A file that holds as many is closed, and another one is begun.
     """
 
-    def __init__(self, data_dir: Path) -> None:
-        self._path = data_dir / "access" / "audit.sqlite"
+    def __init__(self, data_dir: Path, entries_per_file: int = ENTRIES_PER_FILE) -> None:
+        self._folder = audit_folder(data_dir)
+        self._entries_per_file = entries_per_file
         self._lock = threading.Lock()
-        self._connection = open_database(self._path, _TABLES, _VERSION)
+        self._writer = self._newest()
         self._pending: list[tuple[Event, asyncio.Future[None]]] = []
         self._writing: asyncio.Task[None] | None = None
 
@@ -79,7 +54,7 @@ class AuditLog:
     def close(self) -> None:
         """Close the file."""
         with self._lock:
-            self._connection.close()
+            self._writer.close()
 
     async def note(self, event: Event) -> None:
         """Append an event; it is durable when this returns.
@@ -108,67 +83,26 @@ class AuditLog:
         StoreError
             If they cannot be written; then none of them is.
         """
-        with self._lock, explained(self._path.name):
-            self._connection.execute("BEGIN IMMEDIATE")
-            try:
-                number, head = self._last()
-                for event in events:
-                    number += 1
-                    entry = chained(head, number, now(), event)
-                    head = entry.sha256
-                    self._connection.execute(
-                        "INSERT INTO audit VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                        (number, entry.time, *astuple(event), head),
-                    )
-                self._connection.execute("COMMIT")
-            except BaseException:
-                if self._connection.in_transaction:
-                    self._connection.execute("ROLLBACK")
-                raise
+        with self._lock:
+            if self._writer.n_entries >= self._entries_per_file:
+                with contextlib.suppress(PartClosedError):
+                    self._writer.close_for_good()
+            while True:
+                try:
+                    self._writer.append(events)
+                except PartClosedError:
+                    # Opened before the old one is closed: if it cannot be, all is as it was.
+                    newest = self._newest()
+                    self._writer.close()
+                    self._writer = newest
+                else:
+                    return
 
     def page(
         self, *, limit: int, before: int | None = None, owner: str | None = None
     ) -> list[AuditEntry]:
-        """Entries from the newest to the oldest.
-
-        Parameters
-        ----------
-        limit : int
-        before : int, optional
-            Only those with a smaller number.
-        owner : str, optional
-            Only those of this owner.
-        """
-        with self._lock, explained(self._path.name):
-            rows = self._connection.execute(
-                "SELECT * FROM audit WHERE number < ? AND (? IS NULL OR owner = ?) "
-                "ORDER BY number DESC LIMIT ?",
-                (before if before is not None else 1 << 62, owner, owner, limit),
-            ).fetchall()
-        return [_entry(row) for row in rows]
-
-    def verify(self, anchor: tuple[int, str] | None = None) -> AuditReport:
-        """Check the whole chain.
-
-        Parameters
-        ----------
-        anchor : tuple of int and str, optional
-            Number and digest of an entry, as an earlier check gave them.
-        """
-        faults: list[str] = []
-        number, head = 0, GENESIS
-        anchored = anchor is None or anchor == (0, GENESIS)
-        for entry in self._in_order():
-            if entry.number != number + 1:
-                faults.append(f"entries {number + 1} to {entry.number - 1} are missing")
-            expected = chained(head, entry.number, entry.time, entry.event).sha256
-            if entry.sha256 != expected:
-                faults.append(f"entry {entry.number} is not what was written, or follows another")
-            number, head = entry.number, entry.sha256
-            anchored = anchored or (number, head) == anchor
-        if anchor is not None and not anchored:
-            faults.append(f"entry {anchor[0]} with the digest that was noted is not there")
-        return AuditReport(number, head, tuple(faults))
+        """Read a page as `audit_page` does."""
+        return audit_page(self._folder, limit=limit, before=before, owner=owner)
 
     async def _write_pending(self) -> None:
         try:
@@ -189,27 +123,58 @@ class AuditLog:
         finally:
             self._writing = None
 
-    def _last(self) -> tuple[int, str]:
-        rows = self._connection.execute(
-            "SELECT number, sha256 FROM audit ORDER BY number DESC LIMIT 1"
-        )
-        found: tuple[int, str] | None = rows.fetchone()
-        return (0, GENESIS) if found is None else found
-
-    def _in_order(self) -> Iterator[AuditEntry]:
-        last = 0
-        while True:
-            # Piece by piece: the log may be larger than memory, and a server may be writing.
-            with self._lock, explained(self._path.name):
-                rows = self._connection.execute(
-                    "SELECT * FROM audit WHERE number > ? ORDER BY number LIMIT 10000", (last,)
-                ).fetchall()
-            if not rows:
-                return
-            yield from map(_entry, rows)
-            last = rows[-1][0]
+    def _newest(self) -> AuditWriter:
+        """Open the file that is appended to: the last one, or the one after it."""
+        parts = parts_in(self._folder)
+        # The last one of a process that was killed may have no tables yet.
+        if parts and not parts[-1].is_prepared():
+            parts.pop()
+        if parts and not parts[-1].is_closed():
+            return AuditWriter(parts[-1].path, GENESIS)
+        start = parts[-1].end() if parts else GENESIS
+        return AuditWriter(self._folder / f"{start.number + 1:012}.sqlite", start)
 
 
-def _entry(row: tuple[Any, ...]) -> AuditEntry:
-    number, time, *event, digest = row
-    return AuditEntry(number, time, Event(*event), digest)
+def audit_page(
+    folder: Path, *, limit: int, before: int | None = None, owner: str | None = None
+) -> list[AuditEntry]:
+    """Read entries from the newest to the oldest; archived files are not looked at.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the log's files.
+    limit : int
+    before : int, optional
+        Only those with a smaller number.
+    owner : str, optional
+        Only those of this owner.
+    """
+    found: list[AuditEntry] = []
+    for part in reversed(parts_in(folder)):
+        if before is not None and first_number(part) >= before:
+            continue
+        try:
+            found += part.page(limit=limit - len(found), before=before, owner=owner)
+        except StoreError:
+            # Archived since the files were listed.
+            if part.path.exists():
+                raise
+        if len(found) == limit:
+            break
+    return found
+
+
+def audit_folder(data_dir: Path) -> Path:
+    """Where the files of a data folder's audit log lie."""
+    return data_dir / "access" / "audit"
+
+
+def parts_in(folder: Path) -> list[AuditPart]:
+    """List the files of a log, the oldest first."""
+    return [AuditPart(path) for path in sorted(folder.glob("[0-9]*.sqlite"))]
+
+
+def first_number(part: AuditPart) -> int:
+    """Tell the number of a file's first entry, by its name."""
+    return int(part.path.stem)

@@ -7,8 +7,29 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Final
 
-GENESIS: Final = "0" * 64
-"""What stands in the first entry for the digest of the one before."""
+BEGUN: Final = 102
+"""Status of an entry that is written before something is changed; another one follows it."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """An entry's number and digest: noted elsewhere, they show later that nothing before is gone.
+
+    Parameters
+    ----------
+    number : int
+    sha256 : str
+    """
+
+    number: int
+    sha256: str
+
+    def __str__(self) -> str:
+        return f"{self.number}:{self.sha256}"
+
+
+GENESIS: Final = Place(0, "0" * 64)
+"""What stands for the entry before the first one."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +48,7 @@ class Event:
     ids : str
         What it was about, separated by blanks.
     status : int
-        Of the answer.
+        Of the answer, or `BEGUN`.
     """
 
     request_id: str
@@ -60,18 +81,22 @@ class AuditEntry:
     event: Event
     sha256: str
 
+    @property
+    def place(self) -> Place:
+        """Where it stands."""
+        return Place(self.number, self.sha256)
 
-def chained(previous: str, number: int, time: str, event: Event) -> AuditEntry:
+
+def chained(previous: Place, time: str, event: Event) -> AuditEntry:
     """Tie an event to the entry before.
 
     Parameters
     ----------
-    previous : str
-        The digest of that entry.
-    number : int
+    previous : Place
     time : str
     event : Event
     """
+    number = previous.number + 1
     # JSON, and not the values one after another: no two events are written alike.
-    text = json.dumps([previous, number, time, asdict(event)], sort_keys=True)
+    text = json.dumps([previous.sha256, number, time, asdict(event)], sort_keys=True)
     return AuditEntry(number, time, event, hashlib.sha256(text.encode()).hexdigest())

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from modalmotion.errors import CorruptFileError, StoreError
+from modalmotion.store.atomic import sync_folder
 
 
 def open_database(path: Path, tables: Sequence[str], version: int) -> sqlite3.Connection:
@@ -33,7 +34,11 @@ def open_database(path: Path, tables: Sequence[str], version: int) -> sqlite3.Co
         try:
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             # SQLite gives its log and its shared memory the rights of the file itself.
+            is_new = not path.exists()
             os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o600))
+            if is_new:
+                sync_folder(path.parent)
+                sync_folder(path.parent.parent)
         except OSError as error:
             raise StoreError(
                 f"{path.name} cannot be opened: {error.strerror}.",

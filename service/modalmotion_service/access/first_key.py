@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from modalmotion_service.access.key_events import make_key
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.principal import LOCAL
 from modalmotion_service.access.scopes import Scope
@@ -25,7 +26,7 @@ def offer_first_key(settings: Settings) -> None:
     with KeyRing(settings.data_dir) as ring:
         if ring.all():
             return
-        key, token = ring.create(LOCAL, frozenset(Scope), note="first key")
+    key, token = make_key(settings.data_dir, LOCAL, frozenset(Scope), note="first key")
     # To standard output, apart from the log, which goes to standard error.
     click.echo(
         "\n  This service needs keys, and there was none. The first one, with every scope;\n"

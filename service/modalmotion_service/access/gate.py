@@ -16,7 +16,7 @@ from starlette.types import Scope as Connection
 
 from modalmotion.errors import ModalMotionError
 from modalmotion_service.access.audit import AuditLog
-from modalmotion_service.access.audit_entry import Event
+from modalmotion_service.access.audit_entry import BEGUN, Event
 from modalmotion_service.access.keys import KeyRing, key_required
 from modalmotion_service.access.principal import (
     LOCAL_PRINCIPAL,
@@ -36,6 +36,9 @@ _ROUTE: Final = "modalmotion.route"
 
 _DIGEST: Final = re.compile(r"[0-9a-f]{32}|[0-9a-f]{64}")
 _NAME: Final = re.compile(r"[A-Za-z0-9._-]{1,100}")
+
+# What keys with these scopes alone may do changes something.
+_CHANGES: Final = (Scope.WRITE, Scope.TRAIN)
 
 # What asks every few seconds, and must be answered whoever else asks.
 _PROBES: Final = ("/health/", "/v2/health/")
@@ -143,6 +146,13 @@ class Gate:
         if refused is not None:
             await problem_of(refused)(scope, receive, sent)
             return
+        if target is not None and target.scope in _CHANGES:
+            # Whatever happens after it: the log tells who was about to change what.
+            try:
+                await self._note(connection, target, BEGUN, Headers())
+            except ModalMotionError as error:
+                await problem_of(error)(scope, receive, send)
+                return
         try:
             await self.app(scope, receive, sent)
         except BaseException as error:

@@ -9,13 +9,13 @@ import secrets
 import threading
 from collections.abc import Collection
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 
 from modalmotion.errors import NotFoundError, ParameterError
-from modalmotion.store.cursor import now
+from modalmotion.store.cursor import now, to_text
 from modalmotion_service.access.database import explained, open_database
 from modalmotion_service.access.principal import Principal, require_owner
 from modalmotion_service.access.scopes import Scope
@@ -135,7 +135,7 @@ class KeyRing:
         require_owner(owner)
         if not scopes:
             raise ParameterError("A key without a scope opens nothing.", remedy="Name a scope.")
-        end = None if expires is None else _text(expires)
+        end = None if expires is None else to_text(expires.timestamp())
         if end is not None and end <= now():
             raise ParameterError("The key would have expired already.", remedy="Name a later day.")
         key_id, secret = secrets.token_hex(8), secrets.token_urlsafe(_SECRET_BYTES)
@@ -206,11 +206,6 @@ def key_required() -> AuthenticationError:
 
 def _digest(secret: str) -> str:
     return hashlib.sha256(secret.encode()).hexdigest()
-
-
-def _text(time: datetime) -> str:
-    # As `now` writes it: the two are compared as text.
-    return time.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
 def _key(row: tuple[Any, ...]) -> Key:

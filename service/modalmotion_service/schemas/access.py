@@ -14,11 +14,15 @@ class AuditEntryAnswer(BaseModel):
     time: str = Field(description="ISO 8601 in UTC.")
     owner: str | None = Field(description="Null where nobody was recognised.")
     key_id: str | None = Field(description="Null for a request from this machine without a key.")
-    client: str = Field(description="Address that the request came from.")
-    method: str
-    route: str = Field(description="By its template; empty where there is none.")
+    client: str = Field(
+        description="Address that the request came from, or the command line's user."
+    )
+    method: str = Field(description="COMMAND for one of the command line.")
+    route: str = Field(description="By its template, or the command; empty where there is none.")
     ids: list[str] = Field(description="What it was about.")
-    status: int = Field(description="Of the answer.")
+    status: int = Field(
+        description="Of the answer; 102 for the entry that is written before a change."
+    )
     request_id: str
     sha256: str = Field(description="Of this entry and of the digest of the one before.")
 
