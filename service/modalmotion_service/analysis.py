@@ -15,12 +15,12 @@ from modalmotion.formats import ReadLimits, ReadOptions
 from modalmotion.signature import SignatureParameters
 from modalmotion.store import ResultStore, SequenceRecord
 from modalmotion.superposed import SurfaceFormat
-from modalmotion_service import tasks
 from modalmotion_service.executor import Engine
 from modalmotion_service.flights import Flights
 from modalmotion_service.schemas import EncodedAnswer, EncodingTarget, ReadingAnswer, TemplateAnswer
 from modalmotion_service.spool import Spool, SpooledUpload, remove_with_beside
 from modalmotion_service.task_progress import followed
+from modalmotion_service.tasks import codec, derived, sequences, signatures, templates
 from modalmotion_service.timing import add_milliseconds, stage
 
 P = ParamSpec("P")
@@ -84,7 +84,7 @@ class Analysis:
 
         async def make() -> Received:
             with self._image() as image, stage("worker"):
-                work = self._work(tasks.ingest, upload.spooled.path, upload.options, image)
+                work = self._work(sequences.ingest, upload.spooled.path, upload.options, image)
                 found = await work
                 add_milliseconds(found.milliseconds)
                 with stage("store"):
@@ -106,7 +106,7 @@ class Analysis:
             sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
             template = self._template_path(parameters)
             with self._image() as image, stage("worker"):
-                work = self._work(tasks.sign, sequence, parameters, template, image)
+                work = self._work(signatures.sign, sequence, parameters, template, image)
                 add_milliseconds(await work)
                 with stage("store"):
                     return await asyncio.to_thread(
@@ -127,7 +127,9 @@ class Analysis:
         template = self._template_path(parameters)
         path, options = upload.spooled.path, upload.options
         with stage("worker"):
-            work = self._work(tasks.sign_upload, path, options, parameters, template, media_type)
+            work = self._work(
+                signatures.sign_upload, path, options, parameters, template, media_type
+            )
             body, milliseconds = await work
         add_milliseconds(milliseconds)
         return body
@@ -138,13 +140,13 @@ class Analysis:
         """Compare the signatures of two sequences, made with the same parameters."""
         own = await self.signature(sequence_id, parameters)
         other = await self.signature(other_id, parameters)
-        return await self._work(tasks.compare_signatures, own, other, closed)
+        return await self._work(signatures.compare_signatures, own, other, closed)
 
     async def signature_json(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
         """Give a signature as the service's JSON."""
         path = await self.signature(sequence_id, parameters)
         with stage("render"):
-            return await self._work(tasks.signature_as_json, path, self.within_store(path))
+            return await self._work(signatures.signature_as_json, path, self.within_store(path))
 
     async def template(
         self, upload: Upload, parameters: SignatureParameters
@@ -152,7 +154,7 @@ class Analysis:
         """Make and keep the template of an upload; tell whether it is new."""
         with self._image() as image, stage("worker"):
             path, options = upload.spooled.path, upload.options
-            made = await self._work(tasks.make_template, path, options, parameters, image)
+            made = await self._work(templates.make_template, path, options, parameters, image)
             add_milliseconds(made.milliseconds)
             with stage("store"):
                 is_new = await asyncio.to_thread(
@@ -163,12 +165,12 @@ class Analysis:
     async def describe_template(self, template_id: str) -> TemplateAnswer:
         """Say what a kept template holds."""
         path = await asyncio.to_thread(self._store.template_path, template_id)
-        return await self._work(tasks.describe_template, path)
+        return await self._work(templates.describe_template, path)
 
     async def draw_template(self, template_id: str) -> bytes:
         """Draw the natural coordinates of a kept template, as PNG."""
         path = await asyncio.to_thread(self._store.template_path, template_id)
-        return await self._work(tasks.draw_template, path)
+        return await self._work(templates.draw_template, path)
 
     async def readouts(
         self, sequence_id: str, parameters: SignatureParameters, *, as_picture: bool
@@ -178,7 +180,7 @@ class Analysis:
         sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
         template = self._template_path(parameters)
         with stage("readouts"):
-            return await self._work(tasks.read_out, sequence, signature, template, as_picture)
+            return await self._work(derived.read_out, sequence, signature, template, as_picture)
 
     async def reconstruction(
         self,
@@ -191,22 +193,17 @@ class Analysis:
         """Superpose a signature's surfaces into a file, which the caller removes."""
         signature = await self.signature(sequence_id, parameters)
         sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
-        output = self._spool.new_path()
-        try:
-            with stage("superpose"):
-                await self._work(
-                    tasks.superpose,
-                    sequence,
-                    signature,
-                    self._template_path(parameters),
-                    surface_format,
-                    times,
-                    max_targets,
-                    output,
-                )
-        except BaseException:
-            output.unlink(missing_ok=True)
-            raise
+        with self._output() as output, stage("superpose"):
+            await self._work(
+                derived.superpose,
+                sequence,
+                signature,
+                self._template_path(parameters),
+                surface_format,
+                times,
+                max_targets,
+                output,
+            )
         return output
 
     async def tradeoff(
@@ -219,23 +216,18 @@ class Analysis:
     ) -> Path:
         """Measure a trade into a file, which the caller removes."""
         sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
-        output = self._spool.new_path()
-        try:
-            with stage("worker"):
-                spent = await self._work(
-                    tasks.measure_trade,
-                    sequence,
-                    parameters,
-                    front_modes,
-                    components,
-                    self._template_path(parameters),
-                    media_type,
-                    output,
-                )
+        with self._output() as output, stage("worker"):
+            spent = await self._work(
+                derived.measure_trade,
+                sequence,
+                parameters,
+                front_modes,
+                components,
+                self._template_path(parameters),
+                media_type,
+                output,
+            )
             add_milliseconds(spent)
-        except BaseException:
-            output.unlink(missing_ok=True)
-            raise
         return output
 
     async def encoded(
@@ -245,19 +237,16 @@ class Analysis:
         report: Callable[[float, str], None] = lambda _share, _text: None,
     ) -> tuple[Path, EncodedAnswer]:
         """Encode an upload, or a kept sequence by its id, to a file that the caller removes."""
-        output, progress = self._spool.new_path(), self._spool.new_path()
+        progress = self._spool.new_path()
         try:
-            with stage("encode"):
+            with self._output() as output, stage("encode"):
                 if isinstance(source, str):
                     path = await asyncio.to_thread(self._store.sequence_path, source)
-                    work = self._work(tasks.encode_kept, path, target, output, progress)
+                    work = self._work(codec.encode_kept, path, target, output, progress)
                 else:
                     path, options = source.spooled.path, source.options
-                    work = self._work(tasks.encode_upload, path, options, target, output, progress)
+                    work = self._work(codec.encode_upload, path, options, target, output, progress)
                 return output, await followed(work, progress, report)
-        except BaseException:
-            output.unlink(missing_ok=True)
-            raise
         finally:
             remove_with_beside(progress)
 
@@ -265,15 +254,8 @@ class Analysis:
         self, stream: SpooledUpload, limits: ReadLimits, frames: range | None, media_type: str
     ) -> Path:
         """Decode a stream to a file that the caller removes."""
-        output = self._spool.new_path()
-        try:
-            with stage("decode"):
-                await self._work(
-                    tasks.decode_upload, stream.path, limits, frames, media_type, output
-                )
-        except BaseException:
-            output.unlink(missing_ok=True)
-            raise
+        with self._output() as output, stage("decode"):
+            await self._work(codec.decode_upload, stream.path, limits, frames, media_type, output)
         return output
 
     def _template_path(self, parameters: SignatureParameters) -> Path | None:
@@ -294,13 +276,9 @@ class Analysis:
             paths.append(await self.signature(sequence_id, parameters))
             on_progress((done + 1) / (len(sequence_ids) + 1))
         records = [self._store.sequence_record(sequence_id) for sequence_id in sequence_ids]
-        output = self._spool.new_path()
-        try:
-            task = tasks.pack_hdf5 if as_hdf5 else tasks.pack_npz
+        with self._output() as output:
+            task = signatures.pack_hdf5 if as_hdf5 else signatures.pack_npz
             await self._work(task, paths, records, output)
-        except BaseException:
-            output.unlink(missing_ok=True)
-            raise
         return output
 
     def within_store(self, path: Path) -> str:
@@ -318,3 +296,13 @@ class Analysis:
             yield path
         finally:
             path.unlink(missing_ok=True)
+
+    @contextmanager
+    def _output(self) -> Iterator[Path]:
+        """Name a file that a worker writes, and that stays if it did."""
+        path = self._spool.new_path()
+        try:
+            yield path
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise

@@ -32,7 +32,10 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-_PRELOADED: Final = ["modalmotion_service.tasks", "modalmotion_service.classification_tasks"]
+_PRELOADED: Final = [
+    f"modalmotion_service.tasks.{name}"
+    for name in ("sequences", "signatures", "templates", "derived", "codec", "classification")
+]
 
 # Processes that are begun for one task until one of them starts.
 _MOST_STARTS: Final = 5

@@ -20,11 +20,11 @@ from modalmotion.store import (
     kept_model,
     parse_reference,
 )
-from modalmotion_service import classification_tasks as tasks
 from modalmotion_service.analysis import Analysis, Upload
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.flights import Flights
 from modalmotion_service.schemas import ReadingAnswer
+from modalmotion_service.tasks import classification
 from modalmotion_service.timing import stage
 
 P = ParamSpec("P")
@@ -176,11 +176,11 @@ class Models:
         ModelNotReproducedError
             If it no longer says what it said when it was made.
         """
-        await self._work(tasks.require_loads, chosen.source)
+        await self._work(classification.require_loads, chosen.source)
 
     async def draw(self, kept: KeptModel) -> bytes:
         """Draw the confusion matrix and the calibration curve of a model's card, as PNG."""
-        return await self._work(tasks.draw_card, kept.card, str(kept.record.reference))
+        return await self._work(classification.draw_card, kept.card, str(kept.record.reference))
 
     async def classification(
         self, sequence_id: str, chosen: ChosenModel, coverage: float
@@ -191,7 +191,9 @@ class Models:
         async def make() -> None:
             signature = await self._analysis.signature(sequence_id, chosen.parameters)
             with stage("worker"):
-                result = await self._work(tasks.name_class, signature, chosen.source, coverage)
+                result = await self._work(
+                    classification.name_class, signature, chosen.source, coverage
+                )
             with stage("store"):
                 await asyncio.to_thread(self._store.put_classification, result, key)
 
@@ -227,7 +229,7 @@ class Models:
         """Say what a model says of an upload; nothing is kept."""
         with stage("worker"):
             return await self._work(
-                tasks.classify_upload,
+                classification.classify_upload,
                 upload.spooled.path,
                 upload.options,
                 chosen.parameters,

@@ -13,8 +13,8 @@ from fastapi.testclient import TestClient
 from modalmotion.formats import read_npz
 from modalmotion.signature import SignatureParameters, modal_signature
 from modalmotion.store import signature_from_hdf5, signature_to_hdf5
-from modalmotion_service import tasks
 from modalmotion_service.analysis import Analysis
+from modalmotion_service.tasks import signatures
 
 HDF5 = {"Accept": "application/x-hdf5"}
 
@@ -99,7 +99,7 @@ def test_a_signature_is_made_once_and_then_taken_from_the_store(
     work = Analysis._work
 
     def watched(self: Analysis, task: Any, *args: Any) -> Any:
-        assert task is not tasks.sign, "made a second time"
+        assert task is not signatures.sign, "made a second time"
         return work(self, task, *args)
 
     monkeypatch.setattr(Analysis, "_work", watched)

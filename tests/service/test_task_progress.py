@@ -9,9 +9,10 @@ import pytest
 
 from modalmotion.formats import read_npz
 from modalmotion.store.sequence_file import sequence_to_hdf5
-from modalmotion_service import task_progress, tasks
+from modalmotion_service import task_progress
 from modalmotion_service.schemas import EncodingTarget
 from modalmotion_service.task_progress import ProgressFile, followed
+from modalmotion_service.tasks import codec
 
 
 @pytest.fixture(autouse=True)
@@ -87,8 +88,8 @@ def test_encoding_tells_how_far_it_is(tmp_path: Path, beat: bytes) -> None:
             super().write(share, text)
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(tasks, "ProgressFile", Noted)
-        tasks.encode_kept(kept, EncodingTarget(rms=0.5), output, progress)
+        patched.setattr(codec, "ProgressFile", Noted)
+        codec.encode_kept(kept, EncodingTarget(rms=0.5), output, progress)
     assert shares == sorted(shares)
     assert any(0.0 < share < 1.0 for share in shares)
     assert ProgressFile(progress).read() == (1.0, "")

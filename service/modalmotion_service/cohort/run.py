@@ -18,13 +18,13 @@ from modalmotion.formats import ReadOptions
 from modalmotion.signature import SignatureParameters
 from modalmotion.store import MadeSignature, ResultStore, write_atomic
 from modalmotion.store.cursor import now
-from modalmotion_service import tasks
 from modalmotion_service.cohort.batch import Item, Refused, Signed, sign_batch
 from modalmotion_service.cohort.ledger import Done, Ledger, stamp_of
 from modalmotion_service.cohort.manifest import Entry
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.executor import Engine
 from modalmotion_service.spool import Spool
+from modalmotion_service.tasks.templates import make_template
 
 MOST_IN_BATCH = 16
 # Batches that wait at a worker while one is at work, so that it is never idle.
@@ -188,7 +188,7 @@ class _Run:
         image = self._spool.new_path()
         source = self._job.template_from.absolute()
         made = self._engine.submit(
-            tasks.make_template, source, self._job.options, self._job.parameters, image
+            make_template, source, self._job.options, self._job.parameters, image
         ).result()
         self._store.put_template_image(image, made.answer.id)
         path = self._store.template_path(made.answer.id)

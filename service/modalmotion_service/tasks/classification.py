@@ -1,4 +1,4 @@
-"""What workers do with models. Tasks carry paths and small values, and may run twice."""
+"""Classes named by models, and models described."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from modalmotion.classify import Classification, Model, ModelCard, classify, load_model
-from modalmotion.formats import ParserHere, ReadOptions, read_sequence
+from modalmotion.formats import ReadOptions
 from modalmotion.signature import SignatureParameters, modal_signature
 from modalmotion.store import model_from_hdf5, signature_from_hdf5
 from modalmotion_service.schemas import ReadingAnswer
+from modalmotion_service.tasks.files import read_upload
 
 
 def name_class(signature: Path, model: Path | str, coverage: float) -> Classification:
@@ -32,8 +33,7 @@ def classify_upload(
     coverage: float,
 ) -> tuple[Classification, ReadingAnswer]:
     """Read an upload, fit it, and ask a model for the class of its motion."""
-    # This process may be lost and is limited from outside: parsers need none of their own.
-    read = read_sequence(upload.read_bytes(), options, parser=ParserHere(options.limits))
+    read = read_upload(upload, options)
     signature = modal_signature(read.sequence, parameters)
     return classify(signature, _loaded(model), coverage), ReadingAnswer.of(read)
 
