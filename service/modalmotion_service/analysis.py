@@ -291,11 +291,11 @@ class Analysis:
 
     @contextmanager
     def _image(self) -> Iterator[Path]:
-        path = self._spool.new_path()
-        try:
-            yield path
-        finally:
-            path.unlink(missing_ok=True)
+        with self._output() as path:
+            try:
+                yield path
+            finally:
+                path.unlink(missing_ok=True)
 
     @contextmanager
     def _output(self) -> Iterator[Path]:
@@ -304,5 +304,6 @@ class Analysis:
         try:
             yield path
         except BaseException:
-            path.unlink(missing_ok=True)
+            # With what a worker that died left beside it.
+            remove_with_beside(path)
             raise

@@ -16,7 +16,7 @@ from modalmotion.tradeoff import measure_tradeoff
 from modalmotion.tradeoff.plain import as_plain
 from modalmotion_service.negotiation import PNG
 from modalmotion_service.schemas import ReadoutsAnswer, TradeoffAnswer
-from modalmotion_service.tasks.files import write_whole
+from modalmotion_service.tasks.files import whole_file, write_whole
 
 
 def read_out(sequence: Path, signature: Path, template: Path | None, as_picture: bool) -> bytes:
@@ -50,12 +50,13 @@ def measure_trade(
         components=None if components is None else (components,),
         template=None if template is None else template_from_hdf5(template),
     )
-    if media_type == PNG:
-        from modalmotion.tradeoff.picture import tradeoff_figure
+    with whole_file(output) as temporary:
+        if media_type == PNG:
+            from modalmotion.tradeoff.picture import tradeoff_figure
 
-        tradeoff_figure(found).savefig(output, format="png")
-    else:
-        output.write_text(TradeoffAnswer(**as_plain(found)).model_dump_json())
+            tradeoff_figure(found).savefig(temporary, format="png")
+        else:
+            temporary.write_text(TradeoffAnswer(**as_plain(found)).model_dump_json())
     return dict(found.milliseconds)
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
 from modalmotion.formats import ParserHere, ReadOptions, ReadResult, read_sequence
 from modalmotion.store import template_from_hdf5
-from modalmotion.store.atomic import temporary_beside
 from modalmotion.template import Template
 from modalmotion.template_cache import TemplateCache
 
@@ -16,14 +18,22 @@ from modalmotion.template_cache import TemplateCache
 _KEPT_BYTES: Final = 32_000_000
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file that is there as a whole or not at all.
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a path to write to; what was written is at `path` as a whole or not at all.
 
-    A worker that is thought lost may still be at the same work as the one in its place.
+    A worker that is thought lost may still be at the same work as the one in its place. One that
+    dies leaves a file whose name begins as that of `path`, which the server removes.
     """
-    temporary = temporary_beside(path)
-    temporary.write_bytes(data)
+    temporary = path.with_name(f"{path.name}.{secrets.token_hex(8)}")
+    yield temporary
     temporary.replace(path)
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file as `whole_file` has it."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(data)
 
 
 def read_upload(upload: Path, options: ReadOptions) -> ReadResult:

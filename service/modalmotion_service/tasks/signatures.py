@@ -21,7 +21,13 @@ from modalmotion.store import (
 )
 from modalmotion_service.negotiation import HDF5, JSON, NPZ, RAW
 from modalmotion_service.schemas import SignatureAnswer
-from modalmotion_service.tasks.files import cache_for, named_template, read_upload, write_whole
+from modalmotion_service.tasks.files import (
+    cache_for,
+    named_template,
+    read_upload,
+    whole_file,
+    write_whole,
+)
 
 
 def sign(
@@ -81,14 +87,15 @@ def pack_npz(signatures: list[Path], records: list[SequenceRecord], output: Path
     for number, path in enumerate(signatures):
         named = _trajectory(signature_from_hdf5(path)).items()
         arrays.update({f"{name}_{number}": array for name, array in named})
-    with output.open("wb") as file:
+    with whole_file(output) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)
 
 
 def pack_hdf5(signatures: list[Path], records: list[SequenceRecord], output: Path) -> None:
     """Pack the trajectories of many signatures into one HDF5 file, laid out as an export."""
     loaded = map(signature_from_hdf5, signatures)
-    write_pack(output, zip(loaded, records, strict=True))
+    with whole_file(output) as temporary:
+        write_pack(temporary, zip(loaded, records, strict=True))
 
 
 def _as_json(signature: ModalSignature) -> bytes:

@@ -1,0 +1,55 @@
+"""Files that workers write: whole or not there, and nothing stays of a worker that died."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+import pytest
+from access_parts import guarded
+
+from modalmotion_service.executor import WorkerPool
+from modalmotion_service.tasks.files import whole_file, write_whole
+
+
+def test_a_file_is_whole_or_not_there(tmp_path: Path) -> None:
+    path = tmp_path / "name"
+    with pytest.raises(ZeroDivisionError), whole_file(path) as temporary:  # noqa: PT012
+        temporary.write_bytes(b"half")
+        assert not path.exists()
+        raise ZeroDivisionError
+    assert [found.name.partition(".")[0] for found in tmp_path.iterdir()] == ["name"]
+    write_whole(path, b"whole")
+    write_whole(path, b"again")
+    assert path.read_bytes() == b"again"
+
+
+def die_while_writing(path: Path) -> None:
+    def write(_: bytes) -> None:
+        temporary.touch()
+        os._exit(1)
+
+    with whole_file(path) as temporary:
+        write(b"")
+
+
+@pytest.mark.parametrize("call", ["image", "output"])
+def test_nothing_stays_of_a_worker_that_died(
+    tmp_path: Path, call: str, beat: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submit = WorkerPool.submit
+
+    def dying(pool: WorkerPool, task: Any, *args: Any) -> Future[Any]:
+        (path,) = [arg for arg in args if isinstance(arg, Path) and not arg.exists()][:1]
+        return submit(pool, die_while_writing, path)
+
+    with guarded(tmp_path) as service:
+        made = service.ask("lab", "POST", "/v1/sequences", content=beat).headers["location"]
+        with monkeypatch.context() as patch:
+            patch.setattr(WorkerPool, "submit", dying)
+            what = "signature" if call == "image" else "encoded?rms=0.5"
+            answer = service.ask("lab", "GET", f"{made}/{what}")
+            assert answer.json()["code"] == "worker_died"
+        assert list((tmp_path / "owners" / "lab" / "spool").iterdir()) == []
