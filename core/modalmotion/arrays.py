@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import NonFiniteError, ShapeError
+from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
 
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
 
@@ -67,6 +67,47 @@ def require_vertices(vertices: Any, name: str = "vertices") -> FloatArray:
                 details={"array": name, "count": len(bad)},
             )
     return array
+
+
+def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Lengths of vectors, none too large or too small to be squared.
+
+    Parameters
+    ----------
+    vectors : (..., 3) float64
+
+    Returns
+    -------
+    (...) float64
+    """
+    found: NDArray[np.float64] = np.hypot(
+        np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2]
+    )
+    return found
+
+
+def single_precision(values: NDArray[Any], what: str) -> NDArray[np.float32]:
+    """Round to little-endian float32, for formats that have nothing longer.
+
+    Parameters
+    ----------
+    values : array of float32 or float64
+    what : str
+        What to call them in the error, such as "A position".
+
+    Raises
+    ------
+    ParameterError
+        If one of them is beyond the range of float32.
+    """
+    with np.errstate(over="ignore"):
+        rounded: NDArray[np.float32] = np.asarray(values).astype("<f4")
+    if not np.isfinite(rounded).all():
+        raise ParameterError(
+            f"{what} is {float(np.abs(values).max()):.3g}, and single precision ends at 3.4e38.",
+            remedy="State lengths in another unit, or ask for a format in double precision.",
+        )
+    return rounded
 
 
 def require_faces(faces: Any, n_vertices: int) -> NDArray[np.int64]:

@@ -12,6 +12,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arrays import lengths
 from modalmotion.errors import TopologyError
 from modalmotion.products import along
 from modalmotion.template import Landmarks, Template
@@ -87,7 +88,7 @@ def local_frames(template: Template) -> NDArray[np.float64]:
     across = offsets - along(offsets, axis)[:, None] * axis
     # Twice, for where the radius is small its rounding has a part along the axis.
     across -= along(across, axis)[:, None] * axis
-    radius = np.linalg.norm(across, axis=1)
+    radius = lengths(across)
     on_axis = ~(radius > 1e-9 * radius.max(initial=0.0))
     radial = across / np.where(on_axis, 1.0, radius)[:, None]
     radial[on_axis] = landmarks.theta_zero

@@ -104,8 +104,10 @@ def modal_animation(
 def _energies(
     weights: NDArray[np.float64], phi: NDArray[np.float64], a: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Mean square displacement of each mode and direction, (modes, 3) float64."""
-    energies: NDArray[np.float64] = (weights @ phi**2)[:, None] * (a**2).mean(axis=0)
+    """Mean square displacement of each mode and direction, relative, (modes, 3) float64."""
+    # Of the largest amplitude's square: what is very large or very small has none.
+    scale = float(np.abs(a).max(initial=0.0)) or 1.0
+    energies: NDArray[np.float64] = (weights @ phi**2)[:, None] * ((a / scale) ** 2).mean(axis=0)
     return energies
 
 
@@ -119,5 +121,6 @@ def _root_mean_square(
         return 0.0
     some = np.zeros((a.shape[1] * 3,))
     some[chosen] = 1.0
-    u = np.einsum("vm,fmd->fvd", phi, a * some.reshape(-1, 3))
-    return float(np.sqrt(np.einsum("v,fvd->f", weights, u**2).mean()))
+    scale = float(np.abs(a).max(initial=0.0)) or 1.0
+    u = np.einsum("vm,fmd->fvd", phi, a / scale * some.reshape(-1, 3))
+    return scale * float(np.sqrt(np.einsum("v,fvd->f", weights, u**2).mean()))

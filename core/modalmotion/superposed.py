@@ -8,6 +8,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arrays import lengths
 from modalmotion.formats import write_glb, write_npz, write_ply_zip, write_vtkhdf
 from modalmotion.interpolation import at_times
 from modalmotion.modal_animation import modal_animation
@@ -81,7 +82,7 @@ def write_superposed(
         return write_npz(surfaces)
     fields = None
     if times is None:
-        fields = {"error": np.linalg.norm(positions - sequence.vertices, axis=2)}
+        fields = {"error": lengths(positions - sequence.vertices)}
     return write_vtkhdf(
         surfaces,
         fields,

@@ -148,6 +148,13 @@ class Analysis:
         with stage("render"):
             return await self._work(signatures.signature_as_json, path, self.within_store(path))
 
+    async def draw_signature(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
+        """Draw a signature beside its sequence, as PNG."""
+        path = await self.signature(sequence_id, parameters)
+        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        with stage("draw"):
+            return await self._work(signatures.draw_signature, sequence, path)
+
     async def template(
         self, upload: Upload, parameters: SignatureParameters
     ) -> tuple[TemplateAnswer, bool]:

@@ -15,9 +15,9 @@ import numpy as np
 
 from modalmotion.client import ClassAnswer, Client
 from modalmotion.errors import InputError, ModalMotionError
-from modalmotion.figures import systole_figure
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.signature import ModalSignature
+from modalmotion.signature_picture import signature_figure
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.store import signature_from_hdf5
 
@@ -67,7 +67,7 @@ def main(file: Path | None, output: Path) -> None:
         f"{'yes' if path.read_bytes() == image else 'NO'})"
     )
     picture = output / "systole.png"
-    systole_figure(read_npz(body).sequence, signature).savefig(picture)
+    signature_figure(read_npz(body).sequence, signature).savefig(picture)
     click.echo(f"picture    {picture}")
 
 

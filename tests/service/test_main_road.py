@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from matplotlib.image import imread
 
 from modalmotion.formats import read_npz
 from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.signature_picture import signature_figure
 from modalmotion.store import signature_from_hdf5, signature_to_hdf5
 from modalmotion_service.analysis import Analysis
 from modalmotion_service.tasks import signatures
@@ -88,6 +91,31 @@ def test_the_signature_over_http_is_the_librarys_own_bit_for_bit(
     read = signature_from_hdf5(image.content)
     assert np.array_equal(read.amplitudes, own.amplitudes)
     assert read.modes == own.modes
+
+
+def test_a_picture_of_a_signature_is_the_librarys_own(
+    client: TestClient, beat: bytes, npz: Callable[..., bytes]
+) -> None:
+    sequence = read_npz(beat).sequence
+    parameters = SignatureParameters(modes=4)
+    buffer = io.BytesIO()
+    figure = signature_figure(sequence, modal_signature(sequence, parameters))
+    figure.savefig(buffer, format="png")
+    as_picture = {"Accept": "image/png"}
+    here = f"/v1/sequences/{send(client, beat)}/signature?modes=4"
+    kept = client.get(here, headers=as_picture)
+    assert kept.headers["content-type"] == "image/png"
+    assert np.array_equal(imread(io.BytesIO(kept.content)), imread(io.BytesIO(buffer.getvalue())))
+    tag = {"If-None-Match": kept.headers["etag"]}
+    assert client.get(here, headers={**as_picture, **tag}).status_code == 304
+    assert client.get(here, headers=tag).status_code == 200
+    sent = client.post("/v1/signature?modes=4", content=beat, headers=as_picture)
+    assert sent.content == kept.content
+    # Far from anything that has a shape.
+    odd = npz(vertices=1e-300 * np.random.default_rng(3).normal(size=(2, 16, 3)))
+    query = "topology=open_curve&grid=16"
+    answer = client.post(f"/v1/signature?{query}", content=odd, headers=as_picture)
+    assert answer.status_code == 200, answer.text
 
 
 def test_a_signature_is_made_once_and_then_taken_from_the_store(

@@ -74,10 +74,11 @@ def noise_rms(noise: Noise, n_frames: int, n_directions: int = 3) -> float:
 
 def holds_noise(error: float, noise: Noise, sequence: MeshSequence, n_directions: int = 3) -> bool:
     """Tell whether an RMS error cannot be told from that of noise alone."""
-    expected = noise_rms(noise, sequence.n_frames, n_directions) ** 2
+    expected = noise_rms(noise, sequence.n_frames, n_directions)
     # The reference's part of the noise is drawn once for all frames.
     spread = float(np.sqrt(2.0 / (n_directions * sequence.n_vertices)))
-    return error**2 <= expected * (1.0 + _ESTIMATE + _DEVIATIONS * spread)
+    # Not squared: that has no room for very large coordinates.
+    return error <= expected * float(np.sqrt(1.0 + _ESTIMATE + _DEVIATIONS * spread))
 
 
 def simplest(scene: Scene, limit: float, kind: ErrorKind) -> SceneKind:

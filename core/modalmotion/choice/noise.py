@@ -151,8 +151,8 @@ def _residual(
     left += ((own @ gram) * own).sum(axis=1)
     u = np.concatenate(
         [
-            block[:, some]
-            for block, _, _ in displacement_blocks(
+            scale * block[:, some]
+            for block, _, scale in displacement_blocks(
                 sequence, weights, reference=reference, remove_rotation=remove_rotation
             )
         ]

@@ -29,7 +29,8 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
     ----------
     which : str or Path
         A str is the name of a model that comes with the package, and never a path, so that it
-        may come from a stranger; a Path is a file written by `model_to_bytes`.
+        may come from a stranger; a Path is a file written by `model_to_bytes`, or the HDF5 file
+        of a model that was trained by a command or a service.
 
     Returns
     -------
@@ -44,12 +45,18 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
     """
     if isinstance(which, Path):
         try:
-            return model_from_bytes(which.read_bytes())
+            content = which.read_bytes()
         except OSError as error:
             raise NotFoundError(
                 f"The model file {which.name!r} cannot be read: {error.strerror}.",
                 remedy="Name an existing file.",
             ) from error
+        # Here, for what is shipped needs no h5py.
+        from modalmotion.formats.hdf5_gate import SIGNATURE
+        from modalmotion.store import model_from_hdf5
+
+        is_hdf5 = content.startswith(SIGNATURE)
+        return model_from_hdf5(content) if is_hdf5 else model_from_bytes(content)
     if which not in available_models():
         raise NotFoundError(
             f"There is no model named {which[:80]!r}.",

@@ -90,9 +90,9 @@ def signature(
     if output is not None:
         write_atomic(output, signature_to_hdf5(result))
     if plot is not None:
-        from modalmotion.figures import systole_figure
+        from modalmotion.signature_picture import signature_figure
 
-        systole_figure(sequence, result).savefig(plot)
+        signature_figure(sequence, result).savefig(plot)
     if as_json:
         click.echo(json.dumps(summary(result, price), indent=2))
     else:

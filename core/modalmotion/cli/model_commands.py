@@ -218,10 +218,9 @@ def model_named(which: str) -> Model:
         If it is damaged, or does not answer as where it was made.
     """
     from modalmotion.classify import load_model
-    from modalmotion.store import model_from_hdf5
 
     path = Path(which)
-    return model_from_hdf5(path) if path.is_file() else load_model(which)
+    return load_model(path if path.is_file() else which)
 
 
 class _TrainingBar:

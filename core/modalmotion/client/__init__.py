@@ -3,6 +3,8 @@
 from modalmotion.client.answers import (
     ClassAnswer,
     CompressedSequence,
+    ModelInfo,
+    Readouts,
     SequenceInfo,
     SignatureArrays,
     TemplateInfo,
@@ -31,6 +33,8 @@ __all__ = [
     "JobCancelledError",
     "JobStatus",
     "JobUnfinishedError",
+    "ModelInfo",
+    "Readouts",
     "RemoteError",
     "Retries",
     "SequenceInfo",

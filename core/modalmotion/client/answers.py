@@ -97,6 +97,67 @@ class ClassAnswer:
     answer: dict[str, Any] = field(repr=False, compare=False)
 
 
+@dataclass(frozen=True)
+class ModelInfo:
+    """A version of a model.
+
+    Parameters
+    ----------
+    name : str
+    version : int
+    id : str
+        sha256 of everything that its answers depend on.
+    origin : str
+        trained or shipped.
+    classes : list of str
+    versions : list of int
+        All of its name that there are.
+    answer : dict
+        All that the service says of it, such as its card.
+    """
+
+    name: str
+    version: int
+    id: str
+    origin: str
+    classes: list[str]
+    versions: list[int]
+    answer: dict[str, Any] = field(repr=False, compare=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Readouts:
+    """Volume over time and ejection fraction.
+
+    Parameters
+    ----------
+    volume_unit : str
+        ml; cubed length units where the unit is unknown.
+    times : (frames,) float64, s, or None
+    volumes, bounds : (frames,) float64, `volume_unit`
+        From the signature; the surface's own are at most that far from it.
+    ejection_fraction : float, percent
+    ejection_fraction_range : tuple of float, percent
+    mesh_volumes : (frames,) float64, `volume_unit`
+        Of the frames as they were sent.
+    mesh_ejection_fraction : float, percent
+    notes : list of str
+    answer : dict
+        All that the service says.
+    """
+
+    volume_unit: str
+    times: NDArray[np.float64] | None
+    volumes: NDArray[np.float64]
+    bounds: NDArray[np.float64]
+    ejection_fraction: float
+    ejection_fraction_range: tuple[float, float]
+    mesh_volumes: NDArray[np.float64]
+    mesh_ejection_fraction: float
+    notes: list[str]
+    answer: dict[str, Any] = field(repr=False)
+
+
 @dataclass(frozen=True, eq=False)
 class SignatureArrays:
     """The trajectory of one of many signatures.
@@ -158,10 +219,42 @@ def value_of(kind: Callable[..., T], answer: Any) -> T:
     try:
         return kind(**{name: answer[name] for name in names}, answer=answer)
     except (KeyError, TypeError) as error:
-        raise BrokenAnswerError(
-            f"The answer is not what is understood here: {error} is not there.",
-            remedy="Check the address, and the versions of service and client.",
-        ) from error
+        raise _not_understood(error) from error
+
+
+def readouts_of(answer: Any) -> Readouts:
+    """Read volumes and ejection fractions.
+
+    Raises
+    ------
+    BrokenAnswerError
+        If a member is not there.
+    """
+    try:
+        own, mesh, times = answer["from_signature"], answer["of_mesh"], answer["times"]
+        ejected = own["ejection_fraction"]
+        high = ejected["high"]
+        return Readouts(
+            volume_unit=answer["volume_unit"],
+            times=None if times is None else np.array(times, dtype=np.float64),
+            volumes=np.array(own["volumes"], dtype=np.float64),
+            bounds=np.array(own["bounds"], dtype=np.float64),
+            ejection_fraction=ejected["value"],
+            ejection_fraction_range=(ejected["low"], np.inf if high is None else high),
+            mesh_volumes=np.array(mesh["volumes"], dtype=np.float64),
+            mesh_ejection_fraction=mesh["ejection_fraction"]["value"],
+            notes=answer["notes"],
+            answer=answer,
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise _not_understood(error) from error
+
+
+def _not_understood(error: Exception) -> BrokenAnswerError:
+    return BrokenAnswerError(
+        f"The answer is not what is understood here: {error} is not there.",
+        remedy="Check the address, and the versions of service and client.",
+    )
 
 
 def compressed_of(answer: Answer) -> CompressedSequence:

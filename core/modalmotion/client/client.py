@@ -12,7 +12,9 @@ from modalmotion.client.codec_calls import CodecCalls
 from modalmotion.client.connection import Answer, Call, Connection
 from modalmotion.client.errors import RemoteError, UnreachableError
 from modalmotion.client.jobs import Job, JobStatus
+from modalmotion.client.model_calls import ModelCalls
 from modalmotion.client.query import Option
+from modalmotion.client.readout_calls import ReadoutCalls
 from modalmotion.client.retries import Retries
 from modalmotion.client.sequence_calls import SequenceCalls
 from modalmotion.client.signature_calls import SignatureCalls
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     import httpx2
 
 
-class Client(SequenceCalls, SignatureCalls, CodecCalls, TemplateCalls):
+class Client(SequenceCalls, SignatureCalls, ReadoutCalls, ModelCalls, CodecCalls, TemplateCalls):
     """A service: use it in a `with` block, or close it.
 
     Threads may share one. Options of a call are those of the service, by its names; a call
@@ -103,6 +105,10 @@ class Client(SequenceCalls, SignatureCalls, CodecCalls, TemplateCalls):
         """Give a job by its id; its result is the answer to its link, as it comes."""
         status = JobStatus.of(self._get(f"/v1/jobs/{job_id}").json)
         return Job(self._connection, status, lambda answer: answer, accept)
+
+    def audit(self, *, owner: str | None = None, page: int = 100) -> Iterator[dict[str, Any]]:
+        """List who did what, of all owners, from the newest to the oldest; needs `admin`."""
+        return self._pages("/v1/audit", "entries", owner=owner, limit=page)
 
     def request(
         self,

@@ -1,4 +1,4 @@
-"""Signatures, and what is made of them: arrays, surfaces, distances, classes."""
+"""Signatures, and what is made of them: arrays, surfaces, distances."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final
 
-from modalmotion.client.answers import ClassAnswer, SignatureArrays, pack_of, value_of
+from modalmotion.client.answers import SignatureArrays, pack_of
 from modalmotion.client.bodies import Progress, Source, body_of, json_body
 from modalmotion.client.calls import HDF5, NPZ, Calls, require_suffix, save, sequence_of
 from modalmotion.client.connection import Answer, Call
@@ -142,24 +142,6 @@ class SignatureCalls(Calls):
                 "The answer is no distance.", remedy="Check the version of the service."
             ) from error
 
-    def classify(self, sequence_id: str, **request: Option) -> ClassAnswer:
-        """Ask a model for the class of a kept sequence's motion.
-
-        Parameters
-        ----------
-        sequence_id : str
-        **request
-            Members of the request, such as model: the shipped one by default.
-        """
-        path = f"/v1/sequences/{sequence_id}/classifications"
-        call = Call("POST", path, body=json_body(plain(request)), is_keyed=True)
-        return self._awaited(call, _class)
-
-    def classifications(self, sequence_id: str) -> list[ClassAnswer]:
-        """List what models have said of a sequence."""
-        answer = self._get(f"/v1/sequences/{sequence_id}/classifications").json
-        return [value_of(ClassAnswer, member) for member in answer["classifications"]]
-
 
 def _signature(sequence_id: str, options: dict[str, Option]) -> Call:
     return Call("GET", f"/v1/sequences/{sequence_id}/signature", options, HDF5)
@@ -173,11 +155,3 @@ def _own(answer: Answer) -> ModalSignature:
     from modalmotion.store import signature_from_hdf5
 
     return signature_from_hdf5(answer.content)
-
-
-def _class(answer: Answer) -> ClassAnswer:
-    # A job's result is the list of all; this one is the newest of its model.
-    found = answer.json
-    if isinstance(found, dict) and "classifications" in found:
-        found = found["classifications"][-1]
-    return value_of(ClassAnswer, found)

@@ -30,6 +30,11 @@ class TemplateCalls(Calls):
         call = Call("POST", "/v1/templates", options, body=body_of(source), is_repeatable=True)
         return value_of(TemplateInfo, self._connection.send(call, progress).json)
 
+    def templates(self) -> list[str]:
+        """List the ids of all templates."""
+        found: list[str] = self._get("/v1/templates").json["templates"]
+        return found
+
     def template(self, template_id: str) -> TemplateInfo:
         """Say what was found of a surface."""
         return value_of(TemplateInfo, self._get(f"/v1/templates/{template_id}").json)
@@ -37,3 +42,7 @@ class TemplateCalls(Calls):
     def save_template_picture(self, template_id: str, path: str | Path) -> None:
         """Write a picture of s and theta on the surface, as PNG."""
         save(self._get(f"/v1/templates/{template_id}", accept=PNG).content, Path(path))
+
+    def delete_template(self, template_id: str) -> None:
+        """Delete a template; signatures that were fitted on it stay."""
+        self._connection.send(Call("DELETE", f"/v1/templates/{template_id}"))

@@ -270,4 +270,5 @@ def _up(value: float) -> float:
     """Round to float32, never down: what the stream claims is never better than the truth."""
     with np.errstate(over="ignore"):
         near = np.float32(value)
-    return float(near if near >= value else np.nextafter(near, np.float32(np.inf)))
+    # As float64: beside a float32 NumPy would round the value too.
+    return float(near if float(near) >= value else np.nextafter(near, np.float32(np.inf)))

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from modalmotion.arrays import single_precision
 from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.formats.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.formats.result import ReadResult
@@ -80,10 +81,12 @@ def write_raw(sequence: MeshSequence, dtype: str = "float32") -> bytes:
     Raises
     ------
     ParameterError
-        If the type is neither "float32" nor "float64".
+        If the type is neither "float32" nor "float64", or a position is beyond it.
     """
     if dtype not in _DTYPES:
         raise ParameterError(
             f"The type {dtype[:20]!r} is not understood.", remedy="Use float32 or float64."
         )
+    if dtype == "float32":
+        return single_precision(sequence.vertices, "A position").tobytes()
     return sequence.vertices.astype(_DTYPES[dtype]).tobytes()

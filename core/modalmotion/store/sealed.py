@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
+from modalmotion.formats.hdf5_gate import SIGNATURE
 
-_SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
 _MARK: Final = b"\nmodalmotion sha256 "
 _SEAL: Final = re.compile(rb"\nmodalmotion sha256 ([0-9a-f]{64})\n")
 SEAL_LENGTH: Final = len(_MARK) + 64 + 1
@@ -62,7 +62,7 @@ def load_sealed(source: bytes | Path) -> tuple[str, bytes]:
     else:
         name = f"'{source.name}'"
         data = read_file(source)
-    if not data.startswith(_SIGNATURE):
+    if not data.startswith(SIGNATURE):
         what = "is empty" if not data else "does not begin as an HDF5 file does"
         raise CorruptFileError(
             f"{_capital(name)} {what}.",

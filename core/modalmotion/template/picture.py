@@ -90,7 +90,7 @@ def _view(template: Template) -> NDArray[np.float64]:
     """Columns that lay the axis upright, its end on top, and theta = 0 to the front."""
     landmarks = template.landmarks
     if landmarks is None:
-        used = np.delete(template.vertices, template.isolated, axis=0)
+        used = np.delete(template.vertices / _size(template), template.isolated, axis=0)
         _, _, rows = np.linalg.svd(used - used.mean(axis=0), full_matrices=False)
         axis, zero = rows[0], rows[1]
     elif template.topology.closed_axes:
@@ -99,6 +99,10 @@ def _view(template: Template) -> NDArray[np.float64]:
         # A sheet is seen from its normal.
         axis, zero = landmarks.theta_zero, landmarks.axis
     return np.stack([np.cross(axis, zero), -zero, axis], axis=1)
+
+
+def _size(template: Template) -> float:
+    return float(np.abs(template.vertices).max()) or 1.0
 
 
 def _tilted(view: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -116,7 +120,10 @@ def _draw(
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     used = np.unique(template.faces)
-    vertices = (template.vertices - template.vertices[used].mean(axis=0)) @ view
+    # Of any size: it has no axes, and so no unit.
+    size = _size(template)
+    centre = (template.vertices[used] / size).mean(axis=0)
+    vertices = (template.vertices / size - centre) @ view
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
     reach, middle = float((high - low).max()) / 2 or 1.0, (low + high) / 2
     panel.set(
@@ -145,7 +152,7 @@ def _draw(
     for colour, segments in _lines(corners[ahead], values[ahead], closed):
         panel.add_collection3d(Line3DCollection(segments, colors=colour, linewidths=0.9, zorder=2))
     if template.landmarks is not None and template.topology.closed_axes:
-        origin = (template.landmarks.origin - template.vertices[used].mean(axis=0)) @ view
+        origin = (template.landmarks.origin / size - centre) @ view
         tip = origin + 1.2 * (high[2] - origin[2]) * (template.landmarks.axis @ view)
         panel.plot(*np.stack([origin, tip], axis=1), color="black", linewidth=1.2, zorder=0)
     return scale

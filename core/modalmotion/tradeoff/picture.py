@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.choice.harmonics import n_functions
 from modalmotion.sequence import MM_PER_UNIT
+from modalmotion.shown_unit import ShownUnit, shown_unit
 from modalmotion.tradeoff.answer import Tradeoff
 from modalmotion.tradeoff.front import Front
 
@@ -40,8 +41,10 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     from matplotlib.figure import Figure
 
     front = tradeoff.front
-    unit = "length units" if front.unit is None else "mm"
     factor = 1.0 if front.unit is None else MM_PER_UNIT[front.unit]
+    shown = shown_unit(factor * front.motion_rms, None if front.unit is None else "mm")
+    unit = shown.name
+    factor /= shown.size
     has_times = bool(tradeoff.fit_milliseconds)
     figure = Figure(figsize=(14.0 if has_times else 10.0, 4.6), dpi=120, layout="constrained")
     panels: list[Any] = [figure.add_subplot(1, 3 if has_times else 2, 1)]
@@ -65,20 +68,22 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     )
     _simple_kinds(panels, tradeoff, factor)
     price = tradeoff.chosen.price
+    # Prices are in mm already, where the unit is known.
+    left = price.rms_error / shown.size
     # A logarithmic scale has no place for nothing.
     at = [(max(price.amplitudes_per_frame, 1), 0), (max(price.bytes, 8), 1)]
     for x, panel in at:
-        if price.rms_error > 0:
+        if left > 0:
             panels[panel].plot(
                 x,
-                price.rms_error,
+                left,
                 marker="*",
                 markersize=15,
                 color=_CHOSEN,
                 linestyle="none",
                 markeredgecolor="white",
                 zorder=6,
-                label=f"chosen: {price.rms_error:.3g} {unit} RMS",
+                label=f"chosen: {left:.3g} {unit} RMS",
             )
         if tradeoff.limit is not None:
             panels[panel].axhline(
@@ -87,7 +92,7 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     largest = max(factor * front.motion_rms, 1e-300)
     found = np.concatenate([branch.rms for branch in front.branches]) * factor
     smallest = float(found[found > _SMALLEST_SHARE * largest].min(initial=largest))
-    smallest = min(smallest, price.rms_error) if price.rms_error > 0 else smallest
+    smallest = min(smallest, left) if left > 0 else smallest
     for panel, label in zip(
         panels, ("amplitudes a frame", "bytes of the trajectory (float64)"), strict=False
     ):
@@ -100,7 +105,7 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     _plain_ticks(panels[0].xaxis)
     if has_times:
         _draw_times(figure.add_subplot(1, 3, 3), tradeoff, factor, unit)
-    figure.suptitle(_title(tradeoff, unit, factor), fontsize=11)
+    figure.suptitle(_title(tradeoff, shown, factor), fontsize=11)
     return figure
 
 
@@ -183,9 +188,12 @@ def _plain_ticks(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _title(tradeoff: Tradeoff, unit: str, factor: float) -> str:
+def _title(tradeoff: Tradeoff, shown: ShownUnit, factor: float) -> str:
     front, chosen = tradeoff.front, tradeoff.chosen
-    price = chosen.price
+    price, unit = chosen.price, shown.name
+    rms, p95, largest = (
+        error / shown.size for error in (price.rms_error, price.p95_error, price.max_error)
+    )
     text = (
         f"{front.n_frames} frames of {front.n_vertices} vertices, motion "
         f"{factor * front.motion_rms:.3g} {unit} RMS.  Chosen: "
@@ -196,7 +204,4 @@ def _title(tradeoff: Tradeoff, unit: str, factor: float) -> str:
         text += f"{len(chosen.signature.modes)} modes, {price.amplitudes_per_frame} amplitudes, "
         if chosen.signature.parameters.harmonics is not None:
             text += f"{chosen.signature.parameters.harmonics} harmonics, "
-    return (
-        f"{text}{price.bytes} bytes; {price.rms_error:.3g} RMS, {price.p95_error:.3g} p95, "
-        f"{price.max_error:.3g} max ({unit})"
-    )
+    return f"{text}{price.bytes} bytes; {rms:.3g} RMS, {p95:.3g} p95, {largest:.3g} max ({unit})"

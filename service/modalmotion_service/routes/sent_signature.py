@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Request, Response
 
 from modalmotion_service.analysis import Upload
 from modalmotion_service.dependencies import StateDependency, UploadDependency
-from modalmotion_service.negotiation import HDF5, JSON, NPZ, RAW, best_type
+from modalmotion_service.negotiation import HDF5, JSON, NPZ, PNG, RAW, best_type
 from modalmotion_service.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.query import described, header, read_once
 from modalmotion_service.routes.templates import TemplateQuery
@@ -16,7 +16,7 @@ from modalmotion_service.schemas import SignatureAnswer
 
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 
-OFFERED: Final = (JSON, HDF5, NPZ, RAW)
+OFFERED: Final = (JSON, HDF5, NPZ, RAW, PNG)
 """What a signature is given as; RAW is its amplitudes as little-endian float32."""
 
 _PARAMETERS: Final = [*described(TemplateQuery), header("accept", JSON, ", ".join(OFFERED))]
@@ -36,8 +36,8 @@ async def signature(
 ) -> Response:
     """Give the modal signature of a sequence that is sent with the request; nothing is stored.
 
-    As JSON, the result's HDF5 file, npz, or the amplitudes alone as little-endian float32
-    (frame by frame, mode by mode, three directions), by `Accept`.
+    As JSON, the result's HDF5 file, npz, a picture, or the amplitudes alone as little-endian
+    float32 (frame by frame, mode by mode, three directions), by `Accept`.
     """
     try:
         media_type = best_type(request.headers.get("accept", JSON), OFFERED)

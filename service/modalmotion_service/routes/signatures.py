@@ -17,7 +17,7 @@ from modalmotion_service.access.gate import note_ids
 from modalmotion_service.conditional import is_known, not_modified, tag_of
 from modalmotion_service.deferral import accepted, result_or_job
 from modalmotion_service.dependencies import PreferenceDependency, StateDependency
-from modalmotion_service.negotiation import GLB, HDF5, JSON, NPZ, VTKHDF, ZIP, best_type
+from modalmotion_service.negotiation import GLB, HDF5, JSON, NPZ, PNG, VTKHDF, ZIP, best_type
 from modalmotion_service.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.schemas import (
     DistanceAnswer,
@@ -34,7 +34,7 @@ router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 @router.get(
     "/sequences/{sequence_id}/signature",
     response_model=SignatureAnswer,
-    responses={200: {"content": {HDF5: BINARY}}, **ACCEPTED},
+    responses={200: {"content": {HDF5: BINARY, PNG: BINARY}}, **ACCEPTED},
 )
 async def signature(
     sequence_id: SequenceId,
@@ -42,13 +42,13 @@ async def signature(
     state: StateDependency,
     preference: PreferenceDependency,
     request: Request,
-    accept: Annotated[str, Header(description=f"{JSON} or {HDF5}.")] = JSON,
+    accept: Annotated[str, Header(description=f"{JSON}, {HDF5} or {PNG}.")] = JSON,
 ) -> Response:
     """Give the modal signature: amplitudes, error, spectrum, energy and where it is kept.
 
-    JSON or the result's HDF5 file, by `Accept`.
+    JSON, the result's HDF5 file, or a picture of it beside the surfaces, by `Accept`.
     """
-    media_type = best_type(accept, (JSON, HDF5))
+    media_type = best_type(accept, (JSON, HDF5, PNG))
     parameters = query.parameters()
     state.store.sequence_record(sequence_id)
     # A result never changes once its sequence and its parameters are named.
@@ -65,8 +65,8 @@ async def signature(
     if media_type == HDF5:
         name = f"{sequence_id[:12]}-signature.h5"
         return FileResponse(found, media_type=HDF5, filename=name, headers=headers)
-    body = await state.analysis.signature_json(sequence_id, parameters)
-    return Response(body, media_type=JSON, headers=headers)
+    give = state.analysis.draw_signature if media_type == PNG else state.analysis.signature_json
+    return Response(await give(sequence_id, parameters), media_type=media_type, headers=headers)
 
 
 SURFACES: Final = {

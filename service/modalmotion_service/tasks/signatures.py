@@ -8,8 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from modalmotion.arrays import single_precision
 from modalmotion.comparison import Comparison, compare
 from modalmotion.formats import ReadOptions
+from modalmotion.sequence import MeshSequence
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import (
@@ -19,7 +21,7 @@ from modalmotion.store import (
     signature_to_hdf5,
     write_pack,
 )
-from modalmotion_service.negotiation import HDF5, JSON, NPZ, RAW
+from modalmotion_service.negotiation import HDF5, JSON, NPZ, PNG, RAW
 from modalmotion_service.schemas import SignatureAnswer
 from modalmotion_service.tasks.files import (
     cache_for,
@@ -60,13 +62,21 @@ def sign_upload(
     with watch.stage("fit"):
         signature = modal_signature(sequence, parameters, template=named, cache=cache_for(named))
     with watch.stage("render"):
-        body = _SIGNATURE_WRITERS[media_type](signature)
+        if media_type == PNG:
+            body = _as_png(signature, sequence)
+        else:
+            body = _SIGNATURE_WRITERS[media_type](signature)
     return body, watch.milliseconds
 
 
 def signature_as_json(path: Path, file: str) -> bytes:
     """Write a kept signature out as the service's JSON."""
     return SignatureAnswer.of(signature_from_hdf5(path), file).model_dump_json().encode()
+
+
+def draw_signature(sequence: Path, signature: Path) -> bytes:
+    """Draw a kept signature beside its sequence, as PNG."""
+    return _as_png(signature_from_hdf5(signature), sequence_from_hdf5(sequence))
 
 
 def compare_signatures(a: Path, b: Path, closed: bool) -> Comparison:
@@ -108,8 +118,16 @@ def _as_npz(signature: ModalSignature) -> bytes:
     return buffer.getvalue()
 
 
+def _as_png(signature: ModalSignature, sequence: MeshSequence) -> bytes:
+    from modalmotion.signature_picture import signature_figure
+
+    buffer = io.BytesIO()
+    signature_figure(sequence, signature).savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
 def _as_raw(signature: ModalSignature) -> bytes:
-    return signature.amplitudes.astype("<f4").tobytes()
+    return single_precision(signature.amplitudes, "An amplitude").tobytes()
 
 
 _SIGNATURE_WRITERS: Final = {

@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.arrays import single_precision
 from modalmotion.errors import ParameterError
 from modalmotion.formats.gltf.container import write_container
 from modalmotion.formats.gltf.morph_animation import MorphAnimation
@@ -122,7 +123,11 @@ class _Buffer:
     ) -> int:
         """Put an array behind the others and return its accessor."""
         is_index = values.dtype.kind == "u"
-        array = np.ascontiguousarray(values, dtype="<u4" if is_index else "<f4")
+        array: NDArray[Any] = (
+            np.ascontiguousarray(values, dtype="<u4")
+            if is_index
+            else np.ascontiguousarray(single_precision(values, "A number"))
+        )
         view: dict[str, Any] = {"buffer": 0, "byteOffset": self.length, "byteLength": array.nbytes}
         if target is not None:
             view["target"] = target

@@ -1,0 +1,136 @@
+"""Models: listed, described, trained, deleted; and what they say of a sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import quote
+
+from modalmotion.client.answers import ClassAnswer, ModelInfo, value_of
+from modalmotion.client.bodies import Progress, Source, body_of, json_body
+from modalmotion.client.calls import HDF5, PNG, Calls, require_suffix, save
+from modalmotion.client.connection import Answer, Call
+from modalmotion.client.jobs import Job
+from modalmotion.client.query import Option, plain
+
+MODEL_FILES: Final = {".h5": HDF5, ".hdf5": HDF5, ".png": PNG}
+"""What a model is saved as, by suffix; a picture shows its confusion and its calibration."""
+
+Case = str | Mapping[str, str]
+"""The id of a kept sequence, or its id, label and subject."""
+
+
+class ModelCalls(Calls):
+    """Models, and what they say of sequences."""
+
+    def models(self, *, page: int = 100) -> Iterator[ModelInfo]:
+        """List models by name, each in its newest version, fetched a page at a time."""
+        members = self._pages("/v1/models", "models", limit=page)
+        return (value_of(ModelInfo, member) for member in members)
+
+    def model(self, name: str, version: int | None = None) -> ModelInfo:
+        """Describe a version of a model, the newest by default; `answer["card"]` is its card."""
+        return _model(self._get(_path(name, version)))
+
+    def save_model(self, name: str, path: str | Path, version: int | None = None) -> None:
+        """Write a model to .h5, as `mm.load_model` reads it, or a picture of its card to .png."""
+        target = Path(path)
+        accept = require_suffix(target, MODEL_FILES)
+        save(self._get(_path(name, version), accept=accept).content, target)
+
+    def train(
+        self,
+        name: str,
+        cases: Iterable[Case],
+        *,
+        progress: Callable[[float], None] | None = None,
+        **options: Option,
+    ) -> ModelInfo:
+        """Train a model on kept sequences: the next version of its name.
+
+        Parameters
+        ----------
+        name : str
+        cases : iterable of str or mapping
+            Ids of kept sequences, whose labels and subjects count; or mappings with the members
+            id, label and subject.
+        progress : callable, optional
+            Called with the share that is done, 0 to 1.
+        **options
+            Such as modes, coverage: see `/docs`.
+
+        Raises
+        ------
+        RemoteError
+            If the cases cannot be trained on.
+        """
+        return self._awaited(_training(name, cases, options), _model, progress)
+
+    def start_training(self, name: str, cases: Iterable[Case], **options: Option) -> Job[ModelInfo]:
+        """Start a training as `train` does, and do not wait for it."""
+        return self._started(_training(name, cases, options), _model)
+
+    def delete_model(self, name: str, version: int) -> None:
+        """Delete a version of a model; its number is never given again."""
+        self._connection.send(Call("DELETE", _path(name, version)))
+
+    def classify(self, sequence_id: str, **request: Option) -> ClassAnswer:
+        """Ask a model for the class of a kept sequence's motion.
+
+        Parameters
+        ----------
+        sequence_id : str
+        **request
+            Members of the request, such as model: the shipped one by default.
+        """
+        path = f"/v1/sequences/{sequence_id}/classifications"
+        call = Call("POST", path, body=json_body(plain(request)), is_keyed=True)
+        return self._awaited(call, _class)
+
+    def classify_of(
+        self, source: Source, *, progress: Progress | None = None, **options: Option
+    ) -> ClassAnswer:
+        """Ask a model for the class of what is sent; nothing of it is kept.
+
+        Parameters
+        ----------
+        source : path, bytes or MeshSequence
+        progress : callable, optional
+            Called with the bytes sent so far and those to send in all.
+        **options
+            Of reading (format, grid, unit, ...), and model, coverage.
+        """
+        call = Call("POST", "/v1/classify", options, body=body_of(source), is_repeatable=True)
+        return value_of(ClassAnswer, self._connection.send(call, progress).json)
+
+    def classifications(self, sequence_id: str) -> list[ClassAnswer]:
+        """List what models have said of a sequence."""
+        answer = self._get(f"/v1/sequences/{sequence_id}/classifications").json
+        return [value_of(ClassAnswer, member) for member in answer["classifications"]]
+
+
+def _path(name: str, version: int | None) -> str:
+    path = f"/v1/models/{quote(name, safe='')}"
+    return path if version is None else f"{path}/versions/{version:d}"
+
+
+def _training(name: str, cases: Iterable[Case], options: Mapping[str, Option]) -> Call:
+    asked: dict[str, Any] = {
+        "name": name,
+        "sequences": [case if isinstance(case, str) else dict(case) for case in cases],
+        "options": plain(options),
+    }
+    return Call("POST", "/v1/models", body=json_body(asked), is_keyed=True)
+
+
+def _model(answer: Answer) -> ModelInfo:
+    return value_of(ModelInfo, answer.json)
+
+
+def _class(answer: Answer) -> ClassAnswer:
+    # A job's result is the list of all; this one is the newest of its model.
+    found = answer.json
+    if isinstance(found, dict) and "classifications" in found:
+        found = found["classifications"][-1]
+    return value_of(ClassAnswer, found)

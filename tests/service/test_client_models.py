@@ -1,0 +1,131 @@
+"""The client: models, read-outs, pictures and templates are those of the service."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from running import RunningService
+from training_cohort import cohort
+
+import modalmotion as mm
+from modalmotion.classify import classify, load_model
+from modalmotion.client import BrokenAnswerError, Client, RemoteError
+from modalmotion.client.answers import readouts_of
+from modalmotion.clinical import clinical_readouts
+from modalmotion.formats import read_npz
+
+PNG = b"\x89PNG"
+
+
+@pytest.fixture(scope="module")
+def remote(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
+    running = RunningService(tmp_path_factory.mktemp("service") / "results", {"WORKERS": "1"})
+    running.start()
+    with Client(running.base) as client:
+        yield client
+    running.stop()
+
+
+@pytest.fixture(scope="module")
+def kept(remote: Client, beat: bytes) -> str:
+    return remote.upload(beat).id
+
+
+def test_a_model_is_trained_asked_saved_and_deleted(remote: Client, tmp_path: Path) -> None:
+    sent = list(cohort(6, 1))
+    ids = [remote.upload(one.body, label=one.label, subject=one.subject).id for one in sent]
+    shares: list[float] = []
+    first = remote.train("walls", ids, progress=shares.append, modes=7)
+    assert (first.name, first.version, first.origin) == ("walls", 1, "trained")
+    assert shares == sorted(shares)
+    renamed = [{"id": one, "label": f"{sent[k].label}!"} for k, one in enumerate(ids)]
+    second = remote.start_training("walls", renamed, modes=7).wait()
+    assert second.versions == [1, 2]
+    assert remote.model("walls") == second
+    assert remote.model("walls", 1).classes == sorted({one.label for one in sent})
+    assert remote.model("walls", 1).answer["card"]["options"]["modes"] == 7
+    assert {model.name for model in remote.models(page=1)} >= {"walls", "ventricle-simulated"}
+
+    remote.save_model("walls", tmp_path / "own.h5", version=1)
+    remote.save_model("walls", tmp_path / "card.png")
+    assert (tmp_path / "card.png").read_bytes().startswith(PNG)
+    with pytest.raises(mm.ParameterError, match=r"\.h5"):
+        remote.save_model("walls", tmp_path / "own.xyz")
+    answer = remote.classify_of(sent[0].body, model="walls@1")
+    own = classify(read_npz(sent[0].body).sequence, load_model(tmp_path / "own.h5"))
+    assert (answer.label, answer.model_id) == (own.label, first.id)
+    stated = dict(zip(own.classes, own.probabilities, strict=True))
+    assert answer.probabilities == pytest.approx(stated, abs=1e-12)
+    assert remote.classify(ids[0], model="walls@1").probabilities == answer.probabilities
+
+    remote.delete_model("walls", 1)
+    assert remote.model("walls").versions == [2]
+    with pytest.raises(mm.NotFoundError):
+        remote.model("walls", 1)
+    with pytest.raises(RemoteError, match="shipped"):
+        remote.train("ventricle-simulated", ids)
+    with pytest.raises(RemoteError, match="chocolate"):
+        remote.train("walls", ids, chocolate=1)
+
+
+def test_volumes_are_the_librarys_own(remote: Client, kept: str, beat: bytes) -> None:
+    sequence = read_npz(beat).sequence
+    signature = mm.modal_signature(sequence, mm.SignatureParameters(modes=18))
+    own = clinical_readouts(signature, sequence)
+    found = remote.readouts(kept, modes=18)
+    assert found.volume_unit == "ml"
+    np.testing.assert_array_equal(found.volumes, own.curve.volumes * own.shown_in)
+    np.testing.assert_array_equal(found.bounds, own.curve.bounds * own.shown_in)
+    np.testing.assert_array_equal(found.mesh_volumes, own.mesh_curve.volumes * own.shown_in)
+    assert found.times is not None
+    np.testing.assert_array_equal(found.times, sequence.times)
+    assert found.ejection_fraction == own.curve.ejection_fraction
+    assert found.ejection_fraction_range == own.curve.ejection_fraction_range
+    assert found.mesh_ejection_fraction == own.mesh_curve.ejection_fraction
+    assert found.notes == list(own.notes)
+    open_end = {**found.answer["from_signature"]}
+    open_end["ejection_fraction"] = {**open_end["ejection_fraction"], "high": None}
+    unbounded = readouts_of({**found.answer, "from_signature": open_end})
+    assert unbounded.ejection_fraction_range[1] == np.inf
+    with pytest.raises(BrokenAnswerError, match="'ejection_fraction' is not there"):
+        readouts_of({**found.answer, "of_mesh": {"volumes": []}})
+
+
+def test_the_trade_and_the_pictures(remote: Client, kept: str, tmp_path: Path) -> None:
+    trade = remote.tradeoff(kept, front_modes=12, modes=4)
+    assert trade["sequence_id"] == kept
+    pictures = {}
+    for name, save, options in (
+        ("signature", remote.save_signature_picture, {"modes": 4}),
+        ("more", remote.save_signature_picture, {"modes": 9}),
+        ("readouts", remote.save_readouts_picture, {"modes": 4}),
+        ("tradeoff", remote.save_tradeoff_picture, {"front_modes": 12}),
+    ):
+        save(kept, tmp_path / name, **options)
+        pictures[name] = (tmp_path / name).read_bytes()
+        assert pictures[name].startswith(PNG)
+    assert len(set(pictures.values())) == len(pictures)
+    sheet = mm.mesh_sequence(np.random.default_rng(1).normal(size=(2, 64, 3)), grid=(8, 8))
+    with pytest.raises(RemoteError):
+        remote.save_readouts_picture(remote.upload(sheet).id, tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+def test_templates_are_listed_and_deleted(remote: Client, beat: bytes) -> None:
+    template = remote.make_template(beat)
+    assert remote.templates() == [template.id]
+    remote.delete_template(template.id)
+    assert remote.templates() == []
+    with pytest.raises(mm.NotFoundError):
+        remote.template(template.id)
+
+
+def test_who_did_what_is_listed(remote: Client, kept: str) -> None:
+    newest = next(remote.audit(page=2))
+    assert newest["method"] in ("GET", "POST", "DELETE")
+    uploads = [one for one in remote.audit(owner="local") if kept in one["ids"]]
+    assert uploads[-1]["route"] == "/v1/sequences"
+    assert list(remote.audit(owner="nobody")) == []
