@@ -127,8 +127,10 @@ class SpringModes:
         (modes,) float64, rad per s
         """
         # Springs of length a, z to a vertex, carry long waves at c^2 = (K/M) z a^2 / 4.
-        factor = 4 * wave_speed**2 / (self.mean_valence * edge_length**2)
-        return np.sqrt(np.maximum(self.eigenvalues, 0.0) * factor)
+        # Neither length is squared: their ratio is usual in every unit.
+        factor = 2 * (wave_speed / edge_length) / float(np.sqrt(self.mean_valence))
+        frequencies: NDArray[np.float64] = factor * np.sqrt(np.maximum(self.eigenvalues, 0.0))
+        return frequencies
 
 
 def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> SpringModes:

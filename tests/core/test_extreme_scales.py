@@ -12,8 +12,10 @@ import modalmotion as mm
 from modalmotion.codec import decode, encode
 from modalmotion.comparison import compare
 from modalmotion.formats import read_npz, write_raw
+from modalmotion.mesh import lattice_faces
 from modalmotion.superposed import SurfaceFormat, write_superposed
 from modalmotion.template.picture import template_figure
+from modalmotion.topology import CYLINDER
 from modalmotion.tradeoff import measure_tradeoff
 from modalmotion.tradeoff.picture import tradeoff_figure
 
@@ -72,6 +74,26 @@ def test_the_answer_is_that_of_the_usual_unit(
 ) -> None:
     for found, expected in zip(ASKED[name](scale), usual[name], strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_springs_of_a_mesh_without_coordinates_are_those_of_the_usual_unit(scale: float) -> None:
+    beat = mm.simulate_ventricle(grid=GRID)
+    # Two pieces are of no topology.
+    vertices = np.concatenate([beat.vertices, beat.vertices + 100.0], axis=1)
+    one = lattice_faces(CYLINDER, GRID)
+    faces = np.concatenate([one, one + beat.n_vertices])
+    speed = min(scale, 1e100)
+    found, usual = (
+        mm.modal_signature(
+            mm.mesh_sequence(vertices * s, faces=faces), mm.SignatureParameters(wave_speed=c)
+        )
+        for s, c in ((scale, speed), (1.0, 1.0))
+    )
+    assert found.surface == "mesh"
+    frequencies = found.angular_frequencies * (scale / speed)
+    np.testing.assert_allclose(frequencies, usual.angular_frequencies, rtol=1e-9)
+    np.testing.assert_allclose(found.rms_errors / scale, usual.rms_errors, rtol=1e-9)
 
 
 @pytest.mark.parametrize("scale", SCALES)
