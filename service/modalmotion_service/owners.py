@@ -122,7 +122,7 @@ class Owners:
         await asyncio.to_thread(store.open)
         try:
             store.idempotency.release_unfinished()
-            spool = Spool(root / "spool")
+            spool = Spool(root / "spool", settings.reserve_bytes)
             retention = Retention(
                 store,
                 spool,

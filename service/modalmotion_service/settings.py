@@ -18,6 +18,9 @@ class Settings(BaseSettings):
 
     data_dir: Path = Field(Path("modalmotion-data"), description="Folder that results lie in.")
     keep_uploads: bool = Field(True, description="Whether uploaded vertices are kept.")
+    reserve_bytes: int = Field(
+        100_000_000, ge=0, description="Uploads are refused while less is free on the disk."
+    )
     workers: int = Field(
         default_factory=lambda: os.cpu_count() or 1, ge=1, le=256, description="Processes."
     )

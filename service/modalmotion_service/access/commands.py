@@ -16,7 +16,7 @@ import click
 from modalmotion_service.access.audit import AuditLog
 from modalmotion_service.access.keys import Key, KeyRing
 from modalmotion_service.access.scopes import Scope
-from modalmotion_service.settings import Settings
+from modalmotion_service.environment import read_settings
 
 _DATA_DIR = click.option(
     "--data-dir",
@@ -78,9 +78,14 @@ def create(
     data_dir: Path | None,
 ) -> None:
     """Make a key and show it, this once: only its hash is kept."""
-    with _ring(data_dir) as ring:
+    folder = _folder(data_dir)
+    is_first = not _keys_of(folder).is_file()
+    with KeyRing(folder) as ring:
         key, token = ring.create(owner, scopes, note=note, expires=expires)
     click.echo(_line(key), err=True)
+    if is_first:
+        # In a wrong folder it would open nothing, and nobody would know why.
+        click.echo(f"It is the first key of {folder.absolute()}.", err=True)
     click.echo(token)
 
 
@@ -153,11 +158,21 @@ def _line(key: Key) -> str:
 
 
 def _folder(data_dir: Path | None) -> Path:
-    return Settings().data_dir if data_dir is None else data_dir
+    return read_settings().data_dir if data_dir is None else data_dir
+
+
+def _keys_of(folder: Path) -> Path:
+    return folder / "access" / "keys.sqlite"
 
 
 def _ring(data_dir: Path | None) -> KeyRing:
-    return KeyRing(_folder(data_dir))
+    folder = _folder(data_dir)
+    if not _keys_of(folder).is_file():
+        raise click.ClickException(
+            f"There are no keys in {folder.absolute()}. Name the service's data folder with "
+            "--data-dir or MODALMOTION_DATA_DIR."
+        )
+    return KeyRing(folder)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from modalmotion.store import export
 from modalmotion.template import Weights
 from modalmotion_service.cohort import CohortJob, read_manifest, sign_cohort
 from modalmotion_service.engine import open_engine
-from modalmotion_service.settings import Settings
+from modalmotion_service.environment import read_settings
 
 _SAID = ("unit", "form", "frame_interval", "n_vertices", "topology", "grid")
 _ASKED = ("modes", "reference", "weights", "components", "keep_rotation")
@@ -71,7 +71,7 @@ def cohort(
     interruption, the command does what is unfinished. It ends with 1 if a file failed; the
     others are done then all the same.
     """
-    settings = Settings()
+    settings = read_settings()
     if workers is not None:
         settings = settings.model_copy(update={"workers": workers, "scheduler": None})
     if scheduler is not None:
