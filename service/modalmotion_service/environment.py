@@ -49,10 +49,9 @@ def unknown_variables(environment: Mapping[str, str] = os.environ) -> Iterator[t
 
     A setting that is misspelt has its default: a service that should demand keys may not.
     """
-    known = [f"{_PREFIX}{name.upper()}" for name in Settings.model_fields]
+    known = [name.upper() for name in Settings.model_fields]
     for name in sorted(environment):
-        upper = name.upper()
-        if not upper.startswith(_PREFIX) or upper in known:
+        end = name.upper().removeprefix(_PREFIX)
+        if end == name.upper() or end in known or _OF_OTHERS.fullmatch(end):
             continue
-        if not _OF_OTHERS.fullmatch(upper.removeprefix(_PREFIX)):
-            yield name, next(iter(get_close_matches(upper, known, n=1)), "")
+        yield name, "".join(f"{_PREFIX}{found}" for found in get_close_matches(end, known, n=1))

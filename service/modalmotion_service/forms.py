@@ -1,5 +1,6 @@
-"""A form as a browser sends it; its file lies in the spool, and not where the machine keeps small
-things: a container's is memory, and as large as the largest upload it is not.
+"""A form as a browser sends it, with its file in the spool.
+
+Temporary files of the machine may lie in memory, as a container's do, or on a small disk.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ class _SpoolingParser(MultiPartParser):
         if part is not None:
             part.file.close()
             # It has no name there: it goes with the process, however that ends.
-            file = SpooledTemporaryFile(max_size=self.spool_max_size, dir=self._folder)  # noqa: SIM115
+            file = SpooledTemporaryFile(max_size=self.spool_max_size, dir=str(self._folder))  # noqa: SIM115
             self._files_to_close_on_error.append(file)
-            part.file = file  # type: ignore[assignment]
+            part.file = file
 
 
 @asynccontextmanager

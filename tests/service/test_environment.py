@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 import resource
 import stat
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from running import RunningService
 
+from modalmotion.cli.main import main
 from modalmotion.errors import ParameterError
 from modalmotion_service.environment import read_settings, unknown_variables
 from modalmotion_service.observation import LOG_CONFIG, Seldom
@@ -31,17 +30,12 @@ def test_values_that_are_none_are_all_named(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.parametrize("command", [["serve"], ["keys", "list"], ["cohort", "x.csv", "-o", "y"]])
-def test_no_command_answers_with_a_traceback(command: list[str], tmp_path: Path) -> None:
-    environment = {**os.environ, "MODALMOTION_WORKERS": "none"}
-    run = subprocess.run(
-        [sys.executable, "-m", "modalmotion", *command],
-        env=environment,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 1
+def test_no_command_answers_with_a_traceback(
+    command: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MODALMOTION_WORKERS", "none")
+    run = CliRunner().invoke(main, command)
+    assert run.exit_code == 1
     assert run.stderr.startswith("Error: MODALMOTION_WORKERS is 'none'")
     assert len(run.stderr.splitlines()) == 1
 
