@@ -14,8 +14,8 @@ from modalmotion.store import ResultStore
 from modalmotion_service.access.keys import key_required
 from modalmotion_service.access.principal import principal_of
 from modalmotion_service.analysis import Analysis
-from modalmotion_service.jobs import JobRunner
 from modalmotion_service.forms import received_form
+from modalmotion_service.jobs import JobRunner
 from modalmotion_service.models import Models
 from modalmotion_service.preferences import Preference, parse_preference
 from modalmotion_service.settings import Settings

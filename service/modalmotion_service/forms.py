@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator
 from contextlib import aclosing, asynccontextmanager
 from pathlib import Path
 from tempfile import SpooledTemporaryFile
+from typing import BinaryIO, cast
 
 from starlette.datastructures import FormData
 from starlette.exceptions import HTTPException
@@ -42,7 +43,7 @@ class _SpoolingParser(MultiPartParser):
             # It has no name there: it goes with the process, however that ends.
             file = SpooledTemporaryFile(max_size=self.spool_max_size, dir=str(self._folder))  # noqa: SIM115
             self._files_to_close_on_error.append(file)
-            part.file = file
+            part.file = cast("BinaryIO", file)
 
 
 @asynccontextmanager

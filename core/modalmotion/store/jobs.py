@@ -162,7 +162,7 @@ class Jobs:
             raise NotFoundError(
                 "There is no such job.", remedy="Use the id that was answered when it was made."
             )
-        return _job(rows[0])
+        return job_of(rows[0])
 
     def list(
         self, *, state: JobState | None = None, limit: int = 100, cursor: str | None = None
@@ -187,7 +187,7 @@ class Jobs:
                 "ORDER BY created DESC, id DESC LIMIT ?",
                 (state, *after, number),
             )
-        jobs = tuple(_job(row) for row in rows[:limit])
+        jobs = tuple(job_of(row) for row in rows[:limit])
         last = to_cursor(jobs[-1].created, jobs[-1].id) if len(rows) > limit else None
         return JobPage(jobs, last)
 
@@ -209,10 +209,11 @@ class Jobs:
         rows = self._database.read(
             "SELECT * FROM jobs WHERE state IN ('queued', 'running') ORDER BY created, id"
         )
-        return tuple(_job(row) for row in rows)
+        return tuple(job_of(row) for row in rows)
 
 
-def _job(row: tuple[Any, ...]) -> Job:
+def job_of(row: tuple[Any, ...]) -> Job:
+    """Make a job of its row."""
     job_id, kind, state, progress, request, result, error, created, updated = row
     return Job(
         id=job_id,
