@@ -79,7 +79,7 @@ def test_a_manifest_names_files_from_its_own_folder(tmp_path: Path) -> None:
     ("name", "text", "line"),
     [
         ("m.csv", "file\na.npz\n", 1),
-        ("m.csv", "path\na.npz\n\n \n", 4),
+        ("m.csv", "path,label\na.npz,x\n\n ,y\n", 4),
         ("m.csv", "path\na.npz\na.npz\n", 3),
         ("m.csv", "path\na.npz,b\n", 2),
         ("m.csv", "path,label\na.npz," + "x" * 300 + "\n", 2),

@@ -13,10 +13,14 @@ from modalmotion.store.jobs import Job, job_of
 _INDEXES: Final = (
     "CREATE INDEX IF NOT EXISTS jobs_by_sequence ON jobs (json_extract(request, '$.sequence_id'))",
     "CREATE INDEX IF NOT EXISTS jobs_by_link ON jobs (json_extract(result, '$.link'))",
-    "CREATE INDEX IF NOT EXISTS jobs_of_several ON jobs (id) "
-    "WHERE json_extract(request, '$.ids') IS NOT NULL",
-    "CREATE INDEX IF NOT EXISTS idempotency_by_place "
-    "ON idempotency (json_extract(response, '$.headers.location'))",
+    (
+        "CREATE INDEX IF NOT EXISTS jobs_of_several ON jobs (id) "
+        "WHERE json_extract(request, '$.ids') IS NOT NULL"
+    ),
+    (
+        "CREATE INDEX IF NOT EXISTS idempotency_by_place "
+        "ON idempotency (json_extract(response, '$.headers.location'))"
+    ),
 )
 
 
