@@ -1,0 +1,98 @@
+"""The commands on a service's data folder, where each owner has a store of their own."""
+
+from __future__ import annotations
+
+import sqlite3
+import stat
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from store_samples import sample_sequence
+
+from modalmotion.cli.main import main
+from modalmotion.store import ResultStore, backup
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(main, ["store", *map(str, words)])
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    root = tmp_path / "results"
+    for number, path in enumerate((root, root / "owners" / "lab", root / "owners" / "ward")):
+        with ResultStore(path) as store:
+            for seed in range(number + 1):
+                store.put_sequence(sample_sequence(seed))
+    return root
+
+
+def test_all_owners_stores_are_verified_and_one_that_is_damaged_is_told(folder: Path) -> None:
+    done = run("verify", folder)
+    assert done.exit_code == 0
+    starts = [line.partition(",")[0] for line in done.stdout.splitlines()]
+    assert starts == ["local: 1 sequences", "lab: 2 sequences", "ward: 3 sequences"]
+    (damaged, *_) = (folder / "owners" / "lab").rglob("sequences/*/*.h5")
+    damaged.write_bytes(damaged.read_bytes()[:-1])
+    done = run("verify", folder)
+    assert done.exit_code == 1
+    assert [line.endswith("sound") for line in done.stdout.splitlines() if ": " in line] == [
+        *(True, False, False, True)
+    ]
+    assert run("verify", folder, "--owner", "ward").exit_code == 0
+    assert run("verify", folder, "--owner", "lab").exit_code == 1
+    assert run("verify", folder, "--owner", "local").stdout.startswith("1 sequences")
+
+
+def test_all_owners_indexes_are_built_anew(folder: Path) -> None:
+    for index in folder.rglob("index.sqlite"):
+        index.unlink()
+    done = run("rebuild", folder)
+    assert done.exit_code == 0
+    assert "ward: 3 sequences" in done.stdout
+    for name, number in (("lab", 2), ("ward", 3)):
+        with ResultStore(folder / "owners" / name) as store:
+            assert len(store.list_sequences().records) == number
+
+
+def test_a_backup_is_as_private_as_what_it_copies(folder: Path, tmp_path: Path) -> None:
+    access = folder / "access"
+    access.mkdir(mode=0o700)
+    with sqlite3.connect(access / "keys.sqlite") as keys:
+        keys.execute("CREATE TABLE keys (id)")
+    keys.close()
+    (access / "keys.sqlite").chmod(0o600)
+    backup(folder, tmp_path / "copy")
+    assert stat.S_IMODE((tmp_path / "copy").stat().st_mode) == 0o700
+    copied = tmp_path / "copy" / "access" / "keys.sqlite"
+    assert stat.S_IMODE(copied.stat().st_mode) == 0o600
+
+
+def test_a_first_backup_that_was_cut_short_is_gone_on_with(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Killed(BaseException):
+        pass
+
+    for n_copied in (0, 1, 2):
+        copy, copied = tmp_path / f"copy-{n_copied}", 0
+        real = sqlite3.connect
+
+        def connect(path: Path, most: int = 2 * n_copied) -> sqlite3.Connection:
+            nonlocal copied
+            if copied == most:
+                # As a kill leaves it: with what is unfinished beside its place.
+                copy.mkdir(exist_ok=True)
+                (copy / f".modalmotion-1-{0:016x}.tmp").touch()
+                raise Killed
+            copied += 1
+            return real(path)
+
+        with monkeypatch.context() as cut:
+            cut.setattr(sqlite3, "connect", connect)
+            with pytest.raises(Killed):
+                backup(folder, copy)
+        report = backup(folder, copy)
+        assert report.n_files == len([path for path in copy.rglob("*") if path.is_file()])
+        assert run("verify", copy).exit_code == 0
