@@ -40,6 +40,11 @@ keys = _Later(
 audit = _Later(
     "modalmotion_service.access.commands", "audit", "Read and check the record of who did what."
 )
+owners = _Later(
+    "modalmotion_service.access.owner_commands",
+    "owners",
+    "See what each owner has, and remove one with everything.",
+)
 cohort = _Later(
     "modalmotion_service.cohort.command",
     "cohort",

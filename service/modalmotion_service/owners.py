@@ -88,6 +88,9 @@ class Owners:
         await self.state(LOCAL)
         folder = self._settings.data_dir / FOLDER
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+            # What is left of an owner whose removal was interrupted.
+            if path.name.startswith("."):
+                continue
             try:
                 await self.state(path.name)
             except ModalMotionError as error:

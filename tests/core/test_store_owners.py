@@ -69,30 +69,30 @@ def test_a_backup_is_as_private_as_what_it_copies(folder: Path, tmp_path: Path) 
     assert stat.S_IMODE(copied.stat().st_mode) == 0o600
 
 
+class Killed(BaseException):
+    pass
+
+
+@pytest.mark.parametrize("n_copied", [0, 1, 2])
 def test_a_first_backup_that_was_cut_short_is_gone_on_with(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_copied: int
 ) -> None:
-    class Killed(BaseException):
-        pass
+    copy, real = tmp_path / "copy", sqlite3.connect
+    # Two connections for each database.
+    left = iter(range(2 * n_copied))
 
-    for n_copied in (0, 1, 2):
-        copy, copied = tmp_path / f"copy-{n_copied}", 0
-        real = sqlite3.connect
+    def connect(path: Path) -> sqlite3.Connection:
+        if next(left, None) is None:
+            # As a kill leaves it: with what is unfinished beside its place.
+            copy.mkdir(exist_ok=True)
+            (copy / f".modalmotion-1-{0:016x}.tmp").touch()
+            raise Killed
+        return real(path)
 
-        def connect(path: Path, most: int = 2 * n_copied) -> sqlite3.Connection:
-            nonlocal copied
-            if copied == most:
-                # As a kill leaves it: with what is unfinished beside its place.
-                copy.mkdir(exist_ok=True)
-                (copy / f".modalmotion-1-{0:016x}.tmp").touch()
-                raise Killed
-            copied += 1
-            return real(path)
-
-        with monkeypatch.context() as cut:
-            cut.setattr(sqlite3, "connect", connect)
-            with pytest.raises(Killed):
-                backup(folder, copy)
-        report = backup(folder, copy)
-        assert report.n_files == len([path for path in copy.rglob("*") if path.is_file()])
-        assert run("verify", copy).exit_code == 0
+    with monkeypatch.context() as cut:
+        cut.setattr(sqlite3, "connect", connect)
+        with pytest.raises(Killed):
+            backup(folder, copy)
+    report = backup(folder, copy)
+    assert report.n_files == len([path for path in copy.rglob("*") if path.is_file()])
+    assert run("verify", copy).exit_code == 0

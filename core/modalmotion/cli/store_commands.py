@@ -119,7 +119,7 @@ def backup(folder: Path, copy: Path) -> None:
 
 
 def _stores_of(folder: Path, owner: str | None) -> list[tuple[str, Path]]:
-    """Stores with what lines about them begin with; all of a service's folder by default."""
+    """List stores, with what lines about them begin with; a service's all by default."""
     others = [path for path in sorted((folder / "owners").glob("*")) if path.is_dir()]
     if owner is not None or not others:
         return [("", _store_of(folder, owner))]
