@@ -154,3 +154,8 @@ LOG_CONFIG: Final = {
     # uvicorn's own access log names paths and queries.
     "loggers": {"uvicorn.access": {"level": "CRITICAL"}, "asyncio": {"filters": ["seldom"]}},
 }
+
+
+def log_config(level: str) -> dict[str, object]:
+    """Give the configuration of logs, from a level on: debug, info, warning or error."""
+    return {**LOG_CONFIG, "root": {"level": level.upper(), "handlers": ["stderr"]}}

@@ -60,6 +60,7 @@ class Owners:
         self._engine = engine
         self._training_executor = training_executor
         self._states: dict[str, State] = {}
+        self._failed: set[str] = set()
         self._opening = asyncio.Lock()
         self._sweeping: list[asyncio.Task[None]] = []
 
@@ -67,6 +68,11 @@ class Owners:
     def states(self) -> dict[str, State]:
         """What is open, by owner."""
         return dict(self._states)
+
+    @property
+    def n_failed(self) -> int:
+        """Owners whose store could not be opened, and has not been since."""
+        return len(self._failed)
 
     @property
     def local(self) -> State:
@@ -94,6 +100,7 @@ class Owners:
             try:
                 await self.state(path.name)
             except ModalMotionError as error:
+                self._failed.add(path.name)
                 # One damaged store keeps nobody else's closed; its owner is told when asking.
                 logger.error(  # noqa: TRY400 (the error says what is wrong, and its traceback no more)
                     "a store cannot be opened", extra={"owner": path.name, "code": error.code}
@@ -147,5 +154,6 @@ class Owners:
             await asyncio.to_thread(store.close)
             raise
         self._states[owner] = state
+        self._failed.discard(owner)
         self._sweeping.append(asyncio.create_task(retention.sweep_for_ever()))
         return state

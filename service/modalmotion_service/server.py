@@ -22,7 +22,7 @@ from modalmotion_service.access.first_key import offer_first_key, secured
 from modalmotion_service.app import create_app
 from modalmotion_service.engine import open_engine
 from modalmotion_service.environment import unknown_variables
-from modalmotion_service.observation import LOG_CONFIG
+from modalmotion_service.observation import log_config
 from modalmotion_service.problems import problem_of
 from modalmotion_service.settings import Settings
 
@@ -107,7 +107,7 @@ def run(settings: Settings, host: str, port: int) -> None:
     ClusterError
         If a scheduler is set and cannot be used.
     """
-    prepare_process()
+    prepare_process(settings.log_level)
     # Said here, before uvicorn would say it with a traceback.
     with ResultStore(settings.data_dir):
         if settings.scheduler is not None:
@@ -117,9 +117,9 @@ def run(settings: Settings, host: str, port: int) -> None:
     run_app(create_app(chosen), chosen, host, port)
 
 
-def prepare_process() -> None:
+def prepare_process(log_level: str) -> None:
     """Keep what is written from other users, open as many files as may be, log as JSON."""
-    logging.config.dictConfig(LOG_CONFIG)
+    logging.config.dictConfig(log_config(log_level))
     os.umask(0o077)
     # The soft limit is often 1,024: as many connections would keep everybody else out.
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -138,7 +138,7 @@ def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
         host=host,
         port=port,
         http=protocol_with_deadline(settings.header_seconds),
-        log_config=LOG_CONFIG,
+        log_config=log_config(settings.log_level),
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=int(settings.drain_seconds) + 1,

@@ -46,7 +46,12 @@ def test_every_container_is_hardened_and_of_one_image() -> None:
         assert service["read_only"] is True
         assert service["cap_drop"] == ["ALL"]
         assert service["security_opt"] == ["no-new-privileges:true"]
-        assert service["tmpfs"] == ["/tmp"]  # noqa: S108 (of the container)
+        temporary = [place for place in service["tmpfs"] if place.startswith("/tmp:")]  # noqa: S108
+        assert [place.partition(":")[2] for place in temporary] == ["size=64m,mode=1777"]
+        assert service["init"] is True
+        # Neither the log nor processes without end.
+        assert {"max-size", "max-file"} <= set(service["logging"]["options"])
+        assert service["pids_limit"] >= 1024
         assert service["restart"] == "unless-stopped"
 
 
@@ -114,7 +119,8 @@ def test_the_proxy_passes_what_the_service_would_take() -> None:
         assert depth >= 0
     assert depth == 0
     for line in filter(None, map(str.strip, code.splitlines())):
-        assert line[-1] in ";{}", line
+        # A quoted text may go on in the next line.
+        assert line[-1] in ";{}'", line
     settings = Settings()
     megabytes = re.search(r"client_max_body_size (\d+)m;", code)
     assert megabytes is not None
@@ -129,9 +135,13 @@ def test_the_proxy_passes_what_the_service_would_take() -> None:
         "proxy_set_header Host $host;",
         "proxy_set_header X-Forwarded-Proto https;",
         "server 127.0.0.1:8000;",
-        "access_log off;",
+        # The log's format has neither path nor query, and errors of lesser levels are not logged.
+        "access_log /var/log/nginx/modalmotion.log modalmotion;",
+        "error_log /var/log/nginx/modalmotion-error.log crit;",
     ):
         assert needed in code
+    for told in ("$request ", "$request_uri", "$uri", "$args", "$query_string", "$http_"):
+        assert told not in code.partition("log_format")[2].partition(";")[0]
 
 
 @pytest.mark.parametrize("name", ["modalmotion.service", "modalmotion-worker@.service"])
