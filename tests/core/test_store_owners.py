@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from store_samples import sample_sequence
+from store_samples import sample_sequence, sample_signature
 
 from modalmotion.cli.main import main
-from modalmotion.store import ResultStore, backup
+from modalmotion.errors import StoreError
+from modalmotion.store import ResultStore, backup, export, is_pack
 
 
 def run(*words: object) -> Result:
@@ -96,3 +97,22 @@ def test_a_first_backup_that_was_cut_short_is_gone_on_with(
     report = backup(folder, copy)
     assert report.n_files == len([path for path in copy.rglob("*") if path.is_file()])
     assert run("verify", copy).exit_code == 0
+
+
+def test_a_pack_is_replaced_if_asked_for_and_nothing_else_is(folder: Path, tmp_path: Path) -> None:
+    out, root = tmp_path / "all.h5", folder / "owners" / "lab"
+    assert export(root, out, replace=True) == 0
+    with pytest.raises(StoreError, match="exists already"):
+        export(root, out)
+    with ResultStore(root) as store:
+        sequence = sample_sequence(0)
+        store.put_signature(sample_signature(sequence))
+    assert export(root, out, replace=True) == 1
+    (kept,) = root.rglob("signatures/*/*.h5")
+    for other in (kept, tmp_path / "letter.h5"):
+        before = kept.read_bytes()
+        other.write_bytes(before if other == kept else b"Dear Sir")
+        assert not is_pack(other)
+        with pytest.raises(StoreError, match="exists already"):
+            export(root, other, replace=True)
+        assert kept.read_bytes() == before

@@ -18,7 +18,10 @@ _OWNER = click.option("--owner", help="Whose store in a service's data folder FO
 
 @click.group()
 def store() -> None:
-    """Look after a folder of results; but for `backup`, no server may have it open."""
+    """Look after a folder of results: back up, verify, rebuild, export.
+
+    But for `backup`, no server may have it open.
+    """
 
 
 @store.command()
