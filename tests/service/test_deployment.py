@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -22,6 +23,7 @@ from modalmotion.cli.main import main
 from modalmotion_service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
+DEPLOY = ROOT / "deploy"
 CLUSTER = ("scheduler", "worker")
 
 
@@ -109,6 +111,22 @@ def test_the_image_has_every_extra_that_its_commands_need() -> None:
     assert {"service", "cluster", "plot"} <= set(extras[1].split(","))
 
 
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="there is no systemd here")
+@pytest.mark.parametrize("name", ["modalmotion.service", "modalmotion-worker@.service"])
+def test_units_are_sandboxed(name: str) -> None:
+    found = subprocess.run(
+        ["systemd-analyze", "security", "--offline=true", "--threshold=20", DEPLOY / name],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    # 0 is a locked room, 10 an open one.
+    level = re.search(r"exposure level for \S+: ([0-9.]+)", found.stdout)
+    assert level is not None, found.stderr
+    assert float(level[1]) <= 2.0
+    assert (found.returncode, found.stderr) == (0, "")
+
+
 def test_the_proxy_passes_what_the_service_would_take() -> None:
     text = (ROOT / "deploy" / "nginx.conf").read_text()
     code = "\n".join(line.partition("#")[0] for line in text.splitlines())
@@ -149,6 +167,10 @@ def test_units_start_commands_that_exist(name: str) -> None:
     text = (ROOT / "deploy" / name).read_text()
     assert re.search(r"^Restart=always$", text, re.MULTILINE)
     assert re.search(r"^User=modalmotion$", text, re.MULTILINE)
+    # Started again whatever happens, but never on the empty folder under a missing mount.
+    assert "StartLimitIntervalSec=0" in text
+    assert "RequiresMountsFor=/var/lib/modalmotion" in text
+    assert "KillMode=mixed" in text
     if name == "modalmotion.service":
         # Behind the proxy everybody comes over loopback.
         assert "MODALMOTION_REQUIRE_KEYS=true" in text

@@ -13,6 +13,7 @@ import click
 from running import RunningService
 
 from modalmotion.cli.main import main
+from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -106,8 +107,8 @@ def test_keys_are_made_and_data_is_taken_away_by_the_documented_commands(
         service.stop()
         run(remove, tmp_path)
         assert re.search(r"^lab ", run(show, tmp_path), re.MULTILINE) is None
-        service.start()
-        assert service.request("GET", "/v1/sequences", None, header).status == 401
+        with KeyRing(tmp_path / "results") as ring:
+            assert {one.state for one in ring.all() if one.owner == "lab"} == {"revoked"}
     finally:
         service.stop()
 
