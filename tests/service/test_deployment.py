@@ -111,8 +111,26 @@ def test_the_image_has_every_extra_that_its_commands_need() -> None:
     assert {"service", "cluster", "plot"} <= set(extras[1].split(","))
 
 
+def test_the_backup_of_the_timer_is_a_command_on_the_services_folder() -> None:
+    text = (DEPLOY / "modalmotion-backup.service").read_text()
+    start = re.search(r"^ExecStart=\S+/modalmotion (.+)$", text, re.MULTILINE)
+    assert start is not None
+    group, command, source, target = start[1].split()
+    store = main.get_command(click.Context(main), group)
+    assert isinstance(store, click.Group)
+    assert command in store.commands
+    served = re.search(r"MODALMOTION_DATA_DIR=(\S+)", (DEPLOY / "modalmotion.service").read_text())
+    assert served is not None
+    assert source == served[1]
+    writable = re.search(r"^ReadWritePaths=(.+)$", text, re.MULTILINE)
+    assert writable is not None
+    for path in (source, target):
+        assert any(path.startswith(f"{folder}/") for folder in writable[1].split())
+    assert (DEPLOY / "modalmotion-backup.timer").is_file()
+
+
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="there is no systemd here")
-@pytest.mark.parametrize("name", ["modalmotion.service", "modalmotion-worker@.service"])
+@pytest.mark.parametrize("name", sorted(path.name for path in DEPLOY.glob("*.service")))
 def test_units_are_sandboxed(name: str) -> None:
     found = subprocess.run(
         ["systemd-analyze", "security", "--offline=true", "--threshold=20", DEPLOY / name],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sqlite3
 from pathlib import Path
 
 import pytest
@@ -111,3 +112,27 @@ def test_only_finished_jobs_are_forgotten_and_found_without_reading_all(tmp_path
         assert found == {queued, done, sent}
         store.traces.forget_jobs(*found)
         assert {job.id for job in store.traces.jobs_about("ab", "/v1/sequences/ab")} == {queued}
+
+
+def test_no_query_reads_all_jobs_or_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with ResultStore(tmp_path) as store:
+        traces = store.traces
+        connection = sqlite3.connect(tmp_path / "index.sqlite")
+        asked: list[str] = []
+
+        def explain(statement: str, values: tuple[object, ...] = ()) -> list[object]:
+            asked.extend(
+                row[3] for row in connection.execute(f"EXPLAIN QUERY PLAN {statement}", values)
+            )
+            return []
+
+        monkeypatch.setattr(traces._database, "read", explain)
+        traces.jobs_about("ab", "/v1/sequences/ab")
+        traces.jobs_with_files()
+        location = "json_extract(response, '$.headers.location')"
+        update = f"UPDATE idempotency SET status = 1 WHERE {location} = ? OR {location} >= ?"  # noqa: S608
+        explain(update, ("a", "b"))
+        connection.close()
+    about = [step for step in asked if " jobs" in step or " idempotency" in step]
+    assert len(about) == 6
+    assert all("INDEX" in step for step in about), about

@@ -8,14 +8,18 @@ from typing import Any, Final
 from modalmotion.store.database import Database
 from modalmotion.store.jobs import Job, job_of
 
-# Made where they are missing; programs of before pass them by. A deletion is not to read every
-# job of a quarter.
+# Made where they are missing; programs of before pass them by. Neither a deletion nor the hourly
+# look after files is to read every job of a quarter, millions perhaps.
 _INDEXES: Final = (
     "CREATE INDEX IF NOT EXISTS jobs_by_sequence ON jobs (json_extract(request, '$.sequence_id'))",
     "CREATE INDEX IF NOT EXISTS jobs_by_link ON jobs (json_extract(result, '$.link'))",
     (
         "CREATE INDEX IF NOT EXISTS jobs_of_several ON jobs (id) "
         "WHERE json_extract(request, '$.ids') IS NOT NULL"
+    ),
+    (
+        "CREATE INDEX IF NOT EXISTS jobs_with_files ON jobs (id) "
+        "WHERE json_extract(result, '$.file') IS NOT NULL"
     ),
     (
         "CREATE INDEX IF NOT EXISTS idempotency_by_place "
@@ -57,6 +61,13 @@ class Traces:
             "UNION SELECT * FROM jobs WHERE json_extract(request, '$.ids') IS NOT NULL "
             "AND EXISTS (SELECT 1 FROM json_each(request, '$.ids') WHERE value = ?)",
             (sequence_id, link, sequence_id),
+        )
+        return tuple(job_of(row) for row in rows)
+
+    def jobs_with_files(self) -> tuple[Job, ...]:
+        """Jobs whose result names a `file`."""
+        rows = self._database.read(
+            "SELECT * FROM jobs WHERE json_extract(result, '$.file') IS NOT NULL"
         )
         return tuple(job_of(row) for row in rows)
 
