@@ -38,9 +38,11 @@ def test_all_owners_stores_are_verified_and_one_that_is_damaged_is_told(folder: 
     damaged.write_bytes(damaged.read_bytes()[:-1])
     done = run("verify", folder)
     assert done.exit_code == 1
-    assert [line.endswith("sound") for line in done.stdout.splitlines() if ": " in line] == [
+    assert [line.endswith("sound") for line in done.stdout.splitlines()] == [
         *(True, False, False, True)
     ]
+    # What is wrong is told with whose it is.
+    assert done.stdout.splitlines()[1].startswith(f"lab: sequences/{damaged.parent.name}/")
     assert run("verify", folder, "--owner", "ward").exit_code == 0
     assert run("verify", folder, "--owner", "lab").exit_code == 1
     assert run("verify", folder, "--owner", "local").stdout.startswith("1 sequences")

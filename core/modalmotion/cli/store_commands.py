@@ -47,16 +47,16 @@ def _rebuild(name: str, root: Path) -> None:
         ("unfinished files removed", found.n_temporaries),
     ):
         if number:
-            click.echo(f"{number} {what}")
+            click.echo(f"{name}{number} {what}")
     for what, files in (
         ("record written anew", found.restored),
         ("damaged", found.damaged),
         ("belongs to nothing", found.orphans),
     ):
         for file in files:
-            click.echo(f"{file}: {what}")
+            click.echo(f"{name}{file}: {what}")
     if found.jobs_lost:
-        click.echo("The index was damaged: jobs and idempotency keys are lost.")
+        click.echo(f"{name}The index was damaged: jobs and idempotency keys are lost.")
 
 
 @store.command()
@@ -76,11 +76,11 @@ def _verify(name: str, root: Path) -> bool:
     with _progress("reading files") as progress:
         report = run(root, progress=progress)
     for fault in report.faults:
-        click.echo(f"{fault.file}: {fault.problem}")
+        click.echo(f"{name}{fault.file}: {fault.problem}")
     for file in report.unfinished:
-        click.echo(f"{file}: left by a crash; opening the store settles it")
+        click.echo(f"{name}{file}: left by a crash; opening the store settles it")
     for file in report.orphans:
-        click.echo(f"{file}: belongs to nothing")
+        click.echo(f"{name}{file}: belongs to nothing")
     n_faults = len(report.faults)
     verdict = "sound" if report.is_sound else f"{n_faults} fault{'s' * (n_faults > 1)}"
     click.echo(
