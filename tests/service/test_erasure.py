@@ -136,3 +136,22 @@ def test_no_query_reads_all_jobs_or_keys(tmp_path: Path, monkeypatch: pytest.Mon
     about = [step for step in asked if " jobs" in step or " idempotency" in step]
     assert len(about) == 6
     assert all("INDEX" in step for step in about), about
+
+
+@pytest.mark.parametrize("state", [JobState.FAILED, JobState.SUCCEEDED, JobState.CANCELLED])
+def test_a_finished_job_names_nobody(tmp_path: Path, state: JobState) -> None:
+    with ResultStore(tmp_path) as store:
+        request = {"file": "x", "query": {"subject": NAME, "label": "rest", "unit": "mm"}}
+        job = store.jobs.create("upload", request)
+        store.jobs.update(job.id, state=JobState.RUNNING, progress=0.5)
+        store.jobs.update(job.id, progress=0.7)
+        # Taken up again after a crash, it needs them.
+        assert store.jobs.get(job.id).request == request
+        store.jobs.update(job.id, state=state)
+        assert store.jobs.get(job.id).request == {"file": "x", "query": {"unit": "mm"}}
+        for other in (7, None, ["subject"], {"modes": 7}):
+            kept = store.jobs.create("other", other)
+            store.jobs.update(kept.id, state=state)
+            assert store.jobs.get(kept.id).request == other
+    for path in tmp_path.rglob("*"):
+        assert not path.is_file() or NAME.encode() not in path.read_bytes(), path

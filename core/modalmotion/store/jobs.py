@@ -120,6 +120,8 @@ class Jobs:
     ) -> bool:
         """Change what is given of a job that is not finished.
 
+        Once it is, `subject` and `label` go from the `query` of its request.
+
         Returns
         -------
         bool
@@ -137,12 +139,16 @@ class Jobs:
             None if result is UNSET else json.dumps(result),
             None if error is UNSET else json.dumps(error),
         )
+        is_last = changes[0] not in (None, JobState.QUEUED, JobState.RUNNING)
         with self._database.write() as connection:
             done = connection.execute(
                 "UPDATE jobs SET state = coalesce(?, state), progress = coalesce(?, progress), "
-                "result = coalesce(?, result), error = coalesce(?, error), updated = ? "
+                "result = coalesce(?, result), error = coalesce(?, error), updated = ?, "
+                # Whose it is and what it shows is of no more use: it stands in the record.
+                "request = CASE WHEN ? THEN json_remove(request, '$.query.subject', "
+                "'$.query.label') ELSE request END "
                 "WHERE id = ? AND state IN ('queued', 'running')",
-                (*changes, now(), job_id),
+                (*changes, now(), is_last, job_id),
             )
             if done.rowcount == 1:
                 return True
