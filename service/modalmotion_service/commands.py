@@ -42,6 +42,11 @@ audit = _Later(
     "audit",
     "Read, check and archive the record of who did what.",
 )
+owners = _Later(
+    "modalmotion_service.access.owner_commands",
+    "owners",
+    "See what each owner has, and remove one with everything.",
+)
 cohort = _Later(
     "modalmotion_service.cohort.command",
     "cohort",
@@ -60,10 +65,10 @@ cohort = _Later(
 def serve(host: str, port: int, data_dir: Path | None) -> None:
     """Start the HTTP service; its documentation is at /docs."""
     # Here, so that the help of all commands need not import the service.
+    from modalmotion_service.environment import read_settings
     from modalmotion_service.server import run
-    from modalmotion_service.settings import Settings
 
-    settings = Settings() if data_dir is None else Settings(data_dir=data_dir)
+    settings = read_settings() if data_dir is None else read_settings(data_dir=data_dir)
     run(settings, host, port)
 
 
@@ -82,6 +87,8 @@ def worker(scheduler: str, processes: int, host: str | None) -> None:
     The data folder of the service (or of the cohort) must lie under the same path here. When
     the scheduler is lost, the worker waits for it to return.
     """
+    # As the service does: what is written here is as much its users' data.
+    os.umask(0o077)
     try:
         from modalmotion_service.dask_worker import work_for
     except ImportError as error:

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import logging.config
 import signal
 import tempfile
 from typing import Any, Final
 
 import dask
 from distributed import Worker
+
+from modalmotion_service.dask_logs import log_dask_as_json
+from modalmotion_service.environment import read_settings
+from modalmotion_service.observation import log_config
 
 logger = logging.getLogger(__name__)
 
@@ -37,6 +42,8 @@ async def work_for(scheduler: str, n_processes: int, host: str | None) -> None:
         Address of this machine by which the scheduler and other workers reach it.
     """
     dask.config.update_defaults(_DEFAULTS)
+    logging.config.dictConfig(log_config(read_settings().log_level))
+    log_dask_as_json()
     stop = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)

@@ -14,6 +14,7 @@ from modalmotion.store import ResultStore
 from modalmotion_service.access.keys import key_required
 from modalmotion_service.access.principal import principal_of
 from modalmotion_service.analysis import Analysis
+from modalmotion_service.forms import received_form
 from modalmotion_service.jobs import JobRunner
 from modalmotion_service.models import Models
 from modalmotion_service.preferences import Preference, parse_preference
@@ -104,7 +105,9 @@ async def _receive(request: Request, state: State) -> SpooledUpload:
     with stage("receive"):
         if not request.headers.get("content-type", "").startswith("multipart/form-data"):
             return await state.spool.receive(request.stream(), hashed=hashed)
-        async with request.form(max_files=1, max_fields=20) as form:
+        # Before the form is received, not after.
+        state.spool.require_reserve()
+        async with received_form(request, state.spool.folder) as form:
             part = form.get("file")
             if not isinstance(part, UploadFile):
                 raise MalformedFileError(

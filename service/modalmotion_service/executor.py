@@ -7,6 +7,8 @@ replaced. Tasks are functions of a module, carry paths and small values, and may
 from __future__ import annotations
 
 import contextlib
+import errno
+import logging
 import multiprocessing
 import os
 import resource
@@ -20,17 +22,20 @@ from concurrent.futures import TimeoutError as TaskTimeoutError
 from concurrent.futures import wait as wait_for
 from dataclasses import dataclass
 from multiprocessing.connection import wait as wait_for_any
+from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
 import pebble
 
 from modalmotion.errors import LimitError
+from modalmotion.store.atomic import cannot_write
 from modalmotion_service.allocation import settle
 from modalmotion_service.errors import ClusterError, WorkerDiedError
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
+logger = logging.getLogger(__name__)
 
 _PRELOADED: Final = [
     f"modalmotion_service.tasks.{name}"
@@ -40,6 +45,14 @@ _PRELOADED: Final = [
 # Processes that are begun for one task until one of them starts.
 _MOST_STARTS: Final = 5
 
+
+# What a task meets where its files lie, and none of its doing.
+_OF_THE_DISK: Final = frozenset(
+    {
+        *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EIO),
+        *(errno.ESTALE, errno.EMFILE, errno.ENFILE),
+    }
+)
 
 # Freed memory that a worker keeps: a signature of 1 MB needs 4 MB for a moment.
 _KEPT_BYTES: Final = 8 << 20
@@ -211,6 +224,8 @@ class WorkerPool(Engine):
             died = isinstance(error, (pebble.ProcessExpired, BrokenExecutor))
             kept = self._replaced(process) if isinstance(error, BrokenExecutor) else process
             task.attempts -= died
+            if died and not task.future.cancelled():
+                _log_death(task, error)
             if died and task.attempts and not task.future.cancelled():
                 self._run(task, kept)
                 self._start_waiting()
@@ -269,6 +284,8 @@ class WorkerPool(Engine):
                 f"The process at work on this ended {self._attempts} times in a row.",
                 remedy="The input may break a reader; try to send it in another format.",
             )
+        if isinstance(error, OSError) and error.errno in _OF_THE_DISK:
+            return cannot_write(Path(error.filename or "a file of the work"), error)
         return error
 
 
@@ -277,6 +294,20 @@ def _cannot_start() -> ClusterError:
         f"No process could be started for the work, {_MOST_STARTS} times in a row.",
         remedy="Try again soon; an operator should look after memory and the limit on processes.",
         details={"tries": _MOST_STARTS},
+    )
+
+
+def _log_death(task: _Task, error: BaseException | None) -> None:
+    code = getattr(error, "exitcode", None)
+    logger.warning(
+        "a process ended in the middle of its work",
+        extra={
+            "task": getattr(task.function, "__name__", "other"),
+            # 9 is how the kernel ends what takes too much of the machine's memory.
+            "signal": -code if isinstance(code, int) and code < 0 else None,
+            "exit_code": code if isinstance(code, int) and code >= 0 else None,
+            "attempts_left": task.attempts,
+        },
     )
 
 

@@ -7,19 +7,22 @@ import time
 from collections import Counter as Tally
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future
+from importlib.metadata import version
 from typing import Final, ParamSpec, TypeVar
 
-from prometheus_client import CollectorRegistry, Counter, Histogram
+from prometheus_client import CollectorRegistry, Counter, Histogram, Info, ProcessCollector
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from modalmotion.errors import ModalMotionError
 from modalmotion_service.access.gate import route_of
 from modalmotion_service.access.scopes import SCOPE_OF
 from modalmotion_service.executor import Engine
 from modalmotion_service.observation import CLIENT_GONE
 from modalmotion_service.owners import Owners
+from modalmotion_service.readiness import require_ready
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -66,6 +69,11 @@ class Metrics:
             ["kind"],
             registry=own,
         )
+        Info("modalmotion_build", "What runs.", registry=own).info(
+            {"version": version("modalmotion")}
+        )
+        # Memory, processor time and open files of the service's own process.
+        ProcessCollector(registry=own)
         self._lock = threading.Lock()
         self._n_tasks = 0
 
@@ -201,7 +209,13 @@ class StateOfThings(Collector):
         busy = min(under_way, n_workers)
         yield jobs
         yield kept
+        yield GaugeMetricFamily(
+            "modalmotion_ready", "Whether results can be made and kept: 1 or 0.", self._is_ready()
+        )
         yield GaugeMetricFamily("modalmotion_owners", "Stores that are open.", len(states))
+        yield GaugeMetricFamily(
+            "modalmotion_owners_failed", "Stores that cannot be opened.", self._owners.n_failed
+        )
         yield GaugeMetricFamily("modalmotion_workers", "Worker processes.", n_workers)
         yield GaugeMetricFamily("modalmotion_workers_busy", "Workers with a task.", busy)
         yield GaugeMetricFamily(
@@ -212,6 +226,13 @@ class StateOfThings(Collector):
             "Free space on the data folder's disk.",
             self._owners.free_bytes(),
         )
+
+    def _is_ready(self) -> bool:
+        try:
+            require_ready(self._owners.local)
+        except ModalMotionError:
+            return False
+        return True
 
 
 def _sum(counts: Iterable[Mapping[K, int]]) -> list[tuple[K, int]]:

@@ -112,10 +112,37 @@ class JsonFormatter(logging.Formatter):
         return json.dumps(line, default=str)
 
 
+class Seldom(logging.Filter):
+    """Lets the same message of a logger pass once in a while.
+
+    Out of open files, asyncio tells so for each connection that waits, as fast as it can: 5 MB
+    of log a second, until the disk is full too.
+
+    Parameters
+    ----------
+    seconds : float
+        Between two of the same kind.
+    """
+
+    def __init__(self, seconds: float = 10.0) -> None:
+        super().__init__()
+        self._seconds = seconds
+        self._passed: dict[tuple[str, int], float] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Tell whether to write the record; where it is logged says of which kind it is."""
+        kind, now = (record.pathname, record.lineno), time.monotonic()
+        if now - self._passed.get(kind, -self._seconds) < self._seconds:
+            return False
+        self._passed[kind] = now
+        return True
+
+
 LOG_CONFIG: Final = {
     "version": 1,
     "disable_existing_loggers": False,
     "formatters": {"json": {"()": JsonFormatter}},
+    "filters": {"seldom": {"()": Seldom}},
     "handlers": {
         "stderr": {
             "class": "logging.StreamHandler",
@@ -125,5 +152,10 @@ LOG_CONFIG: Final = {
     },
     "root": {"level": "INFO", "handlers": ["stderr"]},
     # uvicorn's own access log names paths and queries.
-    "loggers": {"uvicorn.access": {"level": "CRITICAL"}},
+    "loggers": {"uvicorn.access": {"level": "CRITICAL"}, "asyncio": {"filters": ["seldom"]}},
 }
+
+
+def log_config(level: str) -> dict[str, object]:
+    """Give the configuration of logs, from a level on: debug, info, warning or error."""
+    return {**LOG_CONFIG, "root": {"level": level.upper(), "handlers": ["stderr"]}}

@@ -60,6 +60,7 @@ class Owners:
         self._engine = engine
         self._training_executor = training_executor
         self._states: dict[str, State] = {}
+        self._failed: set[str] = set()
         self._opening = asyncio.Lock()
         self._sweeping: list[asyncio.Task[None]] = []
 
@@ -67,6 +68,11 @@ class Owners:
     def states(self) -> dict[str, State]:
         """What is open, by owner."""
         return dict(self._states)
+
+    @property
+    def n_failed(self) -> int:
+        """Owners whose store could not be opened, and has not been since."""
+        return len(self._failed)
 
     @property
     def local(self) -> State:
@@ -88,9 +94,13 @@ class Owners:
         await self.state(LOCAL)
         folder = self._settings.data_dir / FOLDER
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+            # What is left of an owner whose removal was interrupted.
+            if path.name.startswith("."):
+                continue
             try:
                 await self.state(path.name)
             except ModalMotionError as error:
+                self._failed.add(path.name)
                 # One damaged store keeps nobody else's closed; its owner is told when asking.
                 logger.error(  # noqa: TRY400 (the error says what is wrong, and its traceback no more)
                     "a store cannot be opened", extra={"owner": path.name, "code": error.code}
@@ -122,7 +132,7 @@ class Owners:
         await asyncio.to_thread(store.open)
         try:
             store.idempotency.release_unfinished()
-            spool = Spool(root / "spool")
+            spool = Spool(root / "spool", settings.reserve_bytes)
             retention = Retention(
                 store,
                 spool,
@@ -144,5 +154,6 @@ class Owners:
             await asyncio.to_thread(store.close)
             raise
         self._states[owner] = state
+        self._failed.discard(owner)
         self._sweeping.append(asyncio.create_task(retention.sweep_for_ever()))
         return state

@@ -139,7 +139,16 @@ async def _on_own_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, ModalMotionError)  # noqa: S101 (registered for this type alone)
     answer = problem_of(error)
     if answer.status_code >= 500:
-        logger.error("request failed", extra={"method": request.method, "code": error.code})
+        logger.error(
+            "request failed",
+            extra={
+                "request_id": request.scope.get("modalmotion.request_id"),
+                "method": request.method,
+                "code": error.code,
+                # Such as ENOSPC; never the text, which may hold what a client sent.
+                "errno": error.details.get("errno"),
+            },
+        )
     return answer
 
 

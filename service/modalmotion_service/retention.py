@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 
-from modalmotion.store import Job, JobState, ResultStore
+from modalmotion.store import Job, ResultStore
 from modalmotion.store.cursor import to_text
 from modalmotion_service.spool import Spool
 
@@ -38,11 +37,17 @@ class Retention:
     def needed(self) -> set[str]:
         """Names of files in the spool that a job still needs."""
         uploads = {job.request["file"] for job in self._jobs.unfinished() if "file" in job.request}
-        return uploads | {job.result["file"] for job in self._made() if not self._is_old(job)}
+        return uploads | {
+            job.result["file"]
+            for job in self._store.traces.jobs_with_files()
+            if not self._is_old(job)
+        }
 
     def sweep(self) -> int:
         """Remove files, jobs and keys whose time has passed; gives how many files there were."""
-        old = [job.result["file"] for job in self._made() if self._is_old(job)]
+        old = [
+            job.result["file"] for job in self._store.traces.jobs_with_files() if self._is_old(job)
+        ]
         present = [name for name in old if self._spool.at(name).is_file()]
         for name in present:
             self._spool.remove(name)
@@ -56,15 +61,6 @@ class Retention:
         while True:
             await asyncio.sleep(min(3600.0, self._file_age.total_seconds() / 4))
             await asyncio.to_thread(self.sweep)
-
-    def _made(self) -> Iterator[Job]:
-        cursor: str | None = None
-        while True:
-            page = self._jobs.list(state=JobState.SUCCEEDED, limit=1000, cursor=cursor)
-            yield from (job for job in page.jobs if "file" in (job.result or {}))
-            if page.cursor is None:
-                return
-            cursor = page.cursor
 
     def _is_old(self, job: Job) -> bool:
         return datetime.now(UTC) - datetime.fromisoformat(job.updated) > self._file_age

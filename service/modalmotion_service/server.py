@@ -5,7 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
-from typing import Any
+import logging
+import logging.config
+import os
+import resource
+from typing import Any, Final
 
 import h11
 import uvicorn
@@ -17,9 +21,14 @@ from modalmotion.store import ResultStore
 from modalmotion_service.access.first_key import offer_first_key, secured
 from modalmotion_service.app import create_app
 from modalmotion_service.engine import open_engine
-from modalmotion_service.observation import LOG_CONFIG
+from modalmotion_service.environment import unknown_variables
+from modalmotion_service.observation import log_config
 from modalmotion_service.problems import problem_of
 from modalmotion_service.settings import Settings
+
+logger = logging.getLogger(__name__)
+
+_MOST_FILES: Final = 65_536
 
 
 def protocol_with_deadline(header_seconds: float) -> type[H11Protocol]:
@@ -98,13 +107,30 @@ def run(settings: Settings, host: str, port: int) -> None:
     ClusterError
         If a scheduler is set and cannot be used.
     """
+    prepare_process(settings.log_level)
     # Said here, before uvicorn would say it with a traceback.
     with ResultStore(settings.data_dir):
         if settings.scheduler is not None:
             open_engine(settings).shutdown()
+            # Two seconds of imports that a single machine need not pay.
+            from modalmotion_service.dask_logs import log_dask_as_json
+
+            log_dask_as_json()
     chosen = secured(settings, host)
     offer_first_key(chosen)
     run_app(create_app(chosen), chosen, host, port)
+
+
+def prepare_process(log_level: str) -> None:
+    """Keep what is written from other users, open as many files as may be, log as JSON."""
+    logging.config.dictConfig(log_config(log_level))
+    os.umask(0o077)
+    # The soft limit is often 1,024: as many connections would keep everybody else out.
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = _MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, _MOST_FILES)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, most), hard))
+    for name, nearest in unknown_variables():
+        logger.warning("no such setting", extra={"variable": name, "nearest": nearest or None})
 
 
 def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
@@ -116,7 +142,7 @@ def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
         host=host,
         port=port,
         http=protocol_with_deadline(settings.header_seconds),
-        log_config=LOG_CONFIG,
+        log_config=log_config(settings.log_level),
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=int(settings.drain_seconds) + 1,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -19,6 +20,12 @@ class Settings(BaseSettings):
 
     data_dir: Path = Field(Path("modalmotion-data"), description="Folder that results lie in.")
     keep_uploads: bool = Field(True, description="Whether uploaded vertices are kept.")
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        "info", description="Least level that is logged; requests are logged as info."
+    )
+    reserve_bytes: int = Field(
+        100_000_000, ge=0, description="Uploads are refused while less is free on the disk."
+    )
     workers: int = Field(
         default_factory=lambda: os.cpu_count() or 1, ge=1, le=256, description="Processes."
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from modalmotion.store.atomic import cannot_write, make_folder, sync_folder
+from modalmotion_service.disk import require_reserve
 
 
 @dataclass(frozen=True)
@@ -54,15 +55,22 @@ class Spool:
     Parameters
     ----------
     folder : Path
+    reserve_bytes : int
+        Nothing is received while less is free on its disk.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, reserve_bytes: int = 0) -> None:
         self.folder = folder
+        self._reserve_bytes = reserve_bytes
         make_folder(folder)
 
     def new_path(self) -> Path:
         """Give a path that nothing lies at."""
         return self.folder / secrets.token_hex(16)
+
+    def require_reserve(self) -> None:
+        """Raise StoreError if the disk has no more than its reserve."""
+        require_reserve(self.folder, self._reserve_bytes)
 
     def at(self, name: str) -> Path:
         """Give the path of a file by its name, as jobs remember it."""
@@ -80,8 +88,9 @@ class Spool:
         Raises
         ------
         StoreError
-            If it cannot be written.
+            If it cannot be written, or the disk has no more than its reserve.
         """
+        self.require_reserve()
         path = self.new_path()
         digest, n_bytes = hashlib.sha256(), 0
         try:

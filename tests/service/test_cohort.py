@@ -79,7 +79,7 @@ def test_a_manifest_names_files_from_its_own_folder(tmp_path: Path) -> None:
     ("name", "text", "line"),
     [
         ("m.csv", "file\na.npz\n", 1),
-        ("m.csv", "path\na.npz\n\n \n", 4),
+        ("m.csv", "path,label\na.npz,x\n\n ,y\n", 4),
         ("m.csv", "path\na.npz\na.npz\n", 3),
         ("m.csv", "path\na.npz,b\n", 2),
         ("m.csv", "path,label\na.npz," + "x" * 300 + "\n", 2),
@@ -141,8 +141,11 @@ def test_a_cohort_is_signed_and_failures_are_told(
     with ResultStore(out) as store:
         assert len(store.list_sequences(subject="P 1", label="rest").records) == 4
     # Again: nothing is left but what failed, unless a file or the settings have changed.
-    again = CliRunner().invoke(cohort, arguments)
+    again = CliRunner().invoke(cohort, [*arguments, "--pack", str(tmp_path / "pack.h5")])
     assert "0 signatures made" in again.output
+    assert "12 signatures packed" in again.output
+    refused = CliRunner().invoke(cohort, [*arguments, "--pack", str(manifest)])
+    assert (refused.exit_code, "is no pack" in refused.output) == (2, True)
     assert "12 known" in again.output
     paths[0].write_bytes(paths[3].read_bytes())
     manifest.write_text(manifest.read_text().replace("P 1,rest", "P 1,stress"))

@@ -241,7 +241,7 @@ def test_a_full_disk_is_said_and_leaves_nothing_half_written(tmp_path: Path) -> 
     )
     if mounted.returncode != 0:
         pytest.skip("this user may not mount a small file system")
-    service = RunningService(disk / "results")
+    service = RunningService(disk / "results", {"RESERVE_BYTES": "0"})
     service.log = tmp_path / "service.log"
     try:
         service.start()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -22,6 +23,7 @@ from modalmotion.cli.main import main
 from modalmotion_service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
+DEPLOY = ROOT / "deploy"
 CLUSTER = ("scheduler", "worker")
 
 
@@ -46,7 +48,12 @@ def test_every_container_is_hardened_and_of_one_image() -> None:
         assert service["read_only"] is True
         assert service["cap_drop"] == ["ALL"]
         assert service["security_opt"] == ["no-new-privileges:true"]
-        assert service["tmpfs"] == ["/tmp"]  # noqa: S108 (of the container)
+        temporary = [place for place in service["tmpfs"] if place.startswith("/tmp:")]  # noqa: S108
+        assert [place.partition(":")[2] for place in temporary] == ["size=64m,mode=1777"]
+        assert service["init"] is True
+        # Neither the log nor processes without end.
+        assert {"max-size", "max-file"} <= set(service["logging"]["options"])
+        assert service["pids_limit"] >= 1024
         assert service["restart"] == "unless-stopped"
 
 
@@ -104,6 +111,40 @@ def test_the_image_has_every_extra_that_its_commands_need() -> None:
     assert {"service", "cluster", "plot"} <= set(extras[1].split(","))
 
 
+def test_the_backup_of_the_timer_is_a_command_on_the_services_folder() -> None:
+    text = (DEPLOY / "modalmotion-backup.service").read_text()
+    start = re.search(r"^ExecStart=\S+/modalmotion (.+)$", text, re.MULTILINE)
+    assert start is not None
+    group, command, source, target = start[1].split()
+    store = main.get_command(click.Context(main), group)
+    assert isinstance(store, click.Group)
+    assert command in store.commands
+    served = re.search(r"MODALMOTION_DATA_DIR=(\S+)", (DEPLOY / "modalmotion.service").read_text())
+    assert served is not None
+    assert source == served[1]
+    writable = re.search(r"^ReadWritePaths=(.+)$", text, re.MULTILINE)
+    assert writable is not None
+    for path in (source, target):
+        assert any(path.startswith(f"{folder}/") for folder in writable[1].split())
+    assert (DEPLOY / "modalmotion-backup.timer").is_file()
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="there is no systemd here")
+@pytest.mark.parametrize("name", sorted(path.name for path in DEPLOY.glob("*.service")))
+def test_units_are_sandboxed(name: str) -> None:
+    found = subprocess.run(
+        ["systemd-analyze", "security", "--offline=true", "--threshold=20", DEPLOY / name],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    # 0 is a locked room, 10 an open one.
+    level = re.search(r"exposure level for \S+: ([0-9.]+)", found.stdout)
+    assert level is not None, found.stderr
+    assert float(level[1]) <= 2.0
+    assert (found.returncode, found.stderr) == (0, "")
+
+
 def test_the_proxy_passes_what_the_service_would_take() -> None:
     text = (ROOT / "deploy" / "nginx.conf").read_text()
     code = "\n".join(line.partition("#")[0] for line in text.splitlines())
@@ -114,7 +155,8 @@ def test_the_proxy_passes_what_the_service_would_take() -> None:
         assert depth >= 0
     assert depth == 0
     for line in filter(None, map(str.strip, code.splitlines())):
-        assert line[-1] in ";{}", line
+        # A quoted text may go on in the next line.
+        assert line[-1] in ";{}'", line
     settings = Settings()
     megabytes = re.search(r"client_max_body_size (\d+)m;", code)
     assert megabytes is not None
@@ -129,9 +171,13 @@ def test_the_proxy_passes_what_the_service_would_take() -> None:
         "proxy_set_header Host $host;",
         "proxy_set_header X-Forwarded-Proto https;",
         "server 127.0.0.1:8000;",
-        "access_log off;",
+        # The log's format has neither path nor query, and errors of lesser levels are not logged.
+        "access_log /var/log/nginx/modalmotion.log modalmotion;",
+        "error_log /var/log/nginx/modalmotion-error.log crit;",
     ):
         assert needed in code
+    for told in ("$request ", "$request_uri", "$uri", "$args", "$query_string", "$http_"):
+        assert told not in code.partition("log_format")[2].partition(";")[0]
 
 
 @pytest.mark.parametrize("name", ["modalmotion.service", "modalmotion-worker@.service"])
@@ -139,6 +185,10 @@ def test_units_start_commands_that_exist(name: str) -> None:
     text = (ROOT / "deploy" / name).read_text()
     assert re.search(r"^Restart=always$", text, re.MULTILINE)
     assert re.search(r"^User=modalmotion$", text, re.MULTILINE)
+    # Started again whatever happens, but never on the empty folder under a missing mount.
+    assert "StartLimitIntervalSec=0" in text
+    assert "RequiresMountsFor=/var/lib/modalmotion" in text
+    assert "KillMode=mixed" in text
     if name == "modalmotion.service":
         # Behind the proxy everybody comes over loopback.
         assert "MODALMOTION_REQUIRE_KEYS=true" in text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -12,26 +13,48 @@ import click
 from running import RunningService
 
 from modalmotion.cli.main import main
+from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENT = (ROOT / "docs" / "operations.md").read_text()
 
 
-def commands(heading: str) -> list[str]:
+def blocks(heading: str, language: str) -> list[str]:
     section = DOCUMENT.partition(f"## {heading}\n")[2].partition("\n## ")[0]
-    found = re.findall(r"^```sh\n(.*?)^```", section, flags=re.MULTILINE | re.DOTALL)
+    return re.findall(rf"^```{language}\n(.*?)^```", section, flags=re.MULTILINE | re.DOTALL)
+
+
+def commands(heading: str) -> list[str]:
+    found = blocks(heading, "sh")
     return [line.split("  #")[0].strip() for block in found for line in block.splitlines()]
 
 
+def native(command: str) -> str:
+    """The command inside a container, or for another user, as one for this folder."""
+    inner = re.sub(
+        r"^(docker compose (exec|run --rm -v \S+) modalmotion|sudo -u modalmotion) ", "", command
+    )
+    for there, here in (
+        ("/var/lib/modalmotion/results", "results"),
+        ("/data/results", "results"),
+        ("/backup/results", "of-container"),
+    ):
+        inner = inner.replace(there, here)
+    return inner
+
+
 def run(command: str, folder: Path) -> str:
-    program, *arguments = command.split()
+    program, *arguments = native(command).split()
     if program == "modalmotion":
         words = [sys.executable, "-m", "modalmotion", *arguments]
     else:
         assert program in ("mv", "cp")
         words = [program, *arguments]
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    environment = {**os.environ, "MODALMOTION_DATA_DIR": "results"}
+    done = subprocess.run(
+        words, cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, f"{command}: {done.stdout} {done.stderr}"
     return done.stdout
 
@@ -59,6 +82,42 @@ def test_a_backup_made_in_use_is_restored_by_the_documented_commands(
         assert service.request("GET", f"{link}/signature", timeout=150).json == before
     finally:
         service.stop()
+
+
+def test_keys_are_made_and_data_is_taken_away_by_the_documented_commands(
+    tmp_path: Path, beat: bytes
+) -> None:
+    service = RunningService(tmp_path / "results", {"WORKERS": "1", "REQUIRE_KEYS": "true"})
+    try:
+        service.start()
+        create, *lists = commands("One machine")
+        key = run(create, tmp_path).strip()
+        for command in lists:
+            assert "lab  read,write" in run(command, tmp_path)
+        header = {"Authorization": f"Bearer {key}"}
+        for subject, unit in (("P%207", "mm"), ("P%207", "cm"), ("P%208", "m")):
+            path = f"/v1/sequences?subject={subject}&unit={unit}"
+            assert service.request("POST", path, beat, header, 150).status == 201
+        show, remove = commands("Whose data, and taking it away")
+        assert re.search(r"^lab +3 ", run(show, tmp_path), re.MULTILINE)
+        (code,) = blocks("Whose data, and taking it away", "python")
+        exec(code.replace(":8000", f":{service.port}"), {"KEY": key})  # noqa: S102 (our own document)
+        left = service.request("GET", "/v1/sequences", None, header).json["sequences"]
+        assert [one["subject"] for one in left] == ["P 8"]
+        service.stop()
+        run(remove, tmp_path)
+        assert re.search(r"^lab ", run(show, tmp_path), re.MULTILINE) is None
+        with KeyRing(tmp_path / "results") as ring:
+            assert {one.state for one in ring.all() if one.owner == "lab"} == {"revoked"}
+    finally:
+        service.stop()
+
+
+def test_files_of_deploy_that_are_named_are_there() -> None:
+    named = re.findall(r"`(deploy/[^`]+)`", DOCUMENT)
+    assert len(named) > 3
+    for name in named:
+        assert (ROOT / name).is_file(), name
 
 
 def test_every_setting_that_is_named_exists() -> None:

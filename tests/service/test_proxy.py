@@ -109,6 +109,7 @@ def _configuration(folder: Path, service_port: int, port: int, plain_port: int) 
         ("listen 80;", f"listen 127.0.0.1:{plain_port};"),
         ("listen 443 ssl;", f"listen 127.0.0.1:{port} ssl;"),
         ("/etc/ssl/modalmotion/", f"{folder}/"),
+        ("/var/log/nginx/", f"{folder}/"),
     ):
         assert there in text
         text = text.replace(there, here)
@@ -157,6 +158,24 @@ def test_the_log_names_the_client_and_not_what_it_claims(proxied: Proxied) -> No
     with AuditLog(proxied.service.data_dir) as log:
         entry = log.page(limit=1)[0]
     assert (entry.event.owner, entry.event.client) == ("lab", "127.0.0.1")
+
+
+def test_a_request_is_found_by_its_id_in_all_logs_and_a_name_in_none(proxied: Proxied) -> None:
+    limit, path = Settings().max_body_bytes, "/v1/sequences?subject=Jane"
+    sent = proxied.request("GET", path, None, **{"X-Request-ID": "made-up"})
+    # What the proxy itself refuses, it would tell of in its log of errors.
+    proxied.request("POST", path, b"", **{"Content-Length": str(2 * limit)})
+    request_id, folder = sent.headers["x-request-id"], proxied.service.data_dir.parent
+    with AuditLog(proxied.service.data_dir) as log:
+        entries = log.page(limit=5)
+    assert request_id in [entry.event.request_id for entry in entries]
+    assert request_id in proxied.service.log.read_text()
+    (line,) = [
+        line for line in (folder / "modalmotion.log").read_text().splitlines() if request_id in line
+    ]
+    assert line.split()[1:5] == ["127.0.0.1", request_id, "GET", "200"]
+    for file in folder.glob("*.log"):
+        assert "Jane" not in file.read_text(), file
 
 
 def test_figures_stay_inside_and_plain_http_is_sent_on(proxied: Proxied) -> None:

@@ -23,7 +23,10 @@ COMMANDS: Final = {
         "simulate_command",
         "Simulate labelled ventricles that differ in motion, shape and mesh.",
     ),
-    "store": ("store_commands", "Look after a folder of results; no server may have it open."),
+    "store": (
+        "store_commands",
+        "Look after a folder of results: back up, verify, rebuild, export.",
+    ),
     "tradeoff": ("tradeoff_command", "Measure what each choice of modes costs and loses."),
     "train": ("model_commands", "Train a model on labelled sequences."),
 }

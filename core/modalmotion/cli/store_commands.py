@@ -13,27 +13,33 @@ import click
 _FOLDER = click.argument(
     "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="FOLDER"
 )
-_OWNER = click.option(
-    "--owner", help="Whose store in a service's data folder FOLDER; the folder's own by default."
-)
+_OWNER = click.option("--owner", help="Whose store in a service's data folder FOLDER.")
 
 
 @click.group()
 def store() -> None:
-    """Look after a folder of results; but for `backup`, no server may have it open."""
+    """Look after a folder of results: back up, verify, rebuild, export.
+
+    But for `backup`, no server may have it open.
+    """
 
 
 @store.command()
 @_FOLDER
 @_OWNER
 def rebuild(folder: Path, owner: str | None) -> None:
-    """Build the index of the store in FOLDER anew from its files."""
+    """Build the index of each store in FOLDER anew from its files."""
+    for name, root in _stores_of(folder, owner):
+        _rebuild(name, root)
+
+
+def _rebuild(name: str, root: Path) -> None:
     from modalmotion.store import rebuild as run
 
     with _progress("reading files") as progress:
-        found = run(_store_of(folder, owner), progress=progress)
+        found = run(root, progress=progress)
     click.echo(
-        f"{found.n_sequences} sequences, {found.n_results} results, {found.n_models} models "
+        f"{name}{found.n_sequences} sequences, {found.n_results} results, {found.n_models} models "
         "are in the index"
     )
     for what, number in (
@@ -41,41 +47,47 @@ def rebuild(folder: Path, owner: str | None) -> None:
         ("unfinished files removed", found.n_temporaries),
     ):
         if number:
-            click.echo(f"{number} {what}")
+            click.echo(f"{name}{number} {what}")
     for what, files in (
         ("record written anew", found.restored),
         ("damaged", found.damaged),
         ("belongs to nothing", found.orphans),
     ):
         for file in files:
-            click.echo(f"{file}: {what}")
+            click.echo(f"{name}{file}: {what}")
     if found.jobs_lost:
-        click.echo("The index was damaged: jobs and idempotency keys are lost.")
+        click.echo(f"{name}The index was damaged: jobs and idempotency keys are lost.")
 
 
 @store.command()
 @_FOLDER
 @_OWNER
 def verify(folder: Path, owner: str | None) -> None:
-    """Check every file of the store in FOLDER; ends with 1 if something is wrong."""
+    """Check every file of each store in FOLDER; ends with 1 if something is wrong."""
+    # All of them, whatever the first one is like.
+    are_sound = [_verify(name, root) for name, root in _stores_of(folder, owner)]
+    if not all(are_sound):
+        raise click.exceptions.Exit(1)
+
+
+def _verify(name: str, root: Path) -> bool:
     from modalmotion.store import verify as run
 
     with _progress("reading files") as progress:
-        report = run(_store_of(folder, owner), progress=progress)
+        report = run(root, progress=progress)
     for fault in report.faults:
-        click.echo(f"{fault.file}: {fault.problem}")
+        click.echo(f"{name}{fault.file}: {fault.problem}")
     for file in report.unfinished:
-        click.echo(f"{file}: left by a crash; opening the store settles it")
+        click.echo(f"{name}{file}: left by a crash; opening the store settles it")
     for file in report.orphans:
-        click.echo(f"{file}: belongs to nothing")
+        click.echo(f"{name}{file}: belongs to nothing")
     n_faults = len(report.faults)
     verdict = "sound" if report.is_sound else f"{n_faults} fault{'s' * (n_faults > 1)}"
     click.echo(
-        f"{report.n_sequences} sequences, {report.n_results} results, {report.n_models} models, "
-        f"{report.n_bytes / 1e6:.1f} MB: {verdict}"
+        f"{name}{report.n_sequences} sequences, {report.n_results} results, {report.n_models} "
+        f"models, {report.n_bytes / 1e6:.1f} MB: {verdict}"
     )
-    if not report.is_sound:
-        raise click.exceptions.Exit(1)
+    return report.is_sound
 
 
 @store.command()
@@ -83,7 +95,7 @@ def verify(folder: Path, owner: str | None) -> None:
 @click.argument("out", type=click.Path(dir_okay=False, path_type=Path), metavar="OUT.h5")
 @_OWNER
 def export(folder: Path, out: Path, owner: str | None) -> None:
-    """Pack all signatures of the store in FOLDER into one HDF5 file."""
+    """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file."""
     from modalmotion.store import export as run
 
     with _progress("packing signatures") as progress:
@@ -107,6 +119,14 @@ def backup(folder: Path, copy: Path) -> None:
         f"{report.n_files} files, {report.n_bytes / 1e6:.1f} MB: {report.n_copied} copied, "
         f"{report.n_removed} removed: {copy}"
     )
+
+
+def _stores_of(folder: Path, owner: str | None) -> list[tuple[str, Path]]:
+    """List stores, with what lines about them begin with; a service's all by default."""
+    others = [path for path in sorted((folder / "owners").glob("*")) if path.is_dir()]
+    if owner is not None or not others:
+        return [("", _store_of(folder, owner))]
+    return [("local: ", folder), *((f"{path.name}: ", path) for path in others)]
 
 
 def _store_of(folder: Path, owner: str | None) -> Path:

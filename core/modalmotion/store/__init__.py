@@ -1,6 +1,6 @@
 """Results kept in files: written wholly or not at all, found again, checked."""
 
-from modalmotion.store.analysis_file import export, write_pack
+from modalmotion.store.analysis_file import export, is_pack, write_pack
 from modalmotion.store.atomic import write_atomic
 from modalmotion.store.backup import BackupReport, backup
 from modalmotion.store.classification_file import (
@@ -57,6 +57,7 @@ __all__ = [
     "classification_key",
     "classification_to_hdf5",
     "export",
+    "is_pack",
     "kept_model",
     "model_from_hdf5",
     "model_to_hdf5",

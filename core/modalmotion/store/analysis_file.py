@@ -24,6 +24,7 @@ from modalmotion.store.results import ResultStore
 from modalmotion.store.signature_file import mode_datasets
 
 SCHEMA_VERSION: Final = 1
+_SCHEMA: Final = "modalmotion.export"
 
 # Signatures held before they are written: appending one at a time takes three times as long.
 _BATCH: Final = 256
@@ -72,7 +73,22 @@ class _Kind(NamedTuple):
     unit: str
 
 
-def export(root: Path, out: Path, *, progress: Progress | None = None) -> int:
+def is_pack(path: Path) -> bool:
+    """Tell whether a file was written by `export` or `write_pack`."""
+    import h5py
+
+    if not h5py.is_hdf5(path):
+        return False
+    try:
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("schema") == _SCHEMA)
+    except OSError:
+        return False
+
+
+def export(
+    root: Path, out: Path, *, replace: bool = False, progress: Progress | None = None
+) -> int:
     """Pack the trajectories of all signatures of a store into one HDF5 file.
 
     Signatures with the same parameters, modes and unit form a group; their frames follow
@@ -82,7 +98,9 @@ def export(root: Path, out: Path, *, progress: Progress | None = None) -> int:
     ----------
     root : Path
     out : Path
-        Must not exist.
+        Must not exist, but for a pack that is to be replaced.
+    replace : bool
+        Whether an earlier pack may be; nothing else ever is.
     progress : callable, optional
 
     Returns
@@ -102,7 +120,7 @@ def export(root: Path, out: Path, *, progress: Progress | None = None) -> int:
     import h5py
 
     existing_store(root)
-    if out.exists():
+    if out.exists() and not (replace and is_pack(out)):
         raise StoreError(
             f"'{out.name}' exists already.", remedy="Choose another name, or remove it first."
         )
@@ -152,7 +170,7 @@ def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> int
 
 
 def _pack(file: Any, signatures: Iterable[tuple[ModalSignature, SequenceRecord]]) -> None:
-    file.attrs["schema"] = "modalmotion.export"
+    file.attrs["schema"] = _SCHEMA
     file.attrs["schema_version"] = SCHEMA_VERSION
     file.attrs["kind"] = "export"
     file.attrs["intended_use"] = INTENDED_USE

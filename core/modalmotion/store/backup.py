@@ -66,7 +66,7 @@ def backup(root: Path, target: Path, *, progress: Progress | None = None) -> Bac
         raise ParameterError(
             "A backup lies neither in its store nor around it.", remedy="Name another folder."
         )
-    if there.exists() and any(there.iterdir()) and not (there / "index.sqlite").exists():
+    if there.exists() and not (there / "index.sqlite").exists() and _holds_files(there):
         raise ParameterError(
             f"'{target.name}' holds other files, and a backup removes what the store has not.",
             remedy="Name a new folder, or that of an earlier backup.",
@@ -78,9 +78,12 @@ def backup(root: Path, target: Path, *, progress: Progress | None = None) -> Bac
 
 
 def _copy(root: Path, target: Path, progress: Progress | None) -> BackupReport:
-    target.mkdir(parents=True, exist_ok=True)
+    # What only one user could read shall not be open to all as a copy.
+    target.mkdir(mode=0o700, parents=True, exist_ok=True)
     # Keys, audit log and the indices of other owners' stores lie further down.
-    databases = sorted(path.relative_to(root) for path in root.rglob("*.sqlite"))
+    found = (path.relative_to(root) for path in root.rglob("*.sqlite"))
+    # The index first: by it a copy that was cut short is known as one.
+    databases = sorted(found, key=lambda path: (len(path.parts), path))
     n_copied = 0
     for database in databases:
         (target / database).parent.mkdir(parents=True, exist_ok=True)
@@ -97,6 +100,10 @@ def _copy(root: Path, target: Path, progress: Progress | None) -> BackupReport:
     files = [path for path in kept if path.exists()]
     n_bytes = sum(path.stat().st_size for path in files)
     return BackupReport(len(files), n_bytes, n_copied, len(old))
+
+
+def _holds_files(folder: Path) -> bool:
+    return any(not is_temporary(path.name) for path in folder.iterdir())
 
 
 def _belongs(path: Path) -> bool:
@@ -120,6 +127,7 @@ def _copy_database(source: Path, copy: Path) -> bool:
             here.backup(there)
             there.execute("PRAGMA journal_mode = DELETE")
         os.utime(temporary, ns=(then.st_atime_ns, then.st_mtime_ns))
+        shutil.copymode(source, temporary)
         temporary.replace(copy)
     except sqlite3.Error as error:
         raise OSError(5, str(error), str(copy)) from error

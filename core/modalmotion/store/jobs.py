@@ -120,6 +120,8 @@ class Jobs:
     ) -> bool:
         """Change what is given of a job that is not finished.
 
+        Once it is, `subject` and `label` go from the `query` of its request.
+
         Returns
         -------
         bool
@@ -137,12 +139,16 @@ class Jobs:
             None if result is UNSET else json.dumps(result),
             None if error is UNSET else json.dumps(error),
         )
+        is_last = changes[0] not in (None, JobState.QUEUED, JobState.RUNNING)
         with self._database.write() as connection:
             done = connection.execute(
                 "UPDATE jobs SET state = coalesce(?, state), progress = coalesce(?, progress), "
-                "result = coalesce(?, result), error = coalesce(?, error), updated = ? "
+                "result = coalesce(?, result), error = coalesce(?, error), updated = ?, "
+                # Whose it is and what it shows is of no more use: it stands in the record.
+                "request = CASE WHEN ? THEN json_remove(request, '$.query.subject', "
+                "'$.query.label') ELSE request END "
                 "WHERE id = ? AND state IN ('queued', 'running')",
-                (*changes, now(), job_id),
+                (*changes, now(), is_last, job_id),
             )
             if done.rowcount == 1:
                 return True
@@ -162,7 +168,7 @@ class Jobs:
             raise NotFoundError(
                 "There is no such job.", remedy="Use the id that was answered when it was made."
             )
-        return _job(rows[0])
+        return job_of(rows[0])
 
     def list(
         self, *, state: JobState | None = None, limit: int = 100, cursor: str | None = None
@@ -187,7 +193,7 @@ class Jobs:
                 "ORDER BY created DESC, id DESC LIMIT ?",
                 (state, *after, number),
             )
-        jobs = tuple(_job(row) for row in rows[:limit])
+        jobs = tuple(job_of(row) for row in rows[:limit])
         last = to_cursor(jobs[-1].created, jobs[-1].id) if len(rows) > limit else None
         return JobPage(jobs, last)
 
@@ -209,10 +215,11 @@ class Jobs:
         rows = self._database.read(
             "SELECT * FROM jobs WHERE state IN ('queued', 'running') ORDER BY created, id"
         )
-        return tuple(_job(row) for row in rows)
+        return tuple(job_of(row) for row in rows)
 
 
-def _job(row: tuple[Any, ...]) -> Job:
+def job_of(row: tuple[Any, ...]) -> Job:
+    """Make a job of its row."""
     job_id, kind, state, progress, request, result, error, created, updated = row
     return Job(
         id=job_id,

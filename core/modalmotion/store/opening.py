@@ -29,6 +29,7 @@ from modalmotion.store.lock import FolderLock
 from modalmotion.store.model_index import ModelIndex
 from modalmotion.store.recovery import reconcile
 from modalmotion.store.together import move_together, sync_together
+from modalmotion.store.traces import Traces
 
 _N_STRIPES: Final = 64
 
@@ -75,6 +76,7 @@ class Opening:
             try:
                 index = Index(database)
                 ModelIndex(database).prepare()
+                Traces(database).prepare()
                 if not index.is_clean:
                     reconcile(self._folder, index, thorough=False)
                 index.set_clean(False)
@@ -124,6 +126,11 @@ class Opening:
     def idempotency(self) -> IdempotencyKeys:
         """The table of idempotency keys."""
         return IdempotencyKeys(self._open_index().database)
+
+    @property
+    def traces(self) -> Traces:
+        """What both of them tell of a sequence."""
+        return Traces(self._open_index().database)
 
     def _open_index(self) -> Index:
         index, lock = self._index, self._lock

@@ -53,8 +53,13 @@ def create(
     data_dir: Path | None,
 ) -> None:
     """Make a key and show it, this once: only its hash is kept."""
-    key, token = make_key(folder_of(data_dir), owner, scopes, note=note, expires=expires)
+    folder = folder_of(data_dir)
+    is_first = not _keys_of(folder).is_file()
+    key, token = make_key(folder, owner, scopes, note=note, expires=expires)
     click.echo(_line(key), err=True)
+    if is_first:
+        # In a wrong folder it would open nothing, and nobody would know why.
+        click.echo(f"It is the first key of {folder.absolute()}.", err=True)
     click.echo(token)
 
 
@@ -62,7 +67,7 @@ def create(
 @DATA_DIR
 def list_keys(data_dir: Path | None) -> None:
     """List all keys that were ever made, with what they may do."""
-    with KeyRing(folder_of(data_dir)) as ring:
+    with KeyRing(_folder_with_keys(data_dir)) as ring:
         for key in ring.all():
             click.echo(_line(key))
 
@@ -72,7 +77,7 @@ def list_keys(data_dir: Path | None) -> None:
 @DATA_DIR
 def revoke(key_id: str, data_dir: Path | None) -> None:
     """Take the key with that ID back, at once and for good."""
-    click.echo(_line(take_back_key(folder_of(data_dir), key_id)))
+    click.echo(_line(take_back_key(_folder_with_keys(data_dir), key_id)))
 
 
 def _line(key: Key) -> str:
@@ -80,3 +85,17 @@ def _line(key: Key) -> str:
     note = f"  {key.note}" if key.note else ""
     scopes = ",".join(sorted(key.scopes))
     return f"{key.id}  {key.state:<8} {key.owner}  {scopes}  made {key.created}{end}{note}"
+
+
+def _keys_of(folder: Path) -> Path:
+    return folder / "access" / "keys.sqlite"
+
+
+def _folder_with_keys(data_dir: Path | None) -> Path:
+    folder = folder_of(data_dir)
+    if not _keys_of(folder).is_file():
+        raise click.ClickException(
+            f"There are no keys in {folder.absolute()}. Name the service's data folder with "
+            "--data-dir or MODALMOTION_DATA_DIR."
+        )
+    return folder

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import click
 
-from modalmotion_service.settings import Settings
+from modalmotion_service.environment import read_settings
 
 DATA_DIR = click.option(
     "--data-dir",
@@ -20,7 +20,7 @@ DATA_DIR = click.option(
 
 def folder_of(data_dir: Path | None) -> Path:
     """Give the folder that was named, or that of the settings."""
-    return Settings().data_dir if data_dir is None else data_dir
+    return read_settings().data_dir if data_dir is None else data_dir
 
 
 class Moment(click.ParamType[datetime]):

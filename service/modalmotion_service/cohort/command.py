@@ -12,11 +12,11 @@ from modalmotion.body_frame import Components
 from modalmotion.cli.analysis_commands import signature
 from modalmotion.formats import Format, ReadOptions
 from modalmotion.signature import SignatureParameters
-from modalmotion.store import export
+from modalmotion.store import export, is_pack
 from modalmotion.template import Weights
 from modalmotion_service.cohort import CohortJob, read_manifest, sign_cohort
 from modalmotion_service.engine import open_engine
-from modalmotion_service.settings import Settings
+from modalmotion_service.environment import read_settings
 
 _SAID = ("unit", "form", "frame_interval", "n_vertices", "topology", "grid")
 _ASKED = ("modes", "reference", "weights", "components", "keep_rotation")
@@ -43,7 +43,9 @@ _MOST_PRINTED = 50
 )
 @click.option("--keep-vertices", is_flag=True, help="Keep the sequences too, not only results.")
 @click.option(
-    "--pack", type=click.Path(dir_okay=False, path_type=Path), help="HDF5 file with them all."
+    "--pack",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="HDF5 file with them all; one of an earlier run is made anew.",
 )
 @click.option(
     "--patience",
@@ -71,7 +73,7 @@ def cohort(
     interruption, the command does what is unfinished. It ends with 1 if a file failed; the
     others are done then all the same.
     """
-    settings = Settings()
+    settings = read_settings()
     if workers is not None:
         settings = settings.model_copy(update={"workers": workers, "scheduler": None})
     if scheduler is not None:
@@ -91,8 +93,11 @@ def cohort(
         remove_rotation=not said["keep_rotation"],
         components=Components(said["components"]),
     )
-    if pack is not None and pack.exists():
-        raise click.BadParameter(f"{pack} exists already.", param_hint="--pack")
+    # That of an earlier run is made anew, as the same command does what failed then.
+    if pack is not None and pack.exists() and not is_pack(pack):
+        raise click.BadParameter(
+            f"{pack} exists already and is no pack of signatures.", param_hint="--pack"
+        )
     job = CohortJob(
         entries=read_manifest(manifest),
         folder=output,
@@ -114,7 +119,7 @@ def cohort(
         f"before, {len(report.failures)} files failed: {output}"
     )
     if pack is not None:
-        click.echo(f"{export(output, pack)} signatures packed: {pack}")
+        click.echo(f"{export(output, pack, replace=True)} signatures packed: {pack}")
     for path, reason in report.failures[:_MOST_PRINTED]:
         click.echo(f"{path}: {reason}", err=True)
     if len(report.failures) > _MOST_PRINTED:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,10 @@ from modalmotion.store.record import require_name
 
 _COLUMNS: Final = ("path", "subject", "label")
 _WILD: Final = frozenset("*?[")
+_SUFFIXES: Final = (".csv", ".jsonl")
+# What spreadsheets put between columns: by the language that they are set to.
+_BETWEEN: Final = ",;\t"
+_STATED_SEPARATOR: Final = re.compile(r"sep=(.)\r?\n")
 
 
 @dataclass(frozen=True)
@@ -39,10 +44,10 @@ def read_manifest(source: Path) -> tuple[Entry, ...]:
     Parameters
     ----------
     source : Path
-        A .csv file with a heading (path, and subject and label if there are any), or a .jsonl
-        file with an object a line, both with paths from the manifest's own folder; or a
-        folder, or a pattern of names: then each file and each folder of frames in it is a
-        sequence.
+        A .csv file with a heading (path, and subject and label if there are any), its columns
+        parted by commas, semicolons or tabs, or a .jsonl file with an object a line, both with
+        paths from the manifest's own folder; or a folder, or a pattern of names: then each file
+        and each folder of frames in it is a sequence.
 
     Raises
     ------
@@ -51,7 +56,7 @@ def read_manifest(source: Path) -> tuple[Entry, ...]:
     """
     if source.is_dir():
         entries = _listed(source.iterdir())
-    elif source.suffix in (".csv", ".jsonl") and not _WILD & set(source.name):
+    elif source.suffix.lower() in _SUFFIXES and not _WILD & set(source.name):
         entries = _read(source)
     elif _WILD & set(source.name):
         entries = _listed(source.parent.glob(source.name))
@@ -76,11 +81,8 @@ def _read(source: Path) -> tuple[Entry, ...]:
     try:
         text = source.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise MalformedFileError(
-            f"The manifest '{source.name}' cannot be read: {error}.",
-            remedy="Write it as UTF-8 text.",
-        ) from error
-    rows = _csv_rows(text, source) if source.suffix == ".csv" else _json_rows(text, source)
+        raise _unreadable(source, error) from error
+    rows = _csv_rows(text, source) if source.suffix.lower() == ".csv" else _json_rows(text, source)
     lines: dict[Path, int] = {}
     entries = []
     for line, row in rows:
@@ -97,18 +99,34 @@ def _read(source: Path) -> tuple[Entry, ...]:
 
 
 def _csv_rows(text: str, source: Path) -> Iterator[tuple[int, dict[str, Any]]]:
-    reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
+    stated = _STATED_SEPARATOR.match(text)
+    first = stated.end() if stated else 0
+    separator = stated[1] if stated else _separator(text)
+    rows = csv.reader(io.StringIO(text[first:], newline=""), delimiter=separator, strict=True)
+    n_before = 1 if stated else 0
     try:
-        heading = [name.strip() for name in reader.fieldnames or ()]
+        heading = [name.strip().lower() for name in next(rows, [])]
         if "path" not in heading:
-            raise _wrong(source, 1, f"the heading {heading[:5]} has no column 'path'")
-        reader.fieldnames = heading
-        for row in reader:
-            if None in row:
-                raise _wrong(source, reader.line_num, "there are more columns than headings")
-            yield reader.line_num, row
+            raise _wrong(source, n_before + 1, f"the heading {heading[:5]} has no column 'path'")
+        twice = next((name for name in _COLUMNS if heading.count(name) > 1), None)
+        if twice is not None:
+            raise _wrong(source, n_before + 1, f"there are two columns '{twice}'")
+        for cells in rows:
+            line = n_before + rows.line_num
+            # Spreadsheets write the rows below a table, and the columns beside it, as empty.
+            if not any(cell.strip() for cell in cells):
+                continue
+            if any(cell.strip() for cell in cells[len(heading) :]):
+                raise _wrong(source, line, "there are more columns than headings")
+            yield line, dict(zip(heading, cells, strict=False))
     except csv.Error as error:
-        raise _wrong(source, reader.line_num, str(error)) from error
+        raise _wrong(source, n_before + rows.line_num, str(error)) from error
+
+
+def _separator(text: str) -> str:
+    """Give what the heading is parted by; a column may be named with one of the others in it."""
+    heading = text.partition("\n")[0]
+    return max(_BETWEEN, key=lambda sign: len(heading.split(sign)))
 
 
 def _json_rows(text: str, source: Path) -> Iterator[tuple[int, dict[str, Any]]]:
@@ -129,8 +147,20 @@ def _name(value: Any, key: str, source: Path, line: int) -> str | None:
     try:
         require_name(key, text or None)
     except ValueError as error:
-        raise _wrong(source, line, str(error)) from error
+        raise _wrong(source, line, str(error).rstrip(".")) from error
     return text or None
+
+
+def _unreadable(source: Path, error: OSError | UnicodeDecodeError) -> MalformedFileError:
+    if isinstance(error, OSError):
+        return MalformedFileError(
+            f"The manifest '{source.name}' cannot be read: {error.strerror}.",
+            remedy="Check its name, and that this user may read it.",
+        )
+    return MalformedFileError(
+        f"The manifest '{source.name}' is no UTF-8 text (byte {error.start}).",
+        remedy="Save it as UTF-8; spreadsheets call that 'CSV UTF-8'.",
+    )
 
 
 def _wrong(source: Path, line: int, what: str) -> MalformedFileError:

@@ -65,6 +65,7 @@ async def classify(
         return Response(
             _answer(kept, state).model_dump_json(),
             201 if is_new else 200,
+            headers={"Location": f"/v1/sequences/{sequence_id}/classifications"},
             media_type="application/json",
         )
 

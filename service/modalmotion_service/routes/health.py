@@ -6,6 +6,7 @@ from importlib.metadata import version
 
 from fastapi import APIRouter, Request
 
+from modalmotion_service.readiness import require_ready
 from modalmotion_service.schemas import Health
 
 router = APIRouter(prefix="/health", tags=["health"])
@@ -20,7 +21,5 @@ def live() -> Health:
 @router.get("/ready")
 def ready(request: Request) -> Health:
     """Answer while results can be made and kept: the store answers, and there are workers."""
-    local = request.app.state.owners.local
-    local.analysis.engine.require_ready()
-    local.store.list_sequences(limit=1)
+    require_ready(request.app.state.owners.local)
     return Health(version=version("modalmotion"))

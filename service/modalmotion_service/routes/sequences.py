@@ -18,6 +18,7 @@ from modalmotion_service.dependencies import (
     StoreDependency,
     UploadDependency,
 )
+from modalmotion_service.erasure import erase
 from modalmotion_service.once import IdempotencyKey, once
 from modalmotion_service.openapi_parts import ACCEPTED, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import (
@@ -121,9 +122,9 @@ def rename(sequence_id: SequenceId, names: SequenceNames, store: StoreDependency
 
 
 @router.delete("/{sequence_id}", status_code=204)
-def delete(sequence_id: SequenceId, store: StoreDependency) -> None:
+async def delete(sequence_id: SequenceId, state: StateDependency) -> None:
     """Delete a sequence with everything that derives from it."""
-    store.delete_sequence(sequence_id)
+    await erase(state, sequence_id)
 
 
 def _answer(summary: SequenceSummary, status: int) -> Response:

@@ -1,0 +1,29 @@
+"""Whether results can be made and kept."""
+
+from __future__ import annotations
+
+from modalmotion.errors import StoreError
+from modalmotion_service.dependencies import State
+from modalmotion_service.disk import require_room
+
+
+def require_ready(local: State) -> None:
+    """Check that there are workers, that the disk has room, and that the store answers.
+
+    Parameters
+    ----------
+    local : State
+        Of the data folder itself.
+
+    Raises
+    ------
+    ClusterError, StoreError
+        If not; both are answered 503.
+    """
+    local.analysis.engine.require_ready()
+    try:
+        require_room(local.store.root)
+    except StoreError as error:
+        # Not 507, whatever it is that is missing: nobody has sent anything.
+        raise StoreError(error.message, remedy=error.remedy) from error
+    local.store.list_sequences(limit=1)

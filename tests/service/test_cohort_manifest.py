@@ -1,0 +1,80 @@
+"""Manifests as spreadsheets write them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from modalmotion.errors import MalformedFileError
+from modalmotion_service.cohort import read_manifest
+
+HEADING, ROWS = ("Path", "Subject", "Label"), (("a b.npz", "Müller, E.", "rest"), ("c.npz", "", ""))
+
+
+def table(separator: str, newline: str = "\r\n", before: str = "", after: str = "") -> bytes:
+    def cell(text: str) -> str:
+        return f'"{text}"' if separator in text else text
+
+    lines = [separator.join(map(cell, row)) for row in (HEADING, *ROWS)]
+    return (before + newline.join(lines) + newline + after).encode()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        table(","),
+        table(";"),
+        table("\t"),
+        table(";", newline="\n"),
+        table(";", before="\ufeff"),
+        table(";", before="sep=;\r\n"),
+        table(",", before="\ufeffsep=,\r\n"),
+        # Rows below the table and columns beside it, once used and emptied.
+        table(";", after=";;\r\n;;;;;\r\n\r\n"),
+        table(";").replace(b"rest\r\n", b"rest;;; \r\n"),
+        table("|", before="sep=|\n", newline="\n"),
+    ],
+)
+@pytest.mark.parametrize("name", ["scans.csv", "SCANS.CSV"])
+def test_what_a_spreadsheet_saves_is_read(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    first, second = read_manifest(tmp_path / name)
+    assert first.path == tmp_path / "a b.npz"
+    assert (first.subject, first.label) == ("Müller, E.", "rest")
+    assert second.path == tmp_path / "c.npz"
+    assert (second.subject, second.label) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "said"),
+    [
+        (b"path;subject\na.npz;P;x\n", 2, "more columns than headings"),
+        (b"sep=;\npath;subject\na.npz;P\na.npz;P\n", 4, "stands in line 3 already"),
+        (b"sep=;\nfile;subject\na.npz;P\n", 2, "has no column 'path'"),
+        (b"path,Path\na.npz,b.npz\n", 1, "two columns 'path'"),
+        (b"path,subject\n,P 1\n", 2, "there is no path"),
+        (b'path,subject\n"a.npz,P 1\n', 2, "unexpected end of data"),
+    ],
+)
+def test_what_is_wrong_is_told_by_its_line(
+    tmp_path: Path, content: bytes, line: int, said: str
+) -> None:
+    (tmp_path / "scans.csv").write_bytes(content)
+    with pytest.raises(MalformedFileError, match=said) as caught:
+        read_manifest(tmp_path / "scans.csv")
+    assert caught.value.details == {"line": line}
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-16"])
+def test_what_is_no_utf8_is_told_in_a_spreadsheets_words(tmp_path: Path, encoding: str) -> None:
+    (tmp_path / "scans.csv").write_bytes(table(";").decode().encode(encoding))
+    with pytest.raises(MalformedFileError, match="no UTF-8") as caught:
+        read_manifest(tmp_path / "scans.csv")
+    assert "CSV UTF-8" in caught.value.remedy
+
+
+def test_a_manifest_that_is_missing_is_not_said_to_be_no_text(tmp_path: Path) -> None:
+    with pytest.raises(MalformedFileError, match="No such file") as caught:
+        read_manifest(tmp_path / "scans.csv")
+    assert "UTF-8" not in caught.value.remedy

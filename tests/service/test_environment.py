@@ -1,0 +1,87 @@
+"""What is wrong in the environment is said by its name, and costs no traceback."""
+
+from __future__ import annotations
+
+import json
+import logging
+import resource
+import stat
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from running import RunningService
+
+from modalmotion.cli.main import main
+from modalmotion.errors import ParameterError
+from modalmotion_service.environment import read_settings, unknown_variables
+from modalmotion_service.observation import LOG_CONFIG, Seldom
+
+
+def test_values_that_are_none_are_all_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MODALMOTION_WORKERS", "0")
+    monkeypatch.setenv("MODALMOTION_KEEP_UPLOADS", "perhaps")
+    with pytest.raises(ParameterError) as caught:
+        read_settings()
+    assert "MODALMOTION_WORKERS is '0'" in caught.value.message
+    assert "MODALMOTION_KEEP_UPLOADS is 'perhaps'" in caught.value.message
+    assert caught.value.remedy
+    assert read_settings(workers=3, keep_uploads=False).workers == 3
+
+
+@pytest.mark.parametrize("command", [["serve"], ["keys", "list"], ["cohort", "x.csv", "-o", "y"]])
+def test_no_command_answers_with_a_traceback(
+    command: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MODALMOTION_WORKERS", "none")
+    run = CliRunner().invoke(main, command)
+    assert run.exit_code == 1
+    assert run.stderr.startswith("Error: MODALMOTION_WORKERS is 'none'")
+    assert len(run.stderr.splitlines()) == 1
+
+
+def test_a_misspelt_setting_is_found_and_what_is_no_setting_is_let_be() -> None:
+    environment = {
+        "MODALMOTION_REQUIRE_KEY": "true",
+        "modalmotion_workers": "2",
+        "MODALMOTION_SCHEDULER": "",
+        "MODALMOTION_ZZZ": "1",
+        "MODALMOTION_SERVICE_HOST": "10.0.0.1",
+        "MODALMOTION_PORT_8000_TCP": "tcp://10.0.0.1:8000",
+        "PATH": "/bin",
+    }
+    assert dict(unknown_variables(environment)) == {
+        "MODALMOTION_REQUIRE_KEY": "MODALMOTION_REQUIRE_KEYS",
+        "MODALMOTION_ZZZ": "",
+    }
+
+
+def test_a_started_service_is_private_warns_and_opens_many_files(tmp_path: Path) -> None:
+    service = RunningService(tmp_path / "results", {"WORKERS": "1", "REQUIRE_KEY": "true"})
+    try:
+        service.start()
+        assert service.process is not None
+        lines = [json.loads(line) for line in service.log.read_text().splitlines()]
+        (warning,) = [line for line in lines if line["level"] == "warning"]
+        assert warning["variable"] == "MODALMOTION_REQUIRE_KEY"
+        assert warning["nearest"] == "MODALMOTION_REQUIRE_KEYS"
+        for path in (service.data_dir, *service.data_dir.rglob("*")):
+            assert not stat.S_IMODE(path.stat().st_mode) & 0o077, path
+        soft, hard = resource.prlimit(service.process.pid, resource.RLIMIT_NOFILE)
+        assert soft >= min(hard if hard != resource.RLIM_INFINITY else 65_536, 65_536)
+    finally:
+        service.stop()
+
+
+def test_the_same_complaint_is_logged_seldom_and_others_all_the_same() -> None:
+    def record(line: int) -> logging.LogRecord:
+        return logging.LogRecord("asyncio", logging.ERROR, "events.py", line, "text", (), None)
+
+    seldom = Seldom(seconds=60.0)
+    assert [seldom.filter(record(line)) for line in (1, 1, 2, 1, 2)] == [
+        *(True, False, True, False, False)
+    ]
+    often = Seldom(seconds=0.0)
+    assert all(often.filter(record(1)) for _ in range(3))
+    # The one whose complaints fill disks.
+    assert LOG_CONFIG["loggers"]["asyncio"] == {"filters": ["seldom"]}  # type: ignore[index]
