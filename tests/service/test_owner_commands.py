@@ -11,6 +11,8 @@ from fastapi.testclient import TestClient
 
 from modalmotion.cli.main import main
 from modalmotion.store import ResultStore
+from modalmotion_service.access.audit import audit_folder, audit_page
+from modalmotion_service.access.audit_entry import BEGUN
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.owner_commands import usage_of
 from modalmotion_service.access.scopes import Scope
@@ -77,8 +79,18 @@ def test_a_removed_owner_is_gone_with_keys_and_others_stay(folder: Path) -> None
             "lab": "revoked",
             "ward-3": "active",
         }
+    assert noted(folder)[-3:] == [
+        ("lab", "owners remove", BEGUN),
+        ("lab", "keys revoke", 200),
+        ("lab", "owners remove", 200),
+    ]
     with TestClient(create_app(Settings(data_dir=folder, workers=1))) as client:
         assert client.get("/health/ready").status_code == 200
+
+
+def noted(folder: Path) -> list[tuple[str | None, str, int]]:
+    events = [entry.event for entry in audit_page(audit_folder(folder), limit=10)]
+    return [(event.owner, event.route, event.status) for event in reversed(events)]
 
 
 def test_nothing_is_removed_while_a_service_has_it_or_nobody_agrees(folder: Path) -> None:
@@ -86,6 +98,7 @@ def test_nothing_is_removed_while_a_service_has_it_or_nobody_agrees(folder: Path
         done = run("remove", "lab", "--yes", "--data-dir", folder)
         assert done.exit_code == 1
         assert "in use by process" in done.stderr
+    assert noted(folder)[-2:] == [("lab", "owners remove", BEGUN), ("lab", "owners remove", 409)]
     refused = CliRunner().invoke(
         main, ["owners", "remove", "lab", "--data-dir", str(folder)], input="n\n"
     )

@@ -40,7 +40,7 @@ def take_back_key(data_dir: Path, key_id: str) -> Key:
     return key
 
 
-def of_command(command: str, owner: str | None, about: str) -> Event:
+def of_command(command: str, owner: str | None, about: str, status: int = 200) -> Event:
     """Make the entry of a command, by the user of the system who gave it."""
     return Event(
         request_id="",
@@ -50,5 +50,5 @@ def of_command(command: str, owner: str | None, about: str) -> Event:
         method="COMMAND",
         route=command,
         ids=about,
-        status=200,
+        status=status,
     )

@@ -10,9 +10,12 @@ from typing import Final
 
 import click
 
-from modalmotion.errors import NotFoundError, ParameterError
+from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.store.atomic import cannot_write, sync_folder
 from modalmotion.store.lock import folder_lock
+from modalmotion_service.access.audit import AuditLog
+from modalmotion_service.access.audit_entry import BEGUN
+from modalmotion_service.access.key_events import of_command, take_back_key
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.principal import LOCAL
 from modalmotion_service.environment import read_settings
@@ -102,6 +105,17 @@ def remove_owner(data_dir: Path, owner: str) -> None:
         raise NotFoundError(
             f"There is no owner {owner!r} in {data_dir}.", remedy="See `modalmotion owners list`."
         )
+    with AuditLog(data_dir) as log:
+        log.append([of_command("owners remove", owner, "", BEGUN)])
+        try:
+            _remove(data_dir, owner, root, doomed)
+        except ModalMotionError:
+            log.append([of_command("owners remove", owner, "", 409)])
+            raise
+        log.append([of_command("owners remove", owner, "")])
+
+
+def _remove(data_dir: Path, owner: str, root: Path, doomed: Path) -> None:
     try:
         if root.is_dir():
             with folder_lock(root / "lock"):
@@ -126,9 +140,9 @@ def _active_keys(data_dir: Path) -> list[str]:
 def _revoke_keys(data_dir: Path, owner: str) -> None:
     if _active_keys(data_dir).count(owner):
         with KeyRing(data_dir) as ring:
-            for key in ring.all():
-                if key.owner == owner:
-                    ring.revoke(key.id)
+            theirs = [key.id for key in ring.all() if key.owner == owner]
+        for key_id in theirs:
+            take_back_key(data_dir, key_id)
 
 
 def _count(folder: Path, pattern: str) -> int:
