@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,17 @@ from modalmotion_service.settings import Settings
 LIMIT_BYTES = 2_000_000
 
 
+def small_settings(data_dir: Path) -> Settings:
+    return Settings(data_dir=data_dir, max_body_bytes=LIMIT_BYTES, max_frames=100)
+
+
+@contextmanager
+def served(settings: Settings) -> Iterator[TestClient]:
+    # An error of the server must show as the answer that a client gets.
+    with TestClient(create_app(settings), raise_server_exceptions=False) as client:
+        yield client
+
+
 @pytest.fixture
 def data_dir(tmp_path: Path) -> Path:
     return tmp_path / "results"
@@ -27,9 +39,19 @@ def data_dir(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def client(data_dir: Path) -> Iterator[TestClient]:
-    settings = Settings(data_dir=data_dir, max_body_bytes=LIMIT_BYTES, max_frames=100)
-    # An error of the server must show as the answer that a client gets.
-    with TestClient(create_app(settings), raise_server_exceptions=False) as client:
+    with served(small_settings(data_dir)) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def shared_data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("shared") / "results"
+
+
+@pytest.fixture(scope="module")
+def shared_client(shared_data_dir: Path) -> Iterator[TestClient]:
+    """One service for the tests of a file that do not hang on what others have sent."""
+    with served(small_settings(shared_data_dir)) as client:
         yield client
 
 

@@ -168,8 +168,8 @@ def last_first(label: Any) -> tuple[bool, str]:
 
 @pytest.mark.parametrize("label", sorted(OPERATIONS, key=last_first))
 def test_every_call_is_answered_as_described(service: Service, label: str) -> None:
-    conform(label, service, 4, seed_is_fixed=True)
-    cover(label, service, every=6)
+    conform(label, service, 3, seed_is_fixed=True)
+    cover(label, service, every=9)
     assert sum(service.statuses[label].values()) >= 1
 
 
