@@ -18,10 +18,8 @@ from modalmotion_service.app import create_app
 from modalmotion_service.settings import Settings
 
 
-@pytest.fixture(scope="module")
-def client(  # type: ignore[no-redef]
-    shared_data_dir: Path, dask_cluster: DaskCluster
-) -> Iterator[TestClient]:
+@pytest.fixture(scope="module")  # type: ignore[no-redef]
+def client(shared_data_dir: Path, dask_cluster: DaskCluster) -> Iterator[TestClient]:
     settings = Settings(
         data_dir=shared_data_dir,
         scheduler=dask_cluster.address,
