@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import click
+import pytest
+from click.testing import CliRunner
 from running import RunningService
 
 from modalmotion.cli.main import main
@@ -24,21 +25,22 @@ def commands(heading: str) -> list[str]:
     return [line.split("  #")[0].strip() for block in found for line in block.splitlines()]
 
 
-def run(command: str, folder: Path) -> str:
+def run(command: str) -> str:
     program, *arguments = command.split()
     if program == "modalmotion":
-        words = [sys.executable, "-m", "modalmotion", *arguments]
-    else:
-        assert program in ("mv", "cp")
-        words = [program, *arguments]
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+        said = CliRunner().invoke(main, arguments)
+        assert said.exit_code == 0, f"{command}: {said.output}"
+        return said.stdout
+    assert program in ("mv", "cp")
+    done = subprocess.run([program, *arguments], capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{command}: {done.stdout} {done.stderr}"
     return done.stdout
 
 
 def test_a_backup_made_in_use_is_restored_by_the_documented_commands(
-    tmp_path: Path, beat: bytes
+    tmp_path: Path, beat: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     service = RunningService(tmp_path / "results", {"WORKERS": "1", "WAIT_SECONDS": "120"})
     try:
         service.start()
@@ -46,13 +48,13 @@ def test_a_backup_made_in_use_is_restored_by_the_documented_commands(
         link = answer.json["links"]["self"]
         before = service.request("GET", f"{link}/signature", timeout=150).json
         for command in commands("Back up"):
-            run(command, tmp_path)
+            run(command)
         # The disk is lost with everything on it.
         service.kill()
         shutil.rmtree(tmp_path / "results")
         (tmp_path / "results").mkdir()
         for command in commands("Restore"):
-            said = run(command, tmp_path)
+            said = run(command)
         assert said.rstrip().endswith("sound")
         service.start()
         assert service.request("GET", link).json["subject"] == "P1"
