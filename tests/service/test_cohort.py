@@ -186,7 +186,7 @@ def kill_and_go_on(tmp_path: Path, n: int) -> None:
 
 
 def test_a_cohort_that_is_killed_goes_on(tmp_path: Path) -> None:
-    kill_and_go_on(tmp_path, 60)
+    kill_and_go_on(tmp_path, 40)
 
 
 @pytest.fixture
@@ -219,7 +219,7 @@ def disturb(own_cluster: DaskCluster, tmp_path: Path, n: int) -> None:
 def test_a_cohort_survives_a_lost_worker_and_scheduler(
     own_cluster: DaskCluster, tmp_path: Path
 ) -> None:
-    disturb(own_cluster, tmp_path, 60)
+    disturb(own_cluster, tmp_path, 40)
 
 
 @pytest.mark.soak
