@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from dask_cluster import DaskCluster
 from fastapi.testclient import TestClient
+from training_cohort import N_PER_CLASS, Trained, cohort, send, train
 
 from modalmotion.formats import write_npz
 from modalmotion.simulate import Acquisition, simulate_ventricle
@@ -82,6 +83,17 @@ def dask_cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskClust
         yield cluster.start(2)
     finally:
         cluster.stop()
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Trained]:
+    """A service with a model that was trained on it, for the tests of models."""
+    data_dir = tmp_path_factory.mktemp("models") / "results"
+    app = create_app(Settings(data_dir=data_dir, workers=2))
+    with TestClient(app, raise_server_exceptions=False) as client:
+        ids = send(client, cohort(N_PER_CLASS, seed=1))
+        model = train(client, "wall-motion", ids)
+        yield Trained(client, data_dir, ids, model, list(cohort(2, seed=2)))
 
 
 def files_of(folder: Path) -> set[str]:
