@@ -160,7 +160,9 @@ def test_sigterm_answers_what_is_under_way_and_keeps_the_rest(service: RunningSe
     uploads = [threading.Thread(target=upload, args=(number,)) for number in range(2, 8)]
     for thread in uploads:
         thread.start()
-    time.sleep(0.3)
+    # One is answered: the others are under way, or come too late.
+    while not answers and any(thread.is_alive() for thread in uploads):
+        time.sleep(0.002)
     assert service.terminate()
     for thread in uploads:
         thread.join()
