@@ -34,14 +34,25 @@ def served(settings: Settings) -> Iterator[TestClient]:
 
 
 @pytest.fixture
-def data_dir(tmp_path: Path) -> Path:
+def fresh_data_dir(tmp_path: Path) -> Path:
     return tmp_path / "results"
 
 
 @pytest.fixture
-def client(data_dir: Path) -> Iterator[TestClient]:
-    with served(small_settings(data_dir)) as client:
+def fresh_client(fresh_data_dir: Path) -> Iterator[TestClient]:
+    with served(small_settings(fresh_data_dir)) as client:
         yield client
+
+
+# Fresh for each test, but in files that say otherwise.
+@pytest.fixture
+def data_dir(fresh_data_dir: Path) -> Path:
+    return fresh_data_dir
+
+
+@pytest.fixture
+def client(fresh_client: TestClient) -> TestClient:
+    return fresh_client
 
 
 @pytest.fixture(scope="module")
