@@ -137,15 +137,16 @@ def test_a_task_of_training_says_that_the_scheduler_is_lost(tmp_path: Path) -> N
 def test_a_scheduler_lost_in_the_middle_of_a_training_is_told(
     cases: list[CaseFile], tmp_path: Path
 ) -> None:
-    cluster = DaskCluster(tmp_path / "dask").start(1)
+    cluster = DaskCluster(tmp_path / "dask").start(2)
     try:
 
-        def report(share: float, _: str) -> None:
-            if share > 0.4:
+        def report(_: float, text: str) -> None:
+            # Everything is handed out, and nothing has come back.
+            if text.startswith("fold 1 "):
                 cluster.kill_scheduler()
 
         def work() -> Model:
-            return train(cases, "lost", QUICK, report)
+            return train(cases, "lost", TrainingOptions(folds=3), report)
 
         with pytest.raises(ClusterError, match="lost during a training"):
             _on_workers(work, cluster.address, connect_seconds=5.0)
