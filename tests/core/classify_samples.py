@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modalmotion.classify import TrainingCase
+from modalmotion.classify import Model, TrainingCase, train
 from modalmotion.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature import SignatureParameters, modal_signature
 from modalmotion.simulate import MotionClass, simulate_cohort
@@ -25,6 +25,18 @@ def cohort(n_per_class: int, seed: int = 11, classes: tuple[str, ...] = TWO) -> 
         TrainingCase(modal_signature(case.sequence), str(case.label), f"{seed}-{number}")
         for number, case in enumerate(simulate_cohort(n_per_class, rng=rng, classes=kinds))
     ]
+
+
+@cache
+def small_model() -> Model:
+    """Trained on `cohort(6)` with the options that a user gets."""
+    return train(cohort(6), "small")
+
+
+@cache
+def curves_model() -> Model:
+    """Trained on `curves(12)`."""
+    return train(curves(12), "tongue")
 
 
 def curve(label: str, rng: np.random.Generator, n_frames: int = 24) -> MeshSequence:

@@ -16,7 +16,7 @@ from modalmotion.classify.explanation import ModeContribution
 from modalmotion.modes import ModeSet
 from modalmotion.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
-from modalmotion.store import KeptModel, ModelRecord
+from modalmotion.store import KeptModel, ModelRecord, ResultStore, SequencePage
 
 KEY = SignatureParameters().key
 MODEL = hashlib.sha256(b"a model").hexdigest()
@@ -97,3 +97,16 @@ def tree(root: Path) -> dict[str, bytes]:
         for path in sorted(root.rglob("*"))
         if path.is_file() and not path.name.startswith(("index.sqlite", "lock"))
     }
+
+
+def all_pages(store: ResultStore, limit: int, **filters: str) -> list[str]:
+    """Ids of the lists' pages, one after another."""
+    ids, cursor = [], None
+    for _ in range(100):
+        page: SequencePage = store.list_sequences(limit=limit, cursor=cursor, **filters)
+        assert len(page.records) <= limit
+        ids += [record.id for record in page.records]
+        cursor = page.cursor
+        if cursor is None:
+            return ids
+    raise AssertionError("the pages do not end")

@@ -129,7 +129,7 @@ def test_a_stated_timing_leaves_no_choice() -> None:
 
 def test_cups_and_cylinders_together_are_read_about_their_axis_only() -> None:
     signature = modal_signature(replace(simulate_ventricle(grid=(12, 24)), topology=CYLINDER))
-    mixed = [*cohort(5), TrainingCase(signature, "normal", "other")]
+    mixed = [*cohort(6), TrainingCase(signature, "normal", "other")]
     (reader,) = collect(mixed, TrainingOptions()).readers
     assert reader.has_axis
     assert not reader.adds_modes

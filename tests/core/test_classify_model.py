@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from classify_samples import cohort
+from classify_samples import cohort, small_model
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -22,6 +22,7 @@ from modalmotion.classify import (
     TrainingOptions,
     available_models,
     classify,
+    estimator,
     load_model,
     model_from_bytes,
     model_to_bytes,
@@ -36,12 +37,14 @@ SIGNED = ("radial", "turning", "axial")
 
 @pytest.fixture(scope="module")
 def small() -> Model:
-    return train(cohort(6), "small")
+    return small_model()
 
 
 @pytest.fixture(scope="module")
 def forest() -> Model:
-    return train(cohort(6), "forest", TrainingOptions(estimator="forest", folds=2))
+    with pytest.MonkeyPatch.context() as small:
+        small.setattr(estimator, "_N_TREES", 20)
+        return train(cohort(6), "forest", TrainingOptions(estimator="forest", folds=2))
 
 
 def test_probabilities_are_what_the_definition_says(small: Model) -> None:

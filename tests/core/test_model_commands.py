@@ -20,6 +20,7 @@ from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simu
 from modalmotion.store import model_from_hdf5
 
 N_PER_CLASS = 6
+QUICK = ("--estimator", "linear")
 CLASSES = (MotionClass.NORMAL, MotionClass.HYPOKINESIA)
 
 
@@ -55,27 +56,28 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, some in (("train", rows[:split]), ("test", rows[split:])):
         with (folder / f"{name}.csv").open("w", newline="") as file:
             csv.writer(file).writerows([["path", "label", "subject"], *some])
-    succeed("train", folder / "train.csv", "--name", "wall", "-o", folder / "wall.h5")
+    succeed("train", folder / "train.csv", "--name", "wall", "-o", folder / "wall.h5", *QUICK)
     return folder
 
 
 def test_training_writes_a_model_and_says_how_it_does(folder: Path, tmp_path: Path) -> None:
     out, plot = tmp_path / "m.h5", tmp_path / "m.png"
-    result = succeed("train", folder / "train.csv", "--name", "wall", "-o", out, "--plot", plot)
+    asked = ("train", folder / "train.csv", "--name", "wall", *QUICK)
+    result = succeed(*asked, "-o", out, "--plot", plot)
     for words in ("95 % interval", "confusion", "class sets at 90 %", "calibration", "subjects"):
         assert words in result.output
     assert plot.read_bytes().startswith(b"\x89PNG")
     # The same cases give the same model, to the last bit of every answer.
     assert model_from_hdf5(out).id == model_from_hdf5(folder / "wall.h5").id
     other = tmp_path / "other.h5"
-    succeed("train", folder / "train.csv", "--name", "wall", "-o", other, "--harmonics", 1)
+    succeed(*asked, "-o", other, "--harmonics", 1)
     assert model_from_hdf5(other).id != model_from_hdf5(out).id
 
 
 def test_files_are_labelled_by_the_folders_they_lie_in(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "m.h5"
     files = sorted(folder.glob("*/*.npz"))
-    succeed("train", *files, "--name", "by-folder", "-o", out)
+    succeed("train", *files, "--name", "by-folder", "-o", out, *QUICK)
     model = model_from_hdf5(out)
     assert model.classes == tuple(sorted(map(str, CLASSES)))
     assert sum(model.card.n_cases.values()) == len(files)

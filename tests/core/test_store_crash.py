@@ -133,7 +133,7 @@ def kill_many_times(root: Path, n_rounds: int, rng: np.random.Generator) -> None
 def test_a_killed_writer_loses_nothing_that_was_acknowledged(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:
-    kill_many_times(tmp_path / "store", 10, rng)
+    kill_many_times(tmp_path / "store", 6, rng)
 
 
 @pytest.mark.soak

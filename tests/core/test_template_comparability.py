@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from template_remeshing import remeshed, subdivided
-from template_surfaces import MAKERS, Moving, describe, make_ventricle, shared
+from template_surfaces import MAKERS, Described, Moving, describe, make_ventricle, shared
 
 from modalmotion.body_frame import Components
 from modalmotion.distance import resample_to_phase, signature_distance, theta_invariants
@@ -20,6 +22,22 @@ REACHED = {"cup": 0.004, "cylinder": 0.002, "torus": 0.002, "plane": 0.002, "sph
 @pytest.fixture(scope="module", name="heart")
 def _heart() -> Moving:
     return make_ventricle(1400, np.random.default_rng(0))
+
+
+@cache
+def usual(topology: str) -> tuple[Moving, Described]:
+    """A surface of each topology, and what is said of it."""
+    moving = MAKERS[topology](1400, np.random.default_rng(0))
+    return moving, describe(moving, 18, topology=topology)
+
+
+@cache
+def real_ones_again() -> list[Moving]:
+    """The real ventricle on other triangles."""
+    moving = shared("heart/lv_endocardium")
+    n = moving[0].shape[1]
+    others = [remeshed(moving, m, np.random.default_rng(m)) for m in (n // 2, n, 4 * n)]
+    return [subdivided(moving), *others]
 
 
 def turned(moving: Moving, rng: np.random.Generator) -> Moving:
@@ -39,8 +57,7 @@ def renumbered(moving: Moving, rng: np.random.Generator) -> Moving:
 )
 def test_nothing_but_the_motion_matters(topology: str, change: str) -> None:
     rng = np.random.default_rng(1)
-    vertices, faces = MAKERS[topology](1400, np.random.default_rng(0))
-    before = describe((vertices, faces), 18, topology=topology)
+    (vertices, faces), before = usual(topology)
     unit = 1.0
     if change == "turned":
         vertices, faces = turned((vertices, faces), rng)
@@ -66,9 +83,9 @@ def test_nothing_but_the_motion_matters(topology: str, change: str) -> None:
 @pytest.mark.parametrize("topology", sorted(MAKERS))
 @pytest.mark.parametrize(("n", "jitter"), [(1400, 0.4), (700, 0.2), (5600, 0.2)])
 def test_another_triangulation_moves_it_little(topology: str, n: int, jitter: float) -> None:
-    make, rng = MAKERS[topology], np.random.default_rng(2)
-    before = describe(make(1400, np.random.default_rng(0)), 18, topology=topology)
-    after = describe(make(n, rng, jitter), 18, topology=topology)
+    _, before = usual(topology)
+    moving = MAKERS[topology](n, np.random.default_rng(2), jitter)
+    after = describe(moving, 18, topology=topology)
     distance = signature_distance(after.amplitudes, before.amplitudes)
     assert distance <= REACHED[topology] <= PROMISED
 
@@ -82,12 +99,8 @@ def test_so_do_components_of_the_place(components: Components) -> None:
 
 @pytest.mark.parametrize("n_modes", [7, 18, 37])
 def test_the_real_ventricle_on_another_triangulation(n_modes: int) -> None:
-    moving = shared("heart/lv_endocardium")
-    before = describe(moving, n_modes)
-    n = moving[0].shape[1]
-    others = [subdivided(moving)]
-    others += [remeshed(moving, m, np.random.default_rng(m)) for m in (n // 2, n, 4 * n)]
-    for other in others:
+    before = describe(shared("heart/lv_endocardium"), n_modes)
+    for other in real_ones_again():
         distance = signature_distance(describe(other, n_modes).amplitudes, before.amplitudes)
         assert distance <= 0.013 <= PROMISED
 

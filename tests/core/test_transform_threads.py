@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from modalmotion.lattice import Lattice
 from modalmotion.topology import (
@@ -26,17 +26,18 @@ from modalmotion.transform.products import multiply
 FloatArray = NDArray[np.float64]
 
 
-def on_each_number_of_threads(run: Callable[[], FloatArray]) -> list[FloatArray]:
-    found = []
-    for n_threads in (1, 2, 2, 1):
-        with threadpool_limits(n_threads):
-            found.append(run())
-    return found
+@pytest.fixture(scope="module")
+def threads() -> ThreadpoolController:
+    """Found once: looking for the libraries takes longer than most products."""
+    return ThreadpoolController()
 
 
-def assert_same_bits(run: Callable[[], FloatArray]) -> None:
-    first, *others = on_each_number_of_threads(run)
-    for other in others:
+def assert_same_bits(threads: ThreadpoolController, run: Callable[[], FloatArray]) -> None:
+    with threads.limit(limits=1):
+        first, again = run(), run()
+    with threads.limit(limits=2):
+        others = [run(), run()]
+    for other in (again, *others):
         assert np.array_equal(first, other)
 
 
@@ -51,11 +52,13 @@ PRODUCTS = [
 
 
 @pytest.mark.parametrize(("m", "k", "n"), PRODUCTS)
-def test_products(m: int, k: int, n: int, rng: np.random.Generator) -> None:
+def test_products(
+    m: int, k: int, n: int, threads: ThreadpoolController, rng: np.random.Generator
+) -> None:
     matrix = rng.standard_normal((m, k))
     stack = rng.standard_normal((2, k, n))
-    assert_same_bits(lambda: multiply(matrix, stack))
-    assert_same_bits(lambda: multiply(np.asfortranarray(matrix), stack))
+    assert_same_bits(threads, lambda: multiply(matrix, stack))
+    assert_same_bits(threads, lambda: multiply(np.asfortranarray(matrix), stack))
     exact = matrix @ stack
     assert np.abs(multiply(matrix, stack) - exact).max() <= 1e-14 * k * np.abs(exact).max()
 
@@ -85,15 +88,19 @@ def test_a_stack_does_not_change_its_members(rng: np.random.Generator) -> None:
 )
 @pytest.mark.parametrize("n_modes", [1, 7, 54, 300])
 def test_transforms_and_shapes(
-    topology: Topology, shape: tuple[int, ...], n_modes: int, rng: np.random.Generator
+    topology: Topology,
+    shape: tuple[int, ...],
+    n_modes: int,
+    threads: ThreadpoolController,
+    rng: np.random.Generator,
 ) -> None:
     lattice = Lattice(topology, shape)
     modes = lattice.lowest_modes(n_modes)
     u = rng.standard_normal((2, lattice.n_nodes, 3))
-    assert_same_bits(lambda: project(lattice, modes, u))
+    assert_same_bits(threads, lambda: project(lattice, modes, u))
     a = project(lattice, modes, u)
-    assert_same_bits(lambda: superpose(lattice, modes, a))
+    assert_same_bits(threads, lambda: superpose(lattice, modes, a))
     if n_modes == 7:
-        assert_same_bits(lambda: lattice.shapes(modes))
-        assert_same_bits(lambda: project_all(lattice, u))
-        assert_same_bits(lambda: superpose_all(lattice, u))
+        assert_same_bits(threads, lambda: lattice.shapes(modes))
+        assert_same_bits(threads, lambda: project_all(lattice, u))
+        assert_same_bits(threads, lambda: superpose_all(lattice, u))

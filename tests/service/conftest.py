@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from dask_cluster import DaskCluster
 from fastapi.testclient import TestClient
+from training_cohort import N_PER_CLASS, Trained, cohort, send, train
 
 from modalmotion.formats import write_npz
 from modalmotion.simulate import Acquisition, simulate_ventricle
@@ -20,16 +22,48 @@ from modalmotion_service.settings import Settings
 LIMIT_BYTES = 2_000_000
 
 
+def small_settings(data_dir: Path) -> Settings:
+    return Settings(data_dir=data_dir, max_body_bytes=LIMIT_BYTES, max_frames=100)
+
+
+@contextmanager
+def served(settings: Settings) -> Iterator[TestClient]:
+    # An error of the server must show as the answer that a client gets.
+    with TestClient(create_app(settings), raise_server_exceptions=False) as client:
+        yield client
+
+
 @pytest.fixture
-def data_dir(tmp_path: Path) -> Path:
+def fresh_data_dir(tmp_path: Path) -> Path:
     return tmp_path / "results"
 
 
 @pytest.fixture
-def client(data_dir: Path) -> Iterator[TestClient]:
-    settings = Settings(data_dir=data_dir, max_body_bytes=LIMIT_BYTES, max_frames=100)
-    # An error of the server must show as the answer that a client gets.
-    with TestClient(create_app(settings), raise_server_exceptions=False) as client:
+def fresh_client(fresh_data_dir: Path) -> Iterator[TestClient]:
+    with served(small_settings(fresh_data_dir)) as client:
+        yield client
+
+
+# Fresh for each test, but in files that say otherwise.
+@pytest.fixture
+def data_dir(fresh_data_dir: Path) -> Path:
+    return fresh_data_dir
+
+
+@pytest.fixture
+def client(fresh_client: TestClient) -> TestClient:
+    return fresh_client
+
+
+@pytest.fixture(scope="module")
+def shared_data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("shared") / "results"
+
+
+@pytest.fixture(scope="module")
+def shared_client(shared_data_dir: Path) -> Iterator[TestClient]:
+    """One service for the tests of a file that do not hang on what others have sent."""
+    with served(small_settings(shared_data_dir)) as client:
         yield client
 
 
@@ -60,6 +94,17 @@ def dask_cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskClust
         yield cluster.start(2)
     finally:
         cluster.stop()
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Trained]:
+    """A service with a model that was trained on it, for the tests of models."""
+    data_dir = tmp_path_factory.mktemp("models") / "results"
+    app = create_app(Settings(data_dir=data_dir, workers=2))
+    with TestClient(app, raise_server_exceptions=False) as client:
+        ids = send(client, cohort(N_PER_CLASS, seed=1))
+        model = train(client, "wall-motion", ids)
+        yield Trained(client, data_dir, ids, model, list(cohort(2, seed=2)))
 
 
 def files_of(folder: Path) -> set[str]:

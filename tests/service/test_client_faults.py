@@ -43,9 +43,9 @@ class Sleeps:
         time.sleep(min(seconds, 0.05))
 
 
-def client_on(way: FlakyWay, sleep: Sleeps, **retries: float) -> Client:
+def client_on(way: FlakyWay, sleep: Sleeps, timeout: float = 1.0, **retries: float) -> Client:
     chosen = Retries(rng=np.random.default_rng(1), **retries)  # type: ignore[arg-type]
-    return Client(way.base, timeout=1.5, retries=chosen, sleep=sleep)
+    return Client(way.base, timeout=timeout, retries=chosen, sleep=sleep)
 
 
 @pytest.mark.parametrize("fault", PASSING, ids=lambda fault: fault.name)
@@ -131,7 +131,8 @@ def test_an_answer_that_drips_for_ever_ends_at_the_deadline(
 
 def test_a_service_that_says_nothing_is_left_after_the_timeout(way: FlakyWay) -> None:
     way.faults.extend([Fault.STALL] * 3)
-    with client_on(way, Sleeps(), attempts=2) as client, pytest.raises(UnreachableError) as caught:
+    client = client_on(way, Sleeps(), timeout=0.3, attempts=2)
+    with client, pytest.raises(UnreachableError) as caught:
         client.limits()
     assert "timeout" in caught.value.message
 

@@ -82,7 +82,7 @@ def test_the_service_says_so_at_its_start_and_ends(tmp_path: Path) -> None:
 def test_a_scheduler_without_workers_is_refused(own_cluster: DaskCluster, tmp_path: Path) -> None:
     own_cluster.start_scheduler()
     with pytest.raises(ClusterError, match="no workers"):
-        DaskExecutor(own_cluster.address, tmp_path, 2.0, MEMORY, connect_seconds=8.0)
+        DaskExecutor(own_cluster.address, tmp_path, 2.0, MEMORY, connect_seconds=5.0)
 
 
 def test_a_worker_elsewhere_or_of_another_version_is_refused(tmp_path: Path) -> None:

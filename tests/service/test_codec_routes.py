@@ -16,10 +16,15 @@ STREAM = "application/vnd.modalmotion.stream"
 
 
 @pytest.fixture(scope="module")
+def client(shared_client: TestClient) -> TestClient:
+    return shared_client
+
+
+@pytest.fixture(scope="module")
 def mesh() -> bytes:
     return write_npz(
         simulate_ventricle(
-            n_vertices=300, acquisition=Acquisition(n_frames=8), rng=np.random.default_rng(3)
+            n_vertices=100, acquisition=Acquisition(n_frames=8), rng=np.random.default_rng(3)
         )
     )
 

@@ -113,7 +113,7 @@ def crash_rounds(service: RunningService, n_rounds: int, rng: random.Random) -> 
 
 
 def test_kill_9_loses_nothing_that_was_acknowledged(service: RunningService) -> None:
-    assert crash_rounds(service, 3, random.Random(1)) >= 16  # noqa: S311 (no secret)
+    assert crash_rounds(service, 2, random.Random(1)) >= 8  # noqa: S311 (no secret)
 
 
 @pytest.mark.soak
@@ -160,7 +160,9 @@ def test_sigterm_answers_what_is_under_way_and_keeps_the_rest(service: RunningSe
     uploads = [threading.Thread(target=upload, args=(number,)) for number in range(2, 8)]
     for thread in uploads:
         thread.start()
-    time.sleep(0.3)
+    # One is answered: the others are under way, or come too late.
+    while not answers and any(thread.is_alive() for thread in uploads):
+        time.sleep(0.002)
     assert service.terminate()
     for thread in uploads:
         thread.join()

@@ -22,14 +22,26 @@ from modalmotion_service.tasks import signatures
 HDF5 = {"Accept": "application/x-hdf5"}
 
 
+@pytest.fixture(scope="module")
+def client(shared_client: TestClient) -> TestClient:
+    return shared_client
+
+
+@pytest.fixture(scope="module")
+def data_dir(shared_data_dir: Path) -> Path:
+    return shared_data_dir
+
+
 def send(client: TestClient, body: bytes, **query: str) -> str:
     answer = client.post("/v1/sequences", content=body, params=query)
     assert answer.status_code in (200, 201), answer.text
     return str(answer.json()["id"])
 
 
-def test_an_upload_is_answered_with_what_was_understood(client: TestClient, beat: bytes) -> None:
-    answer = client.post("/v1/sequences", content=beat)
+def test_an_upload_is_answered_with_what_was_understood(
+    fresh_client: TestClient, beat: bytes
+) -> None:
+    answer = fresh_client.post("/v1/sequences", content=beat)
     assert answer.status_code == 201
     summary = answer.json()
     sequence = read_npz(beat).sequence
@@ -39,7 +51,7 @@ def test_an_upload_is_answered_with_what_was_understood(client: TestClient, beat
     assert summary["grid"] == list(sequence.grid or ())
     assert summary["unit"] == "mm"
     assert (summary["reading"]["format"], summary["reading"]["unit_from"]) == ("npz", "file")
-    again = client.get(answer.headers["location"]).json()
+    again = fresh_client.get(answer.headers["location"]).json()
     assert again == {**summary, "reading": None}
 
 
@@ -177,17 +189,19 @@ def test_the_real_ventricle_over_http(client: TestClient, real_data: Path) -> No
     assert client.post(f"{here}/{mesh}/classifications").status_code == 201
 
 
-def test_results_outlive_the_service(client: TestClient, beat: bytes, data_dir: Path) -> None:
+def test_results_outlive_the_service(
+    fresh_client: TestClient, beat: bytes, fresh_data_dir: Path
+) -> None:
     from modalmotion.store import ResultStore
 
-    sequence_id = send(client, beat)
+    sequence_id = send(fresh_client, beat)
     parameters = SignatureParameters()
-    client.get(f"/v1/sequences/{sequence_id}/signature")
-    client.__exit__()
-    with ResultStore(data_dir) as store:
+    fresh_client.get(f"/v1/sequences/{sequence_id}/signature")
+    fresh_client.__exit__()
+    with ResultStore(fresh_data_dir) as store:
         kept = store.signature(sequence_id, parameters.key)
         assert np.array_equal(kept.amplitudes, modal_signature(read_npz(beat).sequence).amplitudes)
-    client.__enter__()
+    fresh_client.__enter__()
 
 
 @pytest.mark.parametrize("damage", ["flipped", "cut", "gone"])
@@ -196,7 +210,7 @@ def test_a_damaged_result_is_made_again(
 ) -> None:
     link = f"/v1/sequences/{send(client, beat)}/signature"
     before = client.get(link, headers=HDF5).content
-    kept = next((data_dir / "signatures").rglob("*.h5"))
+    kept = data_dir / client.get(link).json()["file"]
     data = bytearray(kept.read_bytes())
     data[len(data) // 2] ^= 1
     if damage == "gone":

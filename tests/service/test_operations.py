@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import click
+import pytest
+from click.testing import CliRunner
 from running import RunningService
 
 from modalmotion.cli.main import main
@@ -44,24 +44,22 @@ def native(command: str) -> str:
     return inner
 
 
-def run(command: str, folder: Path) -> str:
+def run(command: str) -> str:
     program, *arguments = native(command).split()
     if program == "modalmotion":
-        words = [sys.executable, "-m", "modalmotion", *arguments]
-    else:
-        assert program in ("mv", "cp")
-        words = [program, *arguments]
-    environment = {**os.environ, "MODALMOTION_DATA_DIR": "results"}
-    done = subprocess.run(
-        words, cwd=folder, env=environment, capture_output=True, text=True, check=False
-    )
+        said = CliRunner().invoke(main, arguments)
+        assert said.exit_code == 0, f"{command}: {said.output}"
+        return said.stdout
+    assert program in ("mv", "cp")
+    done = subprocess.run([program, *arguments], capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{command}: {done.stdout} {done.stderr}"
     return done.stdout
 
 
 def test_a_backup_made_in_use_is_restored_by_the_documented_commands(
-    tmp_path: Path, beat: bytes
+    tmp_path: Path, beat: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     service = RunningService(tmp_path / "results", {"WORKERS": "1", "WAIT_SECONDS": "120"})
     try:
         service.start()
@@ -69,13 +67,13 @@ def test_a_backup_made_in_use_is_restored_by_the_documented_commands(
         link = answer.json["links"]["self"]
         before = service.request("GET", f"{link}/signature", timeout=150).json
         for command in commands("Back up"):
-            run(command, tmp_path)
+            run(command)
         # The disk is lost with everything on it.
         service.kill()
         shutil.rmtree(tmp_path / "results")
         (tmp_path / "results").mkdir()
         for command in commands("Restore"):
-            said = run(command, tmp_path)
+            said = run(command)
         assert said.rstrip().endswith("sound")
         service.start()
         assert service.request("GET", link).json["subject"] == "P1"
@@ -85,28 +83,30 @@ def test_a_backup_made_in_use_is_restored_by_the_documented_commands(
 
 
 def test_keys_are_made_and_data_is_taken_away_by_the_documented_commands(
-    tmp_path: Path, beat: bytes
+    tmp_path: Path, beat: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MODALMOTION_DATA_DIR", "results")
     service = RunningService(tmp_path / "results", {"WORKERS": "1", "REQUIRE_KEYS": "true"})
     try:
         service.start()
         create, *lists = commands("One machine")
-        key = run(create, tmp_path).strip()
+        key = run(create).strip()
         for command in lists:
-            assert "lab  read,write" in run(command, tmp_path)
+            assert "lab  read,write" in run(command)
         header = {"Authorization": f"Bearer {key}"}
         for subject, unit in (("P%207", "mm"), ("P%207", "cm"), ("P%208", "m")):
             path = f"/v1/sequences?subject={subject}&unit={unit}"
             assert service.request("POST", path, beat, header, 150).status == 201
         show, remove = commands("Whose data, and taking it away")
-        assert re.search(r"^lab +3 ", run(show, tmp_path), re.MULTILINE)
+        assert re.search(r"^lab +3 ", run(show), re.MULTILINE)
         (code,) = blocks("Whose data, and taking it away", "python")
         exec(code.replace(":8000", f":{service.port}"), {"KEY": key})  # noqa: S102 (our own document)
         left = service.request("GET", "/v1/sequences", None, header).json["sequences"]
         assert [one["subject"] for one in left] == ["P 8"]
         service.stop()
-        run(remove, tmp_path)
-        assert re.search(r"^lab ", run(show, tmp_path), re.MULTILINE) is None
+        run(remove)
+        assert re.search(r"^lab ", run(show), re.MULTILINE) is None
         with KeyRing(tmp_path / "results") as ring:
             assert {one.state for one in ring.all() if one.owner == "lab"} == {"revoked"}
     finally:

@@ -18,6 +18,11 @@ from modalmotion_service.documentation.page import render
 from modalmotion_service.settings import Settings
 
 
+@pytest.fixture(scope="module")
+def client(shared_client: TestClient) -> TestClient:
+    return shared_client
+
+
 @pytest.mark.parametrize(
     "path", ["/v1/sequences", "/nowhere", "/health/live", "/docs", "/metrics", "/openapi.json"]
 )

@@ -18,6 +18,16 @@ LIMIT_BYTES = 2_000_000
 VERTICES = np.random.default_rng(5).normal(size=(3, 16, 3))
 
 
+@pytest.fixture(scope="module")
+def client(shared_client: TestClient) -> TestClient:
+    return shared_client
+
+
+@pytest.fixture(scope="module")
+def data_dir(shared_data_dir: Path) -> Path:
+    return shared_data_dir
+
+
 def saved(**arrays: Any) -> bytes:
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)

@@ -15,7 +15,12 @@ from modalmotion.signature import INTENDED_USE, SignatureParameters, modal_signa
 from modalmotion_service.schemas.readouts import VolumeAnswer
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
+def client(shared_client: TestClient) -> TestClient:
+    return shared_client
+
+
+@pytest.fixture(scope="module")
 def here(client: TestClient, beat: bytes) -> str:
     return client.post("/v1/sequences", content=beat).headers["location"] + "/readouts"
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from fastapi.testclient import TestClient
 from test_jobs import ASYNC, finished
 
-from modalmotion.store import JobState, ResultStore
+from modalmotion.store import JobState, ResultStore, jobs
+from modalmotion.store.cursor import to_text
 from modalmotion_service.app import create_app
 from modalmotion_service.retention import Retention
 from modalmotion_service.settings import Settings
@@ -32,15 +33,22 @@ def keeping(
     return Retention(store, spool, file_age=next(ages), job_age=next(ages))
 
 
-def test_only_files_whose_time_has_passed_are_removed(tmp_path: Path) -> None:
+def half_an_hour_ago() -> str:
+    return to_text((datetime.now(UTC) - timedelta(minutes=30)).timestamp())
+
+
+def test_only_files_whose_time_has_passed_are_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with ResultStore(tmp_path) as store:
         spool = Spool(tmp_path / "spool")
         upload = store.jobs.create("upload", {"file": "upload"})
         spool.at("upload").write_text("bytes")
-        made(store, spool, "old")
-        time.sleep(0.3)
+        with monkeypatch.context() as earlier:
+            earlier.setattr(jobs, "now", half_an_hour_ago)
+            made(store, spool, "old")
         made(store, spool, "new")
-        retention = keeping(store, spool, 0.25)
+        retention = keeping(store, spool, 900.0)
         assert retention.needed() == {"new", "upload"}
         assert retention.sweep() == 1
         assert {path.name for path in spool.folder.iterdir()} == {"new", "upload"}

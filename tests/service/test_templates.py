@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,11 @@ from modalmotion.formats import read_npz, write_npz
 from modalmotion.reconstruction import reconstruct
 from modalmotion.signature import SignatureParameters, modal_signature
 from modalmotion.simulate import Acquisition, simulate_ventricle
+
+
+@pytest.fixture(scope="module")
+def client(shared_client: TestClient) -> TestClient:
+    return shared_client
 
 
 @pytest.fixture(scope="module")
@@ -28,15 +34,17 @@ def mesh() -> bytes:
 def test_a_template_is_made_once_and_named_by_what_it_was_made_from(
     client: TestClient, mesh: bytes
 ) -> None:
-    first = client.post("/v1/templates", content=mesh)
-    again = client.post("/v1/templates", content=mesh)
+    sequence = read_npz(mesh).sequence
+    unknown = write_npz(replace(sequence, vertices=1.01 * sequence.vertices))
+    first = client.post("/v1/templates", content=unknown)
+    again = client.post("/v1/templates", content=unknown)
     assert (first.status_code, again.status_code) == (201, 200)
     assert first.json() == again.json() == client.get(first.headers["location"]).json()
     answer = first.json()
     assert answer["topology"] == "cup"
     assert set(answer["landmarks"]["strengths"]) >= {"axis", "theta_zero"}
     assert all(0 <= value <= 1 for value in answer["landmarks"]["strengths"].values())
-    stated = client.post("/v1/templates?theta_zero=7", content=mesh).json()
+    stated = client.post("/v1/templates?theta_zero=7", content=unknown).json()
     assert stated["id"] != answer["id"]
     assert "theta_zero" in stated["landmarks"]["given"]
 

@@ -18,7 +18,12 @@ BEAT = simulate_ventricle(
 )
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
+def client(shared_client: TestClient) -> TestClient:
+    return shared_client
+
+
+@pytest.fixture(scope="module")
 def here(client: TestClient) -> str:
     answer = client.post("/v1/sequences", content=write_npz(BEAT))
     return f"/v1/sequences/{answer.json()['id']}"

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from fastapi.testclient import TestClient
 
 from modalmotion.formats import write_npz
 from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simulate_ventricle
+from modalmotion.store import ResultStore
 
 CLASSES = (MotionClass.NORMAL, MotionClass.HYPOKINESIA)
+
+
+N_PER_CLASS = 6
+# Where it does not matter how scores come about.
+QUICK = {"estimator": "linear"}
 
 
 @dataclass(frozen=True)
@@ -68,3 +76,20 @@ def train(client: Any, name: str, ids: list[Any], **more: Any) -> dict[str, Any]
     job = finished(client, answer.json())
     assert job["state"] == "succeeded", job["error"]
     return dict(client.get(job["result"]).json())
+
+
+@dataclass
+class Trained:
+    """A service that has trained a model."""
+
+    client: TestClient
+    data_dir: Path
+    ids: list[str]
+    model: dict[str, Any]
+    test: list[Sent]
+    texts: list[str | None] = field(default_factory=list)
+
+    @property
+    def store(self) -> ResultStore:
+        found: ResultStore = self.client.app.state.owners.local.store  # type: ignore[attr-defined]
+        return found

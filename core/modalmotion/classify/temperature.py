@@ -29,7 +29,10 @@ def log_loss(
 
     `doubt` is the share of each case that is spread over all classes evenly.
     """
-    return float(np.average(case_losses(scores, y, doubt), weights=weights))
+    losses = case_losses(scores, y, doubt)
+    if weights is None:
+        return float(losses.mean())
+    return float((losses * weights).sum() / weights.sum())
 
 
 def case_losses(

@@ -72,7 +72,7 @@ def train(
     sized = len(cases) if isinstance(cases, Sized) else 0
 
     def reading(number: int) -> None:
-        share = 0.4 * number / sized if sized else 0.0
+        share = 0.4 * (number / sized) if sized else 0.0
         told(share, f"reading case {number}")
 
     table = collect(cases, chosen, reading)

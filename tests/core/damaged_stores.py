@@ -1,0 +1,48 @@
+"""A store of four sequences, and damage to its files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from store_samples import (
+    KEY,
+    sample_classification,
+    sample_model,
+    sample_sequence,
+    sample_signature,
+)
+
+from modalmotion.store import ResultStore
+from modalmotion.store.folder import Folder, ResultName
+
+N = 4
+
+
+def four_kept(folder: Path) -> Path:
+    """A store with four sequences, their signatures and classifications, a job and a key."""
+    with ResultStore(folder) as store:
+        for number in range(N):
+            sequence = sample_sequence(number)
+            store.put_sequence(sequence, subject=f"P {number}", label="rest")
+            store.put_signature(sample_signature(sequence))
+            store.put_signature(sample_signature(sequence, modes=4))
+            store.put_classification(sample_classification(sequence.id), KEY)
+        store.update_sequence(sample_sequence(0).id, label=None)
+        store.put_model(sample_model(1))
+        store.jobs.create("signature", {"number": 1})
+        store.idempotency.claim("key", "fingerprint")
+    return folder
+
+
+def damage(path: Path, place: int | None = None) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2 if place is None else place] ^= 0x41
+    path.write_bytes(content)
+
+
+def flip_upload(root: Path) -> None:
+    damage(Folder(root).upload(sample_sequence(1).id))
+
+
+def flip_signature(root: Path) -> None:
+    damage(Folder(root).result(ResultName("signature", sample_sequence(1).id, "", KEY)))

@@ -1,0 +1,139 @@
+"""What is no whole stream of ours is refused, and never gives other vertices."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import numpy as np
+import pytest
+from codec_sequences import KINDS, Make, lattice_sequence, mesh_of_tube, small_mesh_of_tube
+
+from modalmotion.codec import decode, encode
+from modalmotion.codec.modes_section import read_modes
+from modalmotion.codec.varint import read_varint, write_varint
+from modalmotion.errors import LimitError, MalformedFileError
+from modalmotion.formats.limits import NO_LIMITS, ReadLimits
+
+
+@pytest.mark.parametrize("make", KINDS)
+def test_any_flipped_bit_is_refused(make: Make, rng: np.random.Generator) -> None:
+    data = encode(make(rng), rms=0.3).data
+    for place in range(len(data)):
+        damaged = bytearray(data)
+        damaged[place] ^= 1 << int(rng.integers(8))
+        with pytest.raises((MalformedFileError, LimitError)):
+            decode(bytes(damaged))
+
+
+@pytest.mark.parametrize("make", KINDS)
+def test_any_cut_and_any_addition_are_refused(make: Make, rng: np.random.Generator) -> None:
+    data = encode(make(rng), rms=0.3).data
+    for length in range(len(data)):
+        with pytest.raises(MalformedFileError):
+            decode(data[:length])
+    with pytest.raises(MalformedFileError, match="follow the end"):
+        decode(data + b"\x00")
+
+
+def sections(data: bytes) -> list[bytes]:
+    found, position = [], 5
+    while position < len(data):
+        length, position = read_varint(data, position)
+        found.append(data[position : position + length])
+        position += length + 4
+    return found
+
+
+def rebuilt(parts: list[bytes]) -> bytes:
+    """A stream whose checksums are right whatever it says."""
+    data = b"MMSQ\x02"
+    for part in parts:
+        data += write_varint(len(part)) + part + struct.pack("<I", zlib.crc32(part))
+    return data
+
+
+@pytest.mark.parametrize("make", KINDS)
+def test_damage_behind_right_checksums_never_gives_other_vertices(
+    make: Make, rng: np.random.Generator
+) -> None:
+    data = encode(make(rng), max_error=0.3).data
+    original = decode(data).vertices
+    parts = sections(data)
+    limits = ReadLimits(frames=100, vertices=1000, faces=3000, decompressed_bytes=10_000_000)
+    for _ in range(len(data)):
+        which = int(rng.integers(len(parts)))
+        part = bytearray(parts[which])
+        if not part:
+            continue
+        for _ in range(int(rng.integers(1, 4))):
+            part[int(rng.integers(len(part)))] = int(rng.integers(256))
+        hostile = rebuilt([*parts[:which], bytes(part), *parts[which + 1 :]])
+        try:
+            found = decode(hostile, limits=limits).vertices
+        except (MalformedFileError, LimitError, ValueError):
+            continue
+        assert np.array_equal(found, original)
+
+
+def test_headers_that_declare_too_much_are_refused_at_once(rng: np.random.Generator) -> None:
+    parts = sections(encode(lattice_sequence(rng), rms=0.3).data)
+    _, after_frames = read_varint(parts[0], 0)
+    _, after_vertices = read_varint(parts[0], after_frames)
+    huge = write_varint(9) + write_varint(10**9) + parts[0][after_vertices:]
+    with pytest.raises(LimitError) as refused:
+        decode(rebuilt([huge, *parts[1:]]))
+    assert refused.value.limit == "vertices"
+    many = write_varint(10_000) + write_varint(1_000_000) + parts[0][after_vertices:]
+    with pytest.raises(LimitError) as refused:
+        decode(rebuilt([many, *parts[1:]]))
+    assert refused.value.limit == "decompressed_bytes"
+
+
+def test_blocks_and_patches_that_cost_too_much_are_refused(rng: np.random.Generator) -> None:
+    parts = sections(encode(mesh_of_tube(rng), rms=0.3).data)
+    header = parts[0]
+    # Nine frames in one block: of a mesh that would need 2^27 coordinates and more for them.
+    _, after_frames = read_varint(header, 0)
+    _, after_vertices = read_varint(header, after_frames)
+    many = header[:after_frames] + write_varint(6_000_000) + header[after_vertices:]
+    with pytest.raises(LimitError) as refused:
+        decode(rebuilt([many, *parts[1:]]), limits=NO_LIMITS)
+    assert refused.value.limit == "block"
+    with pytest.raises(LimitError) as refused:
+        read_modes(b"\x02\x00" + write_varint(5000) + bytes(16), 6000, np.zeros((0, 3), np.int64))
+    assert refused.value.limit == "spring_modes"
+
+
+def test_foreign_and_future_streams_are_refused_by_name(rng: np.random.Generator) -> None:
+    data = encode(lattice_sequence(rng), rms=0.3).data
+    with pytest.raises(MalformedFileError, match="no encoded sequence"):
+        decode(b"PK\x03\x04" + data)
+    with pytest.raises(MalformedFileError, match="no encoded sequence"):
+        decode(b"")
+    with pytest.raises(MalformedFileError, match="version 7"):
+        decode(data[:4] + b"\x07" + data[5:])
+
+
+def test_a_basis_that_differs_is_refused(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from modalmotion.codec.spring_modes import SpringModes
+
+    data = encode(small_mesh_of_tube(rng), rms=0.3).data
+    probe = SpringModes.probe
+    monkeypatch.setattr(SpringModes, "probe", lambda modes: -probe(modes))
+    with pytest.raises(MalformedFileError, match="spring modes"):
+        decode(data)
+
+
+def test_a_decoder_that_computes_differently_is_refused(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from modalmotion.codec.block import Block
+
+    data = encode(lattice_sequence(rng), rms=0.3).data
+    scaled = Block.scaled
+    monkeypatch.setattr(Block, "scaled", lambda block, modes: scaled(block, modes) + 0.5)
+    with pytest.raises(MalformedFileError, match="not those that were encoded"):
+        decode(data)

@@ -1,0 +1,118 @@
+"""Every trajectory of a store in one file."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from damaged_stores import N, flip_signature, four_kept
+from store_samples import sample_sequence
+
+from modalmotion.errors import CorruptFileError, StoreError
+from modalmotion.modes import ModeSet
+from modalmotion.sequence import mesh_sequence
+from modalmotion.signature import modal_signature
+from modalmotion.store import ResultStore, export, write_pack
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    return four_kept(tmp_path / "store")
+
+
+def test_the_export_holds_every_trajectory_under_its_parameters(root: Path, tmp_path: Path) -> None:
+    out = tmp_path / "all.h5"
+    seen: list[tuple[int, int]] = []
+    timed = mesh_sequence(
+        sample_sequence(9, n_frames=3).vertices,
+        grid=(5, 6),
+        topology="cup",
+        times=[0.0, 0.5, 0.75],
+        unit="m",
+    )
+    with ResultStore(root) as store:
+        store.put_sequence(timed, subject="Zoë")
+        store.put_signature(modal_signature(timed))
+    n_signatures = export(root, out, progress=lambda done, total: seen.append((done, total)))
+    assert n_signatures == 2 * N + 1
+    assert seen[-1] == (n_signatures, n_signatures)
+    found = set()
+    with ResultStore(root) as store, h5py.File(out, "r") as file:
+        assert file.attrs["schema"] == "modalmotion.export"
+        assert len(file) == 3
+        for group in file.values():
+            assert len({len(group[name]) for name in ("sequence_id", "n_frames", "label")}) == 1
+            ends = np.cumsum(group["n_frames"])
+            assert len(group["amplitudes"]) == ends[-1]
+            for row, end in enumerate(ends):
+                start = end - group["n_frames"][row]
+                name = group["sequence_id"][row].decode()
+                key = group.attrs["parameters_key"]
+                signature = store.signature(name, key)
+                found.add((name, key))
+                frames = slice(start, end)
+                np.testing.assert_array_equal(group["amplitudes"][frames], signature.amplitudes)
+                np.testing.assert_array_equal(group["max_errors"][frames], signature.max_errors)
+                np.testing.assert_array_equal(
+                    group["times"][frames],
+                    np.full(4, np.nan) if signature.times is None else signature.times,
+                )
+                assert isinstance(signature.modes, ModeSet)
+                np.testing.assert_array_equal(group["wavenumbers"], signature.modes.wavenumbers)
+                assert group["amplitudes"].attrs["unit"] == signature.unit
+                record = store.sequence_record(name)
+                assert group["subject"][row].decode() == record.subject
+                assert group["label"][row].decode() == (record.label or "")
+    assert len(found) == n_signatures
+
+
+def test_a_pack_without_a_store_is_the_same_as_an_export(root: Path, tmp_path: Path) -> None:
+    export(root, tmp_path / "one.h5")
+    with ResultStore(root) as store:
+        signatures = [
+            (store.signature(*name), store.sequence_record(name[0]))
+            for name in store.all_signatures()
+        ]
+    write_pack(tmp_path / "other.h5", iter(signatures))
+    assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "other.h5").read_bytes()
+
+
+def test_an_export_of_many_batches_is_the_same(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    export(root, tmp_path / "one.h5")
+    monkeypatch.setattr("modalmotion.store.analysis_file._BATCH", 3)
+    export(root, tmp_path / "many.h5")
+    with h5py.File(tmp_path / "one.h5", "r") as one, h5py.File(tmp_path / "many.h5", "r") as many:
+        for name, group in one.items():
+            for column, dataset in group.items():
+                np.testing.assert_array_equal(dataset[:], many[name][column][:])
+
+
+def test_an_export_that_fails_leaves_nothing_behind(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out.h5"
+    out.write_text("mine")
+    with pytest.raises(StoreError, match="exists already"):
+        export(root, out)
+    assert out.read_text() == "mine"
+    out.unlink()
+
+    def full(file: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(StoreError):
+            export(root, out)
+    flip_signature(root)
+    with pytest.raises(CorruptFileError):
+        export(root, out)
+    with pytest.raises(StoreError):
+        export(root, tmp_path / "missing" / "out.h5")
+    assert [path.name for path in tmp_path.iterdir()] == ["store"]
