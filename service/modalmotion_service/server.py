@@ -22,19 +22,39 @@ from modalmotion_service.problems import problem_of
 from modalmotion_service.settings import Settings
 
 
-def protocol_with_deadline(header_seconds: float) -> type[H11Protocol]:
-    """Make a protocol that closes connections whose request line and headers do not arrive.
+def protocol_with_deadline(header_seconds: float, idle_seconds: float) -> type[H11Protocol]:
+    """Make a protocol that closes connections whose client does not do its part.
 
-    uvicorn limits how long an idle connection stays open after an answer, but not how long a
-    new one may be silent, or spell its headers out.
+    uvicorn limits how long an idle connection stays open after an answer, but neither how long a
+    new one may be silent, or spell its headers out, nor how long an answer may wait for a client
+    that does not read it.
+
+    Parameters
+    ----------
+    header_seconds : float
+        For a request line and headers to arrive.
+    idle_seconds : float
+        For a client to take the next 48 KiB of an answer.
     """
 
     class Deadline(H11Protocol):
         _timer: asyncio.TimerHandle | None = None
+        _unread: asyncio.TimerHandle | None = None
 
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
             self._wait_for_headers()
+
+        def pause_writing(self) -> None:
+            super().pause_writing()
+            # Abort, not close: closing waits until everything is read.
+            self._unread = self.loop.call_later(idle_seconds, self.transport.abort)
+
+        def resume_writing(self) -> None:
+            super().resume_writing()
+            if self._unread is not None:
+                self._unread.cancel()
+                self._unread = None
 
         def data_received(self, data: bytes) -> None:
             super().data_received(data)
@@ -46,6 +66,8 @@ def protocol_with_deadline(header_seconds: float) -> type[H11Protocol]:
 
         def connection_lost(self, exc: Exception | None) -> None:
             self._stop_waiting()
+            if self._unread is not None:
+                self._unread.cancel()
             super().connection_lost(exc)
 
         def send_400_response(self, msg: str) -> None:
@@ -115,7 +137,7 @@ def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
         app,
         host=host,
         port=port,
-        http=protocol_with_deadline(settings.header_seconds),
+        http=protocol_with_deadline(settings.header_seconds, settings.idle_seconds),
         log_config=LOG_CONFIG,
         access_log=False,
         server_header=False,
