@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.client.connection import Answer
-from modalmotion.client.errors import BrokenAnswerError
+from modalmotion.client.errors import BrokenAnswerError, understood
 
 T = TypeVar("T")
 
@@ -184,23 +184,20 @@ def compressed_of(answer: Answer) -> CompressedSequence:
 
 def pack_of(answer: Answer) -> list[SignatureArrays]:
     """Read many signatures from one .npz archive."""
-    try:
-        with np.load(io.BytesIO(answer.content), allow_pickle=False) as pack:
-            labels = pack["labels"]
-            return [
-                SignatureArrays(
-                    id=str(sequence_id),
-                    label=str(labels[number]),
-                    modes=tuple(map(str, pack[f"modes_{number}"])),
-                    amplitudes=pack[f"amplitudes_{number}"],
-                    angular_frequencies=pack[f"angular_frequencies_{number}"],
-                    rms_errors=pack[f"rms_errors_{number}"],
-                    times=pack.get(f"times_{number}"),
-                )
-                for number, sequence_id in enumerate(pack["ids"])
-            ]
-    except (KeyError, ValueError, OSError, IndexError) as error:
-        raise BrokenAnswerError(
-            "The answer is no archive of signatures.",
-            remedy="Check the address, and the versions of service and client.",
-        ) from error
+    with (
+        understood("archive of signatures"),
+        np.load(io.BytesIO(answer.content), allow_pickle=False) as pack,
+    ):
+        labels = pack["labels"]
+        return [
+            SignatureArrays(
+                id=str(sequence_id),
+                label=str(labels[number]),
+                modes=tuple(map(str, pack[f"modes_{number}"])),
+                amplitudes=pack[f"amplitudes_{number}"],
+                angular_frequencies=pack[f"angular_frequencies_{number}"],
+                rms_errors=pack[f"rms_errors_{number}"],
+                times=pack.get(f"times_{number}"),
+            )
+            for number, sequence_id in enumerate(pack["ids"])
+        ]

@@ -10,9 +10,9 @@ from modalmotion.client.answers import ClassAnswer, SignatureArrays, pack_of, va
 from modalmotion.client.bodies import Progress, Source, body_of, json_body
 from modalmotion.client.calls import HDF5, NPZ, Calls, require_suffix, save, sequence_of
 from modalmotion.client.connection import Answer, Call
-from modalmotion.client.errors import BrokenAnswerError
+from modalmotion.client.errors import understood
 from modalmotion.client.jobs import Job
-from modalmotion.client.query import Option, plain
+from modalmotion.client.query import Option, plain, segment
 from modalmotion.comparison import Comparison
 from modalmotion.sequence import MeshSequence
 from modalmotion.signature import ModalSignature
@@ -100,8 +100,8 @@ class SignatureCalls(Calls):
         ids = list(sequence_ids)
         at_once = _AT_ONCE
         if len(ids) > 1:
-            limits = self._get("/v1/limits").json
-            at_once = int(limits.get("query_ids", _AT_ONCE))
+            with understood("list of limits"):
+                at_once = max(1, int(self._get("/v1/limits").json.get("query_ids", _AT_ONCE)))
         found: list[SignatureArrays] = []
         for start in range(0, len(ids), at_once):
             asked = {"ids": ids[start : start + at_once], **plain(options)}
@@ -134,13 +134,11 @@ class SignatureCalls(Calls):
 
     def distance(self, sequence_id: str, to: str, **options: Option) -> Comparison:
         """Give the distance of a sequence's signature from another's: 0 for the same motion."""
-        answer = self._get(f"/v1/sequences/{sequence_id}/distance", {**options, "to": to}).json
-        try:
+        answer = self._get(
+            f"/v1/sequences/{segment(sequence_id)}/distance", {**options, "to": to}
+        ).json
+        with understood("distance"):
             return Comparison(float(answer["distance"]), bool(answer["uses_theta_zero"]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise BrokenAnswerError(
-                "The answer is no distance.", remedy="Check the version of the service."
-            ) from error
 
     def classify(self, sequence_id: str, **request: Option) -> ClassAnswer:
         """Ask a model for the class of a kept sequence's motion.
@@ -151,22 +149,23 @@ class SignatureCalls(Calls):
         **request
             Members of the request, such as model: the shipped one by default.
         """
-        path = f"/v1/sequences/{sequence_id}/classifications"
+        path = f"/v1/sequences/{segment(sequence_id)}/classifications"
         call = Call("POST", path, body=json_body(plain(request)), is_keyed=True)
         return self._awaited(call, _class)
 
     def classifications(self, sequence_id: str) -> list[ClassAnswer]:
         """List what models have said of a sequence."""
-        answer = self._get(f"/v1/sequences/{sequence_id}/classifications").json
-        return [value_of(ClassAnswer, member) for member in answer["classifications"]]
+        answer = self._get(f"/v1/sequences/{segment(sequence_id)}/classifications").json
+        with understood("list of classifications"):
+            return [value_of(ClassAnswer, member) for member in answer["classifications"]]
 
 
 def _signature(sequence_id: str, options: dict[str, Option]) -> Call:
-    return Call("GET", f"/v1/sequences/{sequence_id}/signature", options, HDF5)
+    return Call("GET", f"/v1/sequences/{segment(sequence_id)}/signature", options, HDF5)
 
 
 def _reconstruction(sequence_id: str) -> str:
-    return f"/v1/sequences/{sequence_id}/reconstruction"
+    return f"/v1/sequences/{segment(sequence_id)}/reconstruction"
 
 
 def _own(answer: Answer) -> ModalSignature:
@@ -178,6 +177,7 @@ def _own(answer: Answer) -> ModalSignature:
 def _class(answer: Answer) -> ClassAnswer:
     # A job's result is the list of all; this one is the newest of its model.
     found = answer.json
-    if isinstance(found, dict) and "classifications" in found:
-        found = found["classifications"][-1]
+    with understood("list of classifications"):
+        if isinstance(found, dict) and "classifications" in found:
+            found = found["classifications"][-1]
     return value_of(ClassAnswer, found)

@@ -8,7 +8,7 @@ from modalmotion.client.answers import TemplateInfo, value_of
 from modalmotion.client.bodies import Progress, Source, body_of
 from modalmotion.client.calls import PNG, Calls, save
 from modalmotion.client.connection import Call
-from modalmotion.client.query import Option
+from modalmotion.client.query import Option, segment
 
 
 class TemplateCalls(Calls):
@@ -32,8 +32,8 @@ class TemplateCalls(Calls):
 
     def template(self, template_id: str) -> TemplateInfo:
         """Say what was found of a surface."""
-        return value_of(TemplateInfo, self._get(f"/v1/templates/{template_id}").json)
+        return value_of(TemplateInfo, self._get(f"/v1/templates/{segment(template_id)}").json)
 
     def save_template_picture(self, template_id: str, path: str | Path) -> None:
         """Write a picture of s and theta on the surface, as PNG."""
-        save(self._get(f"/v1/templates/{template_id}", accept=PNG).content, Path(path))
+        save(self._get(f"/v1/templates/{segment(template_id)}", accept=PNG).content, Path(path))
