@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
-from typing import Any
+import resource
+from typing import Any, Final
 
 import h11
 import uvicorn
@@ -21,8 +22,37 @@ from modalmotion_service.observation import LOG_CONFIG
 from modalmotion_service.problems import problem_of
 from modalmotion_service.settings import Settings
 
+# Open files that a process asks for, where it may have that many; and connections that uvicorn
+# has asyncio accept in one go by default.
+_MOST_FILES: Final = 65_536
+_MOST_AT_ONCE: Final = 2048
 
-def protocol_with_deadline(header_seconds: float, idle_seconds: float) -> type[H11Protocol]:
+
+def room_for_connections(most: int) -> tuple[int, int]:
+    """Allow this process more open files, and tell how many of them connections may take.
+
+    Where a connection cannot be accepted for want of a file, no result can be read or kept
+    either, and asyncio says so a thousand times a second.
+
+    Returns
+    -------
+    connections : int
+        At most `most`, and a third of all files: the rest is for stores and uploads, and for
+    at_once : int
+        that are accepted in one go, some times over before the first of them is counted.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = _MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, _MOST_FILES)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+        soft = wanted
+    files = _MOST_FILES if soft == resource.RLIM_INFINITY else soft
+    return max(1, min(most, files // 3)), max(8, min(_MOST_AT_ONCE, files // 8))
+
+
+def protocol_with_deadline(
+    header_seconds: float, idle_seconds: float, most: int
+) -> type[H11Protocol]:
     """Make a protocol that closes connections whose client does not do its part.
 
     uvicorn limits how long an idle connection stays open after an answer, but neither how long a
@@ -35,7 +65,11 @@ def protocol_with_deadline(header_seconds: float, idle_seconds: float) -> type[H
         For a request line and headers to arrive.
     idle_seconds : float
         For a client to take the next 48 KiB of an answer.
+    most : int
+        Connections. Beyond them the one goes that has asked for nothing for longest: whoever
+        opens many and says nothing keeps nobody out who has something to ask.
     """
+    quiet: dict[H11Protocol, None] = {}
 
     class Deadline(H11Protocol):
         _timer: asyncio.TimerHandle | None = None
@@ -43,7 +77,12 @@ def protocol_with_deadline(header_seconds: float, idle_seconds: float) -> type[H
 
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
+            quiet[self] = None
             self._wait_for_headers()
+            if len(self.connections) > most:
+                longest = next(iter(quiet))
+                del quiet[longest]
+                longest.transport.abort()
 
         def pause_writing(self) -> None:
             super().pause_writing()
@@ -59,12 +98,19 @@ def protocol_with_deadline(header_seconds: float, idle_seconds: float) -> type[H
         def data_received(self, data: bytes) -> None:
             super().data_received(data)
             if self._is_at_work():
+                quiet.pop(self, None)
                 self._stop_waiting()
             elif self._timer is None:
                 # The next request on a connection that is kept open has begun.
                 self._wait_for_headers()
 
+        def on_response_complete(self) -> None:
+            # The latest of all.
+            quiet[self] = None
+            super().on_response_complete()
+
         def connection_lost(self, exc: Exception | None) -> None:
+            quiet.pop(self, None)
             self._stop_waiting()
             if self._unread is not None:
                 self._unread.cancel()
@@ -133,11 +179,17 @@ def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
     """Serve an application as `run` serves the service's own."""
     # Modules, classes and routes stay for good: the collector need not walk them.
     gc.freeze()
+    connections, at_once = room_for_connections(settings.max_connections)
     uvicorn.run(
         app,
         host=host,
         port=port,
-        http=protocol_with_deadline(settings.header_seconds, settings.idle_seconds),
+        http=protocol_with_deadline(
+            settings.header_seconds,
+            settings.idle_seconds,
+            connections,
+        ),
+        backlog=at_once,
         log_config=LOG_CONFIG,
         access_log=False,
         server_header=False,

@@ -79,6 +79,9 @@ class Settings(BaseSettings):
     max_concurrent_requests: int = Field(
         64, gt=0, description="Requests under way at once; more are answered 429."
     )
+    max_connections: int = Field(
+        1_000, gt=0, description="Open connections; the one that is idle longest goes for one more."
+    )
     max_unfinished_jobs: int = Field(
         1_000, gt=0, description="Jobs queued or running at once; more are answered 429."
     )

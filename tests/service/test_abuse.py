@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import resource
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -20,6 +21,7 @@ from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.app import create_app
 from modalmotion_service.incoming import UPLOADS
+from modalmotion_service.server import room_for_connections
 from modalmotion_service.settings import Settings
 from modalmotion_service.wire import UNKNOWN_CLIENT, plain_address
 
@@ -248,3 +250,52 @@ def test_an_owner_has_three_of_four_places_and_at_least_one(tmp_path: Path) -> N
     with guarded(tmp_path / "r", max_concurrent_requests=4) as service:
         limits = service.ask("a", "GET", "/v1/limits").json()
         assert limits["concurrent_requests_of_owner"] == 3
+
+
+def test_connections_that_say_nothing_leave_room_for_those_that_ask(
+    tmp_path: Path, beat: bytes
+) -> None:
+    """They took all open files: nothing was kept, and 75,000 lines were logged in 9 s."""
+    program = (
+        "import sys, resource",
+        "resource.setrlimit(resource.RLIMIT_NOFILE, (400, 400))",
+        "from modalmotion.cli import main",
+        "main(['serve', '--port', sys.argv[1], '--data-dir', sys.argv[2]])",
+    )
+    running = RunningService(
+        tmp_path / "results",
+        {"REQUIRE_KEYS": "true", "WORKERS": "1"},
+        program=("-c", "\n".join(program)),
+    )
+    try:
+        running.start()
+        with KeyRing(running.data_dir) as ring:
+            key = {"X-API-Key": ring.create("lab", frozenset(Scope))[1]}
+        with ExitStack() as stack:
+            for _ in range(500):
+                address = "127.0.0.1", running.port
+                stack.enter_context(socket.create_connection(address, timeout=20.0))
+            assert running.request("POST", "/v1/sequences", beat, key).status == 201
+            assert running.request("GET", "/health/ready").status == 200
+        assert "out of system resource" not in running.log.read_text()
+    finally:
+        running.stop()
+
+
+def test_a_process_asks_for_the_open_files_that_it_may_have(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    unlimited = resource.RLIM_INFINITY
+    for limits, asked, room in [
+        ((1024, 524_288), (65_536, 524_288), (1000, 2048)),
+        ((1024, 1024), None, (341, 128)),
+        ((100, 300), (300, 300), (100, 37)),
+        ((256, unlimited), (65_536, unlimited), (1000, 2048)),
+        ((unlimited, unlimited), None, (1000, 2048)),
+        ((1_000_000, 1_000_000), None, (1000, 2048)),
+    ]:
+        set_to: list[object] = []
+        monkeypatch.setattr(resource, "getrlimit", lambda _, limits=limits: limits)
+        monkeypatch.setattr(resource, "setrlimit", lambda _, to, kept=set_to: kept.append(to))
+        assert room_for_connections(1000) == room
+        assert set_to == ([] if asked is None else [asked])
