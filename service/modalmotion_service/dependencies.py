@@ -102,7 +102,8 @@ async def _receive(request: Request, state: State) -> SpooledUpload:
     # What an idempotency key stands for is compared by its hash; nothing else asks for one.
     hashed = "idempotency-key" in request.headers
     with stage("receive"):
-        if not request.headers.get("content-type", "").startswith("multipart/form-data"):
+        kind = request.headers.get("content-type", "").lower()
+        if not kind.startswith("multipart/form-data"):
             return await state.spool.receive(request.stream(), hashed=hashed)
         async with request.form(max_files=1, max_fields=20) as form:
             part = form.get("file")

@@ -6,6 +6,7 @@ import io
 import json
 import resource
 import socket
+import stat
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -299,3 +300,21 @@ def test_a_process_asks_for_the_open_files_that_it_may_have(
         monkeypatch.setattr(resource, "setrlimit", lambda _, to, kept=set_to: kept.append(to))
         assert room_for_connections(1000) == room
         assert set_to == ([] if asked is None else [asked])
+
+
+def test_a_form_is_one_however_its_type_is_written(client: TestClient, beat: bytes) -> None:
+    form = b'--x\r\nContent-Disposition: form-data; name="file"; filename="../x"\r\n\r\n'
+    kind = {"Content-Type": "Multipart/Form-Data; boundary=x"}
+    answer = client.post("/v1/sequences", content=form + beat + b"\r\n--x--\r\n", headers=kind)
+    assert answer.status_code == 201
+
+
+def test_restored_keys_can_be_read_by_their_user_alone(tmp_path: Path) -> None:
+    with KeyRing(tmp_path):
+        pass
+    folder = tmp_path / "access"
+    for path in (folder, *folder.iterdir()):
+        path.chmod(0o755)
+    with KeyRing(tmp_path):
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+        assert stat.S_IMODE((folder / "keys.sqlite").stat().st_mode) == 0o600

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from modalmotion.errors import CorruptFileError, StoreError
@@ -34,6 +34,10 @@ def open_database(path: Path, tables: Sequence[str], version: int) -> sqlite3.Co
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             # SQLite gives its log and its shared memory the rights of the file itself.
             os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o600))
+            # Restored from a backup they may have others.
+            with suppress(PermissionError):
+                path.parent.chmod(0o700)
+                path.chmod(0o600)
         except OSError as error:
             raise StoreError(
                 f"{path.name} cannot be opened: {error.strerror}.",
