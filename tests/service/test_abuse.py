@@ -21,7 +21,9 @@ from running import RunningService
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.app import create_app
+from modalmotion_service.errors import ClusterError
 from modalmotion_service.incoming import UPLOADS
+from modalmotion_service.metrics import MeteredExecutor
 from modalmotion_service.server import room_for_connections
 from modalmotion_service.settings import Settings
 from modalmotion_service.wire import UNKNOWN_CLIENT, plain_address
@@ -318,3 +320,17 @@ def test_restored_keys_can_be_read_by_their_user_alone(tmp_path: Path) -> None:
     with KeyRing(tmp_path):
         assert stat.S_IMODE(folder.stat().st_mode) == 0o700
         assert stat.S_IMODE((folder / "keys.sqlite").stat().st_mode) == 0o600
+
+
+def test_health_names_no_machine_inside(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lost(self: object) -> None:
+        raise ClusterError("The scheduler at 'tcp://10.0.0.7:8786' has no workers.")
+
+    monkeypatch.setattr(MeteredExecutor, "require_ready", lost)
+    for path in ("/health/ready", "/v2/health/ready"):
+        answer = client.get(path)
+        assert (answer.status_code, answer.json()["code"]) == (503, "cluster_unavailable")
+        assert answer.json()["remedy"]
+        assert "10.0.0.7" not in answer.text
