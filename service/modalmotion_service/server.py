@@ -74,6 +74,7 @@ def protocol_with_deadline(
     class Deadline(H11Protocol):
         _timer: asyncio.TimerHandle | None = None
         _unread: asyncio.TimerHandle | None = None
+        _is_deaf = False
 
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
@@ -96,6 +97,8 @@ def protocol_with_deadline(
                 self._unread = None
 
         def data_received(self, data: bytes) -> None:
+            if self._is_deaf:
+                return
             super().data_received(data)
             if self._is_at_work():
                 quiet.pop(self, None)
@@ -107,6 +110,15 @@ def protocol_with_deadline(
         def on_response_complete(self) -> None:
             # The latest of all.
             quiet[self] = None
+            if self.conn.their_state is h11.SEND_BODY and not self.transport.is_closing():
+                # Answered before the body was there, as whoever has no key is: what still comes
+                # is let in, so that the answer can be read, and not looked at. A chunk is 20 us.
+                self._is_deaf = True
+                self.transport.write_eof()
+                self.flow.resume_reading()
+                self._stop_waiting()
+                self._wait_for_headers()
+                return
             super().on_response_complete()
 
         def connection_lost(self, exc: Exception | None) -> None:

@@ -334,3 +334,21 @@ def test_health_names_no_machine_inside(
         assert (answer.status_code, answer.json()["code"]) == (503, "cluster_unavailable")
         assert answer.json()["remedy"]
         assert "10.0.0.7" not in answer.text
+
+
+def test_the_rest_of_a_body_that_was_answered_is_not_looked_at(service: RunningService) -> None:
+    """A stranger's 3 MB in chunks of one byte kept everybody waiting for 3 s."""
+    with socket.create_connection(("127.0.0.1", service.port), timeout=5.0) as connection:
+        connection.sendall(head("POST", "/v1/signature", "none", "Transfer-Encoding: chunked"))
+        connection.sendall(b"1\r\nx\r\n" * 1000)
+        answer = b"".join(iter(lambda: connection.recv(65536), b""))
+        assert answer.startswith(b"HTTP/1.1 401 ")
+        # Told that nothing more comes, and let to send on, were it no HTTP at all.
+        for _ in range(20):
+            connection.sendall(b"zz" * 50_000)
+
+
+def test_a_large_upload_without_a_key_is_told_so(service: RunningService) -> None:
+    body = bytes(20_000_000)
+    request = head("POST", "/v1/signature", "none", f"Content-Length: {len(body)}")
+    assert answered(service, request + body).startswith(b"HTTP/1.1 401 ")
