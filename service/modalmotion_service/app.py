@@ -45,6 +45,7 @@ from modalmotion_service.routes import (
 )
 from modalmotion_service.security_headers import SecurityHeaders
 from modalmotion_service.settings import Settings
+from modalmotion_service.wire import PlainRequests
 
 
 class _App(FastAPI):
@@ -112,17 +113,23 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(
         BodyLimits,
         body_bytes=chosen.max_body_bytes,
+        json_bytes=chosen.max_json_bytes,
         idle_seconds=chosen.idle_seconds,
         upload_seconds=chosen.upload_seconds,
     )
     app.add_middleware(WholeAnswers)
-    app.add_middleware(Concurrency, most=chosen.max_concurrent_requests)
+    app.add_middleware(
+        Concurrency,
+        most=chosen.max_concurrent_requests,
+        most_of_owner=chosen.max_concurrent_requests_of_owner,
+    )
     rates = Rates(
         chosen.max_requests_per_minute,
         chosen.max_anonymous_per_minute,
         chosen.max_failures_per_minute,
     )
     app.add_middleware(Gate, require_keys=chosen.require_keys, rates=rates)
+    app.add_middleware(PlainRequests)
     app.add_middleware(Meter, metrics=metrics)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(Observation)

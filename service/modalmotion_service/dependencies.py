@@ -103,7 +103,8 @@ async def _receive(request: Request, state: State) -> SpooledUpload:
     # What an idempotency key stands for is compared by its hash; nothing else asks for one.
     hashed = "idempotency-key" in request.headers
     with stage("receive"):
-        if not request.headers.get("content-type", "").startswith("multipart/form-data"):
+        kind = request.headers.get("content-type", "").lower()
+        if not kind.startswith("multipart/form-data"):
             return await state.spool.receive(request.stream(), hashed=hashed)
         # Before the form is received, not after.
         state.spool.require_reserve()

@@ -6,13 +6,26 @@ Pure ASGI, so that it holds whatever reads the body, and answers as a problem.
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
+from typing import Final
 
 from starlette.datastructures import MutableHeaders
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from modalmotion.errors import LimitError
+from modalmotion_service.access.gate import route_of
+from modalmotion_service.access.principal import principal_of
+from modalmotion_service.access.scopes import PROBES
 from modalmotion_service.errors import BusyError, SlowClientError
 from modalmotion_service.problems import problem_of
+
+UPLOADS: Final = frozenset(
+    f"/v1/{name}"
+    for name in ("sequences", "signature", "templates", "encode", "decode", "classify")
+)
+"""Routes whose body goes to a file as it comes. All others hold it in memory, and read it as JSON
+while nobody else is answered."""
 
 
 class BodyLimits:
@@ -22,6 +35,8 @@ class BodyLimits:
     ----------
     app : ASGIApp
     body_bytes : int
+    json_bytes : int
+        Of what is no upload.
     idle_seconds : float
         Longest pause between two pieces.
     upload_seconds : float
@@ -29,10 +44,16 @@ class BodyLimits:
     """
 
     def __init__(
-        self, app: ASGIApp, body_bytes: int, idle_seconds: float, upload_seconds: float
+        self,
+        app: ASGIApp,
+        body_bytes: int,
+        json_bytes: int,
+        idle_seconds: float,
+        upload_seconds: float,
     ) -> None:
         self.app = app
         self.body_bytes = body_bytes
+        self.json_bytes = json_bytes
         self.idle_seconds = idle_seconds
         self.upload_seconds = upload_seconds
 
@@ -41,9 +62,12 @@ class BodyLimits:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
+        most, name = self.body_bytes, "body_bytes"
+        if route_of(scope) not in UPLOADS and self.json_bytes < most:
+            most, name = self.json_bytes, "json_bytes"
         declared = dict(scope["headers"]).get(b"content-length", b"")
-        if declared.isdigit() and int(declared) > self.body_bytes:
-            await problem_of(self._too_large())(scope, receive, send)
+        if declared.isdigit() and int(declared) > most:
+            await problem_of(_too_large(most, name))(scope, receive, send)
             return
         loop = asyncio.get_running_loop()
         end = loop.time() + self.upload_seconds
@@ -63,19 +87,11 @@ class BodyLimits:
                 raise self._too_slow(received, left) from None
             received += len(message.get("body", b""))
             complete = not message.get("more_body", False)
-            if received > self.body_bytes:
-                raise self._too_large()
+            if received > most:
+                raise _too_large(most, name)
             return message
 
         await self.app(scope, watched, send)
-
-    def _too_large(self) -> LimitError:
-        return LimitError(
-            f"The request body is larger than {self.body_bytes} bytes.",
-            remedy="Send fewer frames, a coarser mesh, or float32.",
-            limit="body_bytes",
-            details={"most": self.body_bytes},
-        )
 
     def _too_slow(self, received: int, left: float) -> SlowClientError:
         if left > self.idle_seconds:
@@ -88,6 +104,19 @@ class BodyLimits:
             limit=name,
             details={"most": most},
         )
+
+
+def _too_large(most: int, name: str) -> LimitError:
+    remedies = {
+        "body_bytes": "Send fewer frames, a coarser mesh, or float32.",
+        "json_bytes": "Ask for less in one request.",
+    }
+    return LimitError(
+        f"The request body is larger than {most} bytes.",
+        remedy=remedies[name],
+        limit=name,
+        details={"most": most},
+    )
 
 
 class WholeAnswers:
@@ -123,33 +152,55 @@ class WholeAnswers:
 class Concurrency:
     """Answers 429 while too many requests are under way; health checks always pass.
 
+    Where keys tell owners apart, one alone never has them all: however many slow uploads come
+    with their keys, others are answered.
+
     Parameters
     ----------
     app : ASGIApp
     most : int
+    most_of_owner : int
+        Of them, with keys of one owner.
     """
 
-    def __init__(self, app: ASGIApp, most: int) -> None:
+    def __init__(self, app: ASGIApp, most: int, most_of_owner: int) -> None:
         self.app = app
         self.most = most
+        self.most_of_owner = most_of_owner
         self._under_way = 0
+        self._of_owner: Counter[str] = Counter()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on if there is room."""
-        if scope["type"] != "http" or scope["path"].startswith("/health"):
+        if scope["type"] != "http" or scope["path"].startswith(PROBES):
             await self.app(scope, receive, send)
             return
+        principal = principal_of(scope)
+        owner = None if principal is None or principal.key_id is None else principal.owner
         if self._under_way >= self.most:
-            error = BusyError(
-                f"{self.most} requests are under way, as many as are served at once.",
-                remedy="Wait a second and send it again.",
-                limit="concurrent_requests",
-                details={"most": self.most},
-            )
-            await problem_of(error)(scope, receive, send)
+            await _busy("concurrent_requests", self.most)(scope, receive, send)
+            return
+        if owner is not None and self._of_owner[owner] >= self.most_of_owner:
+            busy = _busy("concurrent_requests_of_owner", self.most_of_owner)
+            await busy(scope, receive, send)
             return
         self._under_way += 1
+        if owner is not None:
+            self._of_owner[owner] += 1
         try:
             await self.app(scope, receive, send)
         finally:
             self._under_way -= 1
+            if owner is not None:
+                self._of_owner[owner] -= 1
+
+
+def _busy(limit: str, most: int) -> Response:
+    return problem_of(
+        BusyError(
+            f"{most} requests are under way, as many as are served at once.",
+            remedy="Wait a second and send it again.",
+            limit=limit,
+            details={"most": most},
+        )
+    )

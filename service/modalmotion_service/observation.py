@@ -83,7 +83,8 @@ class Observation:
                 "request",
                 extra={
                     "request_id": request_id,
-                    "method": scope["method"],
+                    # Whatever a client makes up, at whatever length.
+                    "method": scope["method"][:20],
                     "route": getattr(route, "path", None) or scope.get("modalmotion.route"),
                     "status": status,
                     "milliseconds": round(1e3 * (time.perf_counter() - start), 1),

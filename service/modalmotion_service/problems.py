@@ -60,6 +60,10 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     ModalMotionError: 500,
 }
 
+# Faults of a request that its problem names, and characters of each text in it.
+_NAMED: Final = 50
+_LONGEST_TEXT: Final = 2000
+
 _HEADERS_OF: Final[dict[int, dict[str, str]]] = {
     401: {"WWW-Authenticate": 'Bearer realm="modalmotion"'},
     # Nothing more is read from a slow client, so its connection is of no use.
@@ -112,9 +116,16 @@ def _body(status: int, code: str, detail: str, members: Mapping[str, object]) ->
         "title": HTTPStatus(status).phrase,
         "status": status,
         "code": code,
-        "detail": detail,
-        **members,
+        "detail": _short(detail),
+        **{name: _short(value) for name, value in members.items()},
     }
+
+
+def _short(value: object) -> object:
+    # What was sent is repeated in part: a problem is no way to have much sent back.
+    if isinstance(value, str) and len(value) > _LONGEST_TEXT:
+        return f"{value[:_LONGEST_TEXT]}..."
+    return value
 
 
 def _answer(body: dict[str, object], headers: Mapping[str, str] | None = None) -> Response:
@@ -158,7 +169,7 @@ async def _on_invalid_request(request: Request, error: Exception) -> Response:
         request.state.remove_upload()
     errors: list[dict[str, Any]] = [
         {"where": ".".join(map(str, item["loc"])), "message": item["msg"]}
-        for item in error.errors()
+        for item in error.errors()[:_NAMED]
     ]
     first = errors[0] if errors else {"where": "request", "message": "not valid"}
     members = {"errors": errors, "remedy": "See /docs for the parameters of this call."}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from modalmotion.errors import StoreError
 from modalmotion_service.dependencies import State
 from modalmotion_service.disk import require_room
+from modalmotion_service.errors import ClusterError
 
 
 def require_ready(local: State) -> None:
@@ -20,7 +21,14 @@ def require_ready(local: State) -> None:
     ClusterError, StoreError
         If not; both are answered 503.
     """
-    local.analysis.engine.require_ready()
+    try:
+        local.analysis.engine.require_ready()
+    except ClusterError as error:
+        # Everybody may ask: the error itself names a machine inside.
+        raise ClusterError(
+            "The machines that work is sent to cannot be used now.",
+            remedy="Try again soon; the service's log says which they are.",
+        ) from error
     try:
         require_room(local.store.root)
     except StoreError as error:

@@ -28,33 +28,110 @@ from modalmotion_service.settings import Settings
 
 logger = logging.getLogger(__name__)
 
+# Open files that a process asks for, where it may have that many; and connections that uvicorn
+# has asyncio accept in one go by default.
 _MOST_FILES: Final = 65_536
+_MOST_AT_ONCE: Final = 2048
 
 
-def protocol_with_deadline(header_seconds: float) -> type[H11Protocol]:
-    """Make a protocol that closes connections whose request line and headers do not arrive.
+def room_for_connections(most: int) -> tuple[int, int]:
+    """Allow this process more open files, and tell how many of them connections may take.
 
-    uvicorn limits how long an idle connection stays open after an answer, but not how long a
-    new one may be silent, or spell its headers out.
+    Where a connection cannot be accepted for want of a file, no result can be read or kept
+    either, and asyncio says so a thousand times a second.
+
+    Returns
+    -------
+    connections : int
+        At most `most`, and a third of all files: the rest is for stores and uploads, and for
+    at_once : int
+        that are accepted in one go, some times over before the first of them is counted.
     """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = _MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, _MOST_FILES)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+        soft = wanted
+    files = _MOST_FILES if soft == resource.RLIM_INFINITY else soft
+    return max(1, min(most, files // 3)), max(8, min(_MOST_AT_ONCE, files // 8))
+
+
+def protocol_with_deadline(
+    header_seconds: float, idle_seconds: float, most: int
+) -> type[H11Protocol]:
+    """Make a protocol that closes connections whose client does not do its part.
+
+    uvicorn limits how long an idle connection stays open after an answer, but neither how long a
+    new one may be silent, or spell its headers out, nor how long an answer may wait for a client
+    that does not read it.
+
+    Parameters
+    ----------
+    header_seconds : float
+        For a request line and headers to arrive.
+    idle_seconds : float
+        For a client to take the next 48 KiB of an answer.
+    most : int
+        Connections. Beyond them the one goes that has asked for nothing for longest: whoever
+        opens many and says nothing keeps nobody out who has something to ask.
+    """
+    quiet: dict[H11Protocol, None] = {}
 
     class Deadline(H11Protocol):
         _timer: asyncio.TimerHandle | None = None
+        _unread: asyncio.TimerHandle | None = None
+        _is_deaf = False
 
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
+            quiet[self] = None
             self._wait_for_headers()
+            if len(self.connections) > most:
+                longest = next(iter(quiet))
+                del quiet[longest]
+                longest.transport.abort()
+
+        def pause_writing(self) -> None:
+            super().pause_writing()
+            # Abort, not close: closing waits until everything is read.
+            self._unread = self.loop.call_later(idle_seconds, self.transport.abort)
+
+        def resume_writing(self) -> None:
+            super().resume_writing()
+            if self._unread is not None:
+                self._unread.cancel()
+                self._unread = None
 
         def data_received(self, data: bytes) -> None:
+            if self._is_deaf:
+                return
             super().data_received(data)
             if self._is_at_work():
+                quiet.pop(self, None)
                 self._stop_waiting()
             elif self._timer is None:
                 # The next request on a connection that is kept open has begun.
                 self._wait_for_headers()
 
+        def on_response_complete(self) -> None:
+            # The latest of all.
+            quiet[self] = None
+            if self.conn.their_state is h11.SEND_BODY and not self.transport.is_closing():
+                # Answered before the body was there, as whoever has no key is: what still comes
+                # is let in, so that the answer can be read, and not looked at. A chunk is 20 us.
+                self._is_deaf = True
+                self.transport.write_eof()
+                self.flow.resume_reading()
+                self._stop_waiting()
+                self._wait_for_headers()
+                return
+            super().on_response_complete()
+
         def connection_lost(self, exc: Exception | None) -> None:
+            quiet.pop(self, None)
             self._stop_waiting()
+            if self._unread is not None:
+                self._unread.cancel()
             super().connection_lost(exc)
 
         def send_400_response(self, msg: str) -> None:
@@ -122,13 +199,9 @@ def run(settings: Settings, host: str, port: int) -> None:
 
 
 def prepare_process(log_level: str) -> None:
-    """Keep what is written from other users, open as many files as may be, log as JSON."""
+    """Keep what is written from other users, and log as JSON."""
     logging.config.dictConfig(log_config(log_level))
     os.umask(0o077)
-    # The soft limit is often 1,024: as many connections would keep everybody else out.
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    most = _MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, _MOST_FILES)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, most), hard))
     for name, nearest in unknown_variables():
         logger.warning("no such setting", extra={"variable": name, "nearest": nearest or None})
 
@@ -137,11 +210,17 @@ def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
     """Serve an application as `run` serves the service's own."""
     # Modules, classes and routes stay for good: the collector need not walk them.
     gc.freeze()
+    connections, at_once = room_for_connections(settings.max_connections)
     uvicorn.run(
         app,
         host=host,
         port=port,
-        http=protocol_with_deadline(settings.header_seconds),
+        http=protocol_with_deadline(
+            settings.header_seconds,
+            settings.idle_seconds,
+            connections,
+        ),
+        backlog=at_once,
         log_config=log_config(settings.log_level),
         access_log=False,
         server_header=False,

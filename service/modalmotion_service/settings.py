@@ -79,6 +79,9 @@ class Settings(BaseSettings):
     )
 
     max_body_bytes: int = Field(256_000_000, gt=0, description="Largest request body.")
+    max_json_bytes: int = Field(
+        16_000_000, gt=0, description="Largest body of a request that is no upload."
+    )
     max_frames: int = Field(10_000, gt=0, description="Most frames in a sequence.")
     max_vertices: int = Field(2_000_000, gt=0, description="Most vertices in a frame.")
     max_faces: int = Field(4_000_000, gt=0, description="Most triangles in a mesh.")
@@ -88,6 +91,9 @@ class Settings(BaseSettings):
     max_query_ids: int = Field(1_000, gt=0, description="Most signatures in one answer.")
     max_concurrent_requests: int = Field(
         64, gt=0, description="Requests under way at once; more are answered 429."
+    )
+    max_connections: int = Field(
+        1_000, gt=0, description="Open connections; the one that is idle longest goes for one more."
     )
     max_unfinished_jobs: int = Field(
         1_000, gt=0, description="Jobs queued or running at once; more are answered 429."
@@ -119,6 +125,11 @@ class Settings(BaseSettings):
         return value or None
 
     @property
+    def max_concurrent_requests_of_owner(self) -> int:
+        """Of requests under way at once, those with keys of one owner: three of four."""
+        return self.max_concurrent_requests - self.max_concurrent_requests // 4
+
+    @property
     def read_limits(self) -> ReadLimits:
         """Limits that every reader of uploads applies."""
         return ReadLimits(
@@ -133,7 +144,8 @@ class Settings(BaseSettings):
         """Everything a client may run into, by the name that errors give it."""
         of_readers = ("frames", "vertices", "faces", "decompressed_bytes")
         counts = ("query_ids", "training_sequences", "concurrent_requests", "unfinished_jobs")
-        names = ("body_bytes", *of_readers, *counts)
+        of_owner = "concurrent_requests_of_owner"
+        names = ("body_bytes", "json_bytes", *of_readers, *counts, of_owner)
         rates = ("requests_per_minute", "anonymous_per_minute", "failures_per_minute")
         of_requests = ("header_seconds", "idle_seconds", "upload_seconds")
         seconds = (*of_requests, "task_seconds", "training_seconds")

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from access_parts import guarded
 from fastapi.testclient import TestClient
 
+from modalmotion_service.access.rates import Rates
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.app import create_app
+from modalmotion_service.errors import RateLimitedError
 from modalmotion_service.settings import Settings
 
 
@@ -58,3 +61,49 @@ def test_this_machine_without_keys_is_not_counted(tmp_path: Path) -> None:
             assert answer.status_code == 200
             assert "ratelimit-limit" not in answer.headers
         assert answer.json()["requests_per_minute"] == 1
+
+
+def test_the_window_moves() -> None:
+    """Against a list of all times, counted anew for each request."""
+    clock, let_through = 0.0, list[float]()
+    rates = Rates(5, 1, 1, now=lambda: clock)
+    for step in (0, 10, 10, 10, 10, 10, 9, 1, 0, 1, 30, 61, 0, 0, 0, 0, 0, 60):
+        clock += step
+        within = [time for time in let_through if time > clock - 60]
+        if len(within) < 5:
+            let_through.append(clock)
+            allowed = rates.key("a")
+            assert allowed.remaining == 4 - len(within)
+            assert allowed.reset_seconds == [*within, clock][0] + 60 - clock
+        else:
+            with pytest.raises(RateLimitedError) as refused:
+                rates.key("a")
+            assert refused.value.details["retry_after_seconds"] == within[0] + 60 - clock
+
+
+def test_strangers_are_forgotten_after_a_minute() -> None:
+    """They were kept for good, and all looked at with each request: 30 ms for 30,000 of them."""
+    clock = 0.0
+    rates = Rates(9, 9, 9, now=lambda: clock)
+    for number in range(3000):
+        rates.failure(f"192.0.{number // 256}.{number % 256}")
+        rates.address(f"2001:db8:0:{number:x}::1")
+    assert len(rates) == 6000
+    clock = 59.0
+    rates.key("a")
+    assert len(rates) == 6001
+    clock = 61.0
+    rates.key("a")
+    assert len(rates) == 1
+
+
+def test_a_network_of_ipv6_is_one_client() -> None:
+    rates = Rates(9, 2, 2)
+    rates.failure("2001:db8::1")
+    rates.failure("2001:db8::ffff:2")
+    with pytest.raises(RateLimitedError):
+        rates.failure("2001:db8::3")
+    rates.failure("2001:db8:0:1::1")
+    rates.address("2001:db8::3")
+    for address in ("192.0.2.1", "192.0.2.2", "192.0.2.3", "unknown"):
+        rates.failure(address)

@@ -166,6 +166,7 @@ def test_the_proxy_passes_what_the_service_would_take() -> None:
     assert int(patience[1]) > max(settings.wait_seconds, settings.task_seconds)
     for needed in (
         "ssl_protocols TLSv1.2 TLSv1.3;",
+        "keepalive_timeout 3s;",
         "proxy_request_buffering off;",
         "proxy_buffering off;",
         "proxy_set_header Host $host;",

@@ -39,6 +39,7 @@ class Proxied:
     plain_port: int
     token: str
     trusted: ssl.SSLContext
+    log: Path
 
     def request(self, method: str, path: str, body: bytes | None = None, **headers: str) -> Answer:
         key = {"Authorization": f"Bearer {self.token}", "Host": NAME}
@@ -79,7 +80,7 @@ def proxied(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Proxied]:
             nginx = subprocess.Popen([*command, "-g", "daemon off;"], stderr=sink)
         trusted = ssl.create_default_context(cafile=folder / "fullchain.pem")
         trusted.check_hostname = False
-        found = Proxied(service, port, plain_port, token, trusted)
+        found = Proxied(service, port, plain_port, token, trusted, folder / "nginx.log")
         _wait_for(found)
         yield found
     finally:
@@ -186,6 +187,36 @@ def test_figures_stay_inside_and_plain_http_is_sent_on(proxied: Proxied) -> None
     assert answer.status == 308
     assert answer.getheader("location") == f"https://{NAME}/v1/sequences?limit=1"
     connection.close()
+
+
+def test_plain_http_is_sent_on_to_no_other_host(proxied: Proxied) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", proxied.plain_port, timeout=10)
+    connection.request("GET", "/v1/limits", headers={"Host": "evil.test"})
+    assert connection.getresponse().getheader("location") == f"https://{NAME}/v1/limits"
+    connection.close()
+
+
+def test_figures_stay_inside_however_their_path_is_written(proxied: Proxied) -> None:
+    for path in (
+        "/metrics",
+        "//metrics",
+        "/%6detrics",
+        "/x/../metrics",
+        "/metrics?x",
+        "/metrics%23",
+    ):
+        assert proxied.request("GET", path).status in (403, 404), path
+    # To nginx another path, and to a router's pattern the same.
+    assert proxied.request("GET", "/metrics%0a").status == 400
+
+
+def test_the_proxy_logs_no_path_and_no_query(proxied: Proxied) -> None:
+    """What it refuses, what it cannot pass on, and what goes through."""
+    large = {"Host": NAME, "Content-Length": str(1 << 40)}
+    assert proxied.bare("POST", "/v1/sequences?subject=Jane", b"", large).status == 413
+    assert proxied.request("GET", "/metrics?subject=Jane").status == 403
+    assert proxied.request("GET", "/v1/sequences?subject=Jane").status == 200
+    assert "Jane" not in proxied.log.read_text()
 
 
 def test_what_the_service_refuses_comes_back_as_it_says_it(proxied: Proxied, beat: bytes) -> None:

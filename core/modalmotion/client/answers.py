@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.client.connection import Answer
-from modalmotion.client.errors import BrokenAnswerError
+from modalmotion.client.errors import BrokenAnswerError, understood
 
 T = TypeVar("T")
 
@@ -219,7 +219,10 @@ def value_of(kind: Callable[..., T], answer: Any) -> T:
     try:
         return kind(**{name: answer[name] for name in names}, answer=answer)
     except (KeyError, TypeError) as error:
-        raise _not_understood(error) from error
+        raise BrokenAnswerError(
+            f"The answer is not what is understood here: {error} is not there.",
+            remedy="Check the address, and the versions of service and client.",
+        ) from error
 
 
 def readouts_of(answer: Any) -> Readouts:
@@ -230,7 +233,7 @@ def readouts_of(answer: Any) -> Readouts:
     BrokenAnswerError
         If a member is not there.
     """
-    try:
+    with understood("description of volumes"):
         own, mesh, times = answer["from_signature"], answer["of_mesh"], answer["times"]
         ejected = own["ejection_fraction"]
         high = ejected["high"]
@@ -246,15 +249,6 @@ def readouts_of(answer: Any) -> Readouts:
             notes=answer["notes"],
             answer=answer,
         )
-    except (KeyError, TypeError, ValueError) as error:
-        raise _not_understood(error) from error
-
-
-def _not_understood(error: Exception) -> BrokenAnswerError:
-    return BrokenAnswerError(
-        f"The answer is not what is understood here: {error} is not there.",
-        remedy="Check the address, and the versions of service and client.",
-    )
 
 
 def compressed_of(answer: Answer) -> CompressedSequence:
@@ -277,23 +271,20 @@ def compressed_of(answer: Answer) -> CompressedSequence:
 
 def pack_of(answer: Answer) -> list[SignatureArrays]:
     """Read many signatures from one .npz archive."""
-    try:
-        with np.load(io.BytesIO(answer.content), allow_pickle=False) as pack:
-            labels = pack["labels"]
-            return [
-                SignatureArrays(
-                    id=str(sequence_id),
-                    label=str(labels[number]),
-                    modes=tuple(map(str, pack[f"modes_{number}"])),
-                    amplitudes=pack[f"amplitudes_{number}"],
-                    angular_frequencies=pack[f"angular_frequencies_{number}"],
-                    rms_errors=pack[f"rms_errors_{number}"],
-                    times=pack.get(f"times_{number}"),
-                )
-                for number, sequence_id in enumerate(pack["ids"])
-            ]
-    except (KeyError, ValueError, OSError, IndexError) as error:
-        raise BrokenAnswerError(
-            "The answer is no archive of signatures.",
-            remedy="Check the address, and the versions of service and client.",
-        ) from error
+    with (
+        understood("archive of signatures"),
+        np.load(io.BytesIO(answer.content), allow_pickle=False) as pack,
+    ):
+        labels = pack["labels"]
+        return [
+            SignatureArrays(
+                id=str(sequence_id),
+                label=str(labels[number]),
+                modes=tuple(map(str, pack[f"modes_{number}"])),
+                amplitudes=pack[f"amplitudes_{number}"],
+                angular_frequencies=pack[f"angular_frequencies_{number}"],
+                rms_errors=pack[f"rms_errors_{number}"],
+                times=pack.get(f"times_{number}"),
+            )
+            for number, sequence_id in enumerate(pack["ids"])
+        ]

@@ -8,7 +8,7 @@ from typing import Any, Final, TypeVar
 
 from modalmotion.client.bodies import Progress
 from modalmotion.client.connection import Answer, Call, Connection
-from modalmotion.client.errors import BrokenAnswerError
+from modalmotion.client.errors import BrokenAnswerError, understood
 from modalmotion.client.jobs import Job, JobStatus, awaited
 from modalmotion.client.query import Option
 from modalmotion.errors import ParameterError, StoreError
@@ -71,16 +71,17 @@ class Calls:
         cursor: str | None = None
         while True:
             page = self._get(path, {**query, "cursor": cursor}).json
-            try:
-                yield from page[member]
-                cursor = page["cursor"]
-            except (KeyError, TypeError) as error:
-                raise BrokenAnswerError(
-                    f"The answer is no page of {member}.",
-                    remedy="Check the version of the service.",
-                ) from error
-            if cursor is None:
+            with understood(f"page of {member}"):
+                found, following = list(page[member]), page["cursor"]
+            yield from found
+            if following is None:
                 return
+            if following == cursor:
+                raise BrokenAnswerError(
+                    f"The service gives the same page of {member} again and again.",
+                    remedy="Check the version of the service.",
+                )
+            cursor = following
 
 
 def sequence_of(answer: Answer) -> MeshSequence:

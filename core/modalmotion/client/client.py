@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 from modalmotion.client.bodies import json_body
 from modalmotion.client.codec_calls import CodecCalls
-from modalmotion.client.connection import Answer, Call, Connection
+from modalmotion.client.connection import MOST_BYTES, Answer, Call, Connection
 from modalmotion.client.errors import RemoteError, UnreachableError
 from modalmotion.client.jobs import Job, JobStatus
 from modalmotion.client.model_calls import ModelCalls
-from modalmotion.client.query import Option
+from modalmotion.client.query import Option, segment
 from modalmotion.client.readout_calls import ReadoutCalls
 from modalmotion.client.retries import Retries
 from modalmotion.client.sequence_calls import SequenceCalls
@@ -42,11 +42,13 @@ class Client(SequenceCalls, SignatureCalls, ReadoutCalls, ModelCalls, CodecCalls
         How often what may be repeated is sent again, and how long a call may take in all.
     transport : httpx2.BaseTransport, optional
         In place of the network, such as an application in the same process.
+    most_bytes : int
+        Of an answer, unpacked; longer ones are not read to their end.
 
     Raises
     ------
     ParameterError
-        If the address is none.
+        If the address or the key is none.
 
     Examples
     --------
@@ -65,9 +67,10 @@ class Client(SequenceCalls, SignatureCalls, ReadoutCalls, ModelCalls, CodecCalls
         retries: Retries | None = None,
         transport: httpx2.BaseTransport | None = None,
         sleep: Callable[[float], None] = time.sleep,
+        most_bytes: int = MOST_BYTES,
     ) -> None:
         chosen = Retries() if retries is None else retries
-        super().__init__(Connection(base_url, key, timeout, chosen, transport, sleep))
+        super().__init__(Connection(base_url, key, timeout, chosen, transport, sleep, most_bytes))
 
     def __enter__(self) -> Self:
         return self
@@ -103,7 +106,7 @@ class Client(SequenceCalls, SignatureCalls, ReadoutCalls, ModelCalls, CodecCalls
 
     def job(self, job_id: str, accept: str = "*/*") -> Job[Answer]:
         """Give a job by its id; its result is the answer to its link, as it comes."""
-        status = JobStatus.of(self._get(f"/v1/jobs/{job_id}").json)
+        status = JobStatus.of(self._get(f"/v1/jobs/{segment(job_id)}").json)
         return Job(self._connection, status, lambda answer: answer, accept)
 
     def audit(self, *, owner: str | None = None, page: int = 100) -> Iterator[dict[str, Any]]:
@@ -133,6 +136,8 @@ class Client(SequenceCalls, SignatureCalls, ReadoutCalls, ModelCalls, CodecCalls
 
         Raises
         ------
+        ParameterError
+            If the path does not begin with a slash.
         RemoteError
             If the service answers with a problem.
         UnreachableError

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import json
+import re
 import secrets
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -19,6 +20,7 @@ from modalmotion.client.errors import (
     RemoteError,
     UnreachableError,
     error_of_answer,
+    understood,
 )
 from modalmotion.client.query import Option, query_of
 from modalmotion.client.retries import Retries, is_passing, retry_after
@@ -31,6 +33,11 @@ JSON: Final = "application/json"
 
 # A request with a key whose first attempt is still at work is answered so.
 _STILL_UNDER_WAY: Final = 409
+
+MOST_BYTES: Final = 2_000_000_000
+"""Of an answer, where nobody says otherwise: twice the largest upload that is unpacked."""
+
+_KEY: Final = re.compile(r"[\x21-\x7e]+")
 
 # What may be sent twice whatever it does.
 _SAFE: Final = frozenset({"GET", "HEAD", "PUT", "DELETE", "PATCH"})
@@ -96,13 +103,8 @@ class Answer:
         BrokenAnswerError
             If it is none.
         """
-        try:
+        with understood("JSON"):
             return json.loads(self.content)
-        except ValueError as error:
-            raise BrokenAnswerError(
-                "The answer is no JSON.",
-                remedy="Check that the address is that of a modalmotion service.",
-            ) from error
 
 
 class Connection:
@@ -121,6 +123,13 @@ class Connection:
         In place of the network, such as an application in the same process.
     sleep : function
         Of seconds; kept as `sleep` for whatever waits for this service.
+    most_bytes : int
+        Of an answer, unpacked: it is held in memory.
+
+    Raises
+    ------
+    ParameterError
+        If the address or the key is none.
     """
 
     def __init__(
@@ -131,6 +140,7 @@ class Connection:
         retries: Retries,
         transport: httpx2.BaseTransport | None = None,
         sleep: Callable[[float], None] = time.sleep,
+        most_bytes: int = MOST_BYTES,
     ) -> None:
         try:
             import httpx2
@@ -148,8 +158,9 @@ class Connection:
             )
         headers = {"User-Agent": f"modalmotion-client/{version('modalmotion')}"}
         if key is not None:
-            headers["Authorization"] = f"Bearer {key}"
+            headers["Authorization"] = f"Bearer {_plain_key(key)}"
         self._retries = retries
+        self._most_bytes = most_bytes
         self.sleep = sleep
         self._http = httpx2.Client(
             base_url=base_url,
@@ -208,6 +219,12 @@ class Connection:
         raise AssertionError("at least one attempt is made")
 
     def _attempt(self, call: Call, progress: Progress | None, end: float) -> Answer:
+        if not call.path.startswith("/"):
+            # Another host's address would be sent the key.
+            raise ParameterError(
+                f"{call.path[:80]!r} is no path of the service.",
+                remedy="Begin it with a slash, such as /v1/limits.",
+            )
         headers = {"Accept": call.accept, **(call.headers or {})}
         content: Iterator[bytes] | None = None
         if call.body is not None:
@@ -218,14 +235,15 @@ class Connection:
         with _explained(call):
             request = self._http.build_request(
                 call.method,
-                call.path.lstrip("/"),
+                # One slash alone: two begin the name of a host, none a scheme.
+                f"/{call.path.lstrip('/')}",
                 params=query_of(call.query) if call.query else None,
                 headers=headers,
                 content=content,
             )
             response = self._http.send(request, stream=True)
             try:
-                answered = b"".join(_until(end, response.iter_bytes()))
+                answered = b"".join(_at_most(self._most_bytes, _until(end, response.iter_bytes())))
             finally:
                 response.close()
         known = {name.lower(): value for name, value in response.headers.items()}
@@ -238,6 +256,8 @@ class Connection:
             known.get("x-request-id", ""),
         )
         wait = retry_after(known.get("retry-after"))
+        # The header's alone: a member of the problem may be anything.
+        error.details.pop("retry_after", None)
         if wait is not None:
             error.details["retry_after"] = wait
         raise error
@@ -245,6 +265,32 @@ class Connection:
 
 def _may_repeat(call: Call) -> bool:
     return call.method in _SAFE or call.is_repeatable or call.is_keyed
+
+
+def _plain_key(key: str) -> str:
+    # A line break is what a key has that was read from a file. What is wrong with another one is
+    # said here: the HTTP library would repeat it, key and all, in its own error.
+    plain = key.strip()
+    if _KEY.fullmatch(plain) is None:
+        raise ParameterError(
+            "The key holds blanks, or letters that no key has, or nothing.",
+            remedy="Give it as `modalmotion keys create` showed it.",
+        )
+    return plain
+
+
+def _at_most(most: int, pieces: Iterator[bytes]) -> Iterator[bytes]:
+    n_bytes = 0
+    for piece in pieces:
+        n_bytes += len(piece)
+        if n_bytes > most:
+            raise BrokenAnswerError(
+                f"The answer is longer than {most} bytes.",
+                remedy="Ask for less at once, or allow more as `most_bytes`.",
+                limit="most_bytes",
+                details={"most": most},
+            )
+        yield piece
 
 
 def _until(end: float, pieces: Iterator[bytes]) -> Iterator[bytes]:

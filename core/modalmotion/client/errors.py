@@ -14,7 +14,10 @@
 from __future__ import annotations
 
 import json
+import zipfile
+import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any, Final
 
@@ -116,7 +119,7 @@ def error_of_answer(status: int, body: bytes, media_type: str, request_id: str) 
     if "json" in media_type:
         try:
             problem = json.loads(body)
-        except ValueError:
+        except (ValueError, RecursionError):
             problem = None
     if not isinstance(problem, dict):
         problem = {
@@ -132,6 +135,45 @@ def _class_of(code: str) -> type[RemoteError]:
     bases = (RemoteError,) if own is None else (RemoteError, own)
     name = "RemoteError" if own is None else f"Remote{own.__name__}"
     return type(name, bases, {"code": code, "__doc__": RemoteError.__doc__})
+
+
+@contextmanager
+def understood(what: str) -> Iterator[None]:
+    """Say of an answer that is not what the service gives that it is not, and nothing else.
+
+    Parameters
+    ----------
+    what : str
+        It was to be.
+
+    Raises
+    ------
+    BrokenAnswerError
+    """
+    try:
+        yield
+    except ModalMotionError:
+        raise
+    except _MISUNDERSTOOD as error:
+        raise BrokenAnswerError(
+            f"The answer is no {what}.",
+            remedy="Check the address, and the versions of service and client.",
+        ) from error
+
+
+# What reading something of another form or type than it should have ends in.
+_MISUNDERSTOOD: Final = (
+    LookupError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    ArithmeticError,
+    RecursionError,
+    OSError,
+    EOFError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 def _kinds(kind: type[ModalMotionError]) -> Iterator[type[ModalMotionError]]:

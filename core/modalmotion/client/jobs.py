@@ -13,7 +13,9 @@ from modalmotion.client.errors import (
     JobCancelledError,
     JobUnfinishedError,
     remote_error,
+    understood,
 )
+from modalmotion.client.query import segment
 from modalmotion.client.retries import retry_after
 
 T = TypeVar("T")
@@ -50,19 +52,16 @@ class JobStatus:
     @staticmethod
     def of(answer: Any) -> JobStatus:
         """Read what the service says of a job."""
-        try:
+        with understood("job"):
+            result, error = answer["result"], answer["error"]
             return JobStatus(
-                id=str(answer["id"]),
+                id=segment(str(answer["id"])),
                 kind=str(answer["kind"]),
                 state=str(answer["state"]),
                 progress=float(answer["progress"]),
-                result=answer["result"],
-                error=answer["error"],
+                result=None if result is None else str(result),
+                error=None if error is None else dict(error),
             )
-        except (KeyError, TypeError, ValueError) as error:
-            raise BrokenAnswerError(
-                "The answer describes no job.", remedy="Check the version of the service."
-            ) from error
 
     @property
     def is_finished(self) -> bool:
@@ -176,7 +175,8 @@ class Job(Generic[T]):
             )
         if self.status.error is not None:
             problem = self.status.error
-            error = remote_error(problem, int(problem.get("status", 500)))
+            status = problem.get("status")
+            error = remote_error(problem, status if isinstance(status, int) else 500)
             error.details["job"] = self.id
             raise error
         link = self.status.result

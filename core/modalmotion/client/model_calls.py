@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
-from urllib.parse import quote
 
 from modalmotion.client.answers import ClassAnswer, ModelInfo, value_of
 from modalmotion.client.bodies import Progress, Source, body_of, json_body
 from modalmotion.client.calls import HDF5, PNG, Calls, require_suffix, save
 from modalmotion.client.connection import Answer, Call
+from modalmotion.client.errors import understood
 from modalmotion.client.jobs import Job
-from modalmotion.client.query import Option, plain
+from modalmotion.client.query import Option, plain, segment
 
 MODEL_FILES: Final = {".h5": HDF5, ".hdf5": HDF5, ".png": PNG}
 """What a model is saved as, by suffix; a picture shows its confusion and its calibration."""
@@ -84,7 +84,7 @@ class ModelCalls(Calls):
         **request
             Members of the request, such as model: the shipped one by default.
         """
-        path = f"/v1/sequences/{sequence_id}/classifications"
+        path = f"/v1/sequences/{segment(sequence_id)}/classifications"
         call = Call("POST", path, body=json_body(plain(request)), is_keyed=True)
         return self._awaited(call, _class)
 
@@ -106,12 +106,13 @@ class ModelCalls(Calls):
 
     def classifications(self, sequence_id: str) -> list[ClassAnswer]:
         """List what models have said of a sequence."""
-        answer = self._get(f"/v1/sequences/{sequence_id}/classifications").json
-        return [value_of(ClassAnswer, member) for member in answer["classifications"]]
+        answer = self._get(f"/v1/sequences/{segment(sequence_id)}/classifications").json
+        with understood("list of classifications"):
+            return [value_of(ClassAnswer, member) for member in answer["classifications"]]
 
 
 def _path(name: str, version: int | None) -> str:
-    path = f"/v1/models/{quote(name, safe='')}"
+    path = f"/v1/models/{segment(name)}"
     return path if version is None else f"{path}/versions/{version:d}"
 
 
@@ -131,6 +132,7 @@ def _model(answer: Answer) -> ModelInfo:
 def _class(answer: Answer) -> ClassAnswer:
     # A job's result is the list of all; this one is the newest of its model.
     found = answer.json
-    if isinstance(found, dict) and "classifications" in found:
-        found = found["classifications"][-1]
+    with understood("list of classifications"):
+        if isinstance(found, dict) and "classifications" in found:
+            found = found["classifications"][-1]
     return value_of(ClassAnswer, found)

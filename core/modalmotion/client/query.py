@@ -2,11 +2,33 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from enum import Enum
+from typing import Final
+
+from modalmotion.errors import ParameterError
 
 Option = str | int | float | bool | Enum | tuple[float, ...] | list[float] | None
 """What an option of a call can be; None leaves it to the service."""
+
+# Neither a separator, nor the end of a path, nor a name such as "..".
+_SEGMENT: Final = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,199}")
+
+
+def segment(name: str) -> str:
+    """Check an id that becomes part of a path: it names one thing, and leads nowhere else.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be one.
+    """
+    if _SEGMENT.fullmatch(name) is None:
+        raise ParameterError(
+            f"{name[:80]!r} cannot be an id.", remedy="Use one that the service has given."
+        )
+    return name
 
 
 def query_of(options: Mapping[str, Option]) -> dict[str, str]:

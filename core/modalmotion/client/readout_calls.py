@@ -8,7 +8,7 @@ from typing import Any
 from modalmotion.client.answers import Readouts, readouts_of
 from modalmotion.client.calls import JSON, PNG, Calls, save
 from modalmotion.client.connection import Answer, Call
-from modalmotion.client.query import Option
+from modalmotion.client.query import Option, segment
 
 
 class ReadoutCalls(Calls):
@@ -61,7 +61,7 @@ class ReadoutCalls(Calls):
 
 
 def _of(sequence_id: str, what: str) -> str:
-    return f"/v1/sequences/{sequence_id}/{what}"
+    return f"/v1/sequences/{segment(sequence_id)}/{what}"
 
 
 def _content(answer: Answer) -> bytes:

@@ -84,10 +84,10 @@ def retry_after(header: str | None) -> float | None:
     if header is None:
         return None
     text = header.strip()
-    if text.isdigit() and len(text) < 10:
+    if text.isascii() and text.isdigit() and len(text) < 10:
         return float(text)
     try:
-        date = email.utils.parsedate_to_datetime(text)
-    except (TypeError, ValueError):
+        end = email.utils.parsedate_to_datetime(text).timestamp()
+    except (TypeError, ValueError, OverflowError):
         return None
-    return max(0.0, date.timestamp() - time.time())
+    return max(0.0, end - time.time())

@@ -11,7 +11,7 @@ from modalmotion.client.bodies import Progress, Source, body_of, json_body
 from modalmotion.client.calls import Calls
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.jobs import Job, awaited
-from modalmotion.client.query import Option
+from modalmotion.client.query import Option, segment
 from modalmotion.sequence import mesh_sequence
 
 
@@ -117,7 +117,7 @@ class SequenceCalls(Calls):
         NotFoundError
             If there is none of that id.
         """
-        return _info(self._get(f"/v1/sequences/{sequence_id}"))
+        return _info(self._get(f"/v1/sequences/{segment(sequence_id)}"))
 
     def rename(
         self,
@@ -131,13 +131,13 @@ class SequenceCalls(Calls):
         given = {name: value for name, value in names.items() if value is not UNCHANGED}
         return _info(
             self._connection.send(
-                Call("PATCH", f"/v1/sequences/{sequence_id}", body=json_body(given))
+                Call("PATCH", f"/v1/sequences/{segment(sequence_id)}", body=json_body(given))
             )
         )
 
     def delete(self, sequence_id: str) -> None:
         """Delete a sequence with everything that derives from it."""
-        self._connection.send(Call("DELETE", f"/v1/sequences/{sequence_id}"))
+        self._connection.send(Call("DELETE", f"/v1/sequences/{segment(sequence_id)}"))
 
 
 def _upload(source: Source, options: dict[str, Option]) -> Call:

@@ -10,9 +10,9 @@ from modalmotion.client.answers import SignatureArrays, pack_of
 from modalmotion.client.bodies import Progress, Source, body_of, json_body
 from modalmotion.client.calls import HDF5, NPZ, Calls, require_suffix, save, sequence_of
 from modalmotion.client.connection import Answer, Call
-from modalmotion.client.errors import BrokenAnswerError
+from modalmotion.client.errors import understood
 from modalmotion.client.jobs import Job
-from modalmotion.client.query import Option, plain
+from modalmotion.client.query import Option, plain, segment
 from modalmotion.comparison import Comparison
 from modalmotion.sequence import MeshSequence
 from modalmotion.signature import ModalSignature
@@ -100,8 +100,8 @@ class SignatureCalls(Calls):
         ids = list(sequence_ids)
         at_once = _AT_ONCE
         if len(ids) > 1:
-            limits = self._get("/v1/limits").json
-            at_once = int(limits.get("query_ids", _AT_ONCE))
+            with understood("list of limits"):
+                at_once = max(1, int(self._get("/v1/limits").json.get("query_ids", _AT_ONCE)))
         found: list[SignatureArrays] = []
         for start in range(0, len(ids), at_once):
             asked = {"ids": ids[start : start + at_once], **plain(options)}
@@ -134,21 +134,19 @@ class SignatureCalls(Calls):
 
     def distance(self, sequence_id: str, to: str, **options: Option) -> Comparison:
         """Give the distance of a sequence's signature from another's: 0 for the same motion."""
-        answer = self._get(f"/v1/sequences/{sequence_id}/distance", {**options, "to": to}).json
-        try:
+        answer = self._get(
+            f"/v1/sequences/{segment(sequence_id)}/distance", {**options, "to": to}
+        ).json
+        with understood("distance"):
             return Comparison(float(answer["distance"]), bool(answer["uses_theta_zero"]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise BrokenAnswerError(
-                "The answer is no distance.", remedy="Check the version of the service."
-            ) from error
 
 
 def _signature(sequence_id: str, options: dict[str, Option]) -> Call:
-    return Call("GET", f"/v1/sequences/{sequence_id}/signature", options, HDF5)
+    return Call("GET", f"/v1/sequences/{segment(sequence_id)}/signature", options, HDF5)
 
 
 def _reconstruction(sequence_id: str) -> str:
-    return f"/v1/sequences/{sequence_id}/reconstruction"
+    return f"/v1/sequences/{segment(sequence_id)}/reconstruction"
 
 
 def _own(answer: Answer) -> ModalSignature:

@@ -8,7 +8,8 @@ from modalmotion.client.answers import TemplateInfo, value_of
 from modalmotion.client.bodies import Progress, Source, body_of
 from modalmotion.client.calls import PNG, Calls, save
 from modalmotion.client.connection import Call
-from modalmotion.client.query import Option
+from modalmotion.client.errors import understood
+from modalmotion.client.query import Option, segment
 
 
 class TemplateCalls(Calls):
@@ -32,17 +33,18 @@ class TemplateCalls(Calls):
 
     def templates(self) -> list[str]:
         """List the ids of all templates."""
-        found: list[str] = self._get("/v1/templates").json["templates"]
-        return found
+        answer = self._get("/v1/templates").json
+        with understood("list of templates"):
+            return [str(template_id) for template_id in answer["templates"]]
 
     def template(self, template_id: str) -> TemplateInfo:
         """Say what was found of a surface."""
-        return value_of(TemplateInfo, self._get(f"/v1/templates/{template_id}").json)
+        return value_of(TemplateInfo, self._get(f"/v1/templates/{segment(template_id)}").json)
 
     def save_template_picture(self, template_id: str, path: str | Path) -> None:
         """Write a picture of s and theta on the surface, as PNG."""
-        save(self._get(f"/v1/templates/{template_id}", accept=PNG).content, Path(path))
+        save(self._get(f"/v1/templates/{segment(template_id)}", accept=PNG).content, Path(path))
 
     def delete_template(self, template_id: str) -> None:
         """Delete a template; signatures that were fitted on it stay."""
-        self._connection.send(Call("DELETE", f"/v1/templates/{template_id}"))
+        self._connection.send(Call("DELETE", f"/v1/templates/{segment(template_id)}"))

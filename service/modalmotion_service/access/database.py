@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from modalmotion.errors import CorruptFileError, StoreError
@@ -39,6 +39,10 @@ def open_database(path: Path, tables: Sequence[str], version: int) -> sqlite3.Co
             if is_new:
                 sync_folder(path.parent)
                 sync_folder(path.parent.parent)
+            # Restored from a backup they may have others.
+            with suppress(PermissionError):
+                path.parent.chmod(0o700)
+                path.chmod(0o600)
         except OSError as error:
             raise StoreError(
                 f"{path.name} cannot be opened: {error.strerror}.",

@@ -25,7 +25,7 @@ from modalmotion_service.access.principal import (
     principal_of,
 )
 from modalmotion_service.access.rates import Rates
-from modalmotion_service.access.scopes import Scope, Target, target_of
+from modalmotion_service.access.scopes import PROBES, Scope, Target, target_of
 from modalmotion_service.access.site import comes_by_loopback, require_same_site
 from modalmotion_service.errors import AuthenticationError, ForbiddenError, RateLimitedError
 from modalmotion_service.observation import CLIENT_GONE
@@ -39,9 +39,6 @@ _NAME: Final = re.compile(r"[A-Za-z0-9._-]{1,100}")
 
 # What keys with these scopes alone may do changes something.
 _CHANGES: Final = (Scope.WRITE, Scope.TRAIN)
-
-# What asks every few seconds, and must be answered whoever else asks.
-_PROBES: Final = ("/health/", "/v2/health/")
 
 
 @dataclass(frozen=True)
@@ -167,7 +164,7 @@ class Gate:
         needs_key = self.require_keys or not comes_by_loopback(scope)
         client = "" if connection.client is None else connection.client.host
         if target is not None and target.scope is None:
-            if not needs_key or target.template.startswith(_PROBES):
+            if not needs_key or target.template.startswith(PROBES):
                 return {}
             return self.rates.address(client).headers
         try:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import ipaddress
 import math
 import time
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
-
-from limits import RateLimitItemPerMinute
-from limits.storage import MemoryStorage
-from limits.strategies import MovingWindowRateLimiter
+from typing import Final
 
 from modalmotion_service.errors import RateLimitedError
+
+_WINDOW_SECONDS: Final = 60.0
 
 
 @dataclass(frozen=True)
@@ -41,22 +43,39 @@ class Allowance:
 
 
 class Rates:
-    """Counts requests over the last minute, in memory.
+    """Counts requests over the last minute, in memory, on the thread of the event loop.
+
+    Whoever has not asked for a minute is forgotten: strangers have as many addresses as they like.
 
     Parameters
     ----------
     of_key, of_address, of_failures : int
         Most requests a minute: with one key, from one address without a key to what is open to
         everybody, and from one address with no key or a wrong one where one is needed.
+    now : function
+        Seconds of a clock that never goes back.
     """
 
-    def __init__(self, of_key: int, of_address: int, of_failures: int) -> None:
-        self._limiter = MovingWindowRateLimiter(MemoryStorage())
-        self._limits = {
-            "requests_per_minute": RateLimitItemPerMinute(of_key),
-            "anonymous_per_minute": RateLimitItemPerMinute(of_address),
-            "failures_per_minute": RateLimitItemPerMinute(of_failures),
+    def __init__(
+        self,
+        of_key: int,
+        of_address: int,
+        of_failures: int,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._most = {
+            "requests_per_minute": of_key,
+            "anonymous_per_minute": of_address,
+            "failures_per_minute": of_failures,
         }
+        self._now = now
+        # Times of the requests that were let through, the oldest first.
+        self._seen: dict[tuple[str, str], deque[float]] = {}
+        self._sweep_at = now() + _WINDOW_SECONDS
+
+    def __len__(self) -> int:
+        """Give how many keys and addresses are remembered."""
+        return len(self._seen)
 
     def key(self, key_id: str) -> Allowance:
         """Count a request with a key.
@@ -70,22 +89,46 @@ class Rates:
 
     def address(self, client: str) -> Allowance:
         """Count a request without a key to what is open to everybody."""
-        return self._count("anonymous_per_minute", client)
+        return self._count("anonymous_per_minute", _network(client))
 
     def failure(self, client: str) -> Allowance:
         """Count a request without the key that it needs."""
-        return self._count("failures_per_minute", client)
+        return self._count("failures_per_minute", _network(client))
 
     def _count(self, limit: str, who: str) -> Allowance:
-        item = self._limits[limit]
-        has_room = self._limiter.hit(item, limit, who)
-        window = self._limiter.get_window_stats(item, limit, who)
-        wait = max(1, math.ceil(window.reset_time - time.time()))
+        now, most = self._now(), self._most[limit]
+        if now >= self._sweep_at:
+            self._sweep(now)
+        seen = self._seen.setdefault((limit, who), deque())
+        while seen and seen[0] <= now - _WINDOW_SECONDS:
+            seen.popleft()
+        has_room = len(seen) < most
         if has_room:
-            return Allowance(item.amount, window.remaining, wait)
+            seen.append(now)
+        wait = max(1, math.ceil(seen[0] + _WINDOW_SECONDS - now))
+        if has_room:
+            return Allowance(most, most - len(seen), wait)
         raise RateLimitedError(
-            f"{item.amount} requests came within a minute, as many as may.",
+            f"{most} requests came within a minute, as many as may.",
             remedy=f"Wait {wait} s and send it again; ask for many signatures in one request.",
             limit=limit,
-            details={"most": item.amount, "retry_after_seconds": wait},
+            details={"most": most, "retry_after_seconds": wait},
         )
+
+    def _sweep(self, now: float) -> None:
+        # Once a minute: each is looked at once for every request that it made, or less.
+        self._sweep_at = now + _WINDOW_SECONDS
+        self._seen = {
+            who: seen for who, seen in self._seen.items() if seen[-1] > now - _WINDOW_SECONDS
+        }
+
+
+def _network(client: str) -> str:
+    """Name what one client has: an IPv4 address, or the 2^64 of an IPv6 network."""
+    try:
+        address = ipaddress.ip_address(client)
+    except ValueError:
+        return client
+    if address.version == 4:
+        return client
+    return str(ipaddress.ip_network((int(address), 64), strict=False))

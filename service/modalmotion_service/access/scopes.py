@@ -22,6 +22,9 @@ class Scope(StrEnum):
 OPEN: Final = None
 """The scope of what everybody may ask: it tells nothing of anybody's data."""
 
+PROBES: Final = ("/health/", "/v2/health/")
+"""What asks every few seconds, and must be answered whoever else asks."""
+
 SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("GET", "/health/live"): OPEN,
     ("GET", "/health/ready"): OPEN,

@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import (
+    BaseModel,
+    ConfigDict,
     Field,
     StringConstraints,
     ValidationError,
     ValidatorFunctionWrapHandler,
     WrapValidator,
+    model_validator,
 )
 from pydantic_core import PydanticCustomError
 
@@ -46,6 +49,30 @@ JobId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{32}$")]
 
 
 SequenceId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
+
+
+# Members that are not known of which each is named; more are named together.
+_NAMED: Final = 20
+
+
+class JsonBody(BaseModel):
+    """What is sent as JSON: a body of a million faults is refused at the first ones.
+
+    pydantic makes an error of each, of a kilobyte, while no other request is answered. Lists in
+    such a body are to be `FailFast` for the same reason.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _few_members(cls, value: Any) -> Any:
+        known = len(cls.model_fields)
+        if isinstance(value, dict) and len(value) > known + _NAMED:
+            raise PydanticCustomError(
+                "too_many_members", "at most {most} members are known", {"most": known}
+            )
+        return value
 
 
 def parse_place(text: str | None) -> Place | None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import BaseModel, ConfigDict, FailFast, Field, StringConstraints
 
 from modalmotion.classify import ModelCard, TrainingOptions
 from modalmotion.store import NAME_PATTERN, VERSION_PATTERN, KeptModel, ModelRecord
 from modalmotion.store.signature_file import parameters_as_json
-from modalmotion_service.schemas.fields import SequenceId
+from modalmotion_service.schemas.fields import JsonBody, SequenceId
 
 ModelName = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
 ModelVersion = Annotated[str, StringConstraints(pattern=f"^{VERSION_PATTERN}$")]
@@ -17,10 +17,8 @@ ModelVersion = Annotated[str, StringConstraints(pattern=f"^{VERSION_PATTERN}$")]
 _LONGEST_NAME: Final = 200
 
 
-class LabelledSequence(BaseModel):
+class LabelledSequence(JsonBody):
     """A kept sequence, and what to call it in this training."""
-
-    model_config = ConfigDict(extra="forbid")
 
     id: SequenceId
     label: str | None = Field(
@@ -31,7 +29,7 @@ class LabelledSequence(BaseModel):
     )
 
 
-class TrainingRequest(BaseModel):
+class TrainingRequest(JsonBody):
     """What a model is to be trained on, and how."""
 
     model_config = ConfigDict(
@@ -53,7 +51,7 @@ class TrainingRequest(BaseModel):
         description="1 to 64 lower-case letters, digits, '.', '_' and '-'. A name that is known "
         "gets its next version.",
     )
-    sequences: list[SequenceId | LabelledSequence] = Field(
+    sequences: Annotated[list[SequenceId | LabelledSequence], FailFast()] = Field(
         description="Ids; label and subject are those kept with the sequence, or stated here. "
         "Sequences of one subject are never on both sides of a split."
     )

@@ -10,6 +10,7 @@ from modalmotion.classify import DEFAULT_MODEL, FLAGS, Classification
 from modalmotion.codec import Effort, Encoded
 from modalmotion.signature import INTENDED_USE
 from modalmotion.store import Job, JobState
+from modalmotion_service.schemas.fields import JsonBody
 from modalmotion_service.schemas.sequences import ReadingAnswer
 
 
@@ -59,10 +60,8 @@ class EncodedAnswer(BaseModel):
         }
 
 
-class ClassificationRequest(BaseModel):
+class ClassificationRequest(JsonBody):
     """Which model is asked, and how sure its class set is to be."""
-
-    model_config = ConfigDict(extra="forbid")
 
     model: str = Field(
         DEFAULT_MODEL,

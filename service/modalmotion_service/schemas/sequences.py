@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion.formats import Format, ReadLimits, ReadOptions, ReadResult
 from modalmotion.store import SequenceRecord
-from modalmotion_service.schemas.fields import GRID, TOPOLOGY, parse_grid, parse_times
+from modalmotion_service.schemas.fields import GRID, TOPOLOGY, JsonBody, parse_grid, parse_times
 
 
 class ReadingAnswer(BaseModel):
@@ -132,10 +132,8 @@ class SequencePageAnswer(BaseModel):
     cursor: str | None = Field(description="For the next page; null on the last.")
 
 
-class SequenceNames(BaseModel):
+class SequenceNames(JsonBody):
     """What people call a sequence; what is left out stays."""
-
-    model_config = ConfigDict(extra="forbid")
 
     subject: str | None = Field(None, max_length=200, description="Whose surface it is.")
     label: str | None = Field(None, max_length=200, description="Known motion class.")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, FailFast, Field
 
 from modalmotion.body_frame import Components
 from modalmotion.modes import ModeLabel
@@ -17,6 +17,7 @@ from modalmotion_service.schemas.fields import (
     GRID,
     PLACE,
     TOPOLOGY,
+    JsonBody,
     ReferenceShape,
     SequenceId,
     parse_grid,
@@ -118,10 +119,12 @@ class SignatureQuery(BaseModel):
         )
 
 
-class ManySignatures(SignatureQuery):
+class ManySignatures(JsonBody, SignatureQuery):
     """Which signatures are asked for in one answer."""
 
-    ids: list[SequenceId] = Field(min_length=1, description="Of the sequences, in order.")
+    ids: Annotated[list[SequenceId], FailFast()] = Field(
+        min_length=1, description="Of the sequences, in order."
+    )
 
 
 class Label(BaseModel):
