@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh import lattice_faces
+from modalmotion.numerals import numeral
 from modalmotion.reconstruction import reconstruct
 from modalmotion.sequence import MEAN, MeshSequence, Reference
 from modalmotion.signature import ModalSignature, resolve_sequence
@@ -42,18 +43,18 @@ def systole_figure(sequence: MeshSequence, signature: ModalSignature) -> Figure:
     true = sequence.vertices[frame].astype(np.float64)
     superposed = reconstruct(signature, sequence, [frame])[0]
     error = np.linalg.norm(superposed - true, axis=1)
-    unit = signature.unit or "length units"
+    unit, motion = signature.unit or "length units", float(signature.motion_rms[frame])
     n_amplitudes = 3 * len(signature.modes)
     panels = [
         (reference, None, _named(signature.parameters.reference)),
-        (true, None, f"Frame {frame}, moved {signature.motion_rms[frame]:.2f} {unit} RMS"),
+        (true, None, f"Frame {frame}, moved {numeral(motion, 2)} {unit} RMS"),
         (superposed, None, f"From {n_amplitudes} amplitudes"),
         (
             true,
             error,
             (
-                f"Error {signature.rms_errors[frame]:.2f} {unit} RMS, "
-                f"max {signature.max_errors[frame]:.2f}"
+                f"Error {numeral(float(signature.rms_errors[frame]), 2, of=motion)} {unit} RMS, "
+                f"max {numeral(float(signature.max_errors[frame]), 2, of=motion)}"
             ),
         ),
     ]
@@ -105,7 +106,7 @@ def mode_count_figure(sequence: MeshSequence, signatures: list[ModalSignature]) 
             vertices,
             (
                 f"{3 * len(signature.modes)} amplitudes, {signature.compression:.0f}:1\n"
-                f"{signature.rms_errors[frame]:.2f} {unit} RMS"
+                f"{numeral(float(signature.rms_errors[frame]), 2)} {unit} RMS"
             ),
         )
         for vertices, signature in zip(superposed, signatures, strict=True)

@@ -15,6 +15,7 @@ from modalmotion.sequence import MeshSequence, Reference
 from modalmotion.signature_parameters import MOST_MODES, SignatureParameters
 from modalmotion.signature_value import ModalSignature
 from modalmotion.spring_modes import SpringModes
+from modalmotion.strays import notes_on_strays
 from modalmotion.template import (
     Template,
     frequencies_on,
@@ -91,6 +92,7 @@ def modal_signature(
             f"The rotation is not determined in {undetermined.size} frames (first: frame "
             f"{undetermined[0]}): the points span less than a plane or fit several rotations."
         )
+    notes += notes_on_strays(sequence, chosen, fit)
     if not fit.motion_rms.any():
         notes.append("Nothing moves: every frame equals the reference.")
     return ModalSignature(
