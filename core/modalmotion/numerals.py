@@ -33,6 +33,11 @@ def numeral(value: float, decimals: int = 3, *, of: float = 0.0) -> str:
     return f"{value:#.{_DIGITS}g}"
 
 
+def with_article(noun: str) -> str:
+    """Write a noun with its article: a cup, an open curve."""
+    return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
+
+
 def counted(n: int, noun: str, plural: str = "") -> str:
     """Write a count with its noun: 1 frame, 2 frames."""
     return f"{n} {noun if n == 1 else plural or noun + 's'}"

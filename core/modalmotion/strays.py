@@ -80,7 +80,7 @@ def notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> lis
     text = (
         f"Frame {frame}, vertex {vertex} is out of place: each edge to its neighbours is at least "
         f"{numeral(float(growth[vertex]) * extent)} {unit} longer than in the reference{more}. "
-        "Correct the vertex or its number, or leave the frame out; the errors of this signature count it."
+        "Correct the vertex or its number, or leave the frame out: the errors stated here count it."
     )
     return [text]
 

@@ -81,6 +81,7 @@ def volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]
     return [
         f"volume {numeral(large, 1)} to {numeral(small, 1, of=large)} {found.volume_unit}",
         f"ejection fraction {found.curve.ejection_fraction:.1f} % ({low:.1f} to {high:.1f})",
+        *(f"note: {note}" for note in found.notes if signature.n_frames > 1),
     ]
 
 

@@ -12,7 +12,7 @@ from modalmotion.body_frame import Components
 from modalmotion.cli.analysis_commands import price_lines
 from modalmotion.cli.asking import asked_for, asking_options
 from modalmotion.cli.files import GridShape, read, sequence_argument
-from modalmotion.numerals import counted, numeral
+from modalmotion.numerals import counted, numeral, with_article
 from modalmotion.signature_parameters import SignatureParameters
 from modalmotion.tradeoff import MOST_OF_FRONT, Tradeoff, measure_tradeoff
 from modalmotion.tradeoff.plain import as_plain
@@ -88,11 +88,10 @@ def _lines(found: Tradeoff) -> str:
         )
         lines.append(f"{branch.topology}, {branch.components}: RMS by modes {errors}")
     for kind, error in found.scene.errors.items():
-        article = "an" if kind == "affine" else "a"
         moved = (
             f"{numeral(error.rms, of=motion)} {unit} RMS, {numeral(error.max, of=motion)} at most"
         )
-        lines.append(f"as {article} {kind} motion: {moved}")
+        lines.append(f"as {with_article(kind)} motion: {moved}")
     if found.noise is not None:
         lines.append(found.noise.note(front.unit))
     lines.append(f"chosen: {describe(found)}")

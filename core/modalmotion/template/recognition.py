@@ -81,6 +81,12 @@ def require_fit(surface: Surface, stated: Topology) -> None:
     TopologyError
         Saying what was found and what could be stated instead.
     """
+    if not len(surface.faces):
+        raise TopologyError(
+            f"A {stated} was stated, but nothing joins the {len(surface.vertices)} vertices.",
+            remedy="Send triangles, or the shape of the lattice that the vertices form (grid).",
+            details={"stated": stated.name},
+        )
     found = surface.connectivity
     n = len(surface.openings)
     reason = _obstacle(surface)

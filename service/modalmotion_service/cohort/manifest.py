@@ -16,6 +16,11 @@ from modalmotion.store.record import require_name
 _COLUMNS: Final = ("path", "subject", "label")
 _WILD: Final = frozenset("*?[")
 
+# Tables, texts and pictures lie beside sequences: simulate-cohort writes its table so.
+_NO_SEQUENCES: Final = frozenset(
+    {".csv", ".jsonl", ".json", ".txt", ".md", ".png", ".svg", ".pdf", ".log"}
+)
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -50,7 +55,7 @@ def read_manifest(source: Path) -> tuple[Entry, ...]:
         If it cannot be read, names a sequence twice, or names none; the line is told.
     """
     if source.is_dir():
-        entries = _listed(source.iterdir())
+        entries = _listed(path for path in source.iterdir() if path.suffix not in _NO_SEQUENCES)
     elif source.suffix in (".csv", ".jsonl") and not _WILD & set(source.name):
         entries = _read(source)
     elif _WILD & set(source.name):
