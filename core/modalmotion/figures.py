@@ -137,8 +137,16 @@ def _faces(sequence: MeshSequence, signature: ModalSignature) -> NDArray[np.int6
 
 
 def _view(reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation that lays the longest axis upright, the next one across."""
-    _, _, rows = np.linalg.svd(reference - reference.mean(axis=0), full_matrices=False)
+    """Rotation that lays the longest axis upright, the next one across.
+
+    The wider end is above, as ventricles are shown: the apex points down, whatever the file's axes.
+    """
+    offsets = reference - reference.mean(axis=0)
+    _, _, rows = np.linalg.svd(offsets, full_matrices=False)
+    height = offsets @ rows[0]
+    widths = np.square(offsets).sum(axis=1) - np.square(height)
+    if float(height @ (widths - widths.mean())) < 0.0:
+        rows = -rows
     view = np.stack([rows[1], rows[2], rows[0]], axis=1)
     if np.linalg.det(view) < 0:
         view[:, 1] *= -1
