@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from modalmotion.cli.main import main
 from modalmotion.codec import encode
 from modalmotion.errors import (
+    ConnectivityError,
     MalformedFileError,
     NonFiniteError,
     ParameterError,
@@ -110,3 +111,22 @@ def test_a_missing_folder_is_named(tmp_path: Path) -> None:
 def test_an_encoding_without_a_target_is_told_its_names() -> None:
     with pytest.raises(ParameterError, match=r"Neither .* Ask for one of rms, max_error and bytes"):
         encode(mesh_sequence(VERTICES, unit="mm"))
+
+
+FACES = np.random.default_rng(4).permutation(48).reshape(-1, 3)
+
+
+def test_faces_that_count_from_one_are_told() -> None:
+    with pytest.raises(ConnectivityError, match="subtract 1"):
+        mesh_sequence(VERTICES, faces=FACES + 1)
+
+
+def test_swapped_axes_are_told() -> None:
+    with pytest.raises(ConnectivityError, match=r"transpose\(1, 0, 2\)"):
+        mesh_sequence(VERTICES.transpose(1, 0, 2), faces=FACES)
+
+
+@pytest.mark.parametrize("shift", [-1, 7])
+def test_other_faces_out_of_range_are_not_explained_away(shift: int) -> None:
+    with pytest.raises(ConnectivityError, match="Use zero-based indices"):
+        mesh_sequence(VERTICES, faces=FACES + shift)
