@@ -15,6 +15,7 @@ import modalmotion as mm
 from modalmotion.cli.main import main
 from modalmotion.figures import systole_figure
 from modalmotion.formats import read_sequence
+from modalmotion.frame_order import in_time_order
 from modalmotion.numerals import counted, numeral
 
 
@@ -75,3 +76,9 @@ def test_titles_of_pictures_show_metres(in_metres: Path) -> None:
     beat = read_sequence(in_metres).sequence
     titles = [axes.get_title() for axes in systole_figure(beat, mm.modal_signature(beat)).axes]
     assert not [title for title in titles if re.search(r"0\.00\b", title)]
+
+
+def test_notes_on_a_single_frame_are_in_the_singular() -> None:
+    vertices = np.random.default_rng(2).normal(size=(3, 12, 3))
+    _, _, notes = in_time_order(vertices[[0, 1, 1, 2]], [0.0, 0.1, 0.1, 0.2])
+    assert notes == ("Repeated at the same time and dropped: 1 frame (first: frame 2).",)

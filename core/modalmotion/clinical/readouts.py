@@ -13,7 +13,7 @@ from modalmotion.clinical.affine_superposition import superposed_positions
 from modalmotion.clinical.volume_curve import VolumeCurve
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh import Cavity, cavity_of
-from modalmotion.numerals import numeral
+from modalmotion.numerals import counted, numeral
 from modalmotion.reconstruction import fitted_on
 from modalmotion.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.signature import ModalSignature
@@ -239,7 +239,7 @@ def _notes(own: NDArray[np.float64], volumes: NDArray[np.float64]) -> tuple[str,
     inverted = np.flatnonzero((own <= 0) | (volumes <= 0))
     if inverted.size:
         notes.append(
-            f"In {inverted.size} frames (first: frame {inverted[0]}) the surface is turned inside "
-            "out, so volumes and ejection fraction mean little."
+            f"In {counted(inverted.size, 'frame')} (first: frame {inverted[0]}) the surface is "
+            "turned inside out, so volumes and ejection fraction mean little."
         )
     return tuple(notes)
