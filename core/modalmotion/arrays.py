@@ -110,8 +110,15 @@ def single_precision(values: NDArray[Any], what: str) -> NDArray[np.float32]:
     return rounded
 
 
-def require_faces(faces: Any, n_vertices: int) -> NDArray[np.int64]:
+def require_faces(faces: Any, n_vertices: int, n_frames: int = 0) -> NDArray[np.int64]:
     """Check triangles: (faces, 3) integers that name existing vertices.
+
+    Parameters
+    ----------
+    faces : array_like
+    n_vertices : int
+    n_frames : int, optional
+        Where the frames are known: faces that would fit their number say that axes were swapped.
 
     Returns
     -------
@@ -142,11 +149,23 @@ def require_faces(faces: Any, n_vertices: int) -> NDArray[np.int64]:
         raise ConnectivityError(
             f"Face {face} names vertex {array[face, corner]}, but there are {n_vertices} "
             f"(0 to {n_vertices - 1}).",
-            remedy="Use zero-based indices of vertices that every frame holds.",
+            remedy=_remedy_for(array, n_vertices, n_frames),
             vertex=int(array[face, corner]),
             details={"face": face, "n_vertices": n_vertices, "count": len(bad)},
         )
     return np.ascontiguousarray(array, dtype=np.int64)
+
+
+def _remedy_for(faces: NDArray[Any], n_vertices: int, n_frames: int) -> str:
+    low, high = int(faces.min()), int(faces.max())
+    if low == 1 and high == n_vertices:
+        return "They seem to count from 1: subtract 1 from every index."
+    if low >= 0 and n_vertices < high + 1 == n_frames:
+        return (
+            "The first two axes of 'vertices' seem to be swapped: give (frames, vertices, 3), "
+            "such as vertices.transpose(1, 0, 2)."
+        )
+    return "Use zero-based indices of vertices that every frame holds."
 
 
 def require_times(times: Any, n_frames: int) -> NDArray[np.float64]:

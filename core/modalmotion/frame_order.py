@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.arrays import FloatArray
 from modalmotion.errors import ShapeError
+from modalmotion.numerals import counted
 
 
 def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tuple[str, ...]]:
@@ -58,8 +59,8 @@ def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tu
             )
     if len(repeats):
         notes.append(
-            f"{len(repeats)} frames came twice with the same time (first: frame "
-            f"{int(order[repeats[0]])}) and were dropped."
+            f"Repeated at the same time and dropped: {counted(len(repeats), 'frame')} (first: "
+            f"frame {int(order[repeats[0]])})."
         )
     kept = np.delete(order, repeats)
     return vertices[kept], stamps[kept].astype(np.float64), tuple(notes)

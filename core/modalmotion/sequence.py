@@ -214,7 +214,7 @@ def mesh_sequence(
         _require_unit(unit)
     return MeshSequence(
         vertices=positions,
-        faces=require_faces([] if faces is None else faces, n_vertices),
+        faces=require_faces([] if faces is None else faces, n_vertices, n_frames),
         grid=grid,
         topology=topology,
         times=None if times is None else require_times(times, n_frames),

@@ -11,10 +11,12 @@ import numpy as np
 
 from modalmotion.choice.selection import select_model
 from modalmotion.errors import ParameterError
+from modalmotion.numerals import counted
 from modalmotion.sequence import MeshSequence, Reference
 from modalmotion.signature_parameters import MOST_MODES, SignatureParameters
 from modalmotion.signature_value import ModalSignature
 from modalmotion.spring_modes import SpringModes
+from modalmotion.strays import notes_on_strays
 from modalmotion.template import (
     Template,
     frequencies_on,
@@ -88,9 +90,10 @@ def modal_signature(
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
     if undetermined.size:
         notes.append(
-            f"The rotation is not determined in {undetermined.size} frames (first: frame "
-            f"{undetermined[0]}): the points span less than a plane or fit several rotations."
+            f"The rotation is not determined in {counted(undetermined.size, 'frame')} (first: "
+            f"frame {undetermined[0]}): the points span less than a plane or fit several rotations."
         )
+    notes += notes_on_strays(sequence, chosen, fit)
     if not fit.motion_rms.any():
         notes.append("Nothing moves: every frame equals the reference.")
     return ModalSignature(

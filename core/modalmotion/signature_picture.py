@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh import lattice_faces
+from modalmotion.numerals import counted, numeral
 from modalmotion.reconstruction import reconstruct
 from modalmotion.sequence import MEAN, MeshSequence, Reference
 from modalmotion.shown_unit import ShownUnit, shown_unit
@@ -50,8 +51,8 @@ def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figur
     draw_spectrum(spectrum, signature, shown)
     draw_errors(errors, signature, shown)
     figure.suptitle(
-        f"{signature.surface}: {signature.n_frames} frames of {signature.n_vertices} vertices, "
-        f"{len(signature.modes)} modes, {signature.compression:.0f}:1 a frame",
+        f"{signature.surface}: {counted(signature.n_frames, 'frame')} of {signature.n_vertices} "
+        f"vertices, {counted(len(signature.modes), 'mode')}, {signature.compression:.0f}:1 a frame",
         fontsize=12,
     )
     return figure
@@ -68,14 +69,17 @@ def _draw_surfaces(
     # Divided first: squares of what is very large or very small are none.
     error = np.linalg.norm(superposed / shown.size - true / shown.size, axis=1)
     moved, left, most = (
-        values[frame] / shown.size
+        float(values[frame]) / shown.size
         for values in (signature.motion_rms, signature.rms_errors, signature.max_errors)
+    )
+    error_title = (
+        f"Error {numeral(left, 2, of=moved)} {shown.name} RMS, max {numeral(most, 2, of=moved)}"
     )
     panels = [
         (reference, None, _named(signature.parameters.reference)),
-        (true, None, f"Frame {frame}, moved {moved:.3g} {shown.name} RMS"),
+        (true, None, f"Frame {frame}, moved {numeral(moved, 2)} {shown.name} RMS"),
         (superposed, None, f"From {3 * len(signature.modes)} amplitudes"),
-        (true, error, f"Error {left:.3g} {shown.name} RMS, max {most:.3g}"),
+        (true, error, error_title),
     ]
     # Surfaces have no axes, and so no unit.
     size = float(max(np.abs(reference).max(), np.abs(true).max())) or 1.0
@@ -102,8 +106,16 @@ def _faces(sequence: MeshSequence, signature: ModalSignature) -> NDArray[np.int6
 
 
 def _view(reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation that lays the longest axis upright, the next one across."""
-    _, _, rows = np.linalg.svd(reference - reference.mean(axis=0), full_matrices=False)
+    """Rotation that lays the longest axis upright, the next one across.
+
+    The wider end is above, as ventricles are shown: the apex points down, whatever the file's axes.
+    """
+    offsets = reference - reference.mean(axis=0)
+    _, _, rows = np.linalg.svd(offsets, full_matrices=False)
+    height = offsets @ rows[0]
+    widths = np.square(offsets).sum(axis=1) - np.square(height)
+    if float(height @ (widths - widths.mean())) < 0.0:
+        rows = -rows
     view = np.stack([rows[1], rows[2], rows[0]], axis=1)
     if np.linalg.det(view) < 0:
         view[:, 1] *= -1

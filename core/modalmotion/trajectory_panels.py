@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.numerals import numeral
 from modalmotion.shown_unit import ShownUnit
 from modalmotion.signature import ModalSignature
 
@@ -79,7 +80,8 @@ def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
     axes.plot(at, largest, "--", color=_COLOURS[1], label="error, largest", marker=marker)
     axes.plot(at, rms, color=_COLOURS[0], label="error, RMS", marker=marker)
     axes.set_title(
-        f"Error over all frames {signature.rms_error:.3g} RMS, {signature.max_error:.3g} at most",
+        f"Error over all frames {numeral(signature.rms_error / shown.size, 2)} RMS, "
+        f"{numeral(signature.max_error / shown.size, 2)} at most",
         fontsize=10,
     )
     axes.set(xlabel=label, ylabel=shown.name)

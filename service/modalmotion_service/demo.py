@@ -16,6 +16,7 @@ import numpy as np
 from modalmotion.client import ClassAnswer, Client
 from modalmotion.errors import InputError, ModalMotionError
 from modalmotion.formats import read_npz, write_npz
+from modalmotion.numerals import numeral
 from modalmotion.signature import ModalSignature
 from modalmotion.signature_picture import signature_figure
 from modalmotion.simulate import Acquisition, simulate_ventricle
@@ -74,6 +75,7 @@ def main(file: Path | None, output: Path) -> None:
 def _print_signature(signature: ModalSignature) -> None:
     frames, modes, directions = signature.amplitudes.shape
     unit = signature.unit or "length units"
+    motion = float(np.sqrt(np.mean(np.square(signature.motion_rms))))
     farthest = int(np.argmax(signature.motion_rms))
     click.echo(
         f"signature  {signature.surface}, shape ({frames}, {modes}, {directions}): "
@@ -82,11 +84,13 @@ def _print_signature(signature: ModalSignature) -> None:
     for title, frame in (("first frame", 0), ("systole", farthest)):
         click.echo(f"           {title} (frame {frame}), x y z in {unit}:")
         for label, row in zip(signature.modes.labels, signature.amplitudes[frame], strict=True):
-            click.echo(f"             {label!s:>12} " + " ".join(f"{value:8.3f}" for value in row))
-    motion = float(np.sqrt(np.mean(np.square(signature.motion_rms))))
+            click.echo(
+                f"             {label!s:>12} "
+                + " ".join(f"{numeral(value, of=motion):>9}" for value in row)
+            )
     click.echo(
-        f"error      {signature.rms_error:.3f} {unit} RMS over all frames, of {motion:.3f} {unit} "
-        f"of motion; max {signature.max_error:.3f} {unit}"
+        f"error      {numeral(signature.rms_error, of=motion)} {unit} RMS over all frames, of "
+        f"{numeral(motion)} {unit} of motion; max {numeral(signature.max_error, of=motion)} {unit}"
     )
     for note in signature.notes:
         click.echo(f"           note: {note}")
@@ -101,10 +105,11 @@ def _readouts(client: Client, path: str) -> str:
     found, unit = answer["from_signature"], answer["volume_unit"]
     large, small = (found[f"end_{name}_volume"]["value"] for name in ("diastolic", "systolic"))
     ejected = found["ejection_fraction"]
+    own = answer["of_mesh"]["ejection_fraction"]["value"]
     return (
-        f"{large:.1f} to {small:.1f} {unit}, ejection fraction {ejected['value']:.1f} % "
-        f"({ejected['low']:.1f} to {ejected['high']:.1f}; of the mesh itself "
-        f"{answer['of_mesh']['ejection_fraction']['value']:.1f})"
+        f"{numeral(large, 1)} to {numeral(small, 1)} {unit}, "
+        f"ejection fraction {ejected['value']:.1f} % ({ejected['low']:.1f} to "
+        f"{ejected['high']:.1f}; of the mesh itself {own:.1f})"
     )
 
 

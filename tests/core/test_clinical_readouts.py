@@ -266,3 +266,15 @@ def test_the_picture_says_what_was_read(beat: MeshSequence) -> None:
     assert f"{found.curve.ejection_fraction:.1f} %" in axes.get_title()
     line = axes.get_lines()[0]
     assert np.asarray(line.get_ydata()) == pytest.approx(found.curve.volumes / 1000)
+
+
+@pytest.mark.parametrize(("unit", "is_likely"), [("mm", True), ("cm", False), ("m", False)])
+def test_a_unit_that_makes_a_ventricle_of_a_house_is_told(
+    beat: MeshSequence, unit: str, is_likely: bool
+) -> None:
+    notes = read(replace(beat, unit=unit)).notes
+    assert any("check the unit" in note for note in notes) != is_likely
+
+
+def test_an_unknown_unit_is_not_judged(beat: MeshSequence) -> None:
+    assert not read(replace(beat, unit=None)).notes

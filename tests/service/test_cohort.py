@@ -66,6 +66,13 @@ def wait_for_some(process: subprocess.Popen[bytes], folder: Path, n: int) -> Non
         time.sleep(0.01)
 
 
+def test_tables_and_pictures_in_a_folder_are_no_sequences(tmp_path: Path) -> None:
+    (path,) = write_cohort(tmp_path / "files", 1)
+    for name in ("cases.csv", "cases.jsonl", "notes.txt", "beat.png"):
+        (path.parent / name).write_text("path,label\n")
+    assert [entry.path for entry in read_manifest(path.parent)] == [path.absolute()]
+
+
 def test_a_manifest_names_files_from_its_own_folder(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text("\ufefflabel, path,age\nrest,a.npz,3\n,b/c.npz,4\n")
     (tmp_path / "m.jsonl").write_text('{"path": "a.npz", "label": "rest"}\n\n{"path": "b/c.npz"}\n')

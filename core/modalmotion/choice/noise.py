@@ -54,7 +54,10 @@ class Noise:
         """Say what was estimated and how."""
         size = f"{self.sigma:.3g} {unit or 'length units'}"
         if self.sigma <= self.rounding:
-            return f"The noise is that of the stored numbers, {size} a coordinate; no other shows."
+            return (
+                f"The noise is that of the stored numbers, {size} a coordinate; no other shows, so "
+                "modes are added until they describe rounding. Ask by tolerance for fewer."
+            )
         if not self.n_values:
             return f"The noise cannot be told from one frame; {size} was assumed."
         text = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 from modalmotion.classify.classification import Classification
+from modalmotion.numerals import numeral
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,7 +75,7 @@ def _draw_modes(axes: Any, result: Classification) -> None:
     axes.barh(range(len(parts)), scores, color=colours, height=0.7)
     axes.axvline(0.0, color=_SOFT, linewidth=1)
     names = [
-        f"{' '.join(part.modes)}   {part.amplitude:.2f} {part.unit or ''}".rstrip()
+        f"{' '.join(part.modes)}   {numeral(part.amplitude, 2)} {part.unit or ''}".rstrip()
         for part in parts
     ]
     axes.set_yticks(range(len(parts)), names, fontsize=8)

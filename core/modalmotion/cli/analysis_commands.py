@@ -13,6 +13,7 @@ from modalmotion.body_frame import Components
 from modalmotion.cli.asking import asked_for, asking_options
 from modalmotion.cli.files import GridShape, ReferenceShape, read, sequence_argument
 from modalmotion.cli.readouts_command import volume_lines
+from modalmotion.numerals import counted, numeral
 from modalmotion.sequence import Reference
 from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.stopwatch import Stopwatch
@@ -137,8 +138,9 @@ def reconstruct(
     result = modal_signature(sequence, parameters)
     data = write_superposed(result, sequence, SUFFIXES[output.suffix], max_targets=max_targets)
     write_atomic(output, data)
+    motion = float(result.motion_rms.max())
     click.echo(
-        f"{result.n_frames} frames, error {result.rms_error:.3f} "
+        f"{counted(result.n_frames, 'frame')}, error {numeral(result.rms_error, of=motion)} "
         f"{result.unit or 'length units'} RMS; written: {output}"
     )
 
@@ -169,18 +171,23 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
 
 def _lines(result: ModalSignature, price: Price) -> str:
     unit = result.unit or "length units"
+    motion = float(result.motion_rms.max())
     count = len(result.modes)
     lines = [
-        f"{result.surface}, {result.n_frames} frames, {result.n_vertices} vertices",
-        f"{count} modes x 3 directions = {3 * count} amplitudes a frame",
+        (
+            f"{result.surface}, {counted(result.n_frames, 'frame')}, "
+            f"{counted(result.n_vertices, 'vertex', 'vertices')}"
+        ),
+        f"{counted(count, 'mode')} x 3 directions = {3 * count} amplitudes a frame",
         (
             f"compression {result.compression:.0f}:1 a frame, "
             f"{result.compression_of_sequence:.1f}:1 with the reference"
         ),
-        f"motion {result.motion_rms.max():.3f} {unit} RMS in the frame that moves most",
+        f"motion {numeral(motion)} {unit} RMS in the frame that moves most",
         (
-            f"error {result.rms_error:.3f} {unit} RMS over all frames; in the worst frame "
-            f"{result.p95_errors.max():.3f} (p95) and {result.max_error:.3f} (max)"
+            f"error {numeral(result.rms_error, of=motion)} {unit} RMS over all frames; "
+            f"in the worst frame {numeral(float(result.p95_errors.max()), of=motion)} (p95) and "
+            f"{numeral(result.max_error, of=motion)} (max)"
         ),
         *price_lines(price),
         "deformation spectrum:",
@@ -189,7 +196,7 @@ def _lines(result: ModalSignature, price: Price) -> str:
     largest = max(float(spectrum.max()), 1e-300)
     for label, value in zip(result.modes.labels[:20], spectrum, strict=False):
         bar = "#" * round(30 * float(value) / largest)
-        lines.append(f"  {label!s:>14} {value:9.3f}  {bar}")
+        lines.append(f"  {label!s:>14} {numeral(float(value), of=motion):>9}  {bar}")
     if len(spectrum) > 20:
         lines.append(f"  ... and {len(spectrum) - 20} more")
     return "\n".join(lines + [f"note: {note}" for note in result.notes])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ def encode(
     from modalmotion.codec import encode as compress
 
     sequence = read(source, **said)
-    with click.progressbar(length=100, label="encode") as bar:
+    with click.progressbar(length=100, label="encode", file=sys.stderr) as bar:
         found = compress(
             sequence,
             rms=rms,

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from modalmotion.formats import Format, ReadOptions, read_sequence
+from modalmotion.formats.raw import RAW_TYPES
 from modalmotion.sequence import MEAN, MeshSequence, Reference
 
 
@@ -64,10 +65,36 @@ def sequence_argument(command: Callable[..., Any]) -> Callable[..., Any]:
         "--frame-interval", type=float, help="Seconds from frame to frame; over the file's own."
     )
     n_vertices = click.option("--n-vertices", type=int, help="Of raw numbers: vertices a frame.")
-    source = click.argument("source", metavar="FILE", type=click.Path(path_type=Path))
-    for decorate in (n_vertices, interval, form, unit, source):
+    dtype = click.option(
+        "--dtype",
+        type=click.Choice(list(RAW_TYPES)),
+        default="float32",
+        show_default=True,
+        help="Of raw numbers, little-endian.",
+    )
+    source = click.argument(
+        "source",
+        metavar="FILE",
+        nargs=-1,
+        required=True,
+        type=click.Path(path_type=Path),
+        callback=_one_path,
+    )
+    for decorate in (dtype, n_vertices, interval, form, unit, source):
         command = decorate(command)
     return command
+
+
+def _one_path(_: click.Context, parameter: click.Parameter, paths: tuple[Path, ...]) -> Path:
+    """Give the one path that was named; shells spread a pattern that stands without quotes."""
+    if len(paths) > 1:
+        raise click.BadParameter(
+            f"{len(paths)} files are named, the first {paths[0].name!r}, the last "
+            f"{paths[-1].name!r}. For frames of one sequence name their folder, or put the "
+            "pattern in quotes: 'scan_*.ply'.",
+            param=parameter,
+        )
+    return paths[0]
 
 
 def read(
@@ -77,6 +104,7 @@ def read(
     form: str | None = None,
     frame_interval: float | None = None,
     n_vertices: int | None = None,
+    dtype: str = "float32",
     grid: tuple[int, ...] | None = None,
     topology: str | None = None,
     quiet: bool = False,
@@ -91,6 +119,7 @@ def read(
         unit=unit,
         frame_interval=frame_interval,
         n_vertices=n_vertices,
+        dtype=dtype,
         grid=grid,
         topology=topology,
     )

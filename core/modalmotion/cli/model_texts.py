@@ -6,6 +6,8 @@ import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from modalmotion.numerals import numeral
+
 if TYPE_CHECKING:
     from modalmotion.classify import Classification, Evaluation, ModelCard
 
@@ -90,7 +92,7 @@ def answer_lines(result: Classification) -> str:
     lines.append(f"* cannot be ruled out at {100 * result.coverage:g} %")
     for part in result.explanation[:5]:
         lines.append(
-            f"  {part.score:+7.2f}  {part.amplitude:8.3f} {part.unit or 'length units'}  "
+            f"  {part.score:+7.2f}  {numeral(part.amplitude):>8} {part.unit or 'length units'}  "
             f"{' '.join(part.modes)}"
         )
     return "\n".join(lines + [f"note: {note}" for note in result.notes])

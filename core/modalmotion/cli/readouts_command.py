@@ -13,6 +13,7 @@ from modalmotion.body_frame import Components
 from modalmotion.cli.files import GridShape, ReferenceShape, read, sequence_argument
 from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts, volume_figure
 from modalmotion.errors import TopologyError
+from modalmotion.numerals import counted, numeral
 from modalmotion.sequence import MeshSequence, Reference
 from modalmotion.signature import INTENDED_USE, ModalSignature, SignatureParameters, modal_signature
 
@@ -78,19 +79,24 @@ def volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]
     large, small, _ = _volumes(found.curve, found.shown_in)
     low, high = found.curve.ejection_fraction_range
     return [
-        f"volume {large:.1f} to {small:.1f} {found.volume_unit}",
+        f"volume {numeral(large, 1)} to {numeral(small, 1, of=large)} {found.volume_unit}",
         f"ejection fraction {found.curve.ejection_fraction:.1f} % ({low:.1f} to {high:.1f})",
+        *(f"note: {note}" for note in found.notes if signature.n_frames > 1),
     ]
 
 
 def _lines(found: ClinicalReadouts) -> list[str]:
     unit = found.volume_unit
     lines = [
-        f"{found.n_amplitudes} amplitudes a frame; {found.n_openings} openings, closed by fans",
+        (
+            f"{found.n_amplitudes} amplitudes a frame; {counted(found.n_openings, 'opening')}"
+            f"{', closed by fans' if found.n_openings else ''}"
+        ),
         f"{'':>24}{'signature':>12}{'low':>10}{'high':>10}{'mesh':>10}",
     ]
     curve, mesh, factor = found.curve, found.mesh_curve, found.shown_in
     intervals = (curve.end_diastolic_range, curve.end_systolic_range, curve.stroke_range)
+    largest = abs(curve.end_diastolic_volume) * factor
     rows = zip(
         ("end-diastolic volume", "end-systolic volume", "stroke volume"),
         _volumes(curve, factor),
@@ -99,8 +105,10 @@ def _lines(found: ClinicalReadouts) -> list[str]:
         strict=True,
     )
     for name, value, (low, high), own in rows:
+        shown = (numeral(v, 2, of=largest) for v in (low * factor, high * factor, own))
         lines.append(
-            f"{name:<24}{value:12.2f}{low * factor:10.2f}{high * factor:10.2f}{own:10.2f} {unit}"
+            f"{name:<24}{numeral(value, 2, of=largest):>12}"
+            f"{''.join(f'{text:>10}' for text in shown)} {unit}"
         )
     low, high = curve.ejection_fraction_range
     lines.append(

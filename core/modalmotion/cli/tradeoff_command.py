@@ -12,6 +12,7 @@ from modalmotion.body_frame import Components
 from modalmotion.cli.analysis_commands import price_lines
 from modalmotion.cli.asking import asked_for, asking_options
 from modalmotion.cli.files import GridShape, read, sequence_argument
+from modalmotion.numerals import counted, numeral, with_article
 from modalmotion.signature_parameters import SignatureParameters
 from modalmotion.tradeoff import MOST_OF_FRONT, Tradeoff, measure_tradeoff
 from modalmotion.tradeoff.plain import as_plain
@@ -72,27 +73,32 @@ def tradeoff(
 
 def _lines(found: Tradeoff) -> str:
     front, price = found.front, found.chosen.price
-    unit = front.unit or "length units"
+    unit, motion = front.unit or "length units", front.motion_rms
     lines = [
         (
-            f"{front.n_frames} frames, {front.n_vertices} vertices, motion {front.motion_rms:.3f} "
-            f"{unit} RMS"
+            f"{counted(front.n_frames, 'frame')}, "
+            f"{counted(front.n_vertices, 'vertex', 'vertices')}, "
+            f"motion {numeral(motion)} {unit} RMS"
         )
     ]
     for branch in front.branches:
         shown = [k for k, n in enumerate(branch.counts) if n in (1, 7, 18, 37, branch.counts[-1])]
-        errors = ", ".join(f"{branch.counts[k]}: {branch.rms[k]:.3f}" for k in shown)
+        errors = ", ".join(
+            f"{branch.counts[k]}: {numeral(float(branch.rms[k]), of=motion)}" for k in shown
+        )
         lines.append(f"{branch.topology}, {branch.components}: RMS by modes {errors}")
     for kind, error in found.scene.errors.items():
-        article = "an" if kind == "affine" else "a"
-        moved = f"{error.rms:.3f} {unit} RMS, {error.max:.3f} at most"
-        lines.append(f"as {article} {kind} motion: {moved}")
+        moved = (
+            f"{numeral(error.rms, of=motion)} {unit} RMS, {numeral(error.max, of=motion)} at most"
+        )
+        lines.append(f"as {with_article(kind)} motion: {moved}")
     if found.noise is not None:
         lines.append(found.noise.note(front.unit))
     lines.append(f"chosen: {describe(found)}")
     lines.append(
-        f"error {price.rms_error:.3f} {price.unit or 'length units'} RMS, {price.p95_error:.3f} "
-        f"(p95) and {price.max_error:.3f} (max) in the worst frame"
+        f"error {numeral(price.rms_error, of=motion)} {unit} RMS, "
+        f"{numeral(price.p95_error, of=motion)} (p95) and "
+        f"{numeral(price.max_error, of=motion)} (max) in the worst frame"
     )
     lines += price_lines(price)
     if found.chosen.signature is not None:
@@ -105,8 +111,9 @@ def describe(found: Tradeoff) -> str:
     price, signature = found.chosen.price, found.chosen.signature
     if signature is None:
         return f"{found.chosen.kind} motion, {price.amplitudes_per_frame} numbers a frame"
-    text = f"{len(signature.modes)} modes, {signature.surface}, {signature.parameters.components}"
+    count = counted(len(signature.modes), "mode")
+    text = f"{count}, {signature.surface}, {signature.parameters.components}"
     harmonics = signature.parameters.harmonics
     if harmonics is not None:
-        text += f", {harmonics} harmonics"
+        text += f", {counted(harmonics, 'harmonic')}"
     return f"{text}: {price.amplitudes_per_frame} amplitudes a frame"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from modalmotion.clinical.readouts import ClinicalReadouts
+from modalmotion.numerals import numeral
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,7 +47,7 @@ def volume_figure(readouts: ClinicalReadouts) -> Figure:
         (curve.end_systole, "end systole", False),
     ):
         axes.annotate(
-            f"{name}\n{v[frame]:.1f} {unit}",
+            f"{name}\n{numeral(float(v[frame]), 1)} {unit}",
             (at[frame], v[frame]),
             xytext=(0, 9 if above else -9),
             textcoords="offset points",

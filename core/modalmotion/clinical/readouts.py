@@ -13,6 +13,7 @@ from modalmotion.clinical.affine_superposition import superposed_positions
 from modalmotion.clinical.volume_curve import VolumeCurve
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh import Cavity, cavity_of
+from modalmotion.numerals import counted, numeral
 from modalmotion.reconstruction import fitted_on
 from modalmotion.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.signature import ModalSignature
@@ -25,6 +26,10 @@ _NOTHING: Final = 1e-9
 # Cubes of sizes beyond these overflow or vanish.
 _SMALLEST: Final = 1e-90
 _LARGEST: Final = 1e90
+
+# What ventricles hold, in ml, from less than a mouse's to more than an elephant's.
+_MOUSE: Final = 1e-3
+_ELEPHANT: Final = 2e4
 
 # Rounding of one triangle's term and of its place in the sum, in units of eps.
 _ROUNDING: Final = 64.0
@@ -173,7 +178,10 @@ def clinical_readouts(
         n_openings=len(cavity.openings),
         sequence_id=signature.sequence_id,
         template_id=signature.template_id,
-        notes=_notes(sign * own, sign * volumes),
+        notes=(
+            *_notes(sign * own, sign * volumes),
+            *_unlikely(signature.unit, abs(largest) * cube),
+        ),
     )
 
 
@@ -211,6 +219,19 @@ def _measured(
     return cavity.volume(positions), np.sqrt(squares[:, used].max(axis=1))
 
 
+def _unlikely(unit: str | None, volume: float) -> tuple[str, ...]:
+    """Say where no heart could hold so much: lengths ten times too long make it a thousandfold."""
+    if unit is None or _MOUSE <= volume * millilitres_in(unit) <= _ELEPHANT:
+        return ()
+    amount = numeral(volume * millilitres_in(unit), 1)
+    return (
+        (
+            f"The surface encloses {amount} ml, which no ventricle does: check the unit, which "
+            f"is stated as {unit}."
+        ),
+    )
+
+
 def _notes(own: NDArray[np.float64], volumes: NDArray[np.float64]) -> tuple[str, ...]:
     notes = []
     if len(own) == 1:
@@ -218,7 +239,7 @@ def _notes(own: NDArray[np.float64], volumes: NDArray[np.float64]) -> tuple[str,
     inverted = np.flatnonzero((own <= 0) | (volumes <= 0))
     if inverted.size:
         notes.append(
-            f"In {inverted.size} frames (first: frame {inverted[0]}) the surface is turned inside "
-            "out, so volumes and ejection fraction mean little."
+            f"In {counted(inverted.size, 'frame')} (first: frame {inverted[0]}) the surface is "
+            "turned inside out, so volumes and ejection fraction mean little."
         )
     return tuple(notes)

@@ -10,6 +10,7 @@ from modalmotion.codec.lattice_modes import LatticeModes
 from modalmotion.codec.spring_modes import LARGEST_PATCH, MOST_WORK, SpringModes, edges_of
 from modalmotion.codec.target import Effort
 from modalmotion.codec.temporal import Temporal
+from modalmotion.numerals import with_article
 from modalmotion.sequence import MeshSequence
 from modalmotion.topology import CLOSED, OPEN, OPEN_CURVE, Topology
 
@@ -42,7 +43,7 @@ def choose(sequence: MeshSequence, effort: Effort) -> Choice:
     if on_lattice:
         lattice = _lattice_modes(sequence)
         modes: LatticeModes | SpringModes = lattice
-        name = f"closed-form modes of a {lattice.topology}"
+        name = f"closed-form modes of {with_article(str(lattice.topology))}"
     else:
         springs = _spring_modes(sequence, PATCHES[effort])
         modes = springs

@@ -49,8 +49,10 @@ def require_target(rms: float | None, max_error: float | None, n_bytes: int | No
     given = [(measure, value) for measure, value in asked.items() if value is not None]
     if len(given) != 1:
         raise ParameterError(
-            f"{len(given)} targets were given: {', '.join(m for m, _ in given) or 'none'}.",
-            remedy="Ask for one of rms, max_error or n_bytes.",
+            f"Several targets were given: {', '.join(m for m, _ in given)}."
+            if given
+            else "Neither an error nor a size was asked for.",
+            remedy="Ask for one of rms, max_error and bytes (in Python n_bytes).",
         )
     measure, value = given[0]
     if not (math.isfinite(value) and value > 0):

@@ -9,7 +9,7 @@ from typing import Final
 from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.formats.hdf5_gate import SIGNATURE
 from modalmotion.formats.obj import KEYWORDS
-from modalmotion.formats.stl import is_binary_stl
+from modalmotion.formats.stl import cut_short, is_binary_stl
 
 
 class Format(StrEnum):
@@ -57,6 +57,11 @@ _VTK_XML: Final = re.compile(rb"<VTKFile[^>]{0,2000}?\stype=[\"'](\w{1,60})[\"']
 # What is known, but not read, and what to do about it.
 _OTHERS: Final = (
     (rb"MATLAB 5\.0 MAT-file", "a MATLAB file", "Write npz, raw float32 or STL; see docs/formats."),
+    (
+        rb"\x93NUMPY",
+        "a single array (.npy)",
+        "Write npz: numpy.savez(file, vertices=..., faces=..., unit='mm').",
+    ),
     (rb"\s*\{", "JSON (perhaps a .gltf)", "Export binary glTF (.glb), which holds its own data."),
     (rb"#VRML|#X3D", "VRML", "Save VTKHDF, .vtp or PLY."),
     (rb"Kaydara FBX|; FBX|Ogawa", "an animation of another kind", "Export binary glTF (.glb)."),
@@ -120,6 +125,12 @@ def unknown_format(data: bytes) -> MalformedFileError:
     for pattern, what, remedy in _OTHERS:
         if re.match(pattern, data):
             return MalformedFileError(f"The file is {what}, which is not read.", remedy=remedy)
+    if (declared := cut_short(data)) is not None:
+        return MalformedFileError(
+            f"These {len(data)} bytes are of no format that is read; as binary STL they would be "
+            f"{declared} bytes.",
+            remedy="If it is an STL file, it was cut short: send it again.",
+        )
     return MalformedFileError(
         f"These {len(data)} bytes are of no format that is read.", remedy=_REMEDY
     )

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.limits import ReadLimits
@@ -16,6 +19,9 @@ from modalmotion.formats.names import (
 )
 from modalmotion.formats.result import ReadResult
 from modalmotion.formats.series import read_series
+from modalmotion.numerals import counted
+
+_NUMBERED: Final = re.compile(r"(.*?)(\d{1,18})(\D*)", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -77,7 +83,34 @@ def list_frames(names: list[str], read: Callable[[str], bytes], limits: ReadLimi
             remedy="Send one kind, or add a .pvd or .series file that names the frames.",
         )
     ordered = tuple(sorted(frames, key=natural_key))
-    return Listing(ordered, None, tuple(sorted(set(visible) - set(frames))), ())
+    others = tuple(sorted(set(visible) - set(frames)))
+    return Listing(ordered, None, others, notes_on_numbers(ordered))
+
+
+def notes_on_numbers(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Say where numbers in the names of frames leave one out: nobody else would notice.
+
+    Parameters
+    ----------
+    names : tuple of str
+        In their order. Of each the last number counts, and only where all else is the same.
+    """
+    parts = [_NUMBERED.fullmatch(name.rpartition(".")[0]) for name in names]
+    if len(names) < 3 or not all(parts) or len({(p[1], p[3]) for p in parts if p}) > 1:
+        return ()
+    numbers = [int(p[2]) for p in parts if p]
+    steps = [b - a for a, b in pairwise(numbers)]
+    missing = sum(step // min(steps) - 1 for step in steps) if min(steps) > 0 else 0
+    if not missing:
+        return ()
+    first = next(k for k, step in enumerate(steps) if step > min(steps))
+    return (
+        (
+            f"The numbers in the names leave out {counted(missing, 'frame')}, first between "
+            f"{names[first][-60:]!r} and {names[first + 1][-60:]!r}: a file may be missing. Frames "
+            "are counted as they come; without stated times they count as evenly spaced."
+        ),
+    )
 
 
 def _as_listed(

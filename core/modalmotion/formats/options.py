@@ -22,7 +22,7 @@ class ReadOptions:
     Parameters
     ----------
     format : Format, optional
-        Told from the content where it is left out. Raw numbers need it.
+        Told from the content where it is left out; raw numbers need it, or `n_vertices`.
     limits : ReadLimits
     unit : str, optional
         Length unit: m, cm, mm, um or nm.

@@ -8,12 +8,13 @@ from typing import Final
 import numpy as np
 
 from modalmotion.arrays import single_precision
-from modalmotion.errors import MalformedFileError, ParameterError
+from modalmotion.errors import MalformedFileError, NonFiniteError, ParameterError
 from modalmotion.formats.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.formats.result import ReadResult
 from modalmotion.sequence import MeshSequence, mesh_sequence
 
-_DTYPES: Final = {"float32": "<f4", "float64": "<f8"}
+RAW_TYPES: Final = {"float32": "<f4", "float64": "<f8"}
+"""Types that raw numbers may have."""
 
 
 def read_raw(
@@ -54,12 +55,12 @@ def read_raw(
             f"Raw numbers say nothing of their shape, and the number of vertices is {n_vertices}.",
             remedy="State the number of vertices a frame, or the grid.",
         )
-    if dtype not in _DTYPES:
+    if dtype not in RAW_TYPES:
         raise ParameterError(
             f"The type {dtype[:20]!r} is not understood.",
             remedy="Send little-endian float32 or float64.",
         )
-    kind = np.dtype(_DTYPES[dtype])
+    kind = np.dtype(RAW_TYPES[dtype])
     frame_bytes = n_vertices * 3 * kind.itemsize
     n_frames, rest = divmod(len(data), frame_bytes)
     if rest or not n_frames:
@@ -72,7 +73,16 @@ def read_raw(
     limits.require("frames", n_frames)
     limits.require("vertices", n_vertices)
     vertices = np.frombuffer(data, kind).reshape(n_frames, n_vertices, 3)
-    return ReadResult(mesh_sequence(vertices, grid=grid), format="raw")
+    try:
+        sequence = mesh_sequence(vertices, grid=grid)
+    except NonFiniteError as error:
+        # Numbers of another type or byte order show as this first.
+        error.remedy = (
+            f"Check that the numbers are little-endian {dtype}, and repair or leave out the "
+            "frame if they are."
+        )
+        raise
+    return ReadResult(sequence, format="raw")
 
 
 def write_raw(sequence: MeshSequence, dtype: str = "float32") -> bytes:
@@ -83,10 +93,10 @@ def write_raw(sequence: MeshSequence, dtype: str = "float32") -> bytes:
     ParameterError
         If the type is neither "float32" nor "float64", or a position is beyond it.
     """
-    if dtype not in _DTYPES:
+    if dtype not in RAW_TYPES:
         raise ParameterError(
             f"The type {dtype[:20]!r} is not understood.", remedy="Use float32 or float64."
         )
     if dtype == "float32":
         return single_precision(sequence.vertices, "A position").tobytes()
-    return sequence.vertices.astype(_DTYPES[dtype]).tobytes()
+    return sequence.vertices.astype(RAW_TYPES[dtype]).tobytes()

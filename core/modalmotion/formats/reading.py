@@ -78,7 +78,10 @@ def _read_bytes(
     data: bytes, asked: ReadOptions, parser: Parser, progress: Progress | None
 ) -> ReadResult:
     limits = parser.limits
-    found = detect_format(data) if asked.format is None else asked.format
+    found = asked.format or detect_format(data)
+    if found is None and asked.n_vertices is not None:
+        # Only raw numbers need it said.
+        found = Format.RAW
     if found is None or not data:
         raise unknown_format(data)
     if found is Format.RAW:

@@ -21,6 +21,8 @@ from modalmotion.formats.text import line_blocks
 
 _TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
 _HEADER_BYTES: Final = 84
+# A file that was cut short is believed to have had so many times its bytes, and not more.
+_LIKELY: Final = 100
 _REMEDY: Final = "Export the frame again, as binary STL."
 
 # A facet of the text form, word by word; None is a number.
@@ -38,6 +40,18 @@ _NAME_LINE: Final = re.compile(rb"(?m)^[ \t]*((?:end)?solid(?!\S)[^\r\n]*)")
 def is_binary_stl(data: bytes) -> bool:
     """Tell whether the number of triangles agrees with the number of bytes."""
     return len(data) >= _HEADER_BYTES and _declared_bytes(data) == len(data)
+
+
+def cut_short(data: bytes) -> int | None:
+    """Bytes that binary STL would have where these may be its beginning, None where not.
+
+    Its header is text or empty, and it declares more than there is.
+    """
+    header = data[: _HEADER_BYTES - 4].rstrip(b"\x00 ")
+    if len(data) <= _HEADER_BYTES or not all(32 <= byte < 127 for byte in header):
+        return None
+    declared = _declared_bytes(data)
+    return declared if len(data) < declared <= _LIKELY * len(data) else None
 
 
 def read_stl(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:

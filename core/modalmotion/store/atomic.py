@@ -18,6 +18,9 @@ _REMEDIES: Final = {
     errno.ENOSPC: "Free space on the disk, or delete sequences, and try again.",
     errno.EDQUOT: "Free space within the quota and try again.",
     errno.EACCES: "Give this user the right to write there.",
+    errno.ENOENT: "Make the folder first, or name another.",
+    errno.ENOTDIR: "Name a folder, not a file, to write in.",
+    errno.EISDIR: "That is a folder; add the name of the file.",
     errno.EROFS: "Mount the file system for writing.",
 }
 
@@ -148,6 +151,8 @@ def cannot_write(path: Path, error: OSError) -> StoreError:
     """Error for a file that cannot be written, with a remedy where the cause tells one."""
     number = error.errno or 0
     reason = error.strerror or type(error).__name__
+    if number == errno.ENOENT:
+        reason = f"there is no folder '{path.parent.name}'"
     return StoreError(
         f"'{path.name}' could not be written ({reason}); what was kept before is unchanged.",
         remedy=_REMEDIES.get(number, "Check the disk, then try again."),

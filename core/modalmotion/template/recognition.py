@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from modalmotion.errors import TopologyError
+from modalmotion.mesh import oriented_faces
 from modalmotion.template.cup import FAINT_AXIS, axis_strength, is_flat
 from modalmotion.template.surface import Surface
 from modalmotion.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+
+# Triangles of a hemisphere miss this share of it, and more.
+_HEMISPHERE = 0.05
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,12 @@ def recognise(surface: Surface) -> Recognition:
             return Recognition(
                 PLANE, "The surface is nearly flat and was taken for a plane; state cup otherwise."
             )
+        if _is_shallow(surface):
+            return Recognition(
+                CUP,
+                "The surface is open wider than a hemisphere and was taken for a cup; state plane "
+                "if it is a sheet that encloses nothing.",
+            )
         return Recognition(CUP)
     towards = [opening.centre - surface.centroid for opening in openings]
     if len(openings) == 2 and towards[0] @ towards[1] < 0:
@@ -69,6 +81,12 @@ def require_fit(surface: Surface, stated: Topology) -> None:
     TopologyError
         Saying what was found and what could be stated instead.
     """
+    if not len(surface.faces):
+        raise TopologyError(
+            f"A {stated} was stated, but nothing joins the {len(surface.vertices)} vertices.",
+            remedy="Send triangles, or the shape of the lattice that the vertices form (grid).",
+            details={"stated": stated.name},
+        )
     found = surface.connectivity
     n = len(surface.openings)
     reason = _obstacle(surface)
@@ -88,6 +106,19 @@ def require_fit(surface: Surface, stated: Topology) -> None:
         else "Leave the topology out: the mesh then gets the spring modes of its own connectivity.",
         details={"stated": stated.name, **found.details()},
     )
+
+
+def _is_shallow(surface: Surface) -> bool:
+    """Whether the area is less than twice what the opening spans: that of a hemisphere is twice.
+
+    What an opening spans is the length of its vector area, which all surfaces that fill it share.
+    """
+    wound = oriented_faces(surface.faces, len(surface.vertices))
+    if wound is None:
+        return False
+    a, b, c = np.moveaxis(surface.vertices[wound], 1, 0)
+    span = float(np.linalg.norm(np.cross(b - a, c - a).sum(axis=0))) / 2.0
+    return surface.area < 2.0 * span * (1.0 - _HEMISPHERE)
 
 
 def _obstacle(surface: Surface) -> str:

@@ -21,6 +21,11 @@ _SUFFIXES: Final = (".csv", ".jsonl")
 _BETWEEN: Final = ",;\t"
 _STATED_SEPARATOR: Final = re.compile(r"sep=(.)\r?\n")
 
+# Tables, texts and pictures lie beside sequences: simulate-cohort writes its table so.
+_NO_SEQUENCES: Final = frozenset(
+    {".csv", ".jsonl", ".json", ".txt", ".md", ".png", ".svg", ".pdf", ".log"}
+)
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -55,7 +60,9 @@ def read_manifest(source: Path) -> tuple[Entry, ...]:
         If it cannot be read, names a sequence twice, or names none; the line is told.
     """
     if source.is_dir():
-        entries = _listed(source.iterdir())
+        entries = _listed(
+            path for path in source.iterdir() if path.suffix.lower() not in _NO_SEQUENCES
+        )
     elif source.suffix.lower() in _SUFFIXES and not _WILD & set(source.name):
         entries = _read(source)
     elif _WILD & set(source.name):
