@@ -76,6 +76,29 @@ def test_who_did_what_to_which_id(tmp_path: Path, beat: bytes) -> None:
     assert "Jane" not in json.dumps(found)
 
 
+def test_an_ended_key_is_named_and_a_template_too(tmp_path: Path, beat: bytes) -> None:
+    with guarded(tmp_path) as service:
+        here = service.ask("lab", "POST", "/v1/sequences", content=beat).headers["location"]
+        template = service.ask("lab", "POST", "/v1/templates", content=beat).json()["id"]
+        service.ask("lab", "GET", f"{here}/signature?template={template}&modes=4")
+        service.ask("lab", "GET", f"{here}/signature?template=Jane-Doe")
+        key_id = service.token("lab")[3:19]
+        with KeyRing(tmp_path) as ring:
+            ring.revoke(key_id)
+        refused = service.ask("lab", "GET", here)
+        forged = {"Authorization": f"Bearer mm_{key_id}_{'A' * 43}"}
+        service.client.get(here, headers=forged)
+        found = entries(service)
+    assert (refused.status_code, key_id in refused.text) == (401, False)
+    # Whoever knows only a key's id has not shown that it is theirs.
+    assert [(one["status"], one["owner"], one["key_id"]) for one in found[:2]] == [
+        (401, None, None),
+        (401, None, key_id),
+    ]
+    assert found[2]["ids"] == [here.rpartition("/")[2]]
+    assert found[3]["ids"] == [here.rpartition("/")[2], template]
+
+
 def test_without_keys_this_machine_is_noted_too(tmp_path: Path) -> None:
     with guarded(tmp_path, require_keys=False) as service:
         service.client.get("/v1/sequences")

@@ -174,7 +174,7 @@ def test_the_proxy_passes_what_the_service_would_take() -> None:
         "server 127.0.0.1:8000;",
         # The log's format has neither path nor query, and errors of lesser levels are not logged.
         "access_log /var/log/nginx/modalmotion.log modalmotion;",
-        "error_log /var/log/nginx/modalmotion-error.log crit;",
+        "error_log /var/log/nginx/modalmotion-error.log emerg;",
     ):
         assert needed in code
     for told in ("$request ", "$request_uri", "$uri", "$args", "$query_string", "$http_"):

@@ -9,7 +9,7 @@ from typing import Final
 
 from modalmotion.classify.model import Model
 from modalmotion.classify.model_file import model_from_bytes
-from modalmotion.errors import NotFoundError
+from modalmotion.errors import CorruptFileError, NotFoundError
 
 DEFAULT_MODEL: Final = "ventricle-simulated"
 
@@ -55,8 +55,14 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
         from modalmotion.formats.hdf5_gate import SIGNATURE
         from modalmotion.store import model_from_hdf5
 
-        is_hdf5 = content.startswith(SIGNATURE)
-        return model_from_hdf5(content) if is_hdf5 else model_from_bytes(content)
+        if content.startswith(SIGNATURE):
+            return model_from_hdf5(which)
+        try:
+            return model_from_bytes(content)
+        except CorruptFileError as error:
+            raise CorruptFileError(
+                f"{which.name!r}: {error.message}", remedy=error.remedy, details=error.details
+            ) from error
     if which not in available_models():
         raise NotFoundError(
             f"There is no model named {which[:80]!r}.",

@@ -9,7 +9,7 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
-from starlette.datastructures import Headers, MutableHeaders
+from starlette.datastructures import Headers, MutableHeaders, QueryParams
 from starlette.requests import ClientDisconnect, HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
@@ -33,6 +33,7 @@ from modalmotion_service.problems import problem_of
 
 _IDS: Final = "modalmotion.ids"
 _ROUTE: Final = "modalmotion.route"
+_ENDED_KEY: Final = "modalmotion.ended_key"
 
 _DIGEST: Final = re.compile(r"[0-9a-f]{32}|[0-9a-f]{64}")
 _NAME: Final = re.compile(r"[A-Za-z0-9._-]{1,100}")
@@ -169,7 +170,8 @@ class Gate:
             return self.rates.address(client).headers
         try:
             principal, headers = self._recognise(connection, needs_key)
-        except AuthenticationError:
+        except AuthenticationError as error:
+            scope[_ENDED_KEY] = getattr(error, "key_id", None)
             self.rates.failure(client)
             raise
         attach(scope, principal)
@@ -203,7 +205,7 @@ class Gate:
         event = Event(
             request_id=connection.scope.get("modalmotion.request_id", ""),
             owner=None if principal is None else principal.owner,
-            key_id=None if principal is None else principal.key_id,
+            key_id=connection.scope.get(_ENDED_KEY) if principal is None else principal.key_id,
             client="" if connection.client is None else connection.client.host,
             method=connection.scope["method"],
             route="" if target is None else target.template,
@@ -231,5 +233,6 @@ def _ids(connection: HTTPConnection, target: Target | None, answer: Headers) -> 
             if pattern.fullmatch(value):
                 ids.append(value)
     made = answer.get("location", "").rpartition("/")[2]
-    named = [*connection.scope.get(_IDS, ()), made]
+    query = QueryParams(connection.scope.get("query_string", b""))
+    named = [*connection.scope.get(_IDS, ()), query.get("template", ""), made]
     return list(dict.fromkeys([*ids, *filter(_DIGEST.fullmatch, named)]))
