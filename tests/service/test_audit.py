@@ -31,6 +31,10 @@ def audit(*words: str) -> Result:
     return CliRunner().invoke(main, ["audit", *words])
 
 
+def disk_is_full(*_: object) -> None:
+    raise StoreError("The disk is full.", details={"errno": "ENOSPC"})
+
+
 def entries(service: Guarded) -> list[dict[str, object]]:
     listed: list[dict[str, object]] = service.ask("chief", "GET", "/v1/audit").json()["entries"]
     return [entry for entry in listed if entry["owner"] != "chief"]
@@ -121,12 +125,9 @@ def test_pages_go_from_the_newest_to_the_oldest(tmp_path: Path) -> None:
 def test_nothing_is_changed_that_cannot_be_noted(
     tmp_path: Path, beat: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def failing(*_: object) -> None:
-        raise StoreError("The disk is full.", details={"errno": "ENOSPC"})
-
     with guarded(tmp_path) as service:
         here = service.ask("lab", "POST", "/v1/sequences", content=beat).headers["location"]
-        monkeypatch.setattr(AuditLog, "append", failing)
+        monkeypatch.setattr(AuditLog, "append", disk_is_full)
         assert service.ask("lab", "DELETE", here).status_code == 507
         assert service.ask("lab", "POST", "/v1/sequences", content=beat[:100]).status_code == 507
         monkeypatch.undo()
@@ -161,12 +162,9 @@ def test_who_was_about_to_change_what_is_noted_before(
 def test_no_data_leaves_when_it_cannot_be_noted(
     tmp_path: Path, beat: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def failing(*_: object) -> None:
-        raise StoreError("The disk is full.", details={"errno": "ENOSPC"})
-
     with guarded(tmp_path) as service:
         here = service.ask("lab", "POST", "/v1/sequences", content=beat).headers["location"]
-        monkeypatch.setattr(AuditLog, "append", failing)
+        monkeypatch.setattr(AuditLog, "append", disk_is_full)
         answer = service.ask("lab", "GET", here)
         assert (answer.status_code, answer.json()["code"]) == (507, "store_error")
         assert service.client.get("/health/live").status_code == 200
@@ -251,10 +249,7 @@ def test_what_is_done_to_keys_is_noted(tmp_path: Path) -> None:
 def test_a_key_that_cannot_be_noted_is_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def failing(*_: object) -> None:
-        raise StoreError("The disk is full.")
-
-    monkeypatch.setattr(AuditLog, "append", failing)
+    monkeypatch.setattr(AuditLog, "append", disk_is_full)
     with pytest.raises(StoreError):
         make_key(tmp_path, "lab", [Scope.READ])
     with KeyRing(tmp_path) as ring:
