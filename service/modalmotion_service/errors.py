@@ -24,9 +24,16 @@ class ConflictError(ModalMotionError):
 
 
 class AuthenticationError(ModalMotionError):
-    """No key came, or none that is valid."""
+    """No key came, or none that is valid.
+
+    Attributes
+    ----------
+    key_id : str or None
+        Of a key that was one, for the audit log; the answer does not tell it.
+    """
 
     code = "unauthenticated"
+    key_id: str | None = None
 
 
 class ForbiddenError(ModalMotionError):

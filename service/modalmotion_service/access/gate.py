@@ -171,7 +171,7 @@ class Gate:
         try:
             principal, headers = self._recognise(connection, needs_key)
         except AuthenticationError as error:
-            scope[_ENDED_KEY] = getattr(error, "key_id", None)
+            scope[_ENDED_KEY] = error.key_id
             self.rates.failure(client)
             raise
         attach(scope, principal)

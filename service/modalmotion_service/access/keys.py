@@ -36,20 +36,6 @@ _SECRET_BYTES: Final = 32
 _REMEDY: Final = "Send `Authorization: Bearer KEY` with a key made by `modalmotion keys create`."
 
 
-class EndedKeyError(AuthenticationError):
-    """A key that was one, and is revoked or expired.
-
-    Parameters
-    ----------
-    key_id : str
-        For the audit log alone: the answer does not tell it.
-    """
-
-    def __init__(self, message: str, *, remedy: str, key_id: str) -> None:
-        super().__init__(message, remedy=remedy)
-        self.key_id = key_id
-
-
 @dataclass(frozen=True)
 class Key:
     """What is known of a key; not the key.
@@ -177,7 +163,9 @@ class KeyRing:
             raise AuthenticationError("This key is not known.", remedy=_REMEDY)
         key = _key(row)
         if key.state != "active":
-            raise EndedKeyError(f"This key is {key.state}.", remedy=_REMEDY, key_id=key.id)
+            error = AuthenticationError(f"This key is {key.state}.", remedy=_REMEDY)
+            error.key_id = key.id
+            raise error
         return key
 
     def revoke(self, key_id: str) -> Key:
