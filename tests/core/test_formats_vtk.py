@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import zipfile
 from collections.abc import Callable, Iterator
 from importlib import import_module
@@ -163,6 +165,21 @@ def test_what_cannot_be_read_says_why(
         read_sequence(data, parser=parser)
     assert words in str(caught.value)
     assert caught.value.remedy
+
+
+def test_no_piece_of_a_file_is_written_on_standard_error() -> None:
+    code = (
+        "from modalmotion.errors import InputError\n"
+        "from modalmotion.formats.limits import DEFAULT_LIMITS\n"
+        "from modalmotion.formats.vtk_polydata import parse_legacy\n"
+        "try:\n    parse_legacy(b'Jane Doe', DEFAULT_LIMITS)\n"
+        "except InputError as error:\n    print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
+    )
+    assert done.stderr == ""
+    assert done.stdout.startswith("VTK cannot read the file: ")
 
 
 def test_a_frame_that_brings_the_reader_down_is_an_error_like_any_other() -> None:

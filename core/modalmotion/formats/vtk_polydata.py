@@ -40,6 +40,8 @@ def parse_xml(data: bytes, limits: ReadLimits) -> Parsed:
 def _parse(reader: Any, limits: ReadLimits) -> Parsed:
     vtk_to_numpy = _module("util.numpy_support").vtk_to_numpy
     core = _module("vtkCommonCore")
+    # Its log is coloured text on standard error, with pieces of the file.
+    core.vtkLogger.SetStderrVerbosity(core.vtkLogger.VERBOSITY_OFF)
     said = core.vtkStringOutputWindow()
     core.vtkOutputWindow.SetInstance(said)
     reader.Update()
