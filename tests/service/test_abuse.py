@@ -343,8 +343,9 @@ def test_the_rest_of_a_body_that_was_answered_is_not_looked_at(service: RunningS
         connection.sendall(b"1\r\nx\r\n" * 1000)
         answer = b"".join(iter(lambda: connection.recv(65536), b""))
         assert answer.startswith(b"HTTP/1.1 401 ")
-        # Told that nothing more comes, and let to send on, were it no HTTP at all.
-        for _ in range(20):
+        # Told that nothing more comes, and let to send on, were it no HTTP at all: more than
+        # the buffers between here and there hold.
+        for _ in range(200):
             connection.sendall(b"zz" * 50_000)
 
 
