@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh import lattice_faces
 from modalmotion.numerals import counted, numeral
+from modalmotion.picture_cube import fill_cube
 from modalmotion.reconstruction import reconstruct
 from modalmotion.sequence import MEAN, MeshSequence, Reference
 from modalmotion.shown_unit import ShownUnit, shown_unit
@@ -132,17 +133,8 @@ def _draw(
     from matplotlib.colors import LightSource
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    low, high = box.min(axis=0), box.max(axis=0)
-    reach = max(float((high - low).max()) / 2, 1e-12)
-    middle = (low + high) / 2
-    axis.set(
-        xlim=(middle[0] - reach, middle[0] + reach),
-        ylim=(middle[1] - reach, middle[1] + reach),
-        zlim=(middle[2] - reach, middle[2] + reach),
-    )
-    axis.set_box_aspect((1, 1, 1), zoom=1.5)
+    fill_cube(axis, box)
     axis.view_init(elev=12, azim=-70)
-    axis.set_axis_off()
     if not len(faces):
         segments = np.stack([vertices[:-1], vertices[1:]], axis=1)
         drawn = Line3DCollection(segments, colors=_REFERENCE, linewidths=1.5)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import face_normals, oriented_faces
+from modalmotion.picture_cube import fill_cube
 from modalmotion.template.axis import corner_steps
 from modalmotion.template.template import Template
 from modalmotion.topology import CLOSED
@@ -124,19 +125,11 @@ def _draw(
     size = _size(template)
     centre = (template.vertices[used] / size).mean(axis=0)
     vertices = (template.vertices / size - centre) @ view
-    low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
-    reach, middle = float((high - low).max()) / 2 or 1.0, (low + high) / 2
-    panel.set(
-        xlim=(middle[0] - reach, middle[0] + reach),
-        ylim=(middle[1] - reach, middle[1] + reach),
-        zlim=(middle[2] - reach, middle[2] + reach),
-    )
-    panel.set_box_aspect((1, 1, 1), zoom=1.5)
+    fill_cube(panel, vertices[used])
     panel.view_init(elev=0, azim=-90)
     panel.set_proj_type("ortho")
     # Lines lie on the triangles; Matplotlib would sort them behind.
     panel.computed_zorder = False
-    panel.set_axis_off()
     # What looks away is left out: lines would shine through it.
     values = _corners(template, axis, closed)
     corners = vertices[template.faces]
@@ -153,7 +146,9 @@ def _draw(
         panel.add_collection3d(Line3DCollection(segments, colors=colour, linewidths=0.9, zorder=2))
     if template.landmarks is not None and template.topology.closed_axes:
         origin = (template.landmarks.origin / size - centre) @ view
-        tip = origin + 1.2 * (high[2] - origin[2]) * (template.landmarks.axis @ view)
+        tip = origin + 1.2 * (vertices[used, 2].max() - origin[2]) * (
+            template.landmarks.axis @ view
+        )
         panel.plot(*np.stack([origin, tip], axis=1), color="black", linewidth=1.2, zorder=0)
     return scale
 
