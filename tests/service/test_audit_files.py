@@ -1,4 +1,4 @@
-"""The audit log's files: one after another, whole, archived; tampering shows."""
+"""The audit log's files: one after another, whole, archived."""
 
 from __future__ import annotations
 
@@ -7,55 +7,23 @@ import shutil
 import sqlite3
 import stat
 import threading
-from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 from access_parts import guarded
-from click.testing import CliRunner, Result
+from audit_parts import FOUR_FILES, audit, check, event, names, tamper, written
 
-from modalmotion.cli import main
 from modalmotion.errors import CorruptFileError, ParameterError, StoreError
 from modalmotion_service.access.audit import AuditLog, audit_folder, parts_in
 from modalmotion_service.access.audit_archive import archive_audit
-from modalmotion_service.access.audit_check import AuditReport, check_audit, unfinished
+from modalmotion_service.access.audit_check import check_audit, unfinished
 from modalmotion_service.access.audit_entry import (
     BEGUN,
     GENESIS,
     AuditEntry,
-    Event,
-    Place,
-    chained,
 )
 from modalmotion_service.access.audit_part import AuditWriter
-
-
-def event(number: int = 0, status: int = 200) -> Event:
-    return Event(f"r{number}", "lab", "0" * 16, "127.0.0.1", "GET", "/v1/sequences", "", status)
-
-
-def audit(*words: str) -> Result:
-    return CliRunner().invoke(main, ["audit", *words])
-
-
-def check(data_dir: Path, noted: Place | None = None) -> AuditReport:
-    return check_audit(parts_in(audit_folder(data_dir)), noted)
-
-
-def written(data_dir: Path, n_entries: int, entries_per_file: int = 10**6) -> AuditReport:
-    """Append entries one by one, numbered from 0."""
-    with AuditLog(data_dir, entries_per_file) as log:
-        for number in range(n_entries):
-            log.append([event(number)])
-    return check(data_dir)
-
-
-def names(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.glob("*.sqlite"))
-
-
-FOUR_FILES = [f"{number:012}.sqlite" for number in (1, 4, 7, 10)]
 
 
 def test_a_full_file_is_closed_and_the_chain_goes_on_in_the_next(tmp_path: Path) -> None:
@@ -239,20 +207,6 @@ def test_only_what_is_whole_and_old_enough_is_archived(tmp_path: Path) -> None:
     assert names(audit_folder(tmp_path / "other")) == FOUR_FILES[:2]
 
 
-def test_a_file_taken_out_or_made_anew_shows(tmp_path: Path) -> None:
-    here = audit_folder(tmp_path)
-    written(tmp_path, 10, entries_per_file=3)
-    written(tmp_path / "other", 10, entries_per_file=3)
-    shutil.copy(audit_folder(tmp_path / "other") / FOUR_FILES[2], here)
-    (fault, after) = check(tmp_path).faults
-    assert fault.startswith("000000000007.sqlite follows entry 6, and not entry 6 as it is")
-    assert after.startswith("000000000010.sqlite follows entry 9")
-    (here / FOUR_FILES[2]).unlink()
-    assert check(tmp_path).faults == (
-        "000000000010.sqlite follows entry 9, and not entry 6 as it is here",
-    )
-
-
 def test_changes_without_an_end_are_found(tmp_path: Path) -> None:
     events = [
         event(1, BEGUN),
@@ -271,90 +225,3 @@ def test_changes_without_an_end_are_found(tmp_path: Path) -> None:
     assert [entry.number for entry in unfinished(entries)] == [1, 6]
     lines = audit("unfinished", "--data-dir", str(tmp_path)).output.splitlines()
     assert [json.loads(line)["number"] for line in lines] == [1, 6]
-
-
-def tamper(path: Path, script: str) -> None:
-    file = sqlite3.connect(path)
-    file.executescript("DROP TRIGGER audit_is_not_changed; DROP TRIGGER audit_is_not_shortened;")
-    file.executescript(script)
-    file.commit()
-    file.close()
-
-
-Tampering = Callable[[sqlite3.Connection], object]
-
-TAMPERING: dict[str, tuple[Tampering, str]] = {
-    "another id": (
-        lambda file: file.execute("UPDATE audit SET ids = 'x' WHERE number = 4"),
-        "entry 4 is not what was written",
-    ),
-    "another time": (
-        lambda file: file.execute("UPDATE audit SET time = '2000' WHERE number = 1"),
-        "entry 1 is not what was written",
-    ),
-    "one taken out": (
-        lambda file: file.execute("DELETE FROM audit WHERE number = 4"),
-        "entries 4 to 4 are missing",
-    ),
-    "the first taken out": (
-        lambda file: file.execute("DELETE FROM audit WHERE number = 1"),
-        "entries 1 to 1 are missing",
-    ),
-    "two exchanged": (
-        lambda file: file.executescript(
-            "UPDATE audit SET number = 99 WHERE number = 4;"
-            "UPDATE audit SET number = 4 WHERE number = 5;"
-            "UPDATE audit SET number = 5 WHERE number = 99;"
-        ),
-        "entry 4 is not what was written",
-    ),
-    "one taken out and the others renumbered": (
-        lambda file: file.executescript(
-            "DELETE FROM audit WHERE number = 4;"
-            "UPDATE audit SET number = number - 1 WHERE number > 4;"
-        ),
-        "entry 4 is not what was written",
-    ),
-}
-
-
-@pytest.mark.parametrize("kind", TAMPERING)
-def test_tampering_shows(tmp_path: Path, kind: str) -> None:
-    change, says = TAMPERING[kind]
-    written(tmp_path, 8)
-    assert audit("verify", "--data-dir", str(tmp_path)).exit_code == 0
-    path = tmp_path / "access" / "audit" / "000000000001.sqlite"
-    file = sqlite3.connect(path)
-    with pytest.raises(sqlite3.IntegrityError, match="not changed"):
-        file.execute("UPDATE audit SET ids = 'x' WHERE number = 4")
-    file.executescript("DROP TRIGGER audit_is_not_changed; DROP TRIGGER audit_is_not_shortened;")
-    change(file)
-    file.commit()
-    file.close()
-    found = audit("verify", "--data-dir", str(tmp_path))
-    assert found.exit_code == 1
-    assert says in found.output
-
-
-def test_a_log_cut_short_or_made_anew_shows_by_what_was_noted(tmp_path: Path) -> None:
-    noted = written(tmp_path / "a", 5).end
-    assert (noted.number, check(tmp_path / "a", noted).faults) == (5, ())
-    written(tmp_path / "a", 1)
-    written(tmp_path / "b", 4)
-    here = ("--noted", str(noted), "--data-dir")
-    assert audit("verify", *here, str(tmp_path / "a")).exit_code == 0
-    cut = audit("verify", *here, str(tmp_path / "b"))
-    assert (cut.exit_code, "entry 5 with the digest" in cut.output) == (1, True)
-    assert audit("verify", "--noted", "5", "--data-dir", str(tmp_path / "a")).exit_code == 2
-    assert audit("verify", "--data-dir", str(tmp_path / "nothing")).exit_code == 1
-
-
-def test_an_entry_depends_on_everything_in_it_and_before_it() -> None:
-    first = chained(GENESIS, "t", event())
-    others = [
-        chained(Place(0, "1" * 64), "t", event()),
-        chained(Place(1, GENESIS.sha256), "t", event()),
-        chained(GENESIS, "u", event()),
-        chained(GENESIS, "t", event(1)),
-    ]
-    assert len({first.sha256, *(other.sha256 for other in others)}) == 5
