@@ -146,9 +146,8 @@ def _draw(
         panel.add_collection3d(Line3DCollection(segments, colors=colour, linewidths=0.9, zorder=2))
     if template.landmarks is not None and template.topology.closed_axes:
         origin = (template.landmarks.origin / size - centre) @ view
-        tip = origin + 1.2 * (vertices[used, 2].max() - origin[2]) * (
-            template.landmarks.axis @ view
-        )
+        reach = 1.2 * (vertices[used, 2].max() - origin[2])
+        tip = origin + reach * (template.landmarks.axis @ view)
         panel.plot(*np.stack([origin, tip], axis=1), color="black", linewidth=1.2, zorder=0)
     return scale
 
