@@ -27,7 +27,7 @@ $(VENV)/.bench: $(VENV)/.dev
 	@touch $@
 
 demo: $(VENV)/.run
-	$(BIN)/python -m modalmotion_service.demo $(if $(FILE),"$(FILE)")
+	$(BIN)/python -m modalmotion_service.commands.demo $(if $(FILE),"$(FILE)")
 
 serve: $(VENV)/.run
 	$(BIN)/modalmotion serve
@@ -40,7 +40,7 @@ check: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m modalmotion_service.openapi --check openapi/openapi.json
+	$(BIN)/python -m modalmotion_service.commands.openapi --check openapi/openapi.json
 
 format: $(VENV)/.dev
 	$(BIN)/ruff format .
@@ -53,7 +53,7 @@ soak: $(VENV)/.dev
 	$(BIN)/python -m pytest -m soak
 
 openapi: $(VENV)/.dev
-	$(BIN)/python -m modalmotion_service.openapi openapi/openapi.json
+	$(BIN)/python -m modalmotion_service.commands.openapi openapi/openapi.json
 
 clean:
 	rm -rf $(VENV) demo-output bench-output

@@ -16,13 +16,13 @@ import numpy as np
 from measure import Table
 from starlette.types import ASGIApp, Message
 
-from modalmotion_service.access.audit import AuditLog
-from modalmotion_service.access.audit_entry import Event
-from modalmotion_service.access.gate import Access, Gate
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.principal import LOCAL, LOCAL_PRINCIPAL, attach
 from modalmotion_service.access.scopes import Scope, target_of
 from modalmotion_service.app import create_app
+from modalmotion_service.audit.entry import Event
+from modalmotion_service.audit.log import AuditLog
+from modalmotion_service.http.gate import Access, Gate
 from modalmotion_service.settings import Settings
 
 N_ROUNDS = 60

@@ -16,18 +16,18 @@ from measure import Table, in_words, side_by_side
 from numpy.typing import NDArray
 
 from modalmotion.classify import TrainingCase, TrainingOptions, classify, evaluate, train
-from modalmotion.classify.estimator import MotionClassifier
-from modalmotion.classify.fold_fit import fit_rows
-from modalmotion.classify.reliability import calibration_curve, calibration_error
-from modalmotion.classify.table import collect
-from modalmotion.distance import resample_to_phase
-from modalmotion.features import axis_features
+from modalmotion.classify.estimators.estimator import MotionClassifier
+from modalmotion.classify.features import axis_features
+from modalmotion.classify.model.reliability import calibration_curve, calibration_error
+from modalmotion.classify.training.fold_fit import fit_rows
+from modalmotion.classify.training.table import collect
 from modalmotion.formats import read_sequence
 from modalmotion.mesh import Cavity, lattice_faces
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature import ModalSignature, modal_signature
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.modes.topology import CUP
+from modalmotion.signature.distance import resample_to_phase
+from modalmotion.signature.making import ModalSignature, modal_signature
 from modalmotion.simulate import simulate_cohort
-from modalmotion.topology import CUP
 
 SEED: Final = 1994
 N_PER_CLASS: Final = 100

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from modalmotion.classify import TrainingCase, classify, train
-from modalmotion.classify.estimator import MotionClassifier
-from modalmotion.classify.intervals import accuracy_interval
-from modalmotion.distance import resample_to_phase
-from modalmotion.features import surface_size
+from modalmotion.classify.estimators.estimator import MotionClassifier
+from modalmotion.classify.features import surface_size
+from modalmotion.classify.training.intervals import accuracy_interval
 from modalmotion.formats import read_sequence
-from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.distance import resample_to_phase
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 
 # Features were chosen on cohorts of the seeds 1 to 3.
 SEEDS: Final = (4,)

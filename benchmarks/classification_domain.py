@@ -12,10 +12,10 @@ import numpy as np
 from measure import Table
 
 from modalmotion.classify import classify, load_model
-from modalmotion.classify.train_shipped import held_out_cases
+from modalmotion.classify.training.train_shipped import held_out_cases
 from modalmotion.formats import read_sequence
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature import ModalSignature, modal_signature
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.making import ModalSignature, modal_signature
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "core"))
 

@@ -19,13 +19,13 @@ from measure import Table, in_words
 
 from modalmotion.formats import read_sequence, write_npz
 from modalmotion.formats.limits import DEFAULT_LIMITS
-from modalmotion.formats.parser_tasks import ParserHere
-from modalmotion.signature import modal_signature
+from modalmotion.formats.parser.tasks import ParserHere
+from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import Acquisition, MotionClass, simulate_cohort, simulate_ventricle
 from modalmotion.store import sequence_to_hdf5, signature_to_hdf5
 from modalmotion_service.cohort import CohortJob, read_manifest, sign_cohort
-from modalmotion_service.dask_executor import DaskExecutor
-from modalmotion_service.executor import Engine, WorkerPool
+from modalmotion_service.work.dask.executor import DaskExecutor
+from modalmotion_service.work.executor import Engine, WorkerPool
 
 N_SEQUENCES = int(os.environ.get("MODALMOTION_BENCH_SEQUENCES", "500"))
 N_ROUNDS = int(os.environ.get("MODALMOTION_BENCH_ROUNDS", "3"))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from modalmotion.codec import Effort, decode, encode
 from modalmotion.codec.measure import measure
 from modalmotion.formats import read_npz
-from modalmotion.sequence import MeshSequence
+from modalmotion.mesh.sequence import MeshSequence
 
 DATA = Path(
     os.environ.get("MODALMOTION_DATA", Path(__file__).parents[1] / ".." / "shared" / "data")

@@ -32,9 +32,9 @@ from modalmotion.formats import (
     write_vtkhdf,
 )
 from modalmotion.mesh import lattice_faces
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.store.sequence_file import sequence_to_hdf5
-from modalmotion.topology import CYLINDER
+from modalmotion.mesh.hdf5 import sequence_to_hdf5
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.modes.topology import CYLINDER
 
 N_FRAMES, SHAPE = 25, (40, 100)
 N_SAMPLES = 5

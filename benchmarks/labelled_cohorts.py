@@ -26,10 +26,10 @@ from labelled_people import (
 from numpy.typing import NDArray
 
 from modalmotion.mesh import lattice_faces
-from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.modes.topology import PLANE
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.simulate.pose import Pose, random_rotation
-from modalmotion.topology import PLANE
 
 __all__ = ["COHORTS", "recordings"]
 

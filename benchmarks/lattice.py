@@ -14,10 +14,10 @@ from measure import Table, in_words, side_by_side
 from numpy.typing import NDArray
 from sparse_lattices import lowest_eigenpairs, stiffness_matrix
 
-from modalmotion.lattice import Lattice
 from modalmotion.modes import ModeSet, order
-from modalmotion.topology import CUP, CYLINDER, TORUS
-from modalmotion.transform import (
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP, CYLINDER, TORUS
+from modalmotion.modes.transform import (
     project,
     project_all,
     project_with,

@@ -11,10 +11,10 @@ import numpy as np
 from measure import side_by_side
 from sparse_lattices import lowest_eigenpairs, stiffness_matrix
 
-from modalmotion.lattice import Lattice
 from modalmotion.modes import ModeLabel, ModeSet
-from modalmotion.topology import CUP, CYLINDER, OPEN_CURVE
-from modalmotion.transform import project
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP, CYLINDER, OPEN_CURVE
+from modalmotion.modes.transform import project
 
 DENSE_SIZES = (2, 3, 4, 6, 8, 12, 16, 22, 30, 40)
 TIMED_SIZES = (10, 20, 40, 70, 100, 200, 400)

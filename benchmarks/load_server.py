@@ -12,7 +12,7 @@ from pathlib import Path
 from fastapi import Request, Response
 
 from modalmotion_service.app import create_app
-from modalmotion_service.server import run_app
+from modalmotion_service.commands.server import run_app
 from modalmotion_service.settings import Settings
 
 

@@ -11,13 +11,13 @@ import numpy as np
 from measure import Table, in_words, side_by_side
 from numpy.typing import NDArray
 
-from modalmotion.basis import basis_of
 from modalmotion.clinical import ClinicalReadouts, clinical_readouts
+from modalmotion.fit.basis import basis_of
 from modalmotion.formats import read_npz
 from modalmotion.mesh import Cavity, cavity_of
-from modalmotion.reconstruction import fitted_on, reconstruct
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.reconstruction import fitted_on, reconstruct
 from modalmotion.simulate import simulate_cohort, simulate_ventricle
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "heart"

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
-from modalmotion.lattice import Lattice
-from modalmotion.topology import CLOSED, End
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CLOSED, End
 
 
 def stiffness_matrix(lattice: Lattice) -> Any:

@@ -14,8 +14,10 @@ from pathlib import Path
 import numpy as np
 from measure import Table
 
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import ModalSignature, modal_signature
+from modalmotion.hdf5.image import _skeleton
+from modalmotion.hdf5.sealed import digest_of
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.signature.making import ModalSignature, modal_signature
 from modalmotion.store import (
     ResultStore,
     SequenceRecord,
@@ -23,11 +25,9 @@ from modalmotion.store import (
     signature_to_hdf5,
     write_atomic,
 )
-from modalmotion.store.database import Database
 from modalmotion.store.folder import Folder, ResultName
-from modalmotion.store.image import _skeleton
-from modalmotion.store.index import Index, put_records, put_results
-from modalmotion.store.sealed import digest_of
+from modalmotion.store.index.database import Database
+from modalmotion.store.index.index import Index, put_records, put_results
 
 MOST_RATIO = 2.0
 N_SAMPLES = 200

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import eigsh
 
-from modalmotion.basis import make_basis
-from modalmotion.body_frame import Components, in_body_frame
-from modalmotion.distance import signature_distance
-from modalmotion.fit import displacement_blocks, fit_sequence, project
+from modalmotion.fit.basis import make_basis
+from modalmotion.fit.fit import displacement_blocks, fit_sequence, project
 from modalmotion.mesh import cotangent_laplacian, vertex_areas
-from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.signature.distance import signature_distance
 from modalmotion.simulate import VentricleParameters, simulate_ventricle
 from modalmotion.template import Template, choose_modes, make_template
+from modalmotion.template.body_frame import Components, in_body_frame
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data" / "heart"
@@ -161,7 +161,7 @@ def fitting() -> Table:
 
 def picture(sequence: MeshSequence, path: Path) -> None:
     """Draw the natural coordinates of a sequence."""
-    from modalmotion.template.picture import template_figure
+    from modalmotion.pictures.template import template_figure
 
     template_figure(make_template(sequence)).savefig(path)
 

@@ -13,12 +13,12 @@ from tradeoff_bases import BELTRAMI, CLOSED, PCA, ROOT, SPRINGS, Front, fronts, 
 from tradeoff_report import Report, write
 from tradeoff_sizes import N_MODES, ORDER, Cost, costs, of_modes, of_types
 
-from modalmotion.basis import make_basis
 from modalmotion.clinical import clinical_readouts
-from modalmotion.fit import fit_sequence
+from modalmotion.fit.basis import make_basis
+from modalmotion.fit.fit import fit_sequence
 from modalmotion.formats import read_npz, write_npz
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import signature_to_hdf5
 from modalmotion.template import choose_modes, make_template
 

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from templates import beltrami_modes
 
-from modalmotion.fit import displacement_blocks
+from modalmotion.fit.fit import displacement_blocks
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.spring_modes import spring_modes
 from modalmotion.modes import lowest_modes, shapes_at, whole_count
-from modalmotion.sequence import MeshSequence, mesh_sequence
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
-from modalmotion.spring_modes import spring_modes
 from modalmotion.template import make_template
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -10,8 +10,8 @@ from tradeoff_bases import BELTRAMI, CLOSED, PCA, SPRINGS, Front
 from tradeoff_sizes import CAP_SECONDS, LATTICE, Cost
 
 from modalmotion.clinical import clinical_readouts, volume_figure
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature import modal_signature
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.making import modal_signature
 
 COLOURS = {
     LATTICE: "#7fb2e5",

@@ -8,17 +8,17 @@ from typing import Any, Final
 import numpy as np
 from measure import Table, in_words, side_by_side
 
-from modalmotion.basis import make_basis
-from modalmotion.body_frame import Components
 from modalmotion.choice.noise_level import measure_noise
-from modalmotion.fit import fit_sequence
-from modalmotion.reconstruction import reconstruct
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.fit.basis import make_basis
+from modalmotion.fit.fit import fit_sequence
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.pictures.tradeoff import tradeoff_figure
+from modalmotion.signature.making import SignatureParameters, modal_signature
+from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.template import choose_modes, make_template
+from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import measure_front, measure_tradeoff
-from modalmotion.tradeoff.picture import tradeoff_figure
 
 _COUNTS: Final = (1, 4, 7, 11, 13, 18, 22, 29, 37, 46, 52, 63, 76, 97, 121, 143, 173, 198, 250)
 

@@ -26,11 +26,11 @@ from lattice import peak_megabytes
 from templates import beltrami_modes
 from tradeoff_bases import BELTRAMI, CLOSED, PCA, ROOT, SPRINGS
 
-from modalmotion.basis import make_basis
-from modalmotion.fit import displacement_blocks, fit_sequence
+from modalmotion.fit.basis import make_basis
+from modalmotion.fit.fit import displacement_blocks, fit_sequence
 from modalmotion.mesh import vertex_areas
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.spring_modes import spring_modes
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.spring_modes import spring_modes
 from modalmotion.template import choose_modes, make_template
 
 N_MODES = 7

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from modalmotion.formats import read_npz
-from modalmotion.sequence import MeshSequence
+from modalmotion.mesh.sequence import MeshSequence
 
 ROOT = Path(__file__).resolve().parents[1]
 

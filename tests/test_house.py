@@ -93,7 +93,7 @@ def test_no_real_sequence_is_committed() -> None:
 
 
 def test_the_committed_openapi_file_is_what_the_code_says() -> None:
-    from modalmotion_service.openapi import document
+    from modalmotion_service.commands.openapi import document
 
     committed = (ROOT / "openapi" / "openapi.json").read_text()
     assert json.loads(committed)["info"]["title"] == "modalmotion"

@@ -106,9 +106,7 @@ def answers(name: str, sequence: mm.MeshSequence) -> Iterator[tuple[str, object]
             lambda parameters=parameters: mm.modal_signature(sequence, parameters),
         )
     yield from ask("class", lambda: classify(sequence))
-    yield from ask(
-        "readouts", lambda: mm.clinical_readouts(mm.modal_signature(sequence), sequence)
-    )
+    yield from ask("readouts", lambda: mm.clinical_readouts(mm.modal_signature(sequence), sequence))
     extent = float(np.ptp(np.asarray(sequence.vertices, dtype=np.float64), axis=(0, 1)).max())
     for label, share in TARGETS.items():
         stream = encode(sequence, rms=share * extent).data

@@ -23,14 +23,10 @@ from modalmotion.errors import (
 if TYPE_CHECKING:
     from modalmotion.clinical import ClinicalReadouts, clinical_readouts
     from modalmotion.formats import ReadLimits, read_npz, write_npz
-    from modalmotion.lattice import Lattice
+    from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
     from modalmotion.modes import ModeLabel, ModeSet, lowest_modes, whole_count
-    from modalmotion.reconstruction import reconstruct
-    from modalmotion.sequence import MeshSequence, mesh_sequence
-    from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
-    from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
-    from modalmotion.template import Template, Weights, make_template
-    from modalmotion.topology import (
+    from modalmotion.modes.lattice import Lattice
+    from modalmotion.modes.topology import (
         CLOSED_CURVE,
         CUP,
         CYLINDER,
@@ -41,7 +37,11 @@ if TYPE_CHECKING:
         End,
         Topology,
     )
-    from modalmotion.transform import project, project_all, superpose, superpose_all
+    from modalmotion.modes.transform import project, project_all, superpose, superpose_all
+    from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+    from modalmotion.signature.reconstruction import reconstruct
+    from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
+    from modalmotion.template import Template, Weights, make_template
 
 __all__ = [
     "CLOSED_CURVE",
@@ -107,19 +107,19 @@ _HOMES = {
         "read_npz",
         "write_npz",
     ),
-    "modalmotion.lattice": ("Lattice",),
+    "modalmotion.modes.lattice": ("Lattice",),
     "modalmotion.modes": (
         "ModeLabel",
         "ModeSet",
         "lowest_modes",
         "whole_count",
     ),
-    "modalmotion.reconstruction": ("reconstruct",),
-    "modalmotion.sequence": (
+    "modalmotion.signature.reconstruction": ("reconstruct",),
+    "modalmotion.mesh.sequence": (
         "MeshSequence",
         "mesh_sequence",
     ),
-    "modalmotion.signature": (
+    "modalmotion.signature.making": (
         "ModalSignature",
         "SignatureParameters",
         "modal_signature",
@@ -134,7 +134,7 @@ _HOMES = {
         "Weights",
         "make_template",
     ),
-    "modalmotion.topology": (
+    "modalmotion.modes.topology": (
         "CLOSED_CURVE",
         "CUP",
         "CYLINDER",
@@ -145,7 +145,7 @@ _HOMES = {
         "End",
         "Topology",
     ),
-    "modalmotion.transform": (
+    "modalmotion.modes.transform": (
         "project",
         "project_all",
         "superpose",

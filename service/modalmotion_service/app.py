@@ -9,21 +9,19 @@ from typing import Any
 
 from fastapi import Depends, FastAPI
 
-from modalmotion.signature import INTENDED_USE
-from modalmotion_service import problems
-from modalmotion_service.access.audit import AuditLog
-from modalmotion_service.access.gate import Access, Gate, require_judged
+from modalmotion.signature.making import INTENDED_USE
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.rates import Rates
-from modalmotion_service.api_version import API_VERSION
-from modalmotion_service.engine import open_engine
-from modalmotion_service.executor import WorkerPool
-from modalmotion_service.incoming import BodyLimits, Concurrency, WholeAnswers
-from modalmotion_service.job_kinds import trainings_at_once
-from modalmotion_service.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
-from modalmotion_service.observation import Observation
-from modalmotion_service.openapi_access import with_access
-from modalmotion_service.owners import Owners
+from modalmotion_service.audit.log import AuditLog
+from modalmotion_service.contract.access import with_access
+from modalmotion_service.http import problems
+from modalmotion_service.http.admission import BodyLimits, Concurrency, WholeAnswers
+from modalmotion_service.http.api_version import API_VERSION
+from modalmotion_service.http.gate import Access, Gate, require_judged
+from modalmotion_service.http.observation import Observation
+from modalmotion_service.http.request_head import PlainRequests
+from modalmotion_service.http.security_headers import SecurityHeaders
+from modalmotion_service.monitoring.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
 from modalmotion_service.routes import (
     audit,
     classifications,
@@ -43,9 +41,11 @@ from modalmotion_service.routes import (
     templates,
     tradeoff,
 )
-from modalmotion_service.security_headers import SecurityHeaders
 from modalmotion_service.settings import Settings
-from modalmotion_service.wire import PlainRequests
+from modalmotion_service.work.engine import open_engine
+from modalmotion_service.work.executor import WorkerPool
+from modalmotion_service.workspace.job_kinds import trainings_at_once
+from modalmotion_service.workspace.owners import Owners
 
 
 class _App(FastAPI):

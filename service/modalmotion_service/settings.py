@@ -10,7 +10,7 @@ from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from modalmotion.formats import ReadLimits
-from modalmotion_service.access.audit import ENTRIES_PER_FILE
+from modalmotion_service.audit.log import ENTRIES_PER_FILE
 
 
 class Settings(BaseSettings):

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from modalmotion.classify import Model, TrainingCase, train
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import MotionClass, simulate_cohort
 
 TWO = (MotionClass.NORMAL, MotionClass.HYPOKINESIA)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.clinical import ClinicalReadouts, clinical_readouts
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import simulate_cohort
 
 Floats = NDArray[np.float64]

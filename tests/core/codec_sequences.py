@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from modalmotion.mesh import lattice_faces
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.topology import CYLINDER
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.modes.topology import CYLINDER
 
 Make = Callable[[np.random.Generator], MeshSequence]
 

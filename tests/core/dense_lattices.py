@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.lattice import Lattice
-from modalmotion.topology import (
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import (
     CLOSED,
     CLOSED_CURVE,
     CUP,

@@ -15,9 +15,9 @@ import numpy as np
 from dense_lattices import MIDDLE_LATTICES, SMALL_LATTICES, stiffness_matrix
 from numpy.typing import NDArray
 
-from modalmotion.lattice import Lattice
 from modalmotion.modes import ModeLabel, ModeSet
-from modalmotion.topology import OPEN_CURVE
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import OPEN_CURVE
 
 Row = tuple[str, str, Callable[[], float], float, Callable[[], float] | None]
 

@@ -13,10 +13,10 @@ import numpy as np
 from extremes_motion_rows import beat
 
 from modalmotion.errors import ModeCountError, NonFiniteError
-from modalmotion.lattice import Lattice
 from modalmotion.modes import lowest_modes, shapes_at
-from modalmotion.topology import CUP, CYLINDER, SPHERE
-from modalmotion.transform import project, superpose
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP, CYLINDER, SPHERE
+from modalmotion.modes.transform import project, superpose
 
 Row = tuple[str, str, Callable[[], float], float, Callable[[], float] | None]
 

@@ -14,9 +14,17 @@ from dense_lattices import SURFACES, stiffness_matrix
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
-from modalmotion.lattice import Lattice
 from modalmotion.modes import ModeLabel, ModeSet, all_modes, lowest_modes, whole_count
-from modalmotion.topology import CLOSED_CURVE, CUP, CYLINDER, OPEN_CURVE, PLANE, TORUS, Topology
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import (
+    CLOSED_CURVE,
+    CUP,
+    CYLINDER,
+    OPEN_CURVE,
+    PLANE,
+    TORUS,
+    Topology,
+)
 
 Row = tuple[str, str, Callable[[], float], float, Callable[[], float] | None]
 

@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.lattice import Lattice
 from modalmotion.modes import ModeSet, lowest_modes
-from modalmotion.topology import CUP, CYLINDER, SPHERE, TORUS
-from modalmotion.transform import project, project_all, superpose, superpose_all
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP, CYLINDER, SPHERE, TORUS
+from modalmotion.modes.transform import project, project_all, superpose, superpose_all
 
 Row = tuple[str, str, Callable[[], float], float, Callable[[], float] | None]
 

@@ -14,9 +14,7 @@ import mpmath as mp
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError
-from modalmotion.lattice import Lattice
-from modalmotion.oscillator import (
+from modalmotion.dynamics import (
     Oscillators,
     State,
     energy,
@@ -26,7 +24,9 @@ from modalmotion.oscillator import (
     ramp_response,
     step_response,
 )
-from modalmotion.topology import CYLINDER
+from modalmotion.errors import ParameterError
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CYLINDER
 
 EPS: Final = float(np.finfo(np.float64).eps)
 WITHIN_TEN: Final = 1e-14

@@ -18,9 +18,9 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from modalmotion.formats import read_sequence
-from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.modes.topology import CYLINDER
 from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simulate_ventricle
-from modalmotion.topology import CYLINDER
 
 Floats = NDArray[np.float64]
 Draw = Callable[[np.random.Generator], MeshSequence]

@@ -14,7 +14,7 @@ from typing import Any, Final
 from format_samples import zipped
 
 from modalmotion.formats.gltf.container import read_container, write_container
-from modalmotion.store.sealed import SEAL_LENGTH, seal
+from modalmotion.hdf5.sealed import SEAL_LENGTH, seal
 
 _NUMBERS: Final = (
     b"0 -1 1 2 12 13 255 256 65536 2147483648 4294967295 1000000000 99999999999999999999 1e999 "

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from modalmotion.formats import write_glb, write_npz, write_vtkhdf
 from modalmotion.formats.gltf.container import read_container, write_container
 from modalmotion.formats.gltf.morph_animation import MorphAnimation
-from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
 N_FRAMES: Final = 3
 N_VERTICES: Final = 12

@@ -13,8 +13,9 @@ from template_remeshing import remeshed, subdivided
 
 from modalmotion.classify import Model, classify
 from modalmotion.mesh import lattice_faces
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import modal_signature
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.modes.topology import CUP
+from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import (
     Acquisition,
     MotionClass,
@@ -22,7 +23,6 @@ from modalmotion.simulate import (
     draw_parameters,
     simulate_ventricle,
 )
-from modalmotion.topology import CUP
 
 Floats = NDArray[np.float64]
 

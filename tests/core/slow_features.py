@@ -7,9 +7,9 @@ import cmath
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.features import Reading
+from modalmotion.classify.features import Reading
 from modalmotion.modes import ModeSet
-from modalmotion.signature import ModalSignature
+from modalmotion.signature.making import ModalSignature
 
 Array = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from modalmotion.classify.classification import Classification
-from modalmotion.classify.explanation import ModeContribution
+from modalmotion.classify.answer.classification import Classification
+from modalmotion.classify.answer.explanation import ModeContribution
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.store import KeptModel, ModelRecord, ResultStore, SequencePage
 
 KEY = SignatureParameters().key

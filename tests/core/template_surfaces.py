@@ -11,10 +11,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, Delaunay
 
-from modalmotion.body_frame import Components, in_body_frame
-from modalmotion.fit import Fit, fit_sequence, make_basis
-from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.fit.fit import Fit, fit_sequence, make_basis
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.template import GivenLandmarks, Template, Weights, choose_modes, make_template
+from modalmotion.template.body_frame import Components, in_body_frame
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

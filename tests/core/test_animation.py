@@ -10,17 +10,17 @@ import pytest
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from modalmotion.errors import ShapeError
-from modalmotion.lattice import Lattice
-from modalmotion.oscillator import State
-from modalmotion.phonons import (
+from modalmotion.dynamics import (
+    State,
     animate,
     animate_along,
     directional_mode,
     mode_oscillators,
     vibrate,
 )
-from modalmotion.topology import CUP, CYLINDER
+from modalmotion.errors import ShapeError
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP, CYLINDER
 
 
 def random_basis(n_vertices: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

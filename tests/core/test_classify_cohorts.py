@@ -16,18 +16,18 @@ from modalmotion.classify import (
     TrainingCase,
     TrainingOptions,
     evaluate,
-    fold_fit,
     model_from_bytes,
     model_to_bytes,
     train,
 )
-from modalmotion.classify.case_groups import inner_groups
-from modalmotion.classify.table import collect
+from modalmotion.classify.training import fold_fit
+from modalmotion.classify.training.case_groups import inner_groups
+from modalmotion.classify.training.table import collect
 from modalmotion.errors import CorruptFileError
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import modal_signature
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.modes.topology import CYLINDER
+from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import simulate_ventricle
-from modalmotion.topology import CYLINDER
 
 
 def turned(vertices: np.ndarray, rng: np.random.Generator) -> np.ndarray:

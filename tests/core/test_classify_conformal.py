@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from modalmotion.classify.conformal import Calibration, calibrate
-from modalmotion.classify.estimator import MotionClassifier
-from modalmotion.classify.intervals import accuracy_interval
-from modalmotion.classify.reliability import calibration_curve, calibration_error
-from modalmotion.classify.ridge import kernel_ridge, ridge
-from modalmotion.classify.temperature import fit_temperature, softmax
+from modalmotion.classify.estimators.estimator import MotionClassifier
+from modalmotion.classify.estimators.ridge import kernel_ridge, ridge
+from modalmotion.classify.estimators.temperature import fit_temperature, softmax
+from modalmotion.classify.model.conformal import Calibration, calibrate
+from modalmotion.classify.model.reliability import calibration_curve, calibration_error
+from modalmotion.classify.training.intervals import accuracy_interval
 
 
 @parametrize_with_checks([MotionClassifier()])  # type: ignore[untyped-decorator]

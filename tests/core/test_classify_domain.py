@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modalmotion.classify import classify, evaluate, load_model
-from modalmotion.classify.train_shipped import held_out_cases
-from modalmotion.features import Column, kind_of, powers_of
-from modalmotion.sequence import MeshSequence
+from modalmotion.classify.features import Column, kind_of, powers_of
+from modalmotion.classify.training.train_shipped import held_out_cases
+from modalmotion.mesh.sequence import MeshSequence
 
 KINDS = sorted(FLAGGED)
 FIGURES = ["fox", "robot"]

@@ -22,14 +22,14 @@ from modalmotion.classify import (
     TrainingOptions,
     available_models,
     classify,
-    estimator,
     load_model,
     model_from_bytes,
     model_to_bytes,
     train,
 )
-from modalmotion.classify.conformal import Calibration
-from modalmotion.classify.machine import ALLOWED
+from modalmotion.classify.estimators import estimator
+from modalmotion.classify.estimators.machine import ALLOWED
+from modalmotion.classify.model.conformal import Calibration
 from modalmotion.errors import CorruptFileError, NotFoundError
 
 SIGNED = ("radial", "turning", "axial")

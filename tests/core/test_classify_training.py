@@ -20,8 +20,8 @@ from modalmotion.classify import (
     train,
 )
 from modalmotion.errors import ParameterError
-from modalmotion.reconstruction import reconstruct
-from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import simulate_ventricle
 
 # Where the law is not about how scores come about: the quickest estimator.
@@ -102,8 +102,8 @@ def test_a_recording_that_came_twice_counts_once() -> None:
 
 
 def test_no_subject_is_on_both_sides_of_a_split() -> None:
-    from modalmotion.classify.splits import split_cases
-    from modalmotion.classify.table import collect
+    from modalmotion.classify.training.splits import split_cases
+    from modalmotion.classify.training.table import collect
 
     # Three recordings of each subject, and one recording that is said to be of two.
     cases = [replace(c, subject=f"s{n // 6}-{c.label}") for n, c in enumerate(cohort(12))]

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from modalmotion.body_frame import Components
 from modalmotion.classify import Classification, classify, evaluate, load_model
-from modalmotion.classify.train_shipped import training_cases
+from modalmotion.classify.training.train_shipped import training_cases
+from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
 from modalmotion.modes import lowest_modes
-from modalmotion.sequence import MEAN, MeshSequence, mesh_sequence
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.modes.topology import CUP, PLANE
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import Acquisition, MotionClass, VentricleParameters, simulate_ventricle
 from modalmotion.template import Weights
-from modalmotion.topology import CUP, PLANE
+from modalmotion.template.body_frame import Components
 
 CLEAR = {
     MotionClass.NORMAL: {},

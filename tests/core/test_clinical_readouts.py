@@ -14,15 +14,15 @@ from scipy.spatial.transform import Rotation
 from template_surfaces import MAKERS
 from test_mesh_cavity import exact_volume
 
-from modalmotion.body_frame import Components
 from modalmotion.clinical import VolumeCurve, clinical_readouts, volume_figure
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.interpolation import at_times
 from modalmotion.mesh import Cavity, oriented_faces
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import modal_signature
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.signature.interpolation import at_times
+from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.template import make_template
+from modalmotion.template.body_frame import Components
 
 
 @pytest.fixture(scope="module")

@@ -21,11 +21,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from modalmotion.codec import Effort, decode, decode_blocks, encode, inspect
+from modalmotion.codec.bits.varint import read_varint, write_varint
 from modalmotion.codec.encoder import LONGEST_BLOCK
-from modalmotion.codec.varint import read_varint, write_varint
 from modalmotion.errors import MalformedFileError, ParameterError
-from modalmotion.sequence import mesh_sequence
-from modalmotion.topology import CUP, CYLINDER, Topology
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.modes.topology import CUP, CYLINDER, Topology
 
 
 @pytest.mark.parametrize("make", KINDS)

@@ -12,7 +12,7 @@ from codec_sequences import errors_of, triangles
 from numpy.typing import NDArray
 
 from modalmotion.codec import decode, encode
-from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
 DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
 

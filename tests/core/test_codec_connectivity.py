@@ -10,18 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from modalmotion.codec import faces as codec_faces
-from modalmotion.codec import mixed_matrix
-from modalmotion.codec.entropy import Reader, Writer
-from modalmotion.codec.faces import read_faces, write_faces
-from modalmotion.codec.matrix import code_matrix
-from modalmotion.codec.mixed_matrix import code_mixed_matrix
-from modalmotion.codec.mixing import CHANCES, LOGARITHMS, Mixer
-from modalmotion.codec.numbering import LOGARITHMS as TRUST_LOGARITHMS
-from modalmotion.codec.rings import MOST_LOOKS, NOWHERE, Rings
+from modalmotion.codec.bits import mixed_matrix
+from modalmotion.codec.bits.entropy import Reader, Writer
+from modalmotion.codec.bits.matrix import code_matrix
+from modalmotion.codec.bits.mixed_matrix import code_mixed_matrix
+from modalmotion.codec.bits.mixing import CHANCES, LOGARITHMS, Mixer
+from modalmotion.codec.connectivity import faces as codec_faces
+from modalmotion.codec.connectivity.faces import read_faces, write_faces
+from modalmotion.codec.connectivity.numbering import LOGARITHMS as TRUST_LOGARITHMS
+from modalmotion.codec.connectivity.rings import MOST_LOOKS, NOWHERE, Rings
 from modalmotion.errors import MalformedFileError
 from modalmotion.mesh import lattice_faces
-from modalmotion.topology import CYLINDER, TORUS
+from modalmotion.modes.topology import CYLINDER, TORUS
 
 Ints = NDArray[np.int64]
 

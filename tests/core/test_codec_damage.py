@@ -10,8 +10,8 @@ import pytest
 from codec_sequences import KINDS, Make, lattice_sequence, mesh_of_tube, small_mesh_of_tube
 
 from modalmotion.codec import decode, encode
-from modalmotion.codec.modes_section import read_modes
-from modalmotion.codec.varint import read_varint, write_varint
+from modalmotion.codec.bits.varint import read_varint, write_varint
+from modalmotion.codec.modes.modes_section import read_modes
 from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.formats.limits import NO_LIMITS, ReadLimits
 
@@ -118,7 +118,7 @@ def test_foreign_and_future_streams_are_refused_by_name(rng: np.random.Generator
 def test_a_basis_that_differs_is_refused(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from modalmotion.codec.spring_modes import SpringModes
+    from modalmotion.codec.modes.patch_modes import SpringModes
 
     data = encode(small_mesh_of_tube(rng), rms=0.3).data
     probe = SpringModes.probe

@@ -8,12 +8,12 @@ from codec_from_the_text import decode_from_the_text
 from numpy.typing import NDArray
 
 from modalmotion.codec import Effort, decode, encode, encoder
-from modalmotion.codec import choice as codec_choice
-from modalmotion.codec import faces as codec_faces
+from modalmotion.codec import transforms as codec_choice
+from modalmotion.codec.connectivity import faces as codec_faces
 from modalmotion.codec.temporal import Temporal
 from modalmotion.mesh import lattice_faces
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.topology import CYLINDER
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.modes.topology import CYLINDER
 
 
 def moving(rng: np.random.Generator, n_frames: int, shape: tuple[int, int]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from modalmotion.cli import main
 from modalmotion.formats import read_npz
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import signature_from_hdf5
 
 SIMULATE = ["--frames", "6", "--grid", "8,16", "--noise", "0.2", "--seed", "4"]

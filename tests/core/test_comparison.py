@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from modalmotion.comparison import compare
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.frame_order import in_time_order
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.mesh.frame_order import in_time_order
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.signature.comparison import compare
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 
 

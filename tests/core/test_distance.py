@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modalmotion.body_frame import Components
-from modalmotion.distance import resample_to_phase, signature_distance, theta_invariants
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.modes import lowest_modes
-from modalmotion.topology import CUP, TORUS
+from modalmotion.modes.topology import CUP, TORUS
+from modalmotion.signature.distance import resample_to_phase, signature_distance, theta_invariants
+from modalmotion.template.body_frame import Components
 
 RNG = np.random.default_rng(0)
 

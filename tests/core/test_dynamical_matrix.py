@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError, ShapeError, TopologyError
-from modalmotion.lattice import Lattice
-from modalmotion.phonons import (
+from modalmotion.dynamics import (
     HarmonicPotential,
     dynamical_matrices,
     polarised_waves,
     wave_field,
 )
-from modalmotion.topology import CLOSED, CLOSED_CURVE, CYLINDER, TORUS, Topology
+from modalmotion.errors import ParameterError, ShapeError, TopologyError
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CLOSED, CLOSED_CURVE, CYLINDER, TORUS, Topology
 
 CUBE = Topology((CLOSED, CLOSED, CLOSED))
 Constants = dict[tuple[int, ...], NDArray[np.float64]]

@@ -10,14 +10,14 @@ import pytest
 
 import modalmotion as mm
 from modalmotion.codec import decode, encode
-from modalmotion.comparison import compare
+from modalmotion.exports.surfaces import SurfaceFormat, write_superposed
 from modalmotion.formats import read_npz, write_raw
 from modalmotion.mesh import lattice_faces
-from modalmotion.superposed import SurfaceFormat, write_superposed
-from modalmotion.template.picture import template_figure
-from modalmotion.topology import CYLINDER
+from modalmotion.modes.topology import CYLINDER
+from modalmotion.pictures.template import template_figure
+from modalmotion.pictures.tradeoff import tradeoff_figure
+from modalmotion.signature.comparison import compare
 from modalmotion.tradeoff import measure_tradeoff
-from modalmotion.tradeoff.picture import tradeoff_figure
 
 GRID = (12, 16)
 SCALES = [1e-300, 1e-200, 1e-160, 1e160, 1e200, 1e300]

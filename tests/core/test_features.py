@@ -12,15 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from slow_features import slow_axis_features
 
-from modalmotion.body_frame import Components
+from modalmotion.classify.features import READINGS, MotionFeatures, Reading, axis_features
+from modalmotion.classify.features.temporal import one_turn
 from modalmotion.errors import ModeCountError, ParameterError, ShapeError, TopologyError
-from modalmotion.features import READINGS, MotionFeatures, Reading, axis_features
-from modalmotion.features.temporal import one_turn
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.modes.topology import CYLINDER, PLANE
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
-from modalmotion.topology import CYLINDER, PLANE
+from modalmotion.template.body_frame import Components
 
 INDIVIDUAL = VentricleParameters(
     motion_variation=2.0, delay=0.05, akinesia=0.5, ejection_fraction=0.5

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modalmotion.features import FeatureReader, Motion, motion_of
-from modalmotion.features.invariants import Waves, invariant_columns, invariants, waves_of
-from modalmotion.features.summary import summary, summary_columns
+from modalmotion.classify.features import FeatureReader, Motion, motion_of
+from modalmotion.classify.features.invariants import Waves, invariant_columns, invariants, waves_of
+from modalmotion.classify.features.summary import summary, summary_columns
+from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import lowest_modes
-from modalmotion.sequence import mesh_sequence
-from modalmotion.signature import ModalSignature, modal_signature
-from modalmotion.topology import CYLINDER, OPEN_CURVE, PLANE, TORUS, Topology
+from modalmotion.modes.topology import CYLINDER, OPEN_CURVE, PLANE, TORUS, Topology
+from modalmotion.signature.making import ModalSignature, modal_signature
 
 KINDS = [(invariants, invariant_columns), (summary, summary_columns)]
 Terms = NDArray[np.complex128]

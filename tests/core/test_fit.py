@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 from slow_fits import assert_same, slow_fit
 from template_surfaces import Moving, describe, make_tube, make_ventricle
 
-import modalmotion.displacements as displacements_module
-from modalmotion.body_frame import Components, from_local, local_frames
+import modalmotion.alignment.displacements as displacements_module
 from modalmotion.errors import TopologyError
-from modalmotion.fit import displacement_blocks, fit_sequence, make_basis, project
-from modalmotion.sequence import mesh_sequence
+from modalmotion.fit.fit import displacement_blocks, fit_sequence, make_basis, project
+from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.template import Weights, choose_modes, make_template
+from modalmotion.template.body_frame import Components, from_local, local_frames
 
 
 @pytest.fixture(scope="module", name="heart")

@@ -7,14 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 from template_surfaces import Floats, Moving, cup_points, describe, make_ventricle, ventricle
 
-from modalmotion.basis import LARGEST_CONDITION, factored
 from modalmotion.errors import ModeCountError
-from modalmotion.fit import Fit, fit_sequence, make_basis
+from modalmotion.fit.basis import LARGEST_CONDITION, factored
+from modalmotion.fit.fit import Fit, fit_sequence, make_basis
 from modalmotion.mesh import vertex_areas
+from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeLabel, ModeSet, lowest_modes, shapes_at
-from modalmotion.sequence import mesh_sequence
+from modalmotion.modes.topology import CUP
 from modalmotion.template import Template, Weights, choose_modes, make_template
-from modalmotion.topology import CUP
 
 EPS = float(np.finfo(np.float64).eps)
 

@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 from slow_fits import assert_same, slow_fit
 from template_surfaces import Moving, describe, make_ventricle
 
-from modalmotion.body_frame import Components, local_frames
 from modalmotion.errors import ModeCountError, ParameterError, ShapeError
-from modalmotion.fit import Fit, fit_sequence, make_basis
-from modalmotion.sequence import mesh_sequence
+from modalmotion.fit.fit import Fit, fit_sequence, make_basis
+from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.template import choose_modes, make_template
+from modalmotion.template.body_frame import Components, local_frames
 
 
 @pytest.fixture(scope="module", name="heart")

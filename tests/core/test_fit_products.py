@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modalmotion.basis import inverse_of_triangle, tall_qr
-from modalmotion.products import (
+from modalmotion.fit.basis import inverse_of_triangle, tall_qr
+from modalmotion.numeric.products import (
     LARGEST_SINGLE_THREADED,
     LARGEST_WITH_VECTOR,
     along,
@@ -17,7 +17,7 @@ from modalmotion.products import (
     tile,
     weighted_sum,
 )
-from modalmotion.quantile import weighted_quantile
+from modalmotion.numeric.quantile import weighted_quantile
 
 SIZES = st.integers(1, 3000)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from modalmotion.formats import read_sequence, write_npz
-from modalmotion.formats.archive import write_ply_zip
+from modalmotion.formats.frames.archive import write_ply_zip
 from modalmotion.simulate import simulate_ventricle
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "formats.md"

@@ -29,7 +29,6 @@ from format_samples import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modalmotion.arrays import FloatArray
 from modalmotion.errors import (
     ConnectivityError,
     InputError,
@@ -39,10 +38,11 @@ from modalmotion.errors import (
     ShapeError,
 )
 from modalmotion.formats import ReadLimits, ReadOptions, read_sequence, write_ply_zip
-from modalmotion.formats.merge import merge_corners
-from modalmotion.formats.names import natural_key
-from modalmotion.formats.series import read_series, write_series
-from modalmotion.sequence import mesh_sequence
+from modalmotion.formats.frames.merge import merge_corners
+from modalmotion.formats.frames.names import natural_key
+from modalmotion.formats.frames.series import read_series, write_series
+from modalmotion.mesh.checks import FloatArray
+from modalmotion.mesh.sequence import mesh_sequence
 
 
 @pytest.mark.parametrize("name", MESH_WRITERS)

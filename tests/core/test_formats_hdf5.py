@@ -24,9 +24,9 @@ from modalmotion.errors import (
 )
 from modalmotion.formats import ParserProcess, ReadLimits, read_sequence, write_vtkhdf
 from modalmotion.formats.hdf5_gate import open_gated
-from modalmotion.sequence import mesh_sequence
-from modalmotion.store.sealed import seal
-from modalmotion.store.sequence_file import sequence_to_hdf5
+from modalmotion.hdf5.sealed import seal
+from modalmotion.mesh.hdf5 import sequence_to_hdf5
+from modalmotion.mesh.sequence import mesh_sequence
 
 LIMITS = ReadLimits(frames=100, vertices=1000, faces=1000, decompressed_bytes=1_000_000)
 

@@ -20,9 +20,9 @@ from modalmotion.errors import (
     TopologyError,
 )
 from modalmotion.formats import Format, ReadOptions, read_sequence
-from modalmotion.formats.listing import notes_on_numbers
-from modalmotion.sequence import mesh_sequence
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.formats.frames.listing import notes_on_numbers
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import write_atomic
 
 VERTICES = np.random.default_rng(8).normal(size=(4, 8 * 6, 3))

@@ -25,7 +25,7 @@ from format_samples import (
 
 from modalmotion.errors import InputError
 from modalmotion.formats import ParserProcess, ReadLimits, read_sequence
-from modalmotion.store.sequence_file import sequence_to_hdf5
+from modalmotion.mesh.hdf5 import sequence_to_hdf5
 
 LIMITS = ReadLimits(frames=1000, vertices=100_000, faces=100_000, decompressed_bytes=20_000_000)
 # Times 22 files with VTK, 18 without it.

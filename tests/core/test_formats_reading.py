@@ -40,7 +40,7 @@ from modalmotion.formats import (
     write_vtkhdf,
 )
 from modalmotion.formats.hdf5 import read_hdf5
-from modalmotion.sequence import MeshSequence
+from modalmotion.mesh.sequence import MeshSequence
 
 EXPECTED = {name: name.partition(" ")[0] for name in all_files()} | {
     "vtkhdf": "hdf5",

@@ -24,9 +24,9 @@ from format_samples import (
     zipped,
 )
 
-from modalmotion.arrays import FloatArray
 from modalmotion.errors import InputError, LimitError, MalformedFileError
 from modalmotion.formats import ParserProcess, ReadLimits, ReadOptions, read_sequence
+from modalmotion.mesh.checks import FloatArray
 
 pytest.importorskip("vtkmodules", reason="needs the extra 'vtk'")
 
@@ -171,7 +171,7 @@ def test_no_piece_of_a_file_is_written_on_standard_error() -> None:
     code = (
         "from modalmotion.errors import InputError\n"
         "from modalmotion.formats.limits import DEFAULT_LIMITS\n"
-        "from modalmotion.formats.vtk_polydata import parse_legacy\n"
+        "from modalmotion.formats.vtk.vtk_polydata import parse_legacy\n"
         "try:\n    parse_legacy(b'Jane Doe', DEFAULT_LIMITS)\n"
         "except InputError as error:\n    print(error)\n"
     )

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modalmotion.errors import LimitError, ParameterError, ShapeError, TopologyError
-from modalmotion.lattice import Lattice
 from modalmotion.modes import ModeLabel, ModeSet, lowest_modes, shapes_at
-from modalmotion.topology import (
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import (
     CLOSED_CURVE,
     CUP,
     CYLINDER,

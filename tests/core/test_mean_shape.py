@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from modalmotion.errors import ParameterError
-from modalmotion.fit import fit_sequence, make_basis
+from modalmotion.fit.cache import TemplateCache
+from modalmotion.fit.fit import fit_sequence, make_basis
 from modalmotion.mesh import vertex_areas
-from modalmotion.reconstruction import reconstruct
-from modalmotion.sequence import MEAN, MeshSequence, mesh_sequence
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
+from modalmotion.signature.making import SignatureParameters, modal_signature
+from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, Pose, VentricleParameters, simulate_ventricle
 from modalmotion.template import choose_modes, make_template
-from modalmotion.template_cache import TemplateCache
 
 ASKED = SignatureParameters(reference=MEAN)
 

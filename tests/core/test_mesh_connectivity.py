@@ -18,7 +18,7 @@ from modalmotion.mesh import (
     n_components,
     oriented_faces,
 )
-from modalmotion.topology import CYLINDER, PLANE, TORUS
+from modalmotion.modes.topology import CYLINDER, PLANE, TORUS
 
 
 def moebius(n: int = 9) -> np.ndarray:

@@ -14,8 +14,8 @@ from click.testing import CliRunner, Result
 from modalmotion.classify import classify
 from modalmotion.cli import main
 from modalmotion.formats import read_npz, write_npz
-from modalmotion.sequence import mesh_sequence
-from modalmotion.signature import modal_signature
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simulate_ventricle
 from modalmotion.store import model_from_hdf5
 

@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modalmotion.errors import LimitError, ModeCountError
-from modalmotion.lattice import Lattice
 from modalmotion.modes import ModeLabel, all_modes, lowest_modes, wavenumbers_on, whole_count
+from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.order import squared_keys
-from modalmotion.topology import (
+from modalmotion.modes.topology import (
     CLOSED,
     CLOSED_CURVE,
     CUP,

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.modes import ModeLabel, ModeSet, all_modes, lowest_modes, shapes_at, wavenumbers_on
-from modalmotion.topology import (
+from modalmotion.modes.topology import (
     CLOSED,
     CLOSED_CURVE,
     CUP,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError, ShapeError
 from modalmotion.formats import ReadLimits, read_npz, write_npz
-from modalmotion.sequence import mesh_sequence
+from modalmotion.mesh.sequence import mesh_sequence
 
 VERTICES = np.arange(2 * 8 * 3, dtype=np.float32).reshape(2, 8, 3)
 

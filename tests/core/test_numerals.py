@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 import modalmotion as mm
 from modalmotion.cli.main import main
 from modalmotion.formats import read_sequence
-from modalmotion.frame_order import in_time_order
+from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.numerals import counted, numeral
-from modalmotion.signature_picture import signature_figure
+from modalmotion.pictures.signature import signature_figure
 
 
 @given(st.floats(1e-300, 1e300), st.integers(1, 3), st.sampled_from([1, -1]))

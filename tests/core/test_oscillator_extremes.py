@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError
-from modalmotion.lattice import Lattice
-from modalmotion.oscillator import (
+from modalmotion.dynamics import (
     Oscillators,
     State,
     exact_step,
@@ -24,7 +22,9 @@ from modalmotion.oscillator import (
     rayleigh_damping,
     step_response,
 )
-from modalmotion.topology import CLOSED_CURVE, TORUS
+from modalmotion.errors import ParameterError
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CLOSED_CURVE, TORUS
 
 _spec = importlib.util.spec_from_file_location(
     "extremes_oscillator_rows", Path(__file__).with_name("extremes_oscillator_rows.py")

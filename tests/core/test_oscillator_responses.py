@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from modalmotion.errors import ShapeError
-from modalmotion.oscillator import (
+from modalmotion.dynamics import (
     Oscillators,
     State,
     energy,
@@ -26,6 +25,7 @@ from modalmotion.oscillator import (
     rayleigh_damping,
     step_response,
 )
+from modalmotion.errors import ShapeError
 
 _spec = importlib.util.spec_from_file_location(
     "extremes_oscillator_rows", Path(__file__).with_name("extremes_oscillator_rows.py")

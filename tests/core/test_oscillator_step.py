@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from threadpoolctl import threadpool_limits
 
-from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
-from modalmotion.lattice import Lattice
-from modalmotion.oscillator import (
+from modalmotion.dynamics import (
     Oscillators,
     State,
     driven_states,
@@ -25,8 +23,10 @@ from modalmotion.oscillator import (
     modal_forces,
     phase_error,
 )
-from modalmotion.topology import CUP, CYLINDER
-from modalmotion.transform import project
+from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP, CYLINDER
+from modalmotion.modes.transform import project
 
 _spec = importlib.util.spec_from_file_location(
     "extremes_oscillator_rows", Path(__file__).with_name("extremes_oscillator_rows.py")

@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
-from modalmotion.lattice import Lattice
-from modalmotion.modes import ModeLabel, ModeSet
-from modalmotion.phonons import (
+from modalmotion.dynamics import (
     dispersion,
     first_zone,
     group_velocity,
     phase_velocity,
     wave_vectors,
 )
-from modalmotion.topology import (
+from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
+from modalmotion.modes import ModeLabel, ModeSet
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import (
     CLOSED,
     CLOSED_CURVE,
     CUP,

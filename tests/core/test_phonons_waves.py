@@ -7,11 +7,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.lattice import Lattice
-from modalmotion.modes import ModeLabel
-from modalmotion.oscillator import State, energy, free_states
-from modalmotion.phonons import (
+from modalmotion.dynamics import (
+    State,
+    energy,
+    free_states,
     group_velocity,
     modal_state,
     mode_oscillators,
@@ -20,7 +19,10 @@ from modalmotion.phonons import (
     travelling_wave,
     wave_vectors,
 )
-from modalmotion.topology import CLOSED, CLOSED_CURVE, CUP, CYLINDER, OPEN_CURVE, PLANE, TORUS
+from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.modes import ModeLabel
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CLOSED, CLOSED_CURVE, CUP, CYLINDER, OPEN_CURVE, PLANE, TORUS
 
 TOPOLOGIES = [OPEN_CURVE, CLOSED_CURVE, PLANE, CYLINDER, TORUS]
 

@@ -12,7 +12,7 @@ from clinical_cases import read
 
 from modalmotion.cli import main
 from modalmotion.formats import read_npz, write_npz
-from modalmotion.sequence import mesh_sequence
+from modalmotion.mesh.sequence import mesh_sequence
 
 SIMULATE = ["--frames", "8", "--grid", "8,16", "--noise", "0.2", "--seed", "4"]
 

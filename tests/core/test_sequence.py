@@ -15,8 +15,8 @@ from modalmotion.errors import (
     ShapeError,
     TopologyError,
 )
-from modalmotion.sequence import mesh_sequence
-from modalmotion.topology import CUP, CYLINDER
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.modes.topology import CUP, CYLINDER
 
 TRIANGLE = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], dtype=np.float64)
 

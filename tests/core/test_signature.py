@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from modalmotion.errors import ModeCountError, ParameterError, TopologyError
-from modalmotion.lattice import Lattice
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
-from modalmotion.reconstruction import reconstruct
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP, CYLINDER
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.template import Weights
-from modalmotion.topology import CUP, CYLINDER
 
 SHAPE = (12, 16)
 UNIFORM = SignatureParameters(weights=Weights.UNIFORM)

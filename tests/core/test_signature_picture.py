@@ -11,9 +11,9 @@ from matplotlib.image import imread
 
 import modalmotion as mm
 from modalmotion.mesh import lattice_faces
-from modalmotion.signature_picture import signature_figure
-from modalmotion.topology import CYLINDER
-from modalmotion.trajectory_panels import main_trajectories
+from modalmotion.modes.topology import CYLINDER
+from modalmotion.pictures.signature import signature_figure
+from modalmotion.pictures.trajectory import main_trajectories
 
 SCALES = {"tiny": 1e-300, "huge": 1e300, "far away": 1.0}
 

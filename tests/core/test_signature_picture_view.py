@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import modalmotion as mm
-from modalmotion.signature_picture import signature_figure
+from modalmotion.pictures.signature import signature_figure
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh import Cavity
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.modes.topology import CUP
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import (
     Acquisition,
     Pose,
@@ -20,7 +21,6 @@ from modalmotion.simulate import (
     VentricleParameters,
     simulate_ventricle,
 )
-from modalmotion.topology import CUP
 
 HEALTHY = VentricleParameters()
 

@@ -9,15 +9,15 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import eigsh
 from template_surfaces import make_ventricle, ring_points, sheet_points
 
-import modalmotion.eigenpairs as eigenpairs_module
-from modalmotion.eigenpairs import lowest_eigenpairs
+import modalmotion.numeric.eigenpairs as eigenpairs_module
 from modalmotion.errors import ModeCountError
-from modalmotion.lattice import Lattice
 from modalmotion.mesh import connectivity_of, graph_laplacian
-from modalmotion.sequence import mesh_sequence
-from modalmotion.spring_modes import spring_modes
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.mesh.spring_modes import spring_modes
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import PLANE
+from modalmotion.numeric.eigenpairs import lowest_eigenpairs
 from modalmotion.template import choose_modes, frequencies_on, make_template
-from modalmotion.topology import PLANE
 
 NO_PROBES = np.zeros((0, 0))
 

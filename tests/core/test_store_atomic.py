@@ -18,7 +18,7 @@ from store_samples import (
 )
 
 from modalmotion.errors import NotFoundError, StoreError
-from modalmotion.sequence import MeshSequence
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.store import ResultStore, verify, write_atomic
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from modalmotion.errors import NotFoundError, ParameterError
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import modal_signature
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.signature.making import modal_signature
 from modalmotion.store import ResultStore, backup, rebuild, verify
 
 

@@ -16,6 +16,8 @@ from hypothesis import strategies as st
 from store_samples import sample_classification, sample_sequence, sample_signature
 
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
+from modalmotion.hdf5.image import Attribute, json_text, sealed_image
+from modalmotion.hdf5.sealed import SEAL_LENGTH, digest_of, seal
 from modalmotion.store import (
     classification_from_hdf5,
     classification_to_hdf5,
@@ -23,8 +25,6 @@ from modalmotion.store import (
     signature_from_hdf5,
     signature_to_hdf5,
 )
-from modalmotion.store.image import Attribute, json_text, sealed_image
-from modalmotion.store.sealed import SEAL_LENGTH, digest_of, seal
 
 
 @cache
@@ -110,7 +110,7 @@ def test_another_kind_of_file_is_named() -> None:
 @pytest.mark.parametrize("version", [0, 2, 999])
 def test_a_newer_schema_is_refused_by_its_number(version: int) -> None:
     attributes: dict[str, Attribute] = {
-        "schema": "modalmotion.signature",
+        "schema": "modalmotion.signature.making",
         "schema_version": version,
     }
     image = sealed_image(attributes, {}, [json_text("notes", [])])

@@ -13,9 +13,9 @@ from damaged_stores import N, flip_signature, four_kept
 from store_samples import sample_sequence
 
 from modalmotion.errors import CorruptFileError, StoreError
+from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeSet
-from modalmotion.sequence import mesh_sequence
-from modalmotion.signature import modal_signature
+from modalmotion.signature.making import modal_signature
 from modalmotion.store import ResultStore, export, write_pack
 
 
@@ -85,7 +85,7 @@ def test_an_export_of_many_batches_is_the_same(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     export(root, tmp_path / "one.h5")
-    monkeypatch.setattr("modalmotion.store.analysis_file._BATCH", 3)
+    monkeypatch.setattr("modalmotion.exports.signature_pack._BATCH", 3)
     export(root, tmp_path / "many.h5")
     with h5py.File(tmp_path / "one.h5", "r") as one, h5py.File(tmp_path / "many.h5", "r") as many:
         for name, group in one.items():

@@ -15,14 +15,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from store_samples import assert_same, sample_classification, sample_sequence, sample_signature
 
-from modalmotion.body_frame import Components
-from modalmotion.classify.classification import Classification
+from modalmotion.alignment.rigid import Rotations
+from modalmotion.classify.answer.classification import Classification
 from modalmotion.errors import StoreError
+from modalmotion.hdf5.image import Attribute, Dataset, Layout, json_text, sealed_image, write_image
+from modalmotion.hdf5.sealed import SEAL_LENGTH
+from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
+from modalmotion.mesh.spring_modes import SpringSpectrum
 from modalmotion.modes import ModeSet, lowest_modes
-from modalmotion.rigid import Rotations
-from modalmotion.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
-from modalmotion.signature import INTENDED_USE, ModalSignature, SignatureParameters
-from modalmotion.spring_modes import SpringSpectrum
+from modalmotion.modes.topology import CLOSED_CURVE, CUP, SPHERE, TORUS, Topology
+from modalmotion.signature.making import INTENDED_USE, ModalSignature, SignatureParameters
 from modalmotion.store import (
     classification_from_hdf5,
     classification_to_hdf5,
@@ -33,10 +35,8 @@ from modalmotion.store import (
     template_from_hdf5,
     template_to_hdf5,
 )
-from modalmotion.store.image import Attribute, Dataset, Layout, json_text, sealed_image, write_image
-from modalmotion.store.sealed import SEAL_LENGTH
 from modalmotion.template import GivenLandmarks, Landmarks, Template, Weights, make_template
-from modalmotion.topology import CLOSED_CURVE, CUP, SPHERE, TORUS, Topology
+from modalmotion.template.body_frame import Components
 
 IDS = st.text("0123456789abcdef", min_size=64, max_size=64)
 NUMBERS = st.floats(allow_subnormal=True)

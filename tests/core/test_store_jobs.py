@@ -9,7 +9,7 @@ import pytest
 
 from modalmotion.errors import CorruptFileError, NotFoundError, ParameterError, StoreError
 from modalmotion.store import Job, JobState, ResultStore
-from modalmotion.store.database import SCHEMA_VERSION, Database
+from modalmotion.store.index.database import SCHEMA_VERSION, Database
 
 
 @pytest.fixture

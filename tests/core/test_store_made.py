@@ -23,8 +23,8 @@ from modalmotion.store import (
     signature_to_hdf5,
     verify,
 )
-from modalmotion.store.database import Database
-from modalmotion.store.together import FilesTogether, sync_together
+from modalmotion.store.disk.group_commit import FilesTogether, sync_together
+from modalmotion.store.index.database import Database
 
 NUMBERS = range(1, 8)
 

@@ -15,6 +15,7 @@ import pytest
 from store_samples import KEY, sample_classification, sample_model, sample_sequence, tree
 
 from modalmotion.classify import Model, load_model, model_to_bytes
+from modalmotion.classify.model.hdf5 import read_kept_model
 from modalmotion.errors import (
     CorruptFileError,
     ModelNotReproducedError,
@@ -34,7 +35,6 @@ from modalmotion.store import (
     verify,
 )
 from modalmotion.store.folder import Folder
-from modalmotion.store.model_file import read_kept_model
 
 
 @pytest.fixture(scope="module")
@@ -265,7 +265,7 @@ def test_a_full_disk_leaves_no_half_version(
 
 
 def test_a_failing_index_takes_the_file_back(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from modalmotion.store.model_index import ModelIndex
+    from modalmotion.store.index.model_index import ModelIndex
 
     def fail(*_: object) -> None:
         raise StoreError("The index could not be written.")

@@ -20,8 +20,8 @@ from store_samples import (
 )
 
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
-from modalmotion.sequence import mesh_sequence
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import ResultStore, template_from_hdf5, template_to_hdf5, verify
 from modalmotion.template import make_template
 

@@ -22,10 +22,10 @@ from store_samples import (
     tree,
 )
 
-from modalmotion.classify.classification import Classification
+from modalmotion.classify.answer.classification import Classification
 from modalmotion.errors import NotFoundError
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature import ModalSignature, SignatureParameters
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.store import UNSET, ResultStore, rebuild, verify
 
 SEQUENCES = [sample_sequence(number, n_frames=2) for number in range(5)]

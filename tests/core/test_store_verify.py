@@ -12,6 +12,7 @@ from damaged_stores import N, damage, flip_signature, flip_upload, four_kept
 from store_samples import KEY, MODEL, sample_sequence, sample_signature, tree
 
 from modalmotion.errors import NotFoundError, StoreError
+from modalmotion.hdf5.sealed import SEAL_LENGTH, seal
 from modalmotion.store import (
     ResultStore,
     export,
@@ -21,7 +22,6 @@ from modalmotion.store import (
     verify,
 )
 from modalmotion.store.folder import Folder, ResultName
-from modalmotion.store.sealed import SEAL_LENGTH, seal
 from modalmotion.template import make_template
 
 

@@ -9,9 +9,9 @@ import pytest
 from template_surfaces import make_ventricle
 
 from modalmotion.errors import ParameterError
-from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.fit.cache import TemplateCache
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.template import GivenLandmarks, Weights, make_template
-from modalmotion.template_cache import TemplateCache
 
 
 def sequence_of(seed: int, n: int = 120) -> MeshSequence:

@@ -9,10 +9,10 @@ import pytest
 from template_remeshing import remeshed, subdivided
 from template_surfaces import MAKERS, Described, Moving, describe, make_ventricle, shared
 
-from modalmotion.body_frame import Components
-from modalmotion.distance import resample_to_phase, signature_distance, theta_invariants
 from modalmotion.modes import ModeSet
+from modalmotion.signature.distance import resample_to_phase, signature_distance, theta_invariants
 from modalmotion.template import GivenLandmarks, choose_modes
+from modalmotion.template.body_frame import Components
 
 # The bound that is promised, and what was measured with room for another seed.
 PROMISED = 0.02

@@ -17,7 +17,7 @@ from template_surfaces import (
 )
 
 from modalmotion.mesh import boundary_loops, cotangent_laplacian, vertex_areas
-from modalmotion.sequence import mesh_sequence
+from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.template import GivenLandmarks, Template, make_template
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from template_surfaces import PHASES, SQUEEZE, describe, shared
 
-from modalmotion.body_frame import in_body_frame
-from modalmotion.distance import signature_distance
-from modalmotion.fit import fit_sequence, make_basis
-from modalmotion.sequence import mesh_sequence
+from modalmotion.fit.fit import fit_sequence, make_basis
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.signature.distance import signature_distance
 from modalmotion.template import GivenLandmarks, choose_modes, make_template
+from modalmotion.template.body_frame import in_body_frame
 
 NO_FACES = np.zeros((0, 3), dtype=np.int64)
 

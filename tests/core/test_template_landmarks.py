@@ -8,7 +8,7 @@ from scipy.spatial import Delaunay
 from template_surfaces import MAKERS, cup_points, make_ventricle, sheet_points
 
 from modalmotion.errors import ParameterError
-from modalmotion.sequence import mesh_sequence
+from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.template import GivenLandmarks, Landmarks, make_template
 
 

@@ -9,7 +9,7 @@ import pytest
 from template_surfaces import MAKERS, make_ventricle
 
 from modalmotion.errors import TopologyError
-from modalmotion.sequence import mesh_sequence
+from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.template import make_template
 
 pytest.importorskip("matplotlib")
@@ -17,7 +17,7 @@ pytest.importorskip("matplotlib")
 
 @pytest.mark.parametrize("topology", sorted(MAKERS))
 def test_both_coordinates_from_both_sides(topology: str) -> None:
-    from modalmotion.template.picture import template_figure
+    from modalmotion.pictures.template import template_figure
 
     sequence = mesh_sequence(*MAKERS[topology](200, np.random.default_rng(0)), topology=topology)
     figure = template_figure(make_template(sequence))
@@ -33,7 +33,7 @@ def test_both_coordinates_from_both_sides(topology: str) -> None:
 
 
 def test_the_colours_are_the_coordinates() -> None:
-    from modalmotion.template.picture import template_figure
+    from modalmotion.pictures.template import template_figure
 
     template = make_template(mesh_sequence(*make_ventricle(300, np.random.default_rng(0))))
     panel = template_figure(template).axes[0]
@@ -42,7 +42,7 @@ def test_the_colours_are_the_coordinates() -> None:
 
 
 def test_surfaces_without_natural_coordinates_have_none() -> None:
-    from modalmotion.template.picture import template_figure
+    from modalmotion.pictures.template import template_figure
 
     vertices, faces = make_ventricle(200, np.random.default_rng(0))
     springs = make_template(mesh_sequence(vertices, faces), closed_form=False)

@@ -7,9 +7,9 @@ import pytest
 from template_surfaces import MAKERS, Moving, describe, shared, sheet
 
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.modes.topology import CUP, Topology
 from modalmotion.template import Weights, make_template, require_same_mesh, template_id
-from modalmotion.topology import CUP, Topology
 
 
 def surface(topology: str, n: int = 300) -> Moving:

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from tradeoff_cases import true_errors
 
-from modalmotion.body_frame import Components
 from modalmotion.choice.harmonics import harmonics_of, n_functions
-from modalmotion.choice.ladder import ladder_of
+from modalmotion.choice.nested_sets import ladder_of
+from modalmotion.choice.parameters import ErrorKind, ModeOrder
 from modalmotion.errors import ParameterError, ToleranceError
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import SignatureParameters, modal_signature
-from modalmotion.signature_parameters import ErrorKind, ModeOrder
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.pictures.tradeoff import tradeoff_figure
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.template import make_template
+from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import measure_front, measure_tradeoff, price_of
-from modalmotion.tradeoff.picture import tradeoff_figure
 from modalmotion.tradeoff.plain import as_plain
 
 

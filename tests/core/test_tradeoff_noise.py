@@ -9,9 +9,9 @@ import pytest
 
 from modalmotion.choice.noise import _marchenko_pastur
 from modalmotion.choice.noise_level import measure_noise
-from modalmotion.reconstruction import reconstruct
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.signature.making import SignatureParameters, modal_signature
+from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.template import make_template
 

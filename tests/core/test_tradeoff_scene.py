@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from modalmotion.choice.scene import SceneKind
-from modalmotion.reconstruction import reconstruct
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.signature.making import SignatureParameters, modal_signature
+from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import simulate_ventricle
 from modalmotion.tradeoff import measure_tradeoff, price_of
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from tradeoff_cases import true_errors, violations, violations_of
 
+from modalmotion.choice.parameters import ErrorKind, ModeOrder
 from modalmotion.errors import InputError, ModeCountError, ParameterError, ToleranceError
 from modalmotion.formats import read_npz
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet, whole_count
-from modalmotion.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature import SignatureParameters, modal_signature
-from modalmotion.signature_parameters import ErrorKind, ModeOrder
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.store import signature_from_hdf5, signature_to_hdf5
 
@@ -99,7 +99,7 @@ def test_all_shared_sequences_without_a_violation() -> None:
 
 
 def modal_topology(path: Path) -> Any:
-    from modalmotion.topology import CLOSED_CURVE, OPEN_CURVE
+    from modalmotion.modes.topology import CLOSED_CURVE, OPEN_CURVE
 
     return OPEN_CURVE if path.parent.name == "tongue" else CLOSED_CURVE
 

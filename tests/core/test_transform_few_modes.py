@@ -11,10 +11,10 @@ from dense_lattices import MIDDLE_LATTICES, SMALL_LATTICES, name_of
 from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ShapeError, TopologyError
-from modalmotion.lattice import Lattice
 from modalmotion.modes import ModeSet, lowest_modes
-from modalmotion.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
-from modalmotion.transform import project, project_with, superpose, superpose_with
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+from modalmotion.modes.transform import project, project_with, superpose, superpose_with
 
 SURFACES = (PLANE, CYLINDER, TORUS, CUP, SPHERE)
 

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modalmotion.errors import NonFiniteError, ShapeError
-from modalmotion.lattice import Lattice
-from modalmotion.topology import CUP, CYLINDER, PLANE, TORUS, Topology
-from modalmotion.transform import project, project_all, superpose, superpose_all
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP, CYLINDER, PLANE, TORUS, Topology
+from modalmotion.modes.transform import project, project_all, superpose, superpose_all
 
 
 @pytest.mark.parametrize("lattice", [*SMALL_LATTICES, *MIDDLE_LATTICES], ids=name_of)

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modalmotion.lattice import Lattice
 from modalmotion.modes import ModeLabel
-from modalmotion.topology import CLOSED_CURVE, CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
-from modalmotion.transform import project, superpose
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CLOSED_CURVE, CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+from modalmotion.modes.transform import project, superpose
 
 SURFACES = (PLANE, CYLINDER, TORUS, CUP, SPHERE)
 

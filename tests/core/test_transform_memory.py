@@ -8,9 +8,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from modalmotion.lattice import Lattice
-from modalmotion.topology import CUP, CYLINDER, TORUS, Topology
-from modalmotion.transform import project, project_all, superpose, superpose_all
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP, CYLINDER, TORUS, Topology
+from modalmotion.modes.transform import project, project_all, superpose, superpose_all
 
 LIMIT_BYTES = 200e6
 

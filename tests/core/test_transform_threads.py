@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from modalmotion.lattice import Lattice
-from modalmotion.topology import (
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import (
     CLOSED_CURVE,
     CUP,
     CYLINDER,
@@ -20,8 +20,8 @@ from modalmotion.topology import (
     TORUS,
     Topology,
 )
-from modalmotion.transform import project, project_all, superpose, superpose_all
-from modalmotion.transform.products import multiply
+from modalmotion.modes.transform import project, project_all, superpose, superpose_all
+from modalmotion.numeric.stacked_products import multiply
 
 FloatArray = NDArray[np.float64]
 

@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.choice.parameters import ErrorKind, ModeOrder
 from modalmotion.errors import InputError, ToleranceError
-from modalmotion.reconstruction import reconstruct
-from modalmotion.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
-from modalmotion.signature import (
+from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
+from modalmotion.signature.making import (
     ModalSignature,
     SignatureParameters,
     modal_signature,
     resolve_sequence,
     resolve_template,
 )
-from modalmotion.signature_parameters import ErrorKind, ModeOrder
+from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 from click.testing import CliRunner, Result
 
 from modalmotion.cli import main
-from modalmotion_service.access.audit import AuditLog, audit_folder, parts_in
-from modalmotion_service.access.audit_check import AuditReport, check_audit
-from modalmotion_service.access.audit_entry import (
+from modalmotion_service.audit.check import AuditReport, check_audit
+from modalmotion_service.audit.entry import (
     Event,
     Place,
 )
+from modalmotion_service.audit.log import AuditLog, audit_folder, parts_in
 
 
 def event(number: int = 0, status: int = 200) -> Event:

@@ -22,11 +22,11 @@ from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.app import create_app
 from modalmotion_service.errors import ClusterError
-from modalmotion_service.incoming import UPLOADS
-from modalmotion_service.metrics import MeteredExecutor
-from modalmotion_service.server import room_for_connections
+from modalmotion_service.http.admission import UPLOADS
+from modalmotion_service.http.connections import room_for_connections
+from modalmotion_service.http.request_head import UNKNOWN_CLIENT, plain_address
+from modalmotion_service.monitoring.metrics import MeteredExecutor
 from modalmotion_service.settings import Settings
-from modalmotion_service.wire import UNKNOWN_CLIENT, plain_address
 
 JSON = {"Content-Type": "application/json"}
 MOST = 4

@@ -14,11 +14,11 @@ from fastapi.testclient import TestClient
 
 from modalmotion.cli import main
 from modalmotion.errors import NotFoundError, ParameterError
-from modalmotion_service.access.first_key import offer_first_key, secured
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.access.site import is_loopback
 from modalmotion_service.app import create_app
+from modalmotion_service.commands.first_key import offer_first_key, secured
 from modalmotion_service.errors import AuthenticationError
 from modalmotion_service.settings import Settings
 

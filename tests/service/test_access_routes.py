@@ -13,9 +13,9 @@ from fastapi.testclient import TestClient
 from starlette.routing import Route
 
 from modalmotion.formats import read_npz
-from modalmotion_service.access.gate import route_of
 from modalmotion_service.access.scopes import OPEN, SCOPE_OF, Scope, target_of
 from modalmotion_service.app import create_app
+from modalmotion_service.http.gate import route_of
 from modalmotion_service.settings import Settings
 
 ROUTES = sorted(SCOPE_OF, key=lambda route: (route[1], route[0]))

@@ -14,11 +14,11 @@ from running import RunningService
 
 from modalmotion.cli import main
 from modalmotion.formats import read_npz
-from modalmotion_service.access.audit import AuditLog, audit_folder, parts_in
-from modalmotion_service.access.audit_check import check_audit
-from modalmotion_service.access.audit_entry import Event
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
+from modalmotion_service.audit.check import check_audit
+from modalmotion_service.audit.entry import Event
+from modalmotion_service.audit.log import AuditLog, audit_folder, parts_in
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -11,9 +11,9 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from modalmotion_service.api_version import API_VERSION
-from modalmotion_service.openapi import document, main, require_version
-from modalmotion_service.openapi_changes import Change, change_between, digest, least_version
+from modalmotion_service.commands.openapi import document, main, require_version
+from modalmotion_service.contract.changes import Change, change_between, digest, least_version
+from modalmotion_service.http.api_version import API_VERSION
 
 FOLDER = Path(__file__).resolve().parents[2] / "openapi"
 

@@ -13,13 +13,13 @@ from click.testing import CliRunner, Result
 
 from modalmotion.cli import main
 from modalmotion.errors import StoreError
-from modalmotion_service.access.audit import AuditLog, audit_folder, parts_in
-from modalmotion_service.access.audit_check import check_audit
-from modalmotion_service.access.audit_entry import BEGUN, Event
-from modalmotion_service.access.first_key import offer_first_key
-from modalmotion_service.access.key_events import make_key
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import SCOPE_OF, Scope
+from modalmotion_service.audit.check import check_audit
+from modalmotion_service.audit.entry import BEGUN, Event
+from modalmotion_service.audit.key_events import make_key
+from modalmotion_service.audit.log import AuditLog, audit_folder, parts_in
+from modalmotion_service.commands.first_key import offer_first_key
 from modalmotion_service.settings import Settings
 
 

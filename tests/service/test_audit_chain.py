@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from audit_parts import FOUR_FILES, audit, check, event, written
 
-from modalmotion_service.access.audit import audit_folder
-from modalmotion_service.access.audit_entry import (
+from modalmotion_service.audit.entry import (
     GENESIS,
     Place,
     chained,
 )
+from modalmotion_service.audit.log import audit_folder
 
 
 def test_a_file_taken_out_or_made_anew_shows(tmp_path: Path) -> None:

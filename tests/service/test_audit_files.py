@@ -15,15 +15,15 @@ from access_parts import guarded
 from audit_parts import FOUR_FILES, audit, check, event, names, tamper, written
 
 from modalmotion.errors import CorruptFileError, ParameterError, StoreError
-from modalmotion_service.access.audit import AuditLog, audit_folder, parts_in
-from modalmotion_service.access.audit_archive import archive_audit
-from modalmotion_service.access.audit_check import check_audit, unfinished
-from modalmotion_service.access.audit_entry import (
+from modalmotion_service.audit.archive import archive_audit
+from modalmotion_service.audit.check import check_audit, unfinished
+from modalmotion_service.audit.entry import (
     BEGUN,
     GENESIS,
     AuditEntry,
 )
-from modalmotion_service.access.audit_part import AuditWriter
+from modalmotion_service.audit.log import AuditLog, audit_folder, parts_in
+from modalmotion_service.audit.part import AuditWriter
 
 
 def test_a_full_file_is_closed_and_the_chain_goes_on_in_the_next(tmp_path: Path) -> None:

@@ -25,8 +25,8 @@ from modalmotion.client import (
 from modalmotion.client.bodies import body_of
 from modalmotion.client.errors import error_of_answer, remote_error
 from modalmotion.client.retries import retry_after
-from modalmotion.comparison import compare
 from modalmotion.formats import read_npz
+from modalmotion.signature.comparison import compare
 
 
 @pytest.fixture(scope="module")

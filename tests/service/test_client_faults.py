@@ -14,7 +14,7 @@ from running import RunningService
 
 from modalmotion.client import Client, RemoteError, Retries, UnreachableError
 from modalmotion.formats import read_npz
-from modalmotion.signature import modal_signature
+from modalmotion.signature.making import modal_signature
 
 PASSING = [fault for fault in Fault if fault not in (Fault.NONE, Fault.DRIP)]
 

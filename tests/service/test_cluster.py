@@ -20,12 +20,12 @@ from distributed.core import Status
 from fastapi.testclient import TestClient
 from worker_tasks import hang, is_running, slow_mark
 
-from modalmotion_service import dask_tasks
 from modalmotion_service.app import create_app
-from modalmotion_service.dask_executor import DaskExecutor
-from modalmotion_service.dask_tasks import PLUGIN, Mark, PoolLimits, Pools, run_in_pool
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.settings import Settings
+from modalmotion_service.work.dask import tasks as dask_tasks
+from modalmotion_service.work.dask.executor import DaskExecutor
+from modalmotion_service.work.dask.tasks import PLUGIN, Mark, PoolLimits, Pools, run_in_pool
 
 MEMORY = 3_000_000_000
 

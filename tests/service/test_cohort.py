@@ -18,11 +18,11 @@ from dask_cluster import DaskCluster
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats import read_npz
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import ResultStore, verify
 from modalmotion_service.cohort import read_manifest
-from modalmotion_service.cohort.command import cohort
 from modalmotion_service.cohort.run import MOST_IN_BATCH, batch_size
+from modalmotion_service.commands.cohort import cohort
 
 
 def write_cohort(folder: Path, n: int, n_nodes: tuple[int, int] = (8, 8)) -> list[Path]:

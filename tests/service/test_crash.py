@@ -21,7 +21,7 @@ import pytest
 from running import RunningService
 
 from modalmotion.formats import read_npz
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import ResultStore, verify
 
 

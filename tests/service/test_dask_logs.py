@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import dask
 import pytest
 
-from modalmotion_service.dask_logs import log_dask_as_json
+from modalmotion_service.work.dask.logs import log_dask_as_json
 
 pytest.importorskip("distributed")
 NAMES = ("distributed", "distributed.client", "tornado.application")

@@ -15,7 +15,7 @@ from running import RunningService
 from modalmotion.cli.main import main
 from modalmotion.errors import ParameterError
 from modalmotion_service.environment import read_settings, unknown_variables
-from modalmotion_service.observation import LOG_CONFIG, Seldom
+from modalmotion_service.http.observation import LOG_CONFIG, Seldom
 
 
 def test_values_that_are_none_are_all_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,8 +13,8 @@ from test_jobs import ASYNC, finished
 
 from modalmotion.store import JobState, ResultStore
 from modalmotion_service.app import create_app
-from modalmotion_service.erasure import erase
 from modalmotion_service.settings import Settings
+from modalmotion_service.workspace.erasure import erase
 
 NAME = "Mustermann, Erika"
 

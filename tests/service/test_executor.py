@@ -18,7 +18,7 @@ from worker_tasks import die, die_once, hang, is_running, refuse, swallow_memory
 
 from modalmotion.errors import LimitError, NonFiniteError
 from modalmotion_service.errors import ClusterError, WorkerDiedError
-from modalmotion_service.executor import _MOST_STARTS, Engine, WorkerPool
+from modalmotion_service.work.executor import _MOST_STARTS, Engine, WorkerPool
 
 MEMORY = 3_000_000_000
 # Two processes here, or two Dask workers of a process each.
@@ -31,7 +31,7 @@ def open_engine(
 ) -> OpenEngine:
     if request.param == "pebble":
         return lambda task_seconds: WorkerPool(2, task_seconds, MEMORY)
-    from modalmotion_service.dask_executor import DaskExecutor
+    from modalmotion_service.work.dask.executor import DaskExecutor
 
     cluster: DaskCluster = request.getfixturevalue("dask_cluster")
     folder = tmp_path_factory.mktemp("shared")
@@ -149,7 +149,7 @@ def test_cancelling_ends_the_work(open_engine: OpenEngine) -> None:
 def test_a_worker_ends_with_the_process_that_it_works_for(tmp_path: Path) -> None:
     code = (
         "import os, signal\n"
-        "from modalmotion_service.executor import WorkerPool\n"
+        "from modalmotion_service.work.executor import WorkerPool\n"
         "from worker_tasks import hang\n"
         "if __name__ == '__main__':\n"
         "    pool = WorkerPool(1, 60.0, 3_000_000_000)\n"

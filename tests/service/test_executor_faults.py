@@ -13,8 +13,8 @@ from worker_tasks import die, die_once
 
 from modalmotion.errors import StoreError
 from modalmotion_service.errors import WorkerDiedError
-from modalmotion_service.executor import WorkerPool
-from modalmotion_service.problems import problem_body
+from modalmotion_service.http.problems import problem_body
+from modalmotion_service.work.executor import WorkerPool
 
 FULL = Path("/dev/full")
 

@@ -108,7 +108,7 @@ def test_a_job_can_be_cancelled(
 ) -> None:
     import asyncio
 
-    from modalmotion_service.analysis import Analysis
+    from modalmotion_service.workspace.analysis import Analysis
 
     async def endless(*_: object) -> None:
         await asyncio.sleep(3600)

@@ -12,8 +12,8 @@ from fastapi.testclient import TestClient
 from modalmotion.errors import StoreError
 from modalmotion.store import ResultStore
 from modalmotion_service.app import create_app
-from modalmotion_service.incoming import Concurrency
-from modalmotion_service.observation import JsonFormatter
+from modalmotion_service.http.admission import Concurrency
+from modalmotion_service.http.observation import JsonFormatter
 from modalmotion_service.settings import Settings
 
 

@@ -13,11 +13,11 @@ from fastapi.testclient import TestClient
 from matplotlib.image import imread
 
 from modalmotion.formats import read_npz
-from modalmotion.signature import SignatureParameters, modal_signature
-from modalmotion.signature_picture import signature_figure
+from modalmotion.pictures.signature import signature_figure
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import signature_from_hdf5, signature_to_hdf5
-from modalmotion_service.analysis import Analysis
-from modalmotion_service.tasks import signatures
+from modalmotion_service.work.tasks import signatures
+from modalmotion_service.workspace.analysis import Analysis
 
 HDF5 = {"Accept": "application/x-hdf5"}
 

@@ -11,7 +11,7 @@ from training_cohort import CLASSES, N_PER_CLASS, QUICK, Trained, cohort, finish
 
 from modalmotion.classify import DEFAULT_MODEL, load_model
 from modalmotion.formats import read_npz
-from modalmotion.signature import modal_signature
+from modalmotion.signature.making import modal_signature
 from modalmotion.store import model_from_hdf5
 
 
@@ -259,7 +259,7 @@ def test_labels_and_subjects_may_be_stated_for_the_training(trained: Trained) ->
 
 
 def test_a_training_says_how_far_it_is(trained: Trained, monkeypatch: pytest.MonkeyPatch) -> None:
-    from modalmotion_service.training import Trainer
+    from modalmotion_service.workspace.training import Trainer
 
     seen: list[tuple[float, str]] = []
     original: Any = Trainer.train

@@ -69,8 +69,8 @@ def test_what_no_model_can_be_trained_on_is_refused_by_name(trained: Trained) ->
 def test_a_sequence_deleted_meanwhile_ends_the_training_by_name(
     trained: Trained, monkeypatch: pytest.MonkeyPatch, moment: str
 ) -> None:
-    from modalmotion_service import training
-    from modalmotion_service.analysis import Analysis
+    from modalmotion_service.workspace import training
+    from modalmotion_service.workspace.analysis import Analysis
 
     ids = send(trained.client, cohort(2, seed=len(moment)))
     target = ids[-1]
@@ -183,7 +183,7 @@ def test_a_training_that_is_cancelled_leaves_nothing(
     import asyncio
     import time
 
-    from modalmotion_service.training import Trainer
+    from modalmotion_service.workspace.training import Trainer
 
     async def endless(self: Trainer, *_: Any) -> list[Path]:
         await asyncio.sleep(3600)

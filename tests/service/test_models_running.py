@@ -18,11 +18,11 @@ from running import RunningService
 from training_cohort import cohort, finished, send
 
 from modalmotion.formats import read_npz
-from modalmotion.signature import modal_signature
+from modalmotion.signature.making import modal_signature
 from modalmotion.store import JobState, ResultStore, model_from_hdf5, signature_to_hdf5
 from modalmotion_service.app import create_app
-from modalmotion_service.jobs import JobRunner, Report
 from modalmotion_service.settings import Settings
+from modalmotion_service.workspace.jobs import JobRunner, Report
 
 
 @pytest.fixture
@@ -164,7 +164,7 @@ def peak_memory(folder: Path, n_cases: int) -> int:
             file.write(json.dumps(case) + "\n")
     code = (
         "import resource, sys; from pathlib import Path;"
-        "from modalmotion_service.training_task import train_model;"
+        "from modalmotion_service.work.tasks.training import train_model;"
         "a, b, c = map(Path, sys.argv[1:]);"
         "train_model(a, 'large', {}, 't', b, c);"
         "sys.stdout.write(str(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024))"

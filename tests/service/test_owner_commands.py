@@ -11,12 +11,12 @@ from fastapi.testclient import TestClient
 
 from modalmotion.cli.main import main
 from modalmotion.store import ResultStore
-from modalmotion_service.access.audit import audit_folder, audit_page
-from modalmotion_service.access.audit_entry import BEGUN
 from modalmotion_service.access.keys import KeyRing
-from modalmotion_service.access.owner_commands import usage_of
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.app import create_app
+from modalmotion_service.audit.entry import BEGUN
+from modalmotion_service.audit.log import audit_folder, audit_page
+from modalmotion_service.commands.owners import usage_of
 from modalmotion_service.settings import Settings
 
 NAMES = ("local", "lab", "ward-3")

@@ -12,9 +12,9 @@ import pytest
 from access_parts import guarded
 from fastapi.testclient import TestClient
 
-from modalmotion_service.api_version import API_VERSION
 from modalmotion_service.app import create_app
-from modalmotion_service.documentation.page import render
+from modalmotion_service.contract.documentation.page import render
+from modalmotion_service.http.api_version import API_VERSION
 from modalmotion_service.settings import Settings
 
 

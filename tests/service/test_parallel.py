@@ -25,13 +25,13 @@ from modalmotion.classify import (
     model_to_bytes,
     train,
 )
+from modalmotion.classify.training.parallel import joblib_backend
 from modalmotion.errors import NotFoundError, ParameterError
 from modalmotion.formats import read_npz
-from modalmotion.parallel import joblib_backend
-from modalmotion.signature import modal_signature
+from modalmotion.signature.making import modal_signature
 from modalmotion.store import signature_to_hdf5
 from modalmotion_service.errors import ClusterError
-from modalmotion_service.training_task import _on_workers
+from modalmotion_service.work.tasks.training import _on_workers
 
 
 def scores() -> np.ndarray:

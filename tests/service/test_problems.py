@@ -12,7 +12,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from modalmotion.errors import ModalMotionError
-from modalmotion_service.problems import STATUS_OF, problem_of
+from modalmotion_service.http.problems import STATUS_OF, problem_of
 
 LIMIT_BYTES = 2_000_000
 VERTICES = np.random.default_rng(5).normal(size=(3, 16, 3))
@@ -216,7 +216,7 @@ def test_an_unexpected_failure_tells_nothing_of_the_inside(
         raise RuntimeError("secret path")
 
     here = client.post("/v1/sequences", content=beat).headers["location"]
-    monkeypatch.setattr("modalmotion_service.analysis.Analysis.signature", broken)
+    monkeypatch.setattr("modalmotion_service.workspace.analysis.Analysis.signature", broken)
     answer = client.get(f"{here}/signature")
     assert (answer.status_code, answer.json()["code"]) == (500, "internal_error")
     assert "secret" not in answer.text

@@ -18,9 +18,9 @@ from dask_cluster import free_port
 from running import Answer, RunningService
 
 from modalmotion.formats import read_npz
-from modalmotion_service.access.audit import AuditLog
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
+from modalmotion_service.audit.log import AuditLog
 from modalmotion_service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]

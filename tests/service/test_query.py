@@ -11,9 +11,9 @@ from fastapi.testclient import TestClient
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from modalmotion_service import problems
 from modalmotion_service.app import create_app
-from modalmotion_service.query import read_once
+from modalmotion_service.http import problems
+from modalmotion_service.http.query import read_once
 from modalmotion_service.routes.templates import TemplateQuery
 
 NAMES = [*TemplateQuery.model_fields, "MODES", "unknown"]

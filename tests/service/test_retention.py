@@ -10,12 +10,13 @@ import pytest
 from fastapi.testclient import TestClient
 from test_jobs import ASYNC, finished
 
-from modalmotion.store import JobState, ResultStore, jobs
-from modalmotion.store.cursor import to_text
+from modalmotion.store import JobState, ResultStore
+from modalmotion.store.index import jobs
+from modalmotion.store.index.cursor import to_text
 from modalmotion_service.app import create_app
-from modalmotion_service.retention import Retention
 from modalmotion_service.settings import Settings
-from modalmotion_service.spool import Spool
+from modalmotion_service.workspace.retention import Retention
+from modalmotion_service.workspace.spool import Spool
 
 
 def made(store: ResultStore, spool: Spool, name: str) -> str:

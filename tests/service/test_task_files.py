@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from access_parts import guarded
 
-from modalmotion_service.executor import WorkerPool
-from modalmotion_service.tasks.files import whole_file, write_whole
+from modalmotion_service.work.executor import WorkerPool
+from modalmotion_service.work.tasks.files import whole_file, write_whole
 
 
 def test_a_file_is_whole_or_not_there(tmp_path: Path) -> None:

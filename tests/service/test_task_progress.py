@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from modalmotion.formats import read_npz
-from modalmotion.store.sequence_file import sequence_to_hdf5
-from modalmotion_service import task_progress
+from modalmotion.mesh.hdf5 import sequence_to_hdf5
 from modalmotion_service.schemas import EncodingTarget
-from modalmotion_service.task_progress import ProgressFile, followed
-from modalmotion_service.tasks import codec
+from modalmotion_service.work import task_progress
+from modalmotion_service.work.task_progress import ProgressFile, followed
+from modalmotion_service.work.tasks import codec
 
 
 @pytest.fixture(autouse=True)

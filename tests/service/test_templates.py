@@ -11,8 +11,8 @@ import pytest
 from fastapi.testclient import TestClient
 
 from modalmotion.formats import read_npz, write_npz
-from modalmotion.reconstruction import reconstruct
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.signature.making import SignatureParameters, modal_signature
+from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, simulate_ventricle
 
 

@@ -9,8 +9,8 @@ import pytest
 from fastapi.testclient import TestClient
 
 from modalmotion.formats import write_npz
-from modalmotion.sequence import mesh_sequence
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import Acquisition, simulate_ventricle
 
 BEAT = simulate_ventricle(

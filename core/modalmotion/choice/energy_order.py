@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from modalmotion.basis import Basis, tall_qr
-from modalmotion.choice.ladder import Ladder
+from modalmotion.choice.nested_sets import Ladder
 from modalmotion.errors import ParameterError
-from modalmotion.fit import Fit
+from modalmotion.fit.basis import Basis, tall_qr
+from modalmotion.fit.fit import Fit
 from modalmotion.modes import ModeSet
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
-from modalmotion.products import product
+from modalmotion.numeric.products import product
 
 MOST_HARMONICS: Final = 64
 """Harmonics that are ever told apart; more are given as the frames themselves."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.basis import inverse_of_triangle
-from modalmotion.body_frame import Components, local_frames, to_local
+from modalmotion.alignment.displacements import displacement_blocks
 from modalmotion.choice.energies import Energies
-from modalmotion.choice.ladder import Ladder
-from modalmotion.displacements import displacement_blocks
-from modalmotion.products import product
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature_parameters import SignatureParameters
+from modalmotion.choice.nested_sets import Ladder
+from modalmotion.choice.parameters import SignatureParameters
+from modalmotion.fit.basis import inverse_of_triangle
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.numeric.products import product
 from modalmotion.template import Template
+from modalmotion.template.body_frame import Components, local_frames, to_local
 
 
 def largest_errors(

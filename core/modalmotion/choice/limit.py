@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.choice.noise import Noise
+from modalmotion.choice.parameters import ErrorKind, SignatureParameters
 from modalmotion.choice.scene import Scene, SceneError, SceneKind
 from modalmotion.errors import ParameterError
-from modalmotion.sequence import MM_PER_UNIT, MeshSequence
-from modalmotion.signature_parameters import ErrorKind, SignatureParameters
+from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 
 # Pure noise exceeds its expected mean square by this many standard deviations at most, and
 # its estimate is right to this share.

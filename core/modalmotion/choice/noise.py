@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from modalmotion.choice.ladder import Ladder
-from modalmotion.displacements import displacement_blocks
-from modalmotion.fit import Fit
-from modalmotion.sequence import MeshSequence, Reference
+from modalmotion.alignment.displacements import displacement_blocks
+from modalmotion.choice.nested_sets import Ladder
+from modalmotion.fit.fit import Fit
+from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.template import Template
 
 # Modes that are taken out of the motion first, and the share of the vertices they may be.

@@ -7,14 +7,14 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.body_frame import Components
 from modalmotion.choice.energies import Energies, energies_of
-from modalmotion.choice.ladder import Ladder
+from modalmotion.choice.nested_sets import Ladder
 from modalmotion.choice.noise import Noise, estimate_noise
-from modalmotion.choice.sorted_ladder import ENERGY_POOL, sorted_ladder
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature_parameters import MOST_MODES, ModeOrder, SignatureParameters
+from modalmotion.choice.ordered_sets import ENERGY_POOL, sorted_ladder
+from modalmotion.choice.parameters import MOST_MODES, ModeOrder, SignatureParameters
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.template import Template
+from modalmotion.template.body_frame import Components
 
 # The first ladder; each further one is twice as long.
 _FIRST: Final = 128

@@ -10,11 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.displacements import displacement_blocks
-from modalmotion.products import weighted_sum
-from modalmotion.rigid import Rotations
-from modalmotion.sequence import MeshSequence, Reference
-from modalmotion.superposition import distances
+from modalmotion.alignment.displacements import displacement_blocks
+from modalmotion.alignment.rigid import Rotations
+from modalmotion.fit.superposition import distances
+from modalmotion.mesh.sequence import MeshSequence, Reference
+from modalmotion.numeric.products import weighted_sum
 from modalmotion.template import Template
 
 _BLOCK: Final = 500_000

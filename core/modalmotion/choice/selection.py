@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from modalmotion.body_frame import Components
+from modalmotion.choice.fitted_motion import Model, fit_model, static_model
 from modalmotion.choice.limit import (
     holds_noise,
     limit_of,
@@ -15,19 +15,19 @@ from modalmotion.choice.limit import (
     simplest,
     simplest_with_noise,
 )
-from modalmotion.choice.model import Model, fit_model, static_model
-from modalmotion.choice.model_choice import ModelChoice
 from modalmotion.choice.noise_level import measure_noise, modes_until_noise
+from modalmotion.choice.ordered_sets import ENERGY_POOL, notes_on, sorted_ladder
+from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureParameters
+from modalmotion.choice.reason import ModelChoice
 from modalmotion.choice.scene import NUMBERS, Scene, SceneKind, scene_of
 from modalmotion.choice.smallest_set import smallest_within
-from modalmotion.choice.sorted_ladder import ENERGY_POOL, notes_on, sorted_ladder
 from modalmotion.errors import ModeCountError
+from modalmotion.fit.cache import TemplateCache
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh.spring_modes import SpringModes
 from modalmotion.modes import ModeSet
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature_parameters import ErrorKind, ModeOrder, SignatureParameters
-from modalmotion.spring_modes import SpringModes
 from modalmotion.template import Template, choose_modes
-from modalmotion.template_cache import TemplateCache
+from modalmotion.template.body_frame import Components
 
 
 def select_model(

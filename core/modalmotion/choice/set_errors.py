@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from modalmotion.choice.energies import Energies
 from modalmotion.choice.harmonics import harmonics_of, require_harmonics
-from modalmotion.choice.ladder import Ladder
 from modalmotion.choice.largest_errors import largest_errors
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature_parameters import ErrorKind, SignatureParameters
+from modalmotion.choice.nested_sets import Ladder
+from modalmotion.choice.parameters import ErrorKind, SignatureParameters
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.template import Template
 
 # Errors of nested sets are known to this share, and to this share of the motion.

@@ -8,12 +8,12 @@ from typing import Final
 import numpy as np
 
 from modalmotion.choice.energies import energies_of
-from modalmotion.choice.model import Model, fit_model
+from modalmotion.choice.fitted_motion import Model, fit_model
+from modalmotion.choice.ordered_sets import ENERGY_POOL, notes_on, sorted_ladder
+from modalmotion.choice.parameters import MOST_MODES, ModeOrder, SignatureParameters
 from modalmotion.choice.set_errors import SetErrors
-from modalmotion.choice.sorted_ladder import ENERGY_POOL, notes_on, sorted_ladder
 from modalmotion.errors import ToleranceError
-from modalmotion.sequence import MM_PER_UNIT, MeshSequence
-from modalmotion.signature_parameters import MOST_MODES, ModeOrder, SignatureParameters
+from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.template import Template
 
 # The first ladder; each further one is twice as long.

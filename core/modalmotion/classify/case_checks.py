@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from modalmotion.classify.cases import TrainingCase
 from modalmotion.classify.options import TrainingOptions
+from modalmotion.classify.training.cases import TrainingCase
 from modalmotion.errors import ParameterError
-from modalmotion.sequence import MEAN
-from modalmotion.spring_modes import SpringSpectrum
+from modalmotion.mesh.sequence import MEAN
+from modalmotion.mesh.spring_modes import SpringSpectrum
 
 if TYPE_CHECKING:
-    from modalmotion.classify.case_reading import ReadCase
+    from modalmotion.classify.training.case_reading import ReadCase
 
 
 def require_usable(case: TrainingCase, number: int, options: TrainingOptions) -> None:

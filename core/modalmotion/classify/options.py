@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.errors import ParameterError
-from modalmotion.sequence import MEAN
-from modalmotion.signature import MOST_MODES, SignatureParameters
+from modalmotion.mesh.sequence import MEAN
+from modalmotion.signature.making import MOST_MODES, SignatureParameters
 
 MOST_FOLDS: Final = 20
 MOST_HARMONICS: Final = 8

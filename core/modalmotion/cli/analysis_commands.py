@@ -9,15 +9,15 @@ from typing import Any
 
 import click
 
-from modalmotion.body_frame import Components
 from modalmotion.cli.asking import asked_for, asking_options
 from modalmotion.cli.files import GridShape, ReferenceShape, read, sequence_argument
 from modalmotion.cli.readouts_command import volume_lines
+from modalmotion.mesh.sequence import Reference
 from modalmotion.numerals import counted, numeral
-from modalmotion.sequence import Reference
-from modalmotion.signature import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.template import Weights
+from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import Price, price_of
 
 
@@ -91,7 +91,7 @@ def signature(
     if output is not None:
         write_atomic(output, signature_to_hdf5(result))
     if plot is not None:
-        from modalmotion.signature_picture import signature_figure
+        from modalmotion.pictures.signature import signature_figure
 
         signature_figure(sequence, result).savefig(plot)
     if as_json:
@@ -125,8 +125,8 @@ def reconstruct(
     **said: Any,
 ) -> None:
     """Write the surfaces that a few modes of the sequence in FILE stand for."""
+    from modalmotion.exports.surfaces import SUFFIXES, write_superposed
     from modalmotion.store import write_atomic
-    from modalmotion.superposed import SUFFIXES, write_superposed
 
     if output.suffix not in SUFFIXES:
         raise click.BadParameter(

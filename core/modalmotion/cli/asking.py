@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from modalmotion.signature_parameters import ErrorKind, ModeOrder
+from modalmotion.choice.parameters import ErrorKind, ModeOrder
 
 
 def asking_options(command: Callable[..., Any]) -> Callable[..., Any]:

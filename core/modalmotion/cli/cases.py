@@ -16,7 +16,7 @@ from modalmotion.errors import InputError, MalformedFileError, ModalMotionError,
 
 if TYPE_CHECKING:
     from modalmotion.classify import TrainingCase
-    from modalmotion.signature import SignatureParameters
+    from modalmotion.signature.making import SignatureParameters
 
 _COLUMNS: Final = ("path", "label", "subject")
 
@@ -112,7 +112,7 @@ def training_cases(
     """
     from modalmotion.classify import TrainingCase
     from modalmotion.cli.files import read
-    from modalmotion.signature import modal_signature
+    from modalmotion.signature.making import modal_signature
 
     with click.progressbar(files, label="signatures", file=sys.stderr) as bar:
         for file in bar:

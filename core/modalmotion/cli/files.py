@@ -12,7 +12,7 @@ import click
 
 from modalmotion.formats import Format, ReadOptions, read_sequence
 from modalmotion.formats.raw import RAW_TYPES
-from modalmotion.sequence import MEAN, MeshSequence, Reference
+from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 
 
 class GridShape(click.ParamType[tuple[int, ...]]):

@@ -61,6 +61,11 @@ class _Commands(click.Group):
     def _line(self, ctx: click.Context, name: str) -> str:
         if name in COMMANDS:
             return COMMANDS[name][1]
+        for entry in entry_points(group="modalmotion.commands", name=name):
+            # A distribution may keep its lines beside its commands, so that none is imported.
+            lines = getattr(import_module(entry.module.rpartition(".")[0]), "LINES", {})
+            if name in lines:
+                return str(lines[name])
         command = self.get_command(ctx, name)
         return "" if command is None else command.get_short_help_str(limit=80)
 

@@ -117,7 +117,7 @@ def train(
         model = fit(cases, name, chosen, bar)
     write_atomic(out, model_to_hdf5(model))
     if plot is not None:
-        from modalmotion.classify.card_picture import card_figure
+        from modalmotion.pictures.model_card import card_figure
 
         card_figure(model.card, name).savefig(plot)
     click.echo(card_lines(model.name, model.id, model.card))
@@ -153,7 +153,7 @@ def evaluate(
     said = {"unit": unit, "topology": topology}
     found = test(chosen, training_cases(files, chosen.signature_parameters, said), coverage)
     if plot is not None:
-        from modalmotion.classify.card_picture import measured_figure
+        from modalmotion.pictures.model_card import measured_figure
 
         measured_figure(
             title=f"{found.model}: {accuracy_text(found.accuracy, found.accuracy_interval)}, "
@@ -193,13 +193,13 @@ def classify(
 ) -> None:
     """Name the motion class of the sequence in FILE."""
     from modalmotion.classify import classify as ask
-    from modalmotion.signature import modal_signature
+    from modalmotion.signature.making import modal_signature
 
     chosen = model_named(model)
     sequence = read(source, grid=grid, topology=topology, **said)
     result = ask(modal_signature(sequence, chosen.signature_parameters), chosen, coverage)
     if plot is not None:
-        from modalmotion.classify.answer_picture import answer_figure
+        from modalmotion.pictures.classification import answer_figure
 
         answer_figure(result).savefig(plot)
     click.echo(answer_json(result) if as_json else answer_lines(result))

@@ -9,13 +9,18 @@ from typing import Any
 
 import click
 
-from modalmotion.body_frame import Components
 from modalmotion.cli.files import GridShape, ReferenceShape, read, sequence_argument
 from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts, volume_figure
 from modalmotion.errors import TopologyError
+from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.numerals import counted, numeral
-from modalmotion.sequence import MeshSequence, Reference
-from modalmotion.signature import INTENDED_USE, ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.making import (
+    INTENDED_USE,
+    ModalSignature,
+    SignatureParameters,
+    modal_signature,
+)
+from modalmotion.template.body_frame import Components
 
 
 @click.command()

@@ -8,12 +8,12 @@ from typing import Any
 
 import click
 
-from modalmotion.body_frame import Components
+from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.cli.analysis_commands import price_lines
 from modalmotion.cli.asking import asked_for, asking_options
 from modalmotion.cli.files import GridShape, read, sequence_argument
 from modalmotion.numerals import counted, numeral, with_article
-from modalmotion.signature_parameters import SignatureParameters
+from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import MOST_OF_FRONT, Tradeoff, measure_tradeoff
 from modalmotion.tradeoff.plain import as_plain
 
@@ -63,7 +63,7 @@ def tradeoff(
         components=None if only is None else (only,),
     )
     if plot is not None:
-        from modalmotion.tradeoff.picture import tradeoff_figure
+        from modalmotion.pictures.tradeoff import tradeoff_figure
 
         tradeoff_figure(found).savefig(plot)
     click.echo(json.dumps(as_plain(found), indent=2) if as_json else _lines(found))

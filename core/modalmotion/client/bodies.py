@@ -14,7 +14,7 @@ import numpy as np
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.npz import npz_arrays
-from modalmotion.sequence import MeshSequence
+from modalmotion.mesh.sequence import MeshSequence
 
 Progress = Callable[[int, int], None]
 """Called with the bytes sent so far and those to send in all."""

@@ -13,7 +13,7 @@ from modalmotion.client.jobs import Job, JobStatus, awaited
 from modalmotion.client.query import Option
 from modalmotion.errors import ParameterError, StoreError
 from modalmotion.formats.npz import read_npz
-from modalmotion.sequence import MeshSequence
+from modalmotion.mesh.sequence import MeshSequence
 
 T = TypeVar("T")
 

@@ -7,7 +7,7 @@ from modalmotion.client.bodies import Progress, Source, body_of
 from modalmotion.client.calls import NPZ, STREAM, Calls, sequence_of
 from modalmotion.client.connection import Call
 from modalmotion.client.query import Option, segment
-from modalmotion.sequence import MeshSequence
+from modalmotion.mesh.sequence import MeshSequence
 
 
 class CodecCalls(Calls):

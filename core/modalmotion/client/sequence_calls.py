@@ -12,7 +12,7 @@ from modalmotion.client.calls import Calls
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.jobs import Job, awaited
 from modalmotion.client.query import Option, segment
-from modalmotion.sequence import mesh_sequence
+from modalmotion.mesh.sequence import mesh_sequence
 
 
 class Unchanged(Enum):

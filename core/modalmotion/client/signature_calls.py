@@ -13,9 +13,9 @@ from modalmotion.client.connection import Answer, Call
 from modalmotion.client.errors import understood
 from modalmotion.client.jobs import Job
 from modalmotion.client.query import Option, plain, segment
-from modalmotion.comparison import Comparison
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature import ModalSignature
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.comparison import Comparison
+from modalmotion.signature.making import ModalSignature
 
 SURFACES: Final = {
     ".npz": NPZ,

@@ -1,7 +1,7 @@
 """What a clinician reads from a moving cavity: its volume over time and what it ejects."""
 
-from modalmotion.clinical.picture import volume_figure
 from modalmotion.clinical.readouts import ClinicalReadouts, clinical_readouts
 from modalmotion.clinical.volume_curve import VolumeCurve
+from modalmotion.pictures.readouts import volume_figure
 
 __all__ = ["ClinicalReadouts", "VolumeCurve", "clinical_readouts", "volume_figure"]

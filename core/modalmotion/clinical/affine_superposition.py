@@ -15,12 +15,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.basis import Basis
-from modalmotion.body_frame import Components, from_local, local_frames, to_local
-from modalmotion.fit import project
-from modalmotion.products import product, second_moments, weighted_sum
-from modalmotion.signature import ModalSignature
+from modalmotion.fit.basis import Basis
+from modalmotion.fit.fit import project
+from modalmotion.numeric.products import product, second_moments, weighted_sum
+from modalmotion.signature.making import ModalSignature
 from modalmotion.template import Template
+from modalmotion.template.body_frame import Components, from_local, local_frames, to_local
 
 # Floats of positions held at once.
 _BLOCK: Final = 500_000

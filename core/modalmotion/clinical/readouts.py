@@ -8,17 +8,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.basis import basis_of
 from modalmotion.clinical.affine_superposition import superposed_positions
 from modalmotion.clinical.volume_curve import VolumeCurve
 from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.fit.basis import basis_of
 from modalmotion.mesh import Cavity, cavity_of
+from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
+from modalmotion.modes.topology import PLANE
 from modalmotion.numerals import counted, numeral
-from modalmotion.reconstruction import fitted_on
-from modalmotion.sequence import MM_PER_UNIT, MeshSequence
-from modalmotion.signature import ModalSignature
+from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Template
-from modalmotion.topology import PLANE
 
 # Of the cube of the size: a surface that encloses less is a sheet, to rounding.
 _NOTHING: Final = 1e-9

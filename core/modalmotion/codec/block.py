@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arrays import FloatArray
-from modalmotion.codec.corrections import code_corrections
-from modalmotion.codec.entropy import Reader, Writer
-from modalmotion.codec.guard import Guards, code_guards
-from modalmotion.codec.matrix import code_matrix
-from modalmotion.codec.mixed_matrix import code_mixed_matrix
+from modalmotion.codec.bits.corrections import code_corrections
+from modalmotion.codec.bits.entropy import Reader, Writer
+from modalmotion.codec.bits.guard import Guards, code_guards
+from modalmotion.codec.bits.matrix import code_matrix
+from modalmotion.codec.bits.mixed_matrix import code_mixed_matrix
+from modalmotion.codec.bits.varint import read_varint, unzigzag, write_varint, zigzag
 from modalmotion.codec.quantiser import Quantiser
 from modalmotion.codec.spatial import Modes
 from modalmotion.codec.temporal import (
@@ -25,8 +25,8 @@ from modalmotion.codec.temporal import (
     closed_form_basis,
     restore_basis,
 )
-from modalmotion.codec.varint import read_varint, unzigzag, write_varint, zigzag
 from modalmotion.errors import MalformedFileError
+from modalmotion.mesh.checks import FloatArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -10,11 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.varint import read_varint, write_varint
+from modalmotion.codec.bits.varint import read_varint, write_varint
 from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.formats.limits import ReadLimits
-from modalmotion.sequence import MM_PER_UNIT
-from modalmotion.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology
+from modalmotion.mesh.sequence import MM_PER_UNIT
+from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology
 
 LARGEST_BLOCK: Final = 2**26
 """Coordinates of the largest block, unless a single frame has more."""

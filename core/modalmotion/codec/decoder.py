@@ -8,14 +8,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arrays import FloatArray
 from modalmotion.codec.block import HASH_BYTES, digest, read_block
+from modalmotion.codec.connectivity.faces import Grid, read_faces
 from modalmotion.codec.container import Header, read_header, read_section, skip_section
-from modalmotion.codec.faces import Grid, read_faces
-from modalmotion.codec.modes_section import STORED, read_modes
+from modalmotion.codec.modes.modes_section import STORED, read_modes
 from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.formats.limits import ReadLimits
-from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.checks import FloatArray
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
 DECODE_LIMITS = ReadLimits()
 

@@ -7,18 +7,18 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.codec.choice import Choice, choose
+from modalmotion.codec.connectivity.faces import write_faces
 from modalmotion.codec.container import LARGEST_BLOCK, Header, write_stream
 from modalmotion.codec.decoder import store_positions
 from modalmotion.codec.encoded import Encoded
-from modalmotion.codec.faces import write_faces
 from modalmotion.codec.frames import EncodedBlock, encode_frames
 from modalmotion.codec.measure import Errors, measure
-from modalmotion.codec.modes_section import STORED, write_modes
+from modalmotion.codec.modes.modes_section import STORED, write_modes
 from modalmotion.codec.progress import Progress, part_of, silent
 from modalmotion.codec.target import Effort, Measure, Target, require_target
+from modalmotion.codec.transforms import Choice, choose
 from modalmotion.errors import ParameterError
-from modalmotion.sequence import MeshSequence
+from modalmotion.mesh.sequence import MeshSequence
 
 LONGEST_BLOCK: Final = 512
 MOST_ROUNDS: Final = 14

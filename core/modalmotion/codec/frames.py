@@ -8,18 +8,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arrays import FloatArray
+from modalmotion.codec.bits.guard import Guards, find_guards
+from modalmotion.codec.bits.mixed_matrix import MOST_MIXED
 from modalmotion.codec.block import MOST_QUANTA, Block, positions_of, write_block
 from modalmotion.codec.blocking import Motion, Trial, attempt
-from modalmotion.codec.choice import Choice
-from modalmotion.codec.guard import Guards, find_guards
 from modalmotion.codec.measure import measure
-from modalmotion.codec.mixed_matrix import MOST_MIXED
+from modalmotion.codec.modes.patch_modes import SpringModes
 from modalmotion.codec.progress import Progress, part_of, silent
 from modalmotion.codec.search import coarsest, least
-from modalmotion.codec.spring_modes import SpringModes
 from modalmotion.codec.target import Effort, Measure, Target
 from modalmotion.codec.temporal import Temporal
+from modalmotion.codec.transforms import Choice
+from modalmotion.mesh.checks import FloatArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from modalmotion.arrays import FloatArray
+from modalmotion.mesh.checks import FloatArray
 
 
 @dataclass(frozen=True)

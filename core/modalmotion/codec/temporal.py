@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, linalg
 
-from modalmotion.codec.lattice_modes import turn, turn_back
+from modalmotion.codec.modes.lattice_modes import turn, turn_back
 from modalmotion.codec.quantiser import Quantiser
 
 Floats = NDArray[np.float64]

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from modalmotion.errors import MalformedFileError, StoreError
 from modalmotion.formats.hdf5_gate import open_gated
 from modalmotion.formats.limits import DEFAULT_LIMITS, ReadLimits
-from modalmotion.formats.parser_process import ParserProcess
-from modalmotion.formats.parser_tasks import Answer, Parsed, Parser
+from modalmotion.formats.parser.process import ParserProcess
+from modalmotion.formats.parser.tasks import Answer, Parsed, Parser
 from modalmotion.formats.result import ReadResult, Source
-from modalmotion.formats.vtkhdf import parse_vtkhdf
-from modalmotion.frame_order import in_time_order
-from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.formats.vtk.vtkhdf import parse_vtkhdf
+from modalmotion.mesh.frame_order import in_time_order
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
 _OURS: Final = "modalmotion."
 
@@ -66,7 +66,7 @@ def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
 
 
 def _parse_ours(data: bytes, limits: ReadLimits) -> Parsed:
-    from modalmotion.store.sequence_file import sequence_from_hdf5
+    from modalmotion.mesh.hdf5 import sequence_from_hdf5
 
     try:
         sequence = sequence_from_hdf5(data)

@@ -8,11 +8,11 @@ from typing import Final
 
 from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
-from modalmotion.formats.frame import Frame
+from modalmotion.formats.frames.frame import Frame
 from modalmotion.formats.obj import read_obj
 from modalmotion.formats.off import read_off
-from modalmotion.formats.parser_tasks import Parser
-from modalmotion.formats.ply import read_ply
+from modalmotion.formats.parser.tasks import Parser
+from modalmotion.formats.ply.ply import read_ply
 from modalmotion.formats.polygons import triangulate
 from modalmotion.formats.stl import read_stl
 

@@ -21,8 +21,8 @@ import numpy as np
 from modalmotion.errors import MalformedFileError, ShapeError
 from modalmotion.formats.limits import NO_LIMITS, ReadLimits
 from modalmotion.formats.result import ReadResult
-from modalmotion.frame_order import in_time_order
-from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.frame_order import in_time_order
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
 _KNOWN: Final = ("vertices", "faces", "grid", "topology", "times", "times_ms", "unit")
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.frame import Frame, space_in
+from modalmotion.formats.frames.frame import Frame, space_in
 from modalmotion.formats.limits import NO_LIMITS, ReadLimits
 from modalmotion.formats.polygons import offsets_of, triangulate
 from modalmotion.formats.text import line_blocks, parse_points

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from modalmotion.arrays import require_times
 from modalmotion.errors import ParameterError
 from modalmotion.formats.detect import Format
 from modalmotion.formats.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.formats.result import ReadResult
-from modalmotion.frame_order import in_time_order
-from modalmotion.topology import Topology
+from modalmotion.mesh.checks import require_times
+from modalmotion.mesh.frame_order import in_time_order
+from modalmotion.modes.topology import Topology
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.arrays import single_precision
 from modalmotion.errors import MalformedFileError, NonFiniteError, ParameterError
 from modalmotion.formats.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.formats.result import ReadResult
-from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.checks import single_precision
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
 RAW_TYPES: Final = {"float32": "<f4", "float64": "<f8"}
 """Types that raw numbers may have."""

@@ -5,18 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalmotion.errors import InputError, MalformedFileError
-from modalmotion.formats.archive import read_zip
 from modalmotion.formats.detect import Format, detect_format, unknown_format
-from modalmotion.formats.folder import is_pattern, read_folder
-from modalmotion.formats.frame_stack import FrameStack
-from modalmotion.formats.frames import Progress
+from modalmotion.formats.frames.archive import read_zip
+from modalmotion.formats.frames.folder import is_pattern, read_folder
+from modalmotion.formats.frames.frame_stack import FrameStack
+from modalmotion.formats.frames.frames import Progress
 from modalmotion.formats.gltf.reading import read_glb
 from modalmotion.formats.hdf5 import read_hdf5
 from modalmotion.formats.mesh_file import read_mesh
 from modalmotion.formats.npz import read_npz
 from modalmotion.formats.options import ReadOptions
-from modalmotion.formats.parser_process import ParserProcess
-from modalmotion.formats.parser_tasks import Parser
+from modalmotion.formats.parser.process import ParserProcess
+from modalmotion.formats.parser.tasks import Parser
 from modalmotion.formats.raw import read_raw
 from modalmotion.formats.result import ReadResult
 

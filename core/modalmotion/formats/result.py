@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from modalmotion.sequence import MeshSequence
+from modalmotion.mesh.sequence import MeshSequence
 
 Source = Literal["file", "format", "caller"]
 """Who says so: this file, the definition of its format, or whoever asked for it to be read."""

@@ -13,11 +13,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arrays import FloatArray
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.frame import Frame, space_in
+from modalmotion.formats.frames.frame import Frame, space_in
 from modalmotion.formats.limits import NO_LIMITS, ReadLimits
 from modalmotion.formats.text import line_blocks
+from modalmotion.mesh.checks import FloatArray
 
 _TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
 _HEADER_BYTES: Final = 84

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.topology import CLOSED, Topology
+from modalmotion.modes.topology import CLOSED, Topology
 
 
 def lattice_faces(topology: Topology, shape: tuple[int, ...]) -> NDArray[np.int64]:

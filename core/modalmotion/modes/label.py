@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.modes.separable import Separable, separate
-from modalmotion.topology import CLOSED, OPEN, POLE_OPEN, Topology
+from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, Topology
 
 # A wave has mean square 1/2 along each axis, or each wave vector of closed axes together.
 _SCALES: Final = np.sqrt([1.0, 2.0, 4.0, 8.0])

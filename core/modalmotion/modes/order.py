@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import LimitError, ModeCountError, ParameterError, ShapeError
 from modalmotion.modes.label import ModeSet, half_periods
-from modalmotion.topology import CLOSED, End, Topology
+from modalmotion.modes.topology import CLOSED, End, Topology
 
 # Squared reciprocal reference lengths times 121, as integers: axis 11/20, circumference 1,
 # and 1/10 for a third axis (the thickness of a wall).

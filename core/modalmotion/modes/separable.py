@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError, ParameterError
-from modalmotion.topology import CLOSED, Topology
+from modalmotion.modes.topology import CLOSED, Topology
 
 
 class Terms(NamedTuple):

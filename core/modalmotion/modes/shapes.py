@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.modes.label import ModeSet, scales_of
-from modalmotion.topology import CLOSED, End
+from modalmotion.modes.topology import CLOSED, End
 
 
 def shapes_at(modes: ModeSet, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:

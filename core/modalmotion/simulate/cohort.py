@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from modalmotion.errors import ParameterError
-from modalmotion.sequence import MeshSequence
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.simulate.classes import MotionClass, draw_parameters
 from modalmotion.simulate.parameters import VentricleParameters
 from modalmotion.simulate.pose import Pose, random_rotation

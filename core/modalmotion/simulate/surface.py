@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from modalmotion.errors import ParameterError
-from modalmotion.lattice import Lattice
 from modalmotion.mesh import lattice_faces
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP
 from modalmotion.simulate.spheroid import Spacing, Spheroid
-from modalmotion.topology import CUP
 
 _FEWEST_VERTICES: Final = 50
 _MOST_VERTICES: Final = 200_000

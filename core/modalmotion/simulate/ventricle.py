@@ -10,14 +10,14 @@ from scipy.optimize import brentq, minimize_scalar
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import Cavity
-from modalmotion.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.modes.topology import CUP
 from modalmotion.simulate.motion import Motion
 from modalmotion.simulate.parameters import VentricleParameters
 from modalmotion.simulate.pose import Pose
 from modalmotion.simulate.spheroid import Spacing, Spheroid
 from modalmotion.simulate.surface import Points, lattice_points, triangle_points
 from modalmotion.simulate.variation import random_field
-from modalmotion.topology import CUP
 
 # Correlation lengths of what is individual. With _FINE and 2 mm, 7, 18 and 37 modes leave
 # 1.1, 0.7 and 0.4 mm, as on a real ventricle; what runs late does so wall by wall.

@@ -1,20 +1,12 @@
 """Results kept in files: written wholly or not at all, found again, checked."""
 
-from modalmotion.store.analysis_file import export, is_pack, write_pack
-from modalmotion.store.atomic import write_atomic
-from modalmotion.store.backup import BackupReport, backup
-from modalmotion.store.classification_file import (
+from modalmotion.classify.answer.hdf5 import (
     classification_from_hdf5,
     classification_key,
     classification_to_hdf5,
 )
-from modalmotion.store.idempotency import IdempotencyKeys, IdempotentRequest
-from modalmotion.store.index import SequencePage
-from modalmotion.store.jobs import UNSET, Job, JobPage, Jobs, JobState, Unset
-from modalmotion.store.made import MadeSignature
-from modalmotion.store.maintenance import rebuild
-from modalmotion.store.model_file import KeptModel, kept_model, model_from_hdf5, model_to_hdf5
-from modalmotion.store.model_record import (
+from modalmotion.classify.model.hdf5 import KeptModel, kept_model, model_from_hdf5, model_to_hdf5
+from modalmotion.classify.model.record import (
     NAME_PATTERN,
     VERSION_PATTERN,
     ModelRecord,
@@ -22,13 +14,21 @@ from modalmotion.store.model_record import (
     parse_reference,
     require_model_name,
 )
+from modalmotion.exports.signature_pack import export, is_pack, write_pack
+from modalmotion.mesh.hdf5 import sequence_from_hdf5, sequence_to_hdf5
+from modalmotion.signature.hdf5 import signature_from_hdf5, signature_to_hdf5
+from modalmotion.store.care.backup import BackupReport, backup
+from modalmotion.store.care.maintenance import rebuild
+from modalmotion.store.care.recovery import Reconciliation
+from modalmotion.store.care.verification import Fault, VerifyReport, verify
+from modalmotion.store.disk.atomic import write_atomic
+from modalmotion.store.index.idempotency import IdempotencyKeys, IdempotentRequest
+from modalmotion.store.index.index import SequencePage
+from modalmotion.store.index.jobs import UNSET, Job, JobPage, Jobs, JobState, Unset
 from modalmotion.store.record import SequenceRecord, record_of, record_to_json
-from modalmotion.store.recovery import Reconciliation
 from modalmotion.store.results import ResultStore
-from modalmotion.store.sequence_file import sequence_from_hdf5, sequence_to_hdf5
-from modalmotion.store.signature_file import signature_from_hdf5, signature_to_hdf5
-from modalmotion.store.template_file import template_from_hdf5, template_to_hdf5
-from modalmotion.store.verification import Fault, VerifyReport, verify
+from modalmotion.store.staging import MadeSignature
+from modalmotion.template.hdf5 import template_from_hdf5, template_to_hdf5
 
 __all__ = [
     "NAME_PATTERN",

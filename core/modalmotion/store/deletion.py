@@ -7,9 +7,9 @@ opens the store next takes the remaining steps.
 from __future__ import annotations
 
 from modalmotion.errors import StoreError
-from modalmotion.store.atomic import cannot_write, remove_durably, sync_folder, write_atomic
+from modalmotion.store.disk.atomic import cannot_write, remove_durably, sync_folder, write_atomic
 from modalmotion.store.folder import Folder
-from modalmotion.store.index import Index
+from modalmotion.store.index.index import Index
 
 
 def begin_deletion(folder: Folder, sequence_id: str) -> None:

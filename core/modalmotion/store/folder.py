@@ -25,9 +25,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
+from modalmotion.classify.model.record import VERSION_PATTERN, ModelReference, is_model_name
 from modalmotion.errors import StoreError
-from modalmotion.store.atomic import is_temporary
-from modalmotion.store.model_record import VERSION_PATTERN, ModelReference, is_model_name
+from modalmotion.store.disk.atomic import is_temporary
 
 _ID: Final = "[0-9a-f]{64}"
 _KEY: Final = "[0-9a-f]{16}"

@@ -8,13 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+from modalmotion.classify.model.record import ModelRecord, ModelReference
 from modalmotion.errors import CorruptFileError, StoreError
-from modalmotion.store.atomic import remove_durably, write_atomic
-from modalmotion.store.cursor import now
+from modalmotion.hdf5.sealed import read_file
+from modalmotion.signature.hdf5 import parameters_as_json, parameters_from_json
+from modalmotion.store.disk.atomic import remove_durably, write_atomic
 from modalmotion.store.folder import Folder
-from modalmotion.store.model_record import ModelRecord, ModelReference
-from modalmotion.store.sealed import read_file
-from modalmotion.store.signature_file import parameters_as_json, parameters_from_json
+from modalmotion.store.index.cursor import now
 
 SCHEMA: Final = "modalmotion.deleted-model"
 SCHEMA_VERSION: Final = 1

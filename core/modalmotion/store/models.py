@@ -5,12 +5,7 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from modalmotion.classify.model import Model
-from modalmotion.errors import CorruptFileError, NotFoundError
-from modalmotion.store.contents import require_match
-from modalmotion.store.cursor import now
-from modalmotion.store.model_deletion import begin_model_deletion, finish_model_deletion
-from modalmotion.store.model_file import (
+from modalmotion.classify.model.hdf5 import (
     KeptModel,
     kept_model,
     model_from_hdf5,
@@ -18,13 +13,18 @@ from modalmotion.store.model_file import (
     numbered,
     read_kept_model,
 )
-from modalmotion.store.model_index import ModelIndex
-from modalmotion.store.model_record import (
+from modalmotion.classify.model.model import Model
+from modalmotion.classify.model.record import (
     ModelRecord,
     ModelReference,
     is_model_name,
     require_model_name,
 )
+from modalmotion.errors import CorruptFileError, NotFoundError
+from modalmotion.hdf5.contents import require_match
+from modalmotion.store.index.cursor import now
+from modalmotion.store.index.model_index import ModelIndex
+from modalmotion.store.model_deletion import begin_model_deletion, finish_model_deletion
 from modalmotion.store.opening import Opening
 
 

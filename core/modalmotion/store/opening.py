@@ -11,25 +11,25 @@ from types import TracebackType
 from typing import Final, Self, TypeVar
 
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
-from modalmotion.store.atomic import (
+from modalmotion.hdf5.contents import Contents, require_match
+from modalmotion.store.care.recovery import reconcile
+from modalmotion.store.deletion import finish_deletion
+from modalmotion.store.disk.atomic import (
     cannot_write,
     content_of,
     make_folder,
     put_back,
     write_atomic,
 )
-from modalmotion.store.contents import Contents, require_match
-from modalmotion.store.database import Database
-from modalmotion.store.deletion import finish_deletion
+from modalmotion.store.disk.group_commit import move_together, sync_together
+from modalmotion.store.disk.lock import FolderLock
 from modalmotion.store.folder import Folder
-from modalmotion.store.idempotency import IdempotencyKeys
-from modalmotion.store.index import Index
-from modalmotion.store.jobs import Jobs
-from modalmotion.store.lock import FolderLock
-from modalmotion.store.model_index import ModelIndex
-from modalmotion.store.recovery import reconcile
-from modalmotion.store.together import move_together, sync_together
-from modalmotion.store.traces import Traces
+from modalmotion.store.index.database import Database
+from modalmotion.store.index.idempotency import IdempotencyKeys
+from modalmotion.store.index.index import Index
+from modalmotion.store.index.jobs import Jobs
+from modalmotion.store.index.model_index import ModelIndex
+from modalmotion.store.index.traces import Traces
 
 _N_STRIPES: Final = 64
 

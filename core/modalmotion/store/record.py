@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.errors import CorruptFileError, ParameterError, StoreError
-from modalmotion.sequence import MeshSequence
-from modalmotion.store.sealed import read_file
+from modalmotion.hdf5.sealed import read_file
+from modalmotion.mesh.sequence import MeshSequence
 
-SCHEMA: Final = "modalmotion.sequence-record"
+SCHEMA: Final = "modalmotion.mesh.sequence-record"
 SCHEMA_VERSION: Final = 1
 LONGEST_NAME: Final = 200
 

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from modalmotion.classify.classification import Classification
+from modalmotion.classify.answer.classification import Classification
+from modalmotion.classify.answer.hdf5 import classification_to_hdf5, read_classification
 from modalmotion.errors import NotFoundError, StoreError
-from modalmotion.signature import ModalSignature
-from modalmotion.store.classification_file import classification_to_hdf5, read_classification
+from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
+from modalmotion.signature.hdf5 import read_signature, signature_to_hdf5
+from modalmotion.signature.making import ModalSignature
 from modalmotion.store.folder import ResultKind, ResultName, is_id, is_key
-from modalmotion.store.made import MadeSignature, Taken
 from modalmotion.store.models import ModelStore
-from modalmotion.store.sealed import digest_of, is_sound, load_sealed
-from modalmotion.store.signature_file import read_signature, signature_to_hdf5
+from modalmotion.store.staging import MadeSignature, Taken
 from modalmotion.store.templates import TemplateStore
 
 

@@ -8,16 +8,16 @@ from functools import partial
 from pathlib import Path
 
 from modalmotion.errors import NotFoundError
-from modalmotion.sequence import MeshSequence
-from modalmotion.store.cursor import now
+from modalmotion.hdf5.sealed import is_sound, load_sealed
+from modalmotion.mesh.hdf5 import read_sequence, sequence_to_hdf5
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.store.deletion import begin_deletion, finish_deletion
 from modalmotion.store.folder import is_id
-from modalmotion.store.index import SequencePage
-from modalmotion.store.jobs import UNSET, Unset
+from modalmotion.store.index.cursor import now
+from modalmotion.store.index.index import SequencePage
+from modalmotion.store.index.jobs import UNSET, Unset
 from modalmotion.store.opening import Opening, unknown_sequence
 from modalmotion.store.record import SequenceRecord, record_of, record_to_json, require_name
-from modalmotion.store.sealed import is_sound, load_sealed
-from modalmotion.store.sequence_file import read_sequence, sequence_to_hdf5
 
 
 class SequenceStore(Opening):

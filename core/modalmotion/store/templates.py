@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalmotion.errors import NotFoundError, StoreError
-from modalmotion.store.atomic import remove_durably
+from modalmotion.hdf5.sealed import is_sound, load_sealed
+from modalmotion.store.disk.atomic import remove_durably
 from modalmotion.store.folder import is_id
-from modalmotion.store.sealed import is_sound, load_sealed
 from modalmotion.store.sequences import SequenceStore
 
 

@@ -2,7 +2,7 @@
 
 from modalmotion.template.construction import make_template
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks
-from modalmotion.template.mode_choice import ModeChoice, choose_modes, frequencies_on
+from modalmotion.template.numbered_modes import ModeChoice, choose_modes, frequencies_on
 from modalmotion.template.template import (
     Template,
     Weights,

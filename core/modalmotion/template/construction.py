@@ -9,14 +9,18 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from modalmotion.errors import TopologyError
-from modalmotion.lattice import Lattice
 from modalmotion.mesh import lattice_faces
-from modalmotion.sequence import MEAN, MeshSequence, Reference
-from modalmotion.template.axis import degree
-from modalmotion.template.coordinates import Coordinates
-from modalmotion.template.cup import cup_coordinates
-from modalmotion.template.curve import curve_coordinates, curve_weights
-from modalmotion.template.cylinder import cylinder_coordinates
+from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+from modalmotion.template.coordinates.axis import degree
+from modalmotion.template.coordinates.cup import cup_coordinates
+from modalmotion.template.coordinates.curve import curve_coordinates, curve_weights
+from modalmotion.template.coordinates.cylinder import cylinder_coordinates
+from modalmotion.template.coordinates.plane import plane_coordinates
+from modalmotion.template.coordinates.sphere import sphere_coordinates
+from modalmotion.template.coordinates.torus import torus_coordinates
+from modalmotion.template.coordinates.value import Coordinates
 from modalmotion.template.landmarks import (
     GivenLandmarks,
     Landmarks,
@@ -25,14 +29,10 @@ from modalmotion.template.landmarks import (
 )
 from modalmotion.template.lattice_landmarks import lattice_landmarks
 from modalmotion.template.lengths import axis_lengths
-from modalmotion.template.plane import plane_coordinates
+from modalmotion.template.notes import notes_on_landmarks, notes_on_mesh
 from modalmotion.template.recognition import recognise, require_fit
-from modalmotion.template.remarks import notes_on_landmarks, notes_on_mesh
-from modalmotion.template.sphere import sphere_coordinates
 from modalmotion.template.surface import Surface, surface_of
 from modalmotion.template.template import Template, Weights, template_id
-from modalmotion.template.torus import torus_coordinates
-from modalmotion.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
 
 # Below this degree the natural coordinates give one name to too many places.
 _FOLDED = 0.8

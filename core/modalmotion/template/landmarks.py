@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
-from modalmotion.topology import Topology
+from modalmotion.modes.topology import Topology
 
 Place = int | tuple[float, float, float]
 """A vertex by its index, or a point in the coordinates of the reference frame."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.products import weighted_sum
+from modalmotion.modes.topology import CLOSED, Topology
+from modalmotion.numeric.products import weighted_sum
 from modalmotion.template.landmarks import Landmarks
 from modalmotion.template.surface import Surface
-from modalmotion.topology import CLOSED, Topology
 
 
 def lattice_landmarks(

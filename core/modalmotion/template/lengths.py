@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh import face_areas, face_gradients
-from modalmotion.template.axis import corner_steps
-from modalmotion.template.curve import step_lengths
+from modalmotion.modes.topology import CLOSED, End, Topology
+from modalmotion.template.coordinates.axis import corner_steps
+from modalmotion.template.coordinates.curve import step_lengths
 from modalmotion.template.surface import Surface
-from modalmotion.topology import CLOSED, End, Topology
 
 
 def axis_lengths(

@@ -8,9 +8,9 @@ import numpy as np
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import oriented_faces
-from modalmotion.template.cup import FAINT_AXIS, axis_strength, is_flat
+from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+from modalmotion.template.coordinates.cup import FAINT_AXIS, axis_strength, is_flat
 from modalmotion.template.surface import Surface
-from modalmotion.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
 
 # Triangles of a hemisphere miss this share of it, and more.
 _HEMISPHERE = 0.05

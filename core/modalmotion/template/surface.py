@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh import Connectivity, connectivity_of, vertex_areas
-from modalmotion.products import weighted_sum
+from modalmotion.numeric.products import weighted_sum
 
 
 @dataclass(frozen=True, eq=False)

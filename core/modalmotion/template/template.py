@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.sequence import MeshSequence, Reference
+from modalmotion.mesh.sequence import MeshSequence, Reference
+from modalmotion.modes.topology import Topology
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks
-from modalmotion.topology import Topology
 
 # Changes with everything that changes coordinates, so that no old template answers for a new one.
 _SCHEMA = 2

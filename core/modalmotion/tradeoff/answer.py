@@ -8,18 +8,18 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.basis import make_basis
-from modalmotion.body_frame import Components
+from modalmotion.choice.fitted_motion import fit_with
 from modalmotion.choice.harmonics import harmonics_of, require_harmonics
 from modalmotion.choice.limit import limit_of, require_unit
-from modalmotion.choice.model import fit_with
 from modalmotion.choice.noise import Noise
+from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.choice.scene import Scene, scene_of
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature import modal_signature, resolve_sequence, resolve_template
-from modalmotion.signature_parameters import SignatureParameters
+from modalmotion.fit.basis import make_basis
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.making import modal_signature, resolve_sequence, resolve_template
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.template import Template, choose_modes
+from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff.chosen import Chosen, fewest_numbers, of_signature
 from modalmotion.tradeoff.front import MOST_OF_FRONT, Branch, Front, measure_front
 

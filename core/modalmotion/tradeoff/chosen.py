@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 
 from modalmotion.choice.limit import simplest
+from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureParameters
 from modalmotion.choice.scene import NUMBERS, LinearMotion, Scene, SceneKind
 from modalmotion.errors import ToleranceError
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature import modal_signature
-from modalmotion.signature_parameters import ErrorKind, ModeOrder, SignatureParameters
-from modalmotion.signature_value import ModalSignature
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.making import modal_signature
+from modalmotion.signature.value import ModalSignature
 from modalmotion.template import Template
 from modalmotion.tradeoff.front import Branch, Front
 from modalmotion.tradeoff.price import Price, price_of, priced

@@ -7,18 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.body_frame import Components
 from modalmotion.choice.energies import energies_of
 from modalmotion.choice.energy_order import by_energy
+from modalmotion.choice.fitted_motion import fit_with
 from modalmotion.choice.harmonics import harmonics_of, n_functions
-from modalmotion.choice.ladder import ladder_of
-from modalmotion.choice.model import fit_with
+from modalmotion.choice.nested_sets import ladder_of
+from modalmotion.choice.parameters import ModeOrder, SignatureParameters
 from modalmotion.errors import InputError
-from modalmotion.sequence import MeshSequence
-from modalmotion.signature import resolve_sequence, resolve_template
-from modalmotion.signature_parameters import ModeOrder, SignatureParameters
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.modes.topology import CUP, CYLINDER, PLANE, Topology
+from modalmotion.signature.making import resolve_sequence, resolve_template
 from modalmotion.template import Template
-from modalmotion.topology import CUP, CYLINDER, PLANE, Topology
+from modalmotion.template.body_frame import Components
 
 MOST_OF_FRONT = 111
 """Modes that a front reaches to unless more are asked for."""

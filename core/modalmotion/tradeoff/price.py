@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from modalmotion.choice.harmonics import n_functions
-from modalmotion.sequence import MM_PER_UNIT
-from modalmotion.signature_value import ModalSignature
+from modalmotion.mesh.sequence import MM_PER_UNIT
+from modalmotion.signature.value import ModalSignature
 
 
 @dataclass(frozen=True)

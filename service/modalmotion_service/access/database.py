@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from modalmotion.errors import CorruptFileError, StoreError
-from modalmotion.store.atomic import sync_folder
+from modalmotion.store.disk.atomic import sync_folder
 
 
 def open_database(path: Path, tables: Sequence[str], version: int) -> sqlite3.Connection:

@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from modalmotion.errors import NotFoundError, ParameterError
-from modalmotion.store.cursor import now, to_text
+from modalmotion.store.index.cursor import now, to_text
 from modalmotion_service.access.database import explained, open_database
 from modalmotion_service.access.principal import Principal, require_owner
 from modalmotion_service.access.scopes import Scope

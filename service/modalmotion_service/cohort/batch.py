@@ -7,7 +7,7 @@ from pathlib import Path
 
 from modalmotion.errors import ModalMotionError
 from modalmotion.formats import ParserHere, ReadOptions, read_sequence
-from modalmotion.signature import SignatureParameters, modal_signature
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import (
     SequenceRecord,
     record_of,
@@ -16,7 +16,7 @@ from modalmotion.store import (
     signature_to_hdf5,
     template_from_hdf5,
 )
-from modalmotion.store.together import FilesTogether
+from modalmotion.store.disk.group_commit import FilesTogether
 
 
 @dataclass(frozen=True)

@@ -15,16 +15,16 @@ from typing import Any
 
 from modalmotion.errors import ModalMotionError, NotFoundError
 from modalmotion.formats import ReadOptions
-from modalmotion.signature import SignatureParameters
+from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import MadeSignature, ResultStore, write_atomic
-from modalmotion.store.cursor import now
+from modalmotion.store.index.cursor import now
 from modalmotion_service.cohort.batch import Item, Refused, Signed, sign_batch
 from modalmotion_service.cohort.ledger import Done, Ledger, stamp_of
 from modalmotion_service.cohort.manifest import Entry
 from modalmotion_service.errors import ClusterError
-from modalmotion_service.executor import Engine
-from modalmotion_service.spool import Spool
-from modalmotion_service.tasks.templates import make_template
+from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.tasks.templates import make_template
+from modalmotion_service.workspace.spool import Spool
 
 MOST_IN_BATCH = 16
 # Batches that wait at a worker while one is at work, so that it is never idle.

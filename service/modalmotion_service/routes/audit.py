@@ -8,8 +8,8 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request
 from pydantic import BaseModel, ConfigDict, Field
 
-from modalmotion_service.access.gate import Access
-from modalmotion_service.openapi_parts import PROBLEMS
+from modalmotion_service.http.gate import Access
+from modalmotion_service.routes.parts.openapi_parts import PROBLEMS
 from modalmotion_service.schemas.access import AuditEntryAnswer, AuditPageAnswer
 
 router = APIRouter(prefix="/v1/audit", tags=["audit"], responses=PROBLEMS)

@@ -7,17 +7,21 @@ import asyncio
 from fastapi import APIRouter, Response
 
 from modalmotion.store import Job
-from modalmotion_service.deferral import accepted, result_or_job
-from modalmotion_service.dependencies import PreferenceDependency, State, StateDependency
-from modalmotion_service.models import KeptClassification
-from modalmotion_service.once import IdempotencyKey, once
-from modalmotion_service.openapi_parts import ACCEPTED, PROBLEMS
+from modalmotion_service.routes.parts.deferral import accepted, result_or_job
+from modalmotion_service.routes.parts.dependencies import (
+    PreferenceDependency,
+    State,
+    StateDependency,
+)
+from modalmotion_service.routes.parts.idempotency import IdempotencyKey, once
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, PROBLEMS
 from modalmotion_service.schemas import (
     ClassificationAnswer,
     ClassificationList,
     ClassificationRequest,
     SequenceId,
 )
+from modalmotion_service.workspace.models import KeptClassification
 
 router = APIRouter(prefix="/v1/sequences", tags=["classifications"], responses=PROBLEMS)
 

@@ -7,15 +7,15 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
-from modalmotion_service.analysis import Upload
-from modalmotion_service.dependencies import StateDependency, UploadDependency
-from modalmotion_service.openapi_parts import PROBLEMS, UPLOAD_BODY
+from modalmotion_service.routes.parts.dependencies import StateDependency, UploadDependency
+from modalmotion_service.routes.parts.openapi_parts import PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import (
     ClassificationAnswer,
     ClassificationRequest,
     ReadingQuery,
     UploadClassificationAnswer,
 )
+from modalmotion_service.workspace.analysis import Upload
 
 router = APIRouter(prefix="/v1", tags=["classifications"], responses=PROBLEMS)
 

@@ -12,16 +12,16 @@ from starlette.responses import FileResponse
 
 from modalmotion.errors import ParameterError
 from modalmotion.store import Job
-from modalmotion_service.analysis import Upload
-from modalmotion_service.deferral import accepted, result_or_job
-from modalmotion_service.dependencies import (
+from modalmotion_service.http.negotiation import NPZ, RAW, STREAM, VTKHDF, best_type
+from modalmotion_service.routes.parts.deferral import accepted, result_or_job
+from modalmotion_service.routes.parts.dependencies import (
     PreferenceDependency,
     StateDependency,
     UploadDependency,
 )
-from modalmotion_service.negotiation import NPZ, RAW, STREAM, VTKHDF, best_type
-from modalmotion_service.openapi_parts import ACCEPTED, BINARY, PROBLEMS, UPLOAD_BODY
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import EncodedAnswer, EncodingTarget, ReadingQuery, SequenceId
+from modalmotion_service.workspace.analysis import Upload
 
 router = APIRouter(prefix="/v1", tags=["codec"], responses=PROBLEMS)
 

@@ -7,9 +7,9 @@ import asyncio
 from fastapi import APIRouter, Request
 from starlette.responses import HTMLResponse
 
-from modalmotion_service.documentation.page import render
-from modalmotion_service.documentation.style import CSS
-from modalmotion_service.security_headers import policy_with_style
+from modalmotion_service.contract.documentation.page import render
+from modalmotion_service.contract.documentation.style import CSS
+from modalmotion_service.http.security_headers import policy_with_style
 
 router = APIRouter(tags=["operation"])
 

@@ -6,7 +6,7 @@ from importlib.metadata import version
 
 from fastapi import APIRouter, Request
 
-from modalmotion_service.readiness import require_ready
+from modalmotion_service.monitoring.readiness import require_ready
 from modalmotion_service.schemas import Health
 
 router = APIRouter(prefix="/health", tags=["health"])

@@ -10,9 +10,9 @@ from starlette.responses import FileResponse
 
 from modalmotion.errors import NotFoundError
 from modalmotion.store import JobState
-from modalmotion_service.dependencies import StateDependency
-from modalmotion_service.negotiation import HDF5, NPZ
-from modalmotion_service.openapi_parts import BINARY, PROBLEMS
+from modalmotion_service.http.negotiation import HDF5, NPZ
+from modalmotion_service.routes.parts.dependencies import StateDependency
+from modalmotion_service.routes.parts.openapi_parts import BINARY, PROBLEMS
 from modalmotion_service.schemas import JobAnswer, JobId, JobPageAnswer
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"], responses=PROBLEMS)

@@ -11,10 +11,9 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Request
 
-from modalmotion_service.dependencies import StateDependency
-from modalmotion_service.models import Models
-from modalmotion_service.openapi_parts import PROBLEMS
 from modalmotion_service.routes import health
+from modalmotion_service.routes.parts.dependencies import StateDependency
+from modalmotion_service.routes.parts.openapi_parts import PROBLEMS
 from modalmotion_service.schemas.kserve import (
     ModelMetadata,
     ModelReady,
@@ -23,6 +22,7 @@ from modalmotion_service.schemas.kserve import (
     ServerReady,
     TensorMetadata,
 )
+from modalmotion_service.workspace.models import Models
 
 router = APIRouter(prefix="/v2", tags=["KServe v2"])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from modalmotion_service.dependencies import StateDependency
+from modalmotion_service.routes.parts.dependencies import StateDependency
 
 router = APIRouter(prefix="/v1", tags=["limits"])
 

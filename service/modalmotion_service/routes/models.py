@@ -10,14 +10,13 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion.classify import TrainingOptions, available_models
 from modalmotion.store import ModelRecord, model_to_hdf5, require_model_name
-from modalmotion.store.cursor import from_cursor, to_cursor
-from modalmotion_service.conditional import is_known, not_modified, tag_of
-from modalmotion_service.deferral import accepted
-from modalmotion_service.dependencies import State, StateDependency
-from modalmotion_service.models import ChosenModel, shipped_name
-from modalmotion_service.negotiation import HDF5, JSON, PNG, best_type
-from modalmotion_service.once import IdempotencyKey, once
-from modalmotion_service.openapi_parts import ACCEPTED, BINARY, PROBLEMS
+from modalmotion.store.index.cursor import from_cursor, to_cursor
+from modalmotion_service.http.conditional import is_known, not_modified, tag_of
+from modalmotion_service.http.negotiation import HDF5, JSON, PNG, best_type
+from modalmotion_service.routes.parts.deferral import accepted
+from modalmotion_service.routes.parts.dependencies import State, StateDependency
+from modalmotion_service.routes.parts.idempotency import IdempotencyKey, once
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.schemas import (
     ModelAnswer,
     ModelName,
@@ -26,8 +25,9 @@ from modalmotion_service.schemas import (
     ModelVersion,
     TrainingRequest,
 )
-from modalmotion_service.spool import SpooledUpload
-from modalmotion_service.training_set import look_up, write_cases
+from modalmotion_service.workspace.models import ChosenModel, shipped_name
+from modalmotion_service.workspace.spool import SpooledUpload
+from modalmotion_service.workspace.training_set import look_up, write_cases
 
 router = APIRouter(prefix="/v1/models", tags=["models"], responses=PROBLEMS)
 

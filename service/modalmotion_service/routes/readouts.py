@@ -6,10 +6,10 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response
 
-from modalmotion_service.conditional import is_known, not_modified, tag_of
-from modalmotion_service.dependencies import StateDependency
-from modalmotion_service.negotiation import JSON, PNG, best_type
-from modalmotion_service.openapi_parts import BINARY, PROBLEMS
+from modalmotion_service.http.conditional import is_known, not_modified, tag_of
+from modalmotion_service.http.negotiation import JSON, PNG, best_type
+from modalmotion_service.routes.parts.dependencies import StateDependency
+from modalmotion_service.routes.parts.openapi_parts import BINARY, PROBLEMS
 from modalmotion_service.schemas import ReadoutsAnswer, SequenceId, SignatureQuery
 
 router = APIRouter(prefix="/v1", tags=["read-outs"], responses=PROBLEMS)

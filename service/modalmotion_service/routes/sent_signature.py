@@ -6,13 +6,13 @@ from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Request, Response
 
-from modalmotion_service.analysis import Upload
-from modalmotion_service.dependencies import StateDependency, UploadDependency
-from modalmotion_service.negotiation import HDF5, JSON, NPZ, PNG, RAW, best_type
-from modalmotion_service.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
-from modalmotion_service.query import described, header, read_once
+from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, RAW, best_type
+from modalmotion_service.http.query import described, header, read_once
+from modalmotion_service.routes.parts.dependencies import StateDependency, UploadDependency
+from modalmotion_service.routes.parts.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.routes.templates import TemplateQuery
 from modalmotion_service.schemas import SignatureAnswer
+from modalmotion_service.workspace.analysis import Upload
 
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 

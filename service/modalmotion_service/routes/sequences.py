@@ -9,18 +9,16 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion.store import UNSET, Job
-from modalmotion_service.analysis import Upload
-from modalmotion_service.conditional import is_known, not_modified, tag_of
-from modalmotion_service.deferral import accepted, result_or_job
-from modalmotion_service.dependencies import (
+from modalmotion_service.http.conditional import is_known, not_modified, tag_of
+from modalmotion_service.routes.parts.deferral import accepted, result_or_job
+from modalmotion_service.routes.parts.dependencies import (
     PreferenceDependency,
     StateDependency,
     StoreDependency,
     UploadDependency,
 )
-from modalmotion_service.erasure import erase
-from modalmotion_service.once import IdempotencyKey, once
-from modalmotion_service.openapi_parts import ACCEPTED, PROBLEMS, UPLOAD_BODY
+from modalmotion_service.routes.parts.idempotency import IdempotencyKey, once
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import (
     SequenceId,
     SequenceNames,
@@ -28,6 +26,8 @@ from modalmotion_service.schemas import (
     SequenceSummary,
     UploadQuery,
 )
+from modalmotion_service.workspace.analysis import Upload
+from modalmotion_service.workspace.erasure import erase
 
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=PROBLEMS)
 

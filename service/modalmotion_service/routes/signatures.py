@@ -11,14 +11,14 @@ from starlette.background import BackgroundTask
 from starlette.responses import FileResponse
 
 from modalmotion.errors import LimitError
+from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion.store import Job
-from modalmotion.superposed import SurfaceFormat
-from modalmotion_service.access.gate import note_ids
-from modalmotion_service.conditional import is_known, not_modified, tag_of
-from modalmotion_service.deferral import accepted, result_or_job
-from modalmotion_service.dependencies import PreferenceDependency, StateDependency
-from modalmotion_service.negotiation import GLB, HDF5, JSON, NPZ, PNG, VTKHDF, ZIP, best_type
-from modalmotion_service.openapi_parts import ACCEPTED, BINARY, PROBLEMS
+from modalmotion_service.http.conditional import is_known, not_modified, tag_of
+from modalmotion_service.http.gate import note_ids
+from modalmotion_service.http.negotiation import GLB, HDF5, JSON, NPZ, PNG, VTKHDF, ZIP, best_type
+from modalmotion_service.routes.parts.deferral import accepted, result_or_job
+from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.schemas import (
     DistanceAnswer,
     ManySignatures,

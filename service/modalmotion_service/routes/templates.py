@@ -7,11 +7,10 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response
 
-from modalmotion_service.analysis import Upload
-from modalmotion_service.conditional import is_known, not_modified, tag_of
-from modalmotion_service.dependencies import StateDependency, UploadDependency
-from modalmotion_service.negotiation import JSON, PNG, best_type
-from modalmotion_service.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
+from modalmotion_service.http.conditional import is_known, not_modified, tag_of
+from modalmotion_service.http.negotiation import JSON, PNG, best_type
+from modalmotion_service.routes.parts.dependencies import StateDependency, UploadDependency
+from modalmotion_service.routes.parts.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import (
     ReadingQuery,
     SequenceId,
@@ -19,6 +18,7 @@ from modalmotion_service.schemas import (
     TemplateAnswer,
     TemplateList,
 )
+from modalmotion_service.workspace.analysis import Upload
 
 router = APIRouter(prefix="/v1/templates", tags=["templates"], responses=PROBLEMS)
 

@@ -9,15 +9,15 @@ from pydantic import Field
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse
 
-from modalmotion.body_frame import Components
-from modalmotion.signature_parameters import MOST_MODES, SignatureParameters
+from modalmotion.choice.parameters import MOST_MODES, SignatureParameters
 from modalmotion.store import Job
+from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import MOST_OF_FRONT
-from modalmotion_service.conditional import is_known, not_modified, tag_of
-from modalmotion_service.deferral import accepted, result_or_job
-from modalmotion_service.dependencies import PreferenceDependency, StateDependency
-from modalmotion_service.negotiation import JSON, PNG, best_type
-from modalmotion_service.openapi_parts import ACCEPTED, BINARY, PROBLEMS
+from modalmotion_service.http.conditional import is_known, not_modified, tag_of
+from modalmotion_service.http.negotiation import JSON, PNG, best_type
+from modalmotion_service.routes.parts.deferral import accepted, result_or_job
+from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.schemas import SequenceId, SignatureQuery, TradeoffAnswer
 
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)

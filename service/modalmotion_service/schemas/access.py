@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, Field
 
-from modalmotion_service.access.audit_entry import AuditEntry
+from modalmotion_service.audit.entry import AuditEntry
 
 
 class AuditEntryAnswer(BaseModel):

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, FailFast, Field, StringConstraints
 
 from modalmotion.classify import ModelCard, TrainingOptions
+from modalmotion.signature.hdf5 import parameters_as_json
 from modalmotion.store import NAME_PATTERN, VERSION_PATTERN, KeptModel, ModelRecord
-from modalmotion.store.signature_file import parameters_as_json
 from modalmotion_service.schemas.fields import JsonBody, SequenceId
 
 ModelName = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]

@@ -6,12 +6,17 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, FailFast, Field
 
-from modalmotion.body_frame import Components
+from modalmotion.choice.parameters import ErrorKind, ModeOrder
+from modalmotion.mesh.spring_modes import SpringLabel
 from modalmotion.modes import ModeLabel
-from modalmotion.signature import INTENDED_USE, MOST_MODES, ModalSignature, SignatureParameters
-from modalmotion.signature_parameters import ErrorKind, ModeOrder
-from modalmotion.spring_modes import SpringLabel
+from modalmotion.signature.making import (
+    INTENDED_USE,
+    MOST_MODES,
+    ModalSignature,
+    SignatureParameters,
+)
 from modalmotion.template import GivenLandmarks, Landmarks, Weights
+from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import price_of
 from modalmotion_service.schemas.fields import (
     GRID,

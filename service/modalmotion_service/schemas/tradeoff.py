@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pydantic import BaseModel, Field
 
-from modalmotion.body_frame import Components
 from modalmotion.choice.scene import SceneKind
+from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import Price
 
 

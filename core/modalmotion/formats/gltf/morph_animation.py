@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
-from modalmotion.topology import Topology
+from modalmotion.modes.topology import Topology
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from modalmotion.formats.gltf.meshes import MorphMesh, read_morph_mesh
 from modalmotion.formats.gltf.scene import MeshNode, mesh_nodes, transform_at
 from modalmotion.formats.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.formats.result import ReadResult, Source
-from modalmotion.sequence import mesh_sequence
+from modalmotion.mesh.sequence import mesh_sequence
 
 OURS: Final = "modalmotion"
 """Name under which a file of ours keeps unit and times in the extras of its asset."""

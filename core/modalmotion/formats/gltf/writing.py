@@ -7,12 +7,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.arrays import single_precision
 from modalmotion.errors import ParameterError
 from modalmotion.formats.gltf.container import write_container
 from modalmotion.formats.gltf.morph_animation import MorphAnimation
 from modalmotion.formats.gltf.quaternions import to_quaternions
 from modalmotion.formats.gltf.reading import OURS
+from modalmotion.mesh.checks import single_precision
 
 FRAMES_PER_SECOND: Final = 25.0
 """At which frames without times play; the format has no animation without seconds."""

@@ -1,0 +1,84 @@
+"""The mean shape of a sequence: a reference that does not depend on where a recording starts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.alignment.displacements import aligned, position_blocks
+from modalmotion.alignment.reference_shape import ReferenceShape
+from modalmotion.mesh import lattice_faces, vertex_areas
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.template.coordinates.curve import curve_weights
+
+# Each brings the mean that is reached from two starts a hundred times nearer.
+_N_ROUNDS: Final = 3
+
+
+def mean_shape(sequence: MeshSequence) -> NDArray[np.float64]:
+    """Mean of all frames, each turned and not moved onto it.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+
+    Returns
+    -------
+    (vertices, 3) float64, in the sequence's unit
+        Turned as frame 0 is; its centroid is the mean of the frames'. A sequence in which
+        nothing moves has frame 0 itself, to the last bit.
+
+    Notes
+    -----
+    Gower, Generalized Procrustes analysis, Psychometrika, 1975, without reflection and without
+    scaling; vertices count by their area on the mean shape.
+    """
+    if _ends_as_it_began(sequence):
+        # A frame that is there twice counts once.
+        times = None if sequence.times is None else sequence.times[:-1]
+        sequence = replace(sequence, vertices=sequence.vertices[:-1], times=times)
+    mean: NDArray[np.float64] = sequence.vertices[0].astype(np.float64)
+    for _ in range(_N_ROUNDS):
+        shape = ReferenceShape.at(sequence, _shares(sequence, mean), mean)
+        step = np.zeros_like(mean.T)
+        for block in position_blocks(sequence, shape, mean):
+            u, _ = aligned(block, shape, remove_rotation=True)
+            step += u.sum(axis=0)
+        if not step.any():
+            break
+        mean = mean + step.T * (shape.scale / sequence.n_frames)
+    return mean
+
+
+def _ends_as_it_began(sequence: MeshSequence) -> bool:
+    """Whether the last frame repeats the first, and not because nothing moves then."""
+    x = sequence.vertices
+    return (
+        sequence.n_frames > 3
+        and np.array_equal(x[0], x[-1])
+        and not np.array_equal(x[0], x[1])
+        and not np.array_equal(x[-2], x[-1])
+    )
+
+
+def _shares(sequence: MeshSequence, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share of each vertex in the surface, or in the curve; all alike where there is neither."""
+    topology, faces, grid = sequence.topology, sequence.faces, sequence.grid
+    sizes = np.ones(len(positions))
+    # Near size 1 no square is lost, whatever the unit.
+    extent = float(np.ptp(positions, axis=0).max(initial=0.0))
+    scaled = (positions - positions[0]) / extent if extent > 0 else positions
+    if topology is not None and topology.n_axes == 1:
+        sizes = curve_weights(scaled, topology)
+    elif not len(faces) and grid is not None and topology is not None and topology.n_axes == 2:
+        faces = lattice_faces(topology, grid) if min(grid) > 1 else faces
+    if len(faces):
+        sizes = vertex_areas(scaled, faces)
+    total = float(sizes.sum())
+    if not total > 0:
+        return np.full(len(sizes), 1.0 / len(sizes))
+    shares: NDArray[np.float64] = sizes / total
+    return shares

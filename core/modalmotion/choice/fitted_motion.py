@@ -1,0 +1,174 @@
+"""A fitted motion: amplitudes of some modes, limited as was asked for, and what they leave."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.alignment.displacements import no_rotations
+from modalmotion.choice.harmonics import harmonics_of, require_harmonics
+from modalmotion.choice.parameters import ErrorKind, SignatureParameters
+from modalmotion.choice.reason import ModelChoice
+from modalmotion.choice.scene import LinearMotion
+from modalmotion.fit.basis import Basis, make_basis
+from modalmotion.fit.fit import Fit, fit_sequence
+from modalmotion.fit.superposition import Superposition, measured
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh.spring_modes import SpringModes
+from modalmotion.modes import ModeSet
+from modalmotion.template import Template
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Amplitudes of a set of modes, with their true error.
+
+    Parameters
+    ----------
+    modes : ModeSet or SpringModes
+    fit : Fit
+        Its errors are those of these amplitudes.
+    condition : float
+    choice : ModelChoice or None
+        What decided on the modes, where their number was not stated.
+    notes : tuple of str
+    """
+
+    modes: ModeSet | SpringModes
+    fit: Fit
+    condition: float
+    choice: ModelChoice | None = None
+    notes: tuple[str, ...] = ()
+
+    def error(self, kind: ErrorKind) -> float:
+        """Give the error that a tolerance is about, length unit."""
+        if kind == ErrorKind.MAX:
+            return float(self.fit.max_errors.max())
+        return root_mean_square(self.fit.rms_errors)
+
+
+def fit_model(
+    sequence: MeshSequence,
+    template: Template,
+    modes: ModeSet | SpringModes,
+    asked: SignatureParameters,
+    *,
+    normal: tuple[float, float, float] | None = None,
+    basis: Basis | None = None,
+) -> Model:
+    """Fit modes to a sequence, their paths limited to harmonics and to a plane if asked to.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    template : Template
+    modes : ModeSet or SpringModes
+    asked : SignatureParameters
+    normal : tuple of float, optional
+        Direction that is left out of all amplitudes, which must be along x, y, z.
+    basis : Basis, optional
+        The modes, factored before.
+
+    Raises
+    ------
+    ModeCountError
+        If the surface cannot tell that many modes apart.
+    ParameterError
+        If the frames tell fewer harmonics apart than are asked for.
+    """
+    basis = make_basis(template, modes) if basis is None else basis
+    fit = fit_with(sequence, template, basis, asked)
+    model = Model(modes, fit, basis.condition)
+    amplitudes = fit.amplitudes
+    if asked.harmonics is not None:
+        functions = harmonics_of(sequence.n_frames, sequence.times)
+        require_harmonics(asked.harmonics, functions)
+        amplitudes = functions.limited(amplitudes, asked.harmonics)
+    if normal is not None:
+        n = np.array(normal)
+        amplitudes = amplitudes - (amplitudes @ n)[:, :, None] * n
+    if amplitudes is fit.amplitudes:
+        return model
+    return remeasured(sequence, template, model, basis, amplitudes, asked)
+
+
+def remeasured(
+    sequence: MeshSequence,
+    template: Template,
+    model: Model,
+    basis: Basis,
+    amplitudes: NDArray[np.float64],
+    asked: SignatureParameters,
+) -> Model:
+    """Give a model other amplitudes, with the errors that they leave."""
+    on = Superposition.on(
+        sequence, template, basis.shapes, reference=asked.reference, components=asked.components
+    )
+    errors = measured(
+        sequence, template, on, amplitudes, model.fit.rotations, model.fit.translations
+    )
+    fit = replace(
+        model.fit,
+        amplitudes=amplitudes,
+        rms_errors=errors.rms,
+        p95_errors=errors.p95,
+        max_errors=errors.max,
+    )
+    return replace(model, fit=fit)
+
+
+def static_model(
+    sequence: MeshSequence,
+    template: Template,
+    modes: ModeSet | SpringModes,
+    static: LinearMotion,
+    asked: SignatureParameters,
+) -> Model:
+    """Model in which nothing moves: zeros, and the motion that is left out as its error."""
+    basis = make_basis(template, modes)
+    fit = replace(
+        fit_with(sequence, template, basis, asked),
+        rotations=no_rotations(sequence.n_frames),
+        translations=static.shifts,
+    )
+    still = Model(modes, fit, basis.condition)
+    zeros = np.zeros_like(fit.amplitudes)
+    return remeasured(sequence, template, still, basis, zeros, asked)
+
+
+def fit_with(
+    sequence: MeshSequence, template: Template, basis: Basis, asked: SignatureParameters
+) -> Fit:
+    """Fit a basis as the parameters say."""
+    return fit_sequence(
+        sequence,
+        template,
+        basis,
+        reference=asked.reference,
+        remove_rotation=asked.remove_rotation,
+        components=asked.components,
+    )
+
+
+def closure_gap(amplitudes: NDArray[np.float64]) -> float:
+    """Distance of the last frame's amplitudes from the first's, over the usual step.
+
+    Near 1 for one turn of a cycle whose next frame would be the first, 0 where the last
+    frame repeats the first, large for a movement that does not come back; 0 without motion.
+    """
+    largest = float(np.abs(amplitudes).max(initial=0.0))
+    if len(amplitudes) < 2 or largest == 0.0:
+        return 0.0
+    a = amplitudes / largest
+    usual = root_mean_square(np.linalg.norm(np.diff(a, axis=0), axis=(1, 2)))
+    return float(np.linalg.norm(a[-1] - a[0])) / usual if usual > 0 else 0.0
+
+
+def root_mean_square(values: NDArray[np.float64]) -> float:
+    """Root mean square without overflow of the squares."""
+    largest = float(np.abs(values).max(initial=0.0))
+    if largest == 0.0:
+        return 0.0
+    return largest * float(np.sqrt(((values / largest) ** 2).mean()))

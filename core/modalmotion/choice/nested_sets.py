@@ -1,0 +1,185 @@
+"""Nested sets of modes, factored together once."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.choice.parameters import MOST_MODES
+from modalmotion.errors import ModeCountError
+from modalmotion.fit.basis import LARGEST_CONDITION, Basis, inverse_of_triangle, tall_qr
+from modalmotion.mesh.spring_modes import SpringModes
+from modalmotion.modes import ModeSet, shapes_at, whole_count
+from modalmotion.numeric.products import product
+from modalmotion.template import Template, choose_modes
+
+# Numbers in the shapes that are factored at once: 480 MB with their factor.
+_MOST_NUMBERS: Final = 30_000_000
+
+
+# Each spring mode is an eigenvector to solve for.
+_MOST_SPRINGS: Final = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Ladder:
+    """All whole sets of modes in one order, up to a largest one.
+
+    The first k columns of a QR factorisation are that of the first k shapes, so one
+    factorisation serves every set.
+
+    Parameters
+    ----------
+    basis : Basis
+        Of the largest set.
+    counts : (sets,) int64
+        Numbers of modes that split no cosine-sine pair, increasing.
+    ends_because : str
+        Why there is no larger set; empty if there may be one.
+    notes : tuple of str
+        What a user should know of the modes.
+    """
+
+    basis: Basis
+    counts: NDArray[np.int64]
+    ends_because: str
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def noise_shares(self) -> NDArray[np.float64]:
+        """Expected squared coefficient of each mode in independent noise of variance 1.
+
+        Returns
+        -------
+        (modes,) float64
+            Near 1 / vertices each.
+        """
+        # c = Q'W^(1/2) e = R P e, so E c_j^2 is the squared length of row j.
+        rows = product(self.basis.triangle, self.basis.projector)
+        shares: NDArray[np.float64] = np.einsum("jn,jn->j", rows, rows)
+        return shares
+
+    def modes(self, count: int) -> ModeSet | SpringModes:
+        """First modes of the order."""
+        return first_modes(self.basis.modes, count)
+
+
+def ladder_of(template: Template, n_modes: int, grid: tuple[int, ...] | None = None) -> Ladder:
+    """Factor the first modes of a template, as many of them as it can tell apart.
+
+    Parameters
+    ----------
+    template : Template
+    n_modes : int
+        Wanted number of the largest set; fewer if the surface, memory or the condition of
+        the fit ends the order before.
+    grid : tuple of int, optional
+        Nodes along each axis of a lattice.
+    """
+    n, ends = most_modes_of(template, n_modes, grid)
+    choice = choose_modes(template, n, grid)
+    modes = choice.modes
+    if isinstance(modes, SpringModes):
+        shapes = modes.shapes
+    else:
+        shapes = shapes_at(modes, template.coordinates)
+    root = np.sqrt(template.weights)[:, None]
+    Q, R = tall_qr(root * shapes)
+    counts = whole_counts(modes)
+    sound, condition = _sound(R, counts)
+    if sound < n:
+        ends = f"{sound} modes are the most that its vertices tell apart"
+        Q, R, shapes = Q[:, :sound], R[:sound, :sound], np.ascontiguousarray(shapes[:, :sound])
+        modes, counts = first_modes(modes, sound), counts[counts <= sound]
+    projector = product(inverse_of_triangle(R), np.ascontiguousarray((root * Q).T))
+    return Ladder(Basis(modes, shapes, projector, R, condition), counts, ends, choice.notes)
+
+
+def most_modes_of(
+    template: Template, n_modes: int, grid: tuple[int, ...] | None
+) -> tuple[int, str]:
+    """Largest whole number of modes up to a wanted one, and what ends the order there if any."""
+    n_weighted = int((template.weights > 0).sum())
+    n_memory = max(_MOST_NUMBERS // template.n_vertices, 7)
+    limits = [
+        (n_weighted, f"{n_weighted} vertices tell no more modes apart"),
+        (n_memory, f"the shapes of more than {n_memory} modes exceed the memory set aside"),
+        (MOST_MODES, f"a signature has at most {MOST_MODES} modes"),
+    ]
+    if template.surface is None:
+        limits.append((_MOST_SPRINGS, f"no more than {_MOST_SPRINGS} spring modes are solved for"))
+    most, reason = min(limits, key=lambda limit: limit[0])
+    if n_modes < most:
+        most, reason = n_modes, ""
+    if template.surface is not None:
+        if grid is not None:
+            most = min(most, math.prod(grid))
+        whole = whole_count(template.surface, most, grid)
+        # Not beyond what ends the order.
+        most = whole if whole == most or not reason else most - 1
+    return most, reason
+
+
+def whole_counts(modes: ModeSet | SpringModes) -> NDArray[np.int64]:
+    """Numbers of first modes that split no cosine-sine pair, increasing, the last one included."""
+    n = len(modes)
+    if isinstance(modes, SpringModes):
+        return np.arange(1, n + 1)
+    return np.append(np.flatnonzero(~modes.is_sine[1:]) + 1, n)
+
+
+def first_modes(modes: ModeSet | SpringModes, count: int) -> ModeSet | SpringModes:
+    """First modes of a set."""
+    if isinstance(modes, ModeSet):
+        return modes.take(slice(0, count))
+    return SpringModes(
+        modes.eigenvalues[:count],
+        np.ascontiguousarray(modes.shapes[:, :count]),
+        modes.connectivity_id,
+        modes.mean_valence,
+    )
+
+
+def _sound(R: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[int, float]:
+    """Largest whole set whose amplitudes are worth giving, and the condition of its fit.
+
+    The condition only grows with the set, so that the set is found by halving.
+
+    Raises
+    ------
+    ModeCountError
+        If not even the smallest set is.
+    """
+    condition = _condition(R)
+    if condition <= LARGEST_CONDITION:
+        return int(counts[-1]), condition
+    low, high = 0, len(counts) - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if _condition(R[: counts[middle], : counts[middle]]) <= LARGEST_CONDITION:
+            low = middle
+        else:
+            high = middle
+    count = int(counts[low])
+    condition = _condition(R[:count, :count])
+    if not condition <= LARGEST_CONDITION:
+        raise ModeCountError(
+            f"{count} modes have the condition {condition:.1e} on this surface.",
+            remedy="Send a finer mesh.",
+            details={"modes": count, "condition": condition},
+        )
+    return count, condition
+
+
+def _condition(R: NDArray[np.float64]) -> float:
+    # A cheap lower bound spares most singular values.
+    diagonal = np.abs(np.diag(R))
+    least = float(diagonal.min())
+    if not least > 0 or float(diagonal.max()) / least > LARGEST_CONDITION:
+        return np.inf
+    return float(np.linalg.cond(R))

@@ -1,0 +1,187 @@
+"""What a signature is asked for."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import InitVar, asdict, dataclass, field, fields
+from enum import StrEnum
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+
+from modalmotion.errors import ModeCountError, ParameterError
+from modalmotion.mesh.sequence import Reference
+from modalmotion.template import GivenLandmarks, Weights
+from modalmotion.template.body_frame import Components
+
+# Above this a signature is no longer compact, and a typing error is more likely.
+MOST_MODES: Final = 2000
+
+FASTEST_WAVE: Final = 1e100
+"""Largest wave speed, length unit per s."""
+
+USUAL_MODES: Final = 7
+"""Modes of a signature of which nothing else is asked: a whole set for every topology."""
+
+
+class ErrorKind(StrEnum):
+    """Which error a tolerance is about, over all frames."""
+
+    RMS = "rms"
+    MAX = "max"
+
+
+class ModeOrder(StrEnum):
+    """Which modes come first: the fixed order of the topology, or those with most energy."""
+
+    FIXED = "fixed"
+    ENERGY = "energy"
+
+
+@dataclass(frozen=True)
+class SignatureParameters:
+    """What a signature is asked for.
+
+    How many modes it has is asked for in one of four ways: `modes` (or `amplitudes`),
+    `tolerance`, `tolerance_share` or `auto`; 7 modes if in none.
+
+    Parameters
+    ----------
+    modes : int or None
+        Number of modes; each has three amplitudes a frame. Rounded up where a pair would be
+        split. None where it follows from the data.
+    topology : str or None
+        Name of the topology, over what the sequence states.
+    grid : tuple of int or None
+        Lattice shape, over what the sequence states.
+    reference : int or "mean"
+        Frame from which displacements are measured, or the mean of all frames, each turned
+        onto it: another first frame then changes nothing.
+    weights : Weights
+    remove_rotation : bool
+    wave_speed : float, length unit per s
+        c of w = c k, which frequencies and strain energy are stated with.
+    components : Components
+        What the three amplitudes of a mode stand for: x, y, z or radial, tangential, axial.
+    landmarks : GivenLandmarks
+        Places that are stated and not left to the shape.
+    closed_form : bool
+        False asks for the spring modes of the mesh itself, whatever its topology.
+    template : str or None
+        Id of a template to use in place of one made from the sequence's own reference.
+    tolerance : float or None, mm
+        Error that is not exceeded, with the fewest modes that hold it.
+    tolerance_of : ErrorKind
+        What a tolerance is about: the RMS error over all frames, or the largest of any vertex.
+    tolerance_share : float or None
+        A tolerance as a share of the motion: of the RMS displacement over all frames.
+    auto : bool
+        Stop where the residual cannot be told from the noise of the measurement.
+    order : ModeOrder
+        Fixed, or by energy among the first `most_modes`.
+    most_modes : int or None
+        Largest number of modes that a tolerance, `auto` or the order of energy may reach to.
+    harmonics : int or None
+        Harmonics that each amplitude's path over time is limited to; None leaves it as it is.
+    amplitudes : int, optional
+        In place of `modes`: amplitudes a frame, three of a mode.
+    """
+
+    modes: int | None = None
+    topology: str | None = None
+    grid: tuple[int, ...] | None = None
+    reference: Reference = 0
+    weights: Weights = Weights.AREA
+    remove_rotation: bool = True
+    wave_speed: float = 1.0
+    components: Components = Components.CARTESIAN
+    landmarks: GivenLandmarks = field(default_factory=GivenLandmarks)
+    closed_form: bool = True
+    template: str | None = None
+    tolerance: float | None = None
+    tolerance_of: ErrorKind = ErrorKind.RMS
+    tolerance_share: float | None = None
+    auto: bool = False
+    order: ModeOrder = ModeOrder.FIXED
+    most_modes: int | None = None
+    harmonics: int | None = None
+    amplitudes: InitVar[int | None] = None
+
+    def __post_init__(self, amplitudes: int | None) -> None:
+        if amplitudes is not None:
+            if self.modes is not None:
+                raise _asked_twice(["modes", "amplitudes"])
+            object.__setattr__(self, "modes", -(-amplitudes // 3))
+        given = {name: getattr(self, name) for name in _WAYS}
+        asked = [name for name, value in given.items() if not (value is None or value is False)]
+        if len(asked) > 1:
+            raise _asked_twice(asked)
+        if not asked:
+            object.__setattr__(self, "modes", USUAL_MODES)
+        for name, count in (("modes", self.modes), ("most_modes", self.most_modes)):
+            if count is not None and not 1 <= count <= MOST_MODES:
+                raise ModeCountError(
+                    f"{count} modes were asked for; a signature has 1 to {MOST_MODES}.",
+                    remedy=f"Ask for 1 to {MOST_MODES} modes; 7 is the usual number.",
+                    details={name: count, "most": MOST_MODES},
+                )
+        # Beyond it the energy, which has its square, may be no number.
+        if not 0 < self.wave_speed <= FASTEST_WAVE:
+            raise ParameterError(
+                f"The wave speed is {self.wave_speed}.",
+                remedy=f"Use a speed above zero, at most {FASTEST_WAVE:g}.",
+            )
+        for name in ("tolerance", "tolerance_share"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value >= 0):
+                raise ParameterError(
+                    f"The {name.replace('_', ' ')} is {value}.",
+                    remedy="Use a finite number, 0 or more.",
+                )
+        if self.harmonics is not None and self.harmonics < 0:
+            raise ParameterError(
+                f"{self.harmonics} harmonics were asked for.", remedy="Use 0 or more."
+            )
+
+    @property
+    def is_adaptive(self) -> bool:
+        """Whether the number of modes follows from the data."""
+        return self.modes is None
+
+    def as_plain(self) -> dict[str, Any]:
+        """Give the parameters as values that JSON knows."""
+        values = asdict(self)
+        # How a number of modes is found is left out where it is stated: most are so.
+        for way in fields(self):
+            if way.name in _LEFT_OUT and values[way.name] == way.default:
+                del values[way.name]
+        return values
+
+    @cached_property
+    def key(self) -> str:
+        """Short name of this choice of parameters, for file names and ETags."""
+        text = json.dumps(self.as_plain(), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+_WAYS: Final = ("modes", "tolerance", "tolerance_share", "auto")
+
+_LEFT_OUT: Final = (
+    "tolerance",
+    "tolerance_of",
+    "tolerance_share",
+    "auto",
+    "order",
+    "most_modes",
+    "harmonics",
+)
+
+
+def _asked_twice(names: list[str]) -> ParameterError:
+    return ParameterError(
+        f"The number of modes was asked for in several ways: {', '.join(names)}.",
+        remedy="Ask by one of modes, amplitudes, tolerance, tolerance_share and auto.",
+        details={"asked": names},
+    )

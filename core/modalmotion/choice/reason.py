@@ -1,0 +1,58 @@
+"""What decided how much of a motion is modelled."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from modalmotion.choice.noise import Noise
+from modalmotion.choice.parameters import ErrorKind
+from modalmotion.choice.scene import SceneError, SceneKind
+
+
+@dataclass(frozen=True)
+class ModelChoice:
+    """Why a signature has the modes it has.
+
+    Parameters
+    ----------
+    asked : str
+        "tolerance", "tolerance_share" or "auto".
+    limit : float, length unit
+        The error that is not exceeded; for "auto" the RMS error that noise alone would leave.
+    limit_of : ErrorKind
+    noise : Noise or None
+        What was estimated, for "auto".
+    scene : SceneKind
+        The simplest kind of motion that holds the limit.
+    errors : dict of SceneKind to SceneError
+        What each kind leaves.
+    normal : tuple of float or None
+        Unit normal of the plane that a planar motion was limited to.
+    """
+
+    asked: str
+    limit: float
+    limit_of: ErrorKind
+    noise: Noise | None
+    scene: SceneKind
+    errors: dict[SceneKind, SceneError]
+    normal: tuple[float, float, float] | None
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values, for files and answers."""
+        return asdict(self)
+
+    @staticmethod
+    def from_json(values: dict[str, Any]) -> ModelChoice:
+        """Read what `as_json` gave, after a turn through JSON."""
+        noise, normal = values["noise"], values["normal"]
+        return ModelChoice(
+            asked=values["asked"],
+            limit=values["limit"],
+            limit_of=ErrorKind(values["limit_of"]),
+            noise=None if noise is None else Noise(**noise),
+            scene=SceneKind(values["scene"]),
+            errors={SceneKind(k): SceneError(**e) for k, e in values["errors"].items()},
+            normal=None if normal is None else (normal[0], normal[1], normal[2]),
+        )

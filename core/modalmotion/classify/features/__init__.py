@@ -1,0 +1,24 @@
+"""Features of a motion: numbers that do not depend on pose, size, start angle or sampling."""
+
+from modalmotion.classify.features.alignment import align, mean_motion
+from modalmotion.classify.features.axis import READINGS, Reading, axis_features
+from modalmotion.classify.features.axis_parts import has_axis
+from modalmotion.classify.features.columns import Column, MotionFeatures, kind_of, powers_of
+from modalmotion.classify.features.reader import FeatureReader, Motion, motion_of, surface_size
+
+__all__ = [
+    "READINGS",
+    "Column",
+    "FeatureReader",
+    "Motion",
+    "MotionFeatures",
+    "Reading",
+    "align",
+    "axis_features",
+    "has_axis",
+    "kind_of",
+    "mean_motion",
+    "motion_of",
+    "powers_of",
+    "surface_size",
+]

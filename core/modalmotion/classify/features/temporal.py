@@ -1,0 +1,173 @@
+"""A trajectory over its time: first harmonics of a cycle, first cosines of a course."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.signature.making import ModalSignature
+
+# Terms that a smooth motion may hold, for telling it from noise.
+_N_SMOOTH: Final = 3
+
+# Singular values of the design below this share are not determined by the frames.
+_RANK_TOLERANCE: Final = 1e-8
+
+# Designs that are kept factored: recordings of one device share their times.
+_N_DESIGNS: Final = 32
+# Share of the motion below which the last frame repeats the first: what float32 leaves of it.
+_REPEATED: Final = 1e-4
+
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class _Design:
+    """Functions of time that a trajectory is fitted by.
+
+    Parameters
+    ----------
+    solve : (terms, frames) float64
+        Pseudoinverse: coefficients by least squares, the least ones where frames are too few.
+    span : (rank, frames) float64
+        Orthonormal trajectories, all that the functions can follow.
+    """
+
+    solve: NDArray[np.float64]
+    span: NDArray[np.float64]
+
+
+def one_turn(signature: ModalSignature) -> ModalSignature:
+    """Leave a last frame out that repeats the first, for it belongs to the next turn.
+
+    Only where it does so but for rounding, and not because it rests: in noise nobody can tell a
+    frame that comes back from one that has almost done so, nor at rest one that is still there.
+    The usual recording ends one step before.
+    """
+    n = signature.n_frames
+    if n < 4:
+        return signature
+    a = signature.amplitudes[:, 1:].reshape(n, -1)
+    limit = _REPEATED * float(np.ptp(a, axis=0).max(initial=0.0))
+    gap, first, last = (
+        np.abs(a[i] - a[j]).max(initial=0.0) for i, j in ((-1, 0), (1, 0), (-1, -2))
+    )
+    if not gap < limit < min(first, last):
+        return signature
+    times = None if signature.times is None else signature.times[:-1]
+    return replace(signature, amplitudes=signature.amplitudes[:-1], times=times)
+
+
+def elapsed_share(signature: ModalSignature) -> NDArray[np.float64]:
+    """Time of each frame, (frames,) float64, 0 for the first and 1 for the last.
+
+    Frames are evenly spaced where there are no times.
+    """
+    n = signature.n_frames
+    if signature.times is None:
+        return np.arange(n) / (n - 1)
+    elapsed: NDArray[np.float64] = signature.times - signature.times[0]
+    elapsed /= elapsed[-1]
+    return elapsed
+
+
+def cycle_angle(share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Phase in a cycle, (frames,) float64, rad, which ends one mean step after the last frame."""
+    n = len(share)
+    angle: NDArray[np.float64] = share * (2 * np.pi * ((n - 1) / n))
+    return angle
+
+
+def harmonics(share: NDArray[np.float64], signals: NDArray[np.float64], count: int) -> Complex:
+    """First harmonics c_h of signals = mean + sum Re(c_h exp(-i h angle)), by least squares.
+
+    Parameters
+    ----------
+    share : (frames,) float64
+        See `elapsed_share`; of any spacing. One cycle is as in `cycle_angle`.
+    signals : (frames, signals) float64
+    count : int
+
+    Returns
+    -------
+    (count, signals) complex128
+        Zero where there are too few frames.
+    """
+    found = min(count, max(1, (len(share) - 1) // 2))
+    solution = _design(share.tobytes(), found, is_cycle=True).solve @ signals
+    result = np.zeros((count, signals.shape[1]), dtype=np.complex128)
+    result.real[:found] = solution[1 : 1 + found]
+    result.imag[:found] = solution[1 + found :]
+    return result
+
+
+def cosines(
+    share: NDArray[np.float64], signals: NDArray[np.float64], count: int
+) -> NDArray[np.float64]:
+    """First terms c_k of signals = mean + sum c_k cos(k pi share), by least squares.
+
+    Parameters
+    ----------
+    share : (frames,) float64
+        Of any spacing, from 0 to 1.
+    signals : (frames, signals) float64
+    count : int
+
+    Returns
+    -------
+    (count, signals) float64
+        Zero where there are too few frames.
+    """
+    found = min(count, len(share) - 1)
+    result = np.zeros((count, signals.shape[1]))
+    result[:found] = (_design(share.tobytes(), found, is_cycle=False).solve @ signals)[1:]
+    return result
+
+
+def smooth_share(
+    share: NDArray[np.float64], signals: NDArray[np.float64], *, is_cycle: bool
+) -> float:
+    """Share of a motion that its first terms hold beyond what they would hold of white noise.
+
+    Parameters
+    ----------
+    share : (frames,) float64
+    signals : (frames, signals) float64
+        Without their means.
+    is_cycle : bool
+
+    Returns
+    -------
+    float
+        1 for a smooth motion, 0 for noise; 1 where there are too few frames to tell.
+    """
+    n, n_terms = len(share), 2 * _N_SMOOTH
+    total = float(np.vdot(signals, signals))
+    free = n - 1 - n_terms
+    if free < 2 or total == 0.0:
+        return 1.0
+    count = _N_SMOOTH if is_cycle else n_terms
+    followed = _design(share.tobytes(), count, is_cycle=is_cycle).span @ signals
+    # What is not followed; none of it is less than rounding of the whole.
+    rest = max(0.0, total - float(np.vdot(followed, followed)))
+    # Of white noise n - 1 - terms of n - 1 parts remain.
+    return max(0.0, 1.0 - rest / free * (n - 1) / total)
+
+
+@lru_cache(maxsize=_N_DESIGNS)
+def _design(times: bytes, count: int, *, is_cycle: bool) -> _Design:
+    """Factor the design of a cycle's harmonics or a course's cosines; times as in `share`."""
+    share = np.frombuffer(times)
+    if is_cycle:
+        h = np.arange(1, count + 1) * cycle_angle(share)[:, None]
+        design = np.concatenate([np.ones((len(share), 1)), np.cos(h), np.sin(h)], axis=1)
+    else:
+        design = np.cos(np.pi * np.arange(count + 1) * share[:, None])
+    U, s, Vt = np.linalg.svd(design, full_matrices=False)
+    rank = np.count_nonzero(s > _RANK_TOLERANCE * s[0])
+    span = U[:, :rank].T
+    return _Design(solve=(Vt[:rank].T / s[:rank]) @ span, span=span.copy())

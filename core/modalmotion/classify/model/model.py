@@ -1,0 +1,120 @@
+"""A model: what it reads, how it scores, how sure it may be, and what it is for."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classify.estimators.machine import machine_log_shares
+from modalmotion.classify.estimators.scorer import Blend
+from modalmotion.classify.estimators.temperature import softmax
+from modalmotion.classify.features import Column, FeatureReader
+from modalmotion.classify.model.card import ModelCard
+from modalmotion.classify.model.conformal import Calibration
+from modalmotion.classify.model.domain import Domain
+from modalmotion.signature.making import SignatureParameters
+
+
+@dataclass(frozen=True)
+class Readable:
+    """Which signatures a model reads.
+
+    Parameters
+    ----------
+    topologies : tuple of str
+        "mesh" for the spring modes of one mesh.
+    n_modes : int
+    connectivity_id : str
+        Of that mesh; empty for modes in closed form.
+    parameters : SignatureParameters
+        Of the signatures; any landmarks will do, and any frame as reference that is one.
+    """
+
+    topologies: tuple[str, ...]
+    n_modes: int
+    connectivity_id: str
+    parameters: SignatureParameters
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A classifier of motions that is trained.
+
+    Parameters
+    ----------
+    name : str
+    classes : tuple of str
+    readable : Readable
+    reader : FeatureReader
+    columns : tuple of Column
+        The features.
+    blend : Blend
+        Standardisation and scorers; without scorers where there is a machine.
+    machine : bytes
+        skops archive of an estimator that is no plain arrays; empty otherwise.
+    domain : Domain
+    calibration : Calibration
+    golden_features : (cases, features) float64
+    golden_probabilities : (cases, classes) float64
+        What the model must say of them.
+    notes : dict of str to tuple of str
+        What a user should know with every answer (under "") or with a class.
+    card : ModelCard
+    """
+
+    name: str
+    classes: tuple[str, ...]
+    readable: Readable
+    reader: FeatureReader
+    columns: tuple[Column, ...]
+    blend: Blend
+    machine: bytes
+    domain: Domain
+    calibration: Calibration
+    golden_features: NDArray[np.float64]
+    golden_probabilities: NDArray[np.float64]
+    notes: dict[str, tuple[str, ...]]
+    card: ModelCard
+
+    def __post_init__(self) -> None:
+        self.golden_features.setflags(write=False)
+        self.golden_probabilities.setflags(write=False)
+
+    @cached_property
+    def id(self) -> str:
+        """Identity: sha256 in hex of everything that an answer depends on."""
+        from modalmotion.classify.model.text import contents
+
+        kept = contents(self)
+        del kept["card"]
+        text = json.dumps(kept, sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    @property
+    def signature_parameters(self) -> SignatureParameters:
+        """Parameters of the signatures it reads."""
+        return self.readable.parameters
+
+    @property
+    def feature_names(self) -> tuple[str, ...]:
+        """Names of the features."""
+        return tuple(column.name for column in self.columns)
+
+    def log_shares(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Log probabilities but for a constant, (cases, classes), of features (cases, features)."""
+        if self.machine:
+            return machine_log_shares(self.machine, features)
+        return self.blend.log_shares(features)
+
+    def probabilities(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Probabilities, (cases, classes) float64, of features (cases, features)."""
+        return softmax(self.log_shares(features))
+
+    def distance(self, kinds: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distance to the nearest class, (cases,) float64, of `MotionFeatures.kinds`."""
+        return self.domain.distance(kinds)

@@ -1,0 +1,85 @@
+"""Decoded positions as whole numbers, the same everywhere.
+
+Positions are sums of floating-point products, and their last bits depend on the processor,
+the libraries and the number of threads. So they are rounded to multiples of a quantum, far
+finer than the error asked for. Only a value within the uncertainty of half-way between two
+multiples could be rounded either way: the encoder lists those with the choice it made.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.codec.bits.entropy import Coder, code_numbers
+from modalmotion.errors import MalformedFileError
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Guards:
+    """Values near half-way between two multiples of the quantum, and how they were rounded.
+
+    Parameters
+    ----------
+    places : (guards,) int64
+        Ascending, counted over (frame, direction, vertex).
+    up : (guards,) int64
+        1 where the value was rounded up.
+    """
+
+    places: Ints
+    up: Ints
+
+    def round(self, scaled: Floats) -> Ints:
+        """Round to whole numbers, (frames, 3, vertices) int64."""
+        whole = np.rint(scaled).astype(np.int64)
+        flat = whole.reshape(-1)
+        flat[self.places] = np.floor(scaled.reshape(-1)[self.places]).astype(np.int64) + self.up
+        return whole
+
+
+def find_guards(scaled: Floats, uncertainty: float) -> Guards:
+    """List what two computations could round differently.
+
+    Parameters
+    ----------
+    scaled : (frames, 3, vertices) float64
+        In quanta.
+    uncertainty : float
+        Quanta by which another computation may differ.
+    """
+    flat = scaled.reshape(-1)
+    places = np.flatnonzero(np.abs(flat - np.floor(flat) - 0.5) < uncertainty)
+    found = flat[places]
+    return Guards(places, (np.rint(found) > np.floor(found)).astype(np.int64))
+
+
+def code_guards(coder: Coder, n_values: int, guards: Guards | None) -> Guards:
+    """Code the list.
+
+    Raises
+    ------
+    MalformedFileError
+        If it names values that do not exist.
+    """
+    count = None if guards is None else np.array([len(guards.places)])
+    n = int(code_numbers(coder, 1, count)[0])
+    if n > n_values:
+        raise MalformedFileError(
+            f"The stream lists {n} of {n_values} values.",
+            remedy="The stream is damaged: send it again.",
+        )
+    width = max(1, n_values.bit_length())
+    places = coder.bits(np.full(n, width), None if guards is None else guards.places)
+    up = coder.bits(np.ones(n, dtype=np.int64), None if guards is None else guards.up)
+    if len(places) and (places.max() >= n_values or (np.diff(places) <= 0).any()):
+        raise MalformedFileError(
+            f"The stream lists a value outside of {n_values}, or out of order.",
+            remedy="The stream is damaged: send it again.",
+        )
+    return Guards(places, up)

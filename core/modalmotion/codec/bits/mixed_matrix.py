@@ -1,0 +1,121 @@
+"""Quantised coefficients one by one: fewer bits than in waves, for more time.
+
+How large a coefficient is, is asked step by step - more than 0, more than 1, ... - and what is
+near answers in several ways, which are mixed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Final
+
+import numpy as np
+
+from modalmotion.codec.bits.entropy import Coder, Ints
+from modalmotion.codec.bits.matrix import LARGEST_SEEN, band_edges, code_extents
+from modalmotion.codec.bits.mixing import Mixer
+from modalmotion.errors import MalformedFileError
+
+MOST_MIXED: Final = 2**20
+"""Entries within the extents of the largest matrix that is coded so."""
+
+N_STEPS: Final = 14
+ROWS_ABOVE: Final = 6
+WIDEST: Final = 30
+_LARGER: Final = 20
+
+
+def code_mixed_matrix(coder: Coder, shape: tuple[int, int], values: Ints | None) -> Ints:
+    """Code a matrix of whole numbers; the same as `code_matrix`, in other bytes.
+
+    Raises
+    ------
+    MalformedFileError
+        If there are more entries than are mixed.
+    """
+    n_rows, n_columns = shape
+    found = np.zeros(shape, dtype=np.int64)
+    if not n_rows or not n_columns:
+        return found
+    edges = band_edges(n_columns)
+    ends = edges[code_extents(coder, n_rows, edges, values)].tolist()
+    if sum(ends) > MOST_MIXED:
+        raise MalformedFileError(
+            f"A matrix of {sum(ends)} entries is coded in a way for at most {MOST_MIXED}.",
+            remedy="The stream is damaged: send it again.",
+        )
+    mixer = Mixer(coder)
+    # Rows above the first, and columns before and after, are zero.
+    above = [[0] * (n_columns + 2 * WIDEST + 1)] * ROWS_ABOVE
+    sums = [[0] * (n_columns + 2 * WIDEST + 2)] * 3
+    for row, end in enumerate(ends):
+        if not end:
+            break
+        exact = None if values is None else np.abs(values[row]).tolist()
+        magnitudes = [0] * (n_columns + 2 * WIDEST + 1)
+        running = [0] * (WIDEST + 1)
+        for column in range(end):
+            place = WIDEST + column
+            contexts = _contexts(row, column, above, sums, magnitudes, running)
+            wanted = None if exact is None else exact[column]
+            magnitude = _code_magnitude(mixer, contexts, wanted)
+            found[row, column] = magnitude
+            magnitudes[place] = min(magnitude, LARGEST_SEEN)
+            running.append(running[place] + magnitudes[place])
+        running += [running[-1]] * (n_columns + 2 * WIDEST + 2 - len(running))
+        above = [magnitudes, *above[: ROWS_ABOVE - 1]]
+        sums = [running, *sums[:2]]
+    occupied = np.nonzero(found)
+    negative = None if values is None else (values[occupied] < 0).astype(np.int64)
+    negative = coder.bits(np.ones(len(occupied[0]), dtype=np.int64), negative)
+    found[occupied] *= 1 - 2 * negative
+    return found
+
+
+def _code_magnitude(mixer: Mixer, contexts: list[Hashable], value: int | None) -> int:
+    for step in range(N_STEPS):
+        if not mixer.bit(step, contexts, None if value is None else value > step):
+            return step
+    more = None if value is None else value - N_STEPS
+    return N_STEPS + mixer.number(_LARGER, [0, contexts[0]], more)
+
+
+def _contexts(
+    row: int,
+    column: int,
+    above: list[list[int]],
+    sums: list[list[int]],
+    magnitudes: list[int],
+    running: list[int],
+) -> list[Hashable]:
+    """Tell what is near, in eight ways."""
+    x = WIDEST + column
+    first, second, third = sums
+    near_1 = first[x + 2] - first[x - 1]
+    near_2 = second[x + 2] - second[x - 1]
+    near_3 = third[x + 2] - third[x - 1]
+    wide_1 = first[x + 7] - first[x - 6]
+    wide_2 = second[x + 7] - second[x - 6]
+    wide_3 = third[x + 7] - third[x - 6]
+    left = running[x] - running[x - 8]
+    far_left = running[x] - running[x - WIDEST]
+    up = above[0][x]
+    expected = 60 * up + 24 * near_1 + 12 * near_2 + 14 * near_3
+    expected += 8 * wide_1 + 5 * wide_2 + 5 * wide_3 + 32 * left
+    return [
+        _size(expected),
+        (_size(4 * left), _size(2 * wide_1)),
+        (_size(up), _size(above[1][x]), _size(above[2][x])),
+        (_size(near_1), _size(near_3)),
+        (_size(far_left), _size(left)),
+        (min(column, 60), row % 3),
+        (_size(magnitudes[x - 1]), _size(magnitudes[x - 2]), _size(up)),
+        (_size(wide_1 + wide_2 + wide_3), _size(above[5][x])),
+    ]
+
+
+def _size(value: int) -> int:
+    """Two classes for each doubling."""
+    value += 2
+    n = value.bit_length() - 1
+    return 2 * n - 2 + ((value >> (n - 1)) & 1)

@@ -1,0 +1,127 @@
+"""Closed-form modes of a lattice as an orthonormal transform of its nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, Topology
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LatticeModes:
+    """The modes of a lattice, smoothest first.
+
+    Products of one function an axis, orthonormal over the nodes. On a torus these are
+    cos a cos b, ..., which span what cos(a + b), ... span.
+
+    Parameters
+    ----------
+    topology : Topology
+    shape : tuple of int
+        Nodes along each axis.
+    fineness : tuple of int
+        One number from 1 to 255 for each axis, in proportion to 1 / its length: it decides the
+        order of the modes and nothing else.
+    """
+
+    topology: Topology
+    shape: tuple[int, ...]
+    fineness: tuple[int, ...]
+
+    @cached_property
+    def order(self) -> NDArray[np.int64]:
+        """Product that each mode is, numbered row by row; by wavenumber, then by number."""
+        key = np.zeros(self.shape, dtype=np.int64)
+        for axis, (ends, n, fine) in enumerate(
+            zip(self.topology.ends, self.shape, self.fineness, strict=True)
+        ):
+            quarter = _quarter_periods(ends == CLOSED, n)
+            along = np.expand_dims(quarter, [a for a in range(len(self.shape)) if a != axis])
+            if ends not in (OPEN, CLOSED):
+                # Odd about the pole: a quarter period more on a cup, half a one on a sphere.
+                odd = self._odd_at_pole(axis)
+                along = along + odd * (1 if ends == POLE_OPEN else 2)
+            key += (fine * along) ** 2
+        return np.argsort(key.ravel(), kind="stable")
+
+    def analyse(self, values: Floats) -> Floats:
+        """Values at the nodes to coefficients, (rows, nodes) to (rows, modes)."""
+        array = values.reshape(-1, *self.shape)
+        for axis in self._axes():
+            array = self._along(array, axis, inverse=False)
+        return array.reshape(len(values), -1)[:, self.order]
+
+    def synthesise(self, coefficients: Floats) -> Floats:
+        """Coefficients to values at the nodes, (rows, first modes) to (rows, nodes)."""
+        n_rows, n_modes = coefficients.shape
+        flat = np.zeros((n_rows, int(np.prod(self.shape))))
+        flat[:, self.order[:n_modes]] = coefficients
+        array = flat.reshape(-1, *self.shape)
+        for axis in reversed(self._axes()):
+            array = self._along(array, axis, inverse=True)
+        return array.reshape(n_rows, -1)
+
+    def _axes(self) -> list[int]:
+        """List closed axes first: what a pole axis does depends on the turns around it."""
+        ends = self.topology.ends
+        return sorted(range(len(ends)), key=lambda axis: ends[axis] != CLOSED)
+
+    def _odd_at_pole(self, axis: int) -> NDArray[np.int64]:
+        """1 where the number of turns of the axis after this one is odd."""
+        n = self.shape[axis + 1]
+        turns = _quarter_periods(True, n) // 4
+        others = [a for a in range(len(self.shape)) if a != axis + 1]
+        return np.expand_dims(turns % 2, others)
+
+    def _along(self, array: Floats, axis: int, *, inverse: bool) -> Floats:
+        ends, place = self.topology.ends[axis], axis + 1
+        if ends == CLOSED:
+            return turn_back(array, place) if inverse else turn(array, place)
+        cosine, sine = (fft.idct, fft.idst) if inverse else (fft.dct, fft.dst)
+        even = cosine(array, type=2, norm="ortho", axis=place)
+        if ends == OPEN:
+            return np.asarray(even)
+        odd = sine(array, type=4 if ends == POLE_OPEN else 2, norm="ortho", axis=place)
+        return np.where(self._odd_at_pole(axis)[None] == 1, odd, even)
+
+
+def _quarter_periods(closed: bool, n: int) -> NDArray[np.int64]:
+    """Quarter periods along an axis of each of its functions."""
+    index = np.arange(n)
+    return 4 * ((index + 1) // 2) if closed else 2 * index
+
+
+def turn(array: Floats, axis: int) -> Floats:
+    """Orthonormal real Fourier transform: constant, cos, sin, cos, sin, ..."""
+    n = array.shape[axis]
+    z = np.moveaxis(fft.rfft(array, axis=axis, norm="ortho"), axis, -1)
+    out = np.empty((*z.shape[:-1], n))
+    n_sines = (n - 1) // 2
+    out[..., 0] = z[..., 0].real
+    out[..., 1 : 2 * n_sines : 2] = np.sqrt(2.0) * z[..., 1 : n_sines + 1].real
+    out[..., 2 : 2 * n_sines + 1 : 2] = -np.sqrt(2.0) * z[..., 1 : n_sines + 1].imag
+    if n % 2 == 0:
+        out[..., -1] = z[..., -1].real
+    return np.moveaxis(out, -1, axis)
+
+
+def turn_back(array: Floats, axis: int) -> Floats:
+    """Undo `turn`."""
+    n = array.shape[axis]
+    x = np.moveaxis(array, axis, -1)
+    z = np.zeros((*x.shape[:-1], n // 2 + 1), dtype=np.complex128)
+    n_sines = (n - 1) // 2
+    z[..., 0] = x[..., 0]
+    z[..., 1 : n_sines + 1] = (
+        x[..., 1 : 2 * n_sines : 2] - 1j * x[..., 2 : 2 * n_sines + 1 : 2]
+    ) / np.sqrt(2.0)
+    if n % 2 == 0:
+        z[..., -1] = x[..., -1]
+    return np.moveaxis(np.asarray(fft.irfft(z, n, axis=-1, norm="ortho")), -1, axis)

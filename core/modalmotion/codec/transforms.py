@@ -1,0 +1,96 @@
+"""Which transforms an encoder tries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from modalmotion.codec.modes.lattice_modes import LatticeModes
+from modalmotion.codec.modes.patch_modes import LARGEST_PATCH, MOST_WORK, SpringModes, edges_of
+from modalmotion.codec.target import Effort
+from modalmotion.codec.temporal import Temporal
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.modes.topology import CLOSED, OPEN, OPEN_CURVE, Topology
+from modalmotion.numerals import with_article
+
+PATCHES = {Effort.FAST: 512, Effort.BALANCED: 2048, Effort.THOROUGH: LARGEST_PATCH}
+"""Vertices of the largest patch that is solved for its spring modes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Modes, and the temporal bases to try with them.
+
+    Parameters
+    ----------
+    modes : LatticeModes or SpringModes
+    kinds : tuple of Temporal
+    effort : Effort
+    name : str
+        What to call the modes.
+    """
+
+    modes: LatticeModes | SpringModes
+    kinds: tuple[Temporal, ...]
+    effort: Effort
+    name: str
+
+
+def choose(sequence: MeshSequence, effort: Effort) -> Choice:
+    """Choose the modes of a sequence, and what to try."""
+    on_lattice = sequence.grid is not None or not len(sequence.faces)
+    if on_lattice:
+        lattice = _lattice_modes(sequence)
+        modes: LatticeModes | SpringModes = lattice
+        name = f"closed-form modes of {with_article(str(lattice.topology))}"
+    else:
+        springs = _spring_modes(sequence, PATCHES[effort])
+        modes = springs
+        name = f"spring modes, patches: {len(springs.patches)}"
+    if effort == Effort.FAST:
+        kinds: tuple[Temporal, ...] = (Temporal.DCT if on_lattice else Temporal.TRAJECTORY,)
+    elif effort == Effort.BALANCED:
+        kinds = (Temporal.DCT, Temporal.TRAJECTORY)
+    else:
+        kinds = (Temporal.DCT, Temporal.KLT, Temporal.TRAJECTORY)
+    if _is_cycle(sequence) and not (effort == Effort.FAST and not on_lattice):
+        kinds = (Temporal.FOURIER, *(k for k in kinds if effort != Effort.FAST))
+    return Choice(modes, kinds, effort, name)
+
+
+def _lattice_modes(sequence: MeshSequence) -> LatticeModes:
+    grid = sequence.grid or (sequence.n_vertices,)
+    topology = sequence.topology
+    if topology is None or topology.n_axes != len(grid):
+        # Cosines suit any numbers in a row.
+        topology = OPEN_CURVE if len(grid) == 1 else Topology((OPEN,) * len(grid))
+    frame = sequence.vertices[0].astype(np.float64).reshape(*grid, 3)
+    frame = frame / max(float(np.abs(frame).max()), np.finfo(np.float64).tiny)
+    lengths = []
+    for axis, ends in enumerate(topology.ends):
+        steps = np.linalg.norm(np.diff(frame, axis=axis), axis=-1).sum(axis=axis)
+        length = float(steps.mean()) * (1.0 + (ends == CLOSED) / max(grid[axis] - 1, 1))
+        lengths.append(length)
+    shortest = min((length for length in lengths if length > 0), default=1.0)
+    fineness = tuple(
+        int(np.clip(np.rint(64.0 * shortest / length), 1, 255)) if length > 0 else 64
+        for length in lengths
+    )
+    return LatticeModes(topology, grid, fineness)
+
+
+def _spring_modes(sequence: MeshSequence, largest_patch: int) -> SpringModes:
+    n = sequence.n_vertices
+    affordable = int(np.sqrt(MOST_WORK / n))
+    patch = max(1, min(largest_patch, affordable, n))
+    return SpringModes(edges_of(sequence.faces), n, patch, 0)
+
+
+def _is_cycle(sequence: MeshSequence) -> bool:
+    """Whether the last frame leads back to the first in a step like the others."""
+    if sequence.n_frames < 4:
+        return False
+    vertices = sequence.vertices
+    steps = [float(np.abs(vertices[i] - vertices[i - 1]).mean()) for i in range(sequence.n_frames)]
+    return steps[0] <= 1.5 * float(np.median(steps[1:]))

@@ -1,0 +1,126 @@
+"""A signature as an animation of morph targets: modes are targets, amplitudes their weights."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError
+from modalmotion.fit.superposition import mode_shapes
+from modalmotion.formats.gltf.morph_animation import MorphAnimation
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.making import ModalSignature, resolve_sequence, resolve_template
+from modalmotion.template import Template
+from modalmotion.template.body_frame import Components
+
+
+def modal_animation(
+    signature: ModalSignature,
+    sequence: MeshSequence,
+    max_targets: int | None = None,
+    *,
+    template: Template | None = None,
+) -> MorphAnimation:
+    """Turn a signature into targets and weights that play what `reconstruct` superposes.
+
+    Each mode and direction is one target, its amplitude the weight; those that carry most
+    motion come first. The mean translation and the rotation move the mesh as a whole.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    sequence : MeshSequence
+        The one it was made from: its reference frame gives the shape to deform.
+    max_targets : int, optional
+        Keep no more targets than these; `rms_left_out` then says what that costs.
+    template : Template, optional
+        The one that the signature's parameters name, if they name one.
+
+    Returns
+    -------
+    MorphAnimation
+        The same positions as `reconstruct`, to rounding, where no target is left out.
+
+    Raises
+    ------
+    ParameterError
+        If the sequence is not the one the signature was made from, or `max_targets` is
+        negative.
+    """
+    if sequence.id != signature.sequence_id:
+        raise ParameterError(
+            "The signature was made from another sequence.",
+            remedy="Give the sequence whose id the signature names.",
+        )
+    if max_targets is not None and max_targets < 0:
+        raise ParameterError(
+            f"{max_targets} targets were asked for.", remedy="Ask for none or more."
+        )
+    asked = signature.parameters
+    if asked.components != Components.CARTESIAN:
+        raise ParameterError(
+            "The amplitudes are radial, tangential and axial, which turn from vertex to vertex.",
+            remedy="Fit with components = cartesian.",
+        )
+    resolved = resolve_sequence(sequence, asked)
+    used = resolve_template(resolved, asked, template)
+    start = sequence.reference_positions(asked.reference)
+    centre = used.weights @ start
+    # (2) u = sum_p a_p phi_p, each shape taken about its own mean, which moves the whole.
+    phi = mode_shapes(signature.modes, used)
+    means = used.weights @ phi
+    a = signature.amplitudes
+    drift = np.einsum("m,fmd->fd", means, a)
+    phi = phi - means
+    energy = _energies(used.weights, phi, a)
+    order = np.argsort(-energy.ravel(), kind="stable")
+    wanted = order[energy.ravel()[order] > 0]
+    kept = wanted if max_targets is None else wanted[:max_targets]
+    modes, directions = np.divmod(kept, 3)
+    targets = np.zeros((len(kept), *start.shape), dtype=np.float32)
+    targets[np.arange(len(kept)), :, directions] = phi[:, modes].T
+    left_out = wanted[len(kept) :]
+    labels = signature.modes.labels
+    return MorphAnimation(
+        base=start - centre,
+        targets=targets,
+        target_names=tuple(
+            f"{labels[mode]} {'xyz'[direction]}"
+            for mode, direction in zip(modes.tolist(), directions.tolist(), strict=True)
+        ),
+        weights=a.reshape(len(a), -1)[:, kept],
+        rotations=signature.rotations.matrices,
+        translations=centre + drift,
+        faces=sequence.faces,
+        times=signature.times,
+        unit=sequence.unit,
+        topology=sequence.topology,
+        grid=sequence.grid,
+        n_left_out=len(left_out),
+        rms_left_out=_root_mean_square(used.weights, phi, a, left_out),
+    )
+
+
+def _energies(
+    weights: NDArray[np.float64], phi: NDArray[np.float64], a: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Mean square displacement of each mode and direction, relative, (modes, 3) float64."""
+    # Of the largest amplitude's square: what is very large or very small has none.
+    scale = float(np.abs(a).max(initial=0.0)) or 1.0
+    energies: NDArray[np.float64] = (weights @ phi**2)[:, None] * ((a / scale) ** 2).mean(axis=0)
+    return energies
+
+
+def _root_mean_square(
+    weights: NDArray[np.float64],
+    phi: NDArray[np.float64],
+    a: NDArray[np.float64],
+    chosen: NDArray[np.int64],
+) -> float:
+    if not len(chosen):
+        return 0.0
+    some = np.zeros((a.shape[1] * 3,))
+    some[chosen] = 1.0
+    scale = float(np.abs(a).max(initial=0.0)) or 1.0
+    u = np.einsum("vm,fmd->fvd", phi, a / scale * some.reshape(-1, 3))
+    return scale * float(np.sqrt(np.einsum("v,fvd->f", weights, u**2).mean()))

@@ -1,0 +1,231 @@
+"""All signatures of a store in one HDF5 file, for analysis."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import StoreError
+from modalmotion.mesh.spring_modes import SpringSpectrum
+from modalmotion.modes import ModeSet
+from modalmotion.signature.hdf5 import mode_datasets
+from modalmotion.signature.making import INTENDED_USE, ModalSignature
+from modalmotion.store.care.maintenance import existing_store
+from modalmotion.store.care.recovery import Progress
+from modalmotion.store.disk.atomic import cannot_write, sync_folder, temporary_beside
+from modalmotion.store.record import SequenceRecord
+from modalmotion.store.results import ResultStore
+
+SCHEMA_VERSION: Final = 1
+_SCHEMA: Final = "modalmotion.export"
+
+# Signatures held before they are written: appending one at a time takes three times as long.
+_BATCH: Final = 256
+
+# Rows of a chunk: a pack of few signatures stays small, one of many reads fast.
+_CHUNK: Final = 128
+
+
+class _Column(NamedTuple):
+    """One dataset of a group: rows of each signature, its unit ("*" for that of lengths)."""
+
+    name: str
+    rows: Callable[[ModalSignature, SequenceRecord], Any]
+    unit: str
+    axes: str
+
+
+_COLUMNS: Final = (
+    _Column("amplitudes", lambda s, _: s.amplitudes, "*", "frame, mode, direction"),
+    _Column("times", lambda s, _: _times(s), "s", "frame"),
+    _Column("rotations", lambda s, _: s.rotations.matrices, "1", "frame, row, column"),
+    _Column("translations", lambda s, _: s.translations, "*", "frame, direction"),
+    _Column("rms_errors", lambda s, _: s.rms_errors, "*", "frame"),
+    _Column("p95_errors", lambda s, _: s.p95_errors, "*", "frame"),
+    _Column("max_errors", lambda s, _: s.max_errors, "*", "frame"),
+    _Column("motion_rms", lambda s, _: s.motion_rms, "*", "frame"),
+    _Column("n_frames", lambda s, _: [s.n_frames], "1", "signature"),
+    _Column("n_vertices", lambda s, _: [s.n_vertices], "1", "signature"),
+    _Column("condition", lambda s, _: [s.condition], "1", "signature"),
+    _Column("lengths", lambda s, _: [s.lengths], "*", "signature, axis"),
+    _Column(
+        "angular_frequencies", lambda s, _: [s.angular_frequencies], "rad/s", "signature, mode"
+    ),
+    _Column("sequence_id", lambda s, _: [s.sequence_id], "none", "signature"),
+    _Column("template_id", lambda s, _: [s.template_id], "none", "signature"),
+    _Column("subject", lambda _, r: [r.subject or ""], "none", "signature"),
+    _Column("label", lambda _, r: [r.label or ""], "none", "signature"),
+)
+
+
+class _Kind(NamedTuple):
+    """What signatures of one group have in common."""
+
+    key: str
+    modes: ModeSet | SpringSpectrum
+    unit: str
+
+
+def is_pack(path: Path) -> bool:
+    """Tell whether a file was written by `export` or `write_pack`."""
+    import h5py
+
+    if not h5py.is_hdf5(path):
+        return False
+    try:
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("schema") == _SCHEMA)
+    except OSError:
+        return False
+
+
+def export(
+    root: Path, out: Path, *, replace: bool = False, progress: Progress | None = None
+) -> int:
+    """Pack the trajectories of all signatures of a store into one HDF5 file.
+
+    Signatures with the same parameters, modes and unit form a group; their frames follow
+    one another, and `n_frames` says how many belong to each.
+
+    Parameters
+    ----------
+    root : Path
+    out : Path
+        Must not exist, but for a pack that is to be replaced.
+    replace : bool
+        Whether an earlier pack may be; nothing else ever is.
+    progress : callable, optional
+
+    Returns
+    -------
+    int
+        Number of signatures.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no store.
+    CorruptFileError
+        If a signature is damaged: none is left out silently.
+    StoreError
+        If `out` exists or cannot be written, or another process has the store open.
+    """
+    import h5py
+
+    existing_store(root)
+    if out.exists() and not (replace and is_pack(out)):
+        raise StoreError(
+            f"'{out.name}' exists already.", remedy="Choose another name, or remove it first."
+        )
+    temporary = temporary_beside(out)
+    try:
+        try:
+            with ResultStore(root) as store, h5py.File(temporary, "w-", libver="v110") as file:
+                n_signatures = _pack_store(store, file, progress)
+            with temporary.open("rb") as written:
+                os.fsync(written.fileno())
+            temporary.replace(out)
+            sync_folder(out.parent)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise cannot_write(out, error) from error
+    return n_signatures
+
+
+def write_pack(path: Path, signatures: Iterable[tuple[ModalSignature, SequenceRecord]]) -> None:
+    """Pack signatures into an HDF5 file as `export` does, without a store.
+
+    Parameters
+    ----------
+    path : Path
+        Replaced if it exists.
+    signatures : iterable of (ModalSignature, SequenceRecord)
+        Consumed a batch at a time.
+    """
+    import h5py
+
+    with h5py.File(path, "w", libver="v110") as file:
+        _pack(file, signatures)
+
+
+def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> int:
+    names = store.all_signatures()
+
+    def read() -> Iterator[tuple[ModalSignature, SequenceRecord]]:
+        for number, (sequence_id, key) in enumerate(names):
+            yield store.signature(sequence_id, key), store.sequence_record(sequence_id)
+            if progress is not None:
+                progress(number + 1, len(names))
+
+    _pack(file, read())
+    return len(names)
+
+
+def _pack(file: Any, signatures: Iterable[tuple[ModalSignature, SequenceRecord]]) -> None:
+    file.attrs["schema"] = _SCHEMA
+    file.attrs["schema_version"] = SCHEMA_VERSION
+    file.attrs["kind"] = "export"
+    file.attrs["intended_use"] = INTENDED_USE
+    groups: dict[_Kind, Any] = {}
+    waiting: dict[_Kind, list[tuple[ModalSignature, SequenceRecord]]] = {}
+    for signature, record in signatures:
+        kind = _Kind(signature.parameters.key, signature.modes, signature.unit or "unknown")
+        if kind not in groups:
+            groups[kind] = _group(file, kind, signature, len(groups))
+            waiting[kind] = []
+        waiting[kind].append((signature, record))
+        if len(waiting[kind]) == _BATCH:
+            _append(groups[kind], waiting[kind])
+            waiting[kind] = []
+    for kind, rest in waiting.items():
+        if rest:
+            _append(groups[kind], rest)
+
+
+def _group(file: Any, kind: _Kind, signature: ModalSignature, number: int) -> Any:
+    import h5py
+
+    group = file.create_group(f"{number:03d}-{kind.key}")
+    group.attrs["parameters"] = json.dumps(asdict(signature.parameters), sort_keys=True)
+    group.attrs["parameters_key"] = kind.key
+    group.attrs["topology"] = signature.surface
+    group.attrs["unit"] = kind.unit
+    for mode_data in mode_datasets(kind.modes):
+        dataset = group.create_dataset(mode_data.name, data=mode_data.values)
+        dataset.attrs["unit"], dataset.attrs["axes"] = mode_data.unit, mode_data.axes
+    placeholder = SequenceRecord("", 0, 0, 0, None, None, None, False, None, None, "", False)
+    for column in _COLUMNS:
+        rows = np.asarray(column.rows(signature, placeholder))
+        dataset = group.create_dataset(
+            column.name,
+            shape=(0, *rows.shape[1:]),
+            maxshape=(None, *rows.shape[1:]),
+            dtype=h5py.string_dtype() if rows.dtype.kind == "U" else rows.dtype,
+            chunks=(_CHUNK, *rows.shape[1:]),
+        )
+        dataset.attrs["unit"] = kind.unit if column.unit == "*" else column.unit
+        dataset.attrs["axes"] = column.axes
+    return group
+
+
+def _append(group: Any, signatures: list[tuple[ModalSignature, SequenceRecord]]) -> None:
+    for column in _COLUMNS:
+        rows = np.concatenate([np.asarray(column.rows(*pair)) for pair in signatures])
+        dataset = group[column.name]
+        start = len(dataset)
+        dataset.resize(start + len(rows), axis=0)
+        dataset[start:] = rows.astype(object) if rows.dtype.kind == "U" else rows
+
+
+def _times(signature: ModalSignature) -> NDArray[np.float64]:
+    if signature.times is None:
+        return np.full(signature.n_frames, np.nan)
+    return signature.times

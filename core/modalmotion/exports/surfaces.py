@@ -1,0 +1,94 @@
+"""Surfaces that a signature stands for, as files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.exports.modal_animation import modal_animation
+from modalmotion.formats import write_glb, write_npz, write_ply_zip, write_vtkhdf
+from modalmotion.mesh.checks import lengths
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.interpolation import at_times
+from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.reconstruction import reconstruct
+from modalmotion.template import Template
+
+
+class SurfaceFormat(StrEnum):
+    """Formats that moving surfaces are written in."""
+
+    NPZ = "npz"
+    VTKHDF = "vtkhdf"
+    GLB = "glb"
+    PLY = "ply"
+
+
+SUFFIXES = {
+    ".npz": SurfaceFormat.NPZ,
+    ".vtkhdf": SurfaceFormat.VTKHDF,
+    ".glb": SurfaceFormat.GLB,
+    ".zip": SurfaceFormat.PLY,
+}
+"""Format by the end of a file's name."""
+
+
+def write_superposed(
+    signature: ModalSignature,
+    sequence: MeshSequence,
+    surface_format: SurfaceFormat = SurfaceFormat.NPZ,
+    *,
+    template: Template | None = None,
+    times: NDArray[np.float64] | None = None,
+    max_targets: int | None = None,
+) -> bytes:
+    """Superpose a signature's modes on its reference, and write the surfaces.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    sequence : MeshSequence
+        The one it was made from.
+    surface_format : SurfaceFormat
+        npz, VTKHDF (with the error at each vertex as a field), GLB (modes as morph targets,
+        amplitudes as their weights), or a zip of PLY files.
+    template : Template, optional
+        The one that the signature's parameters name, if they name one.
+    times : (n,) float64, s, optional
+        Those of the frames by default.
+    max_targets : int, optional
+        Of a GLB: keep no more targets than these, those that carry most motion.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    ParameterError
+        If a time lies outside the recording, or the sequence is another.
+    """
+    moved = signature if times is None else at_times(signature, times)
+    if surface_format == SurfaceFormat.GLB:
+        return write_glb(modal_animation(moved, sequence, max_targets, template=template))
+    positions = reconstruct(moved, sequence, template=template)
+    surfaces = replace(sequence, vertices=positions, times=moved.times)
+    if surface_format == SurfaceFormat.PLY:
+        return write_ply_zip(surfaces)
+    if surface_format == SurfaceFormat.NPZ:
+        return write_npz(surfaces)
+    fields = None
+    if times is None:
+        fields = {"error": lengths(positions - sequence.vertices)}
+    return write_vtkhdf(
+        surfaces,
+        fields,
+        {
+            "sequence_id": signature.sequence_id,
+            "modes": len(signature.modes),
+            **signature.provenance,
+        },
+    )

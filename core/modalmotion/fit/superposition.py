@@ -1,0 +1,158 @@
+"""Modal superposition: eq. 2 of Nastar 1994 on a reference shape, rotation put back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.alignment.rigid import Rotations
+from modalmotion.mesh.sequence import MeshSequence, Reference
+from modalmotion.mesh.spring_modes import SpringSpectrum, spring_modes
+from modalmotion.modes import ModeSet, shapes_at
+from modalmotion.numeric.quantile import weighted_quantile
+from modalmotion.template import Template
+from modalmotion.template.body_frame import Components, from_local, local_frames
+
+# Floats of positions held at once while they are compared.
+_BLOCK: Final = 500_000
+
+
+@dataclass(frozen=True, eq=False)
+class Superposition:
+    """A reference shape, mode shapes on it, and how both become positions.
+
+    Parameters
+    ----------
+    start : (vertices, 3) float64, length unit
+        Reference positions.
+    centre : (3,) float64, length unit
+        Its weighted centroid.
+    shapes : (vertices, modes) float64
+    frames : (vertices, 3, 3) float64 or None
+        Local directions of the components; None for x, y, z.
+    """
+
+    start: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    shapes: NDArray[np.float64]
+    frames: NDArray[np.float64] | None
+
+    @staticmethod
+    def on(
+        sequence: MeshSequence,
+        template: Template,
+        shapes: NDArray[np.float64],
+        *,
+        reference: Reference,
+        components: Components,
+    ) -> Superposition:
+        """Superpose shapes on one frame of a sequence, or on its mean shape."""
+        start = sequence.reference_positions(reference)
+        frames = None if components == Components.CARTESIAN else local_frames(template)
+        return Superposition(start, template.weights @ start, shapes, frames)
+
+    def positions(
+        self,
+        amplitudes: NDArray[np.float64],
+        matrices: NDArray[np.float64],
+        translations: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Positions that amplitudes, rotations and the path of the centroid stand for.
+
+        Parameters
+        ----------
+        amplitudes : (frames, modes, 3) float64, length unit
+        matrices : (frames, 3, 3) float64
+        translations : (frames, 3) float64, length unit
+
+        Returns
+        -------
+        (frames, vertices, 3) float64, length unit
+        """
+        # (2) u = sum_p a_p phi_p
+        u = self.shapes @ amplitudes
+        if self.frames is not None:
+            u = from_local(u, self.frames)
+        # R (x - c + u - d) + c + d, so written that what does not move stays to the last bit.
+        drift = translations[:, None, :]
+        turned = (self.start - self.centre + u - drift) @ (matrices - np.eye(3)).transpose(0, 2, 1)
+        x: NDArray[np.float64] = self.start + u
+        x += turned
+        return x
+
+
+@dataclass(frozen=True, eq=False)
+class FrameErrors:
+    """Distances between vertices and their reconstruction.
+
+    Parameters
+    ----------
+    rms, p95, max : (frames,) float64, length unit
+        RMS and 95th percentile over the surface, the maximum over all vertices of it.
+    """
+
+    rms: NDArray[np.float64]
+    p95: NDArray[np.float64]
+    max: NDArray[np.float64]
+
+
+def measured(
+    sequence: MeshSequence,
+    template: Template,
+    superposition: Superposition,
+    amplitudes: NDArray[np.float64],
+    rotations: Rotations,
+    translations: NDArray[np.float64],
+) -> FrameErrors:
+    """Measure superposed positions against those of the sequence.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    template : Template
+    superposition : Superposition
+    amplitudes : (frames, modes, 3) float64, length unit
+    rotations : Rotations
+    translations : (frames, 3) float64, length unit
+    """
+    errors = FrameErrors(*(np.empty(sequence.n_frames) for _ in range(3)))
+    step = max(1, _BLOCK // (3 * sequence.n_vertices))
+    for first in range(0, sequence.n_frames, step):
+        at = slice(first, first + step)
+        x = superposition.positions(amplitudes[at], rotations.matrices[at], translations[at])
+        x -= sequence.vertices[at]
+        errors.rms[at], errors.p95[at], errors.max[at] = distances(x, template)
+    return errors
+
+
+def distances(
+    offsets: NDArray[np.float64], template: Template
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """RMS, 95th percentile and maximum of the lengths of vectors, by frame.
+
+    Parameters
+    ----------
+    offsets : (frames, vertices, 3) float64, length unit
+    template : Template
+    """
+    largest = float(np.abs(offsets).max(initial=0.0))
+    if largest == 0.0:
+        zeros = np.zeros(len(offsets))
+        return zeros, zeros, zeros
+    # A power of two, so that scaling costs no digit.
+    scale = float(2.0 ** np.clip(np.frexp(largest)[1], -1000, 1000))
+    squares = ((offsets / scale) ** 2).sum(axis=2)
+    squares[:, template.isolated] = 0.0
+    mean = np.einsum("fn,n->f", squares, template.weights)
+    p95 = weighted_quantile(squares, template.weights, 0.95)
+    return scale * np.sqrt(mean), scale * np.sqrt(p95), scale * np.sqrt(squares.max(axis=1))
+
+
+def mode_shapes(modes: ModeSet | SpringSpectrum, template: Template) -> NDArray[np.float64]:
+    """Shapes of a signature's modes on its template, (vertices, modes) float64."""
+    if isinstance(modes, ModeSet):
+        return shapes_at(modes, template.coordinates)
+    return spring_modes(template.faces, template.n_vertices, len(modes)).shapes

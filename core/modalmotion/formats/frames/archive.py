@@ -1,0 +1,167 @@
+"""A zip of frames, in and out."""
+
+from __future__ import annotations
+
+import io
+import lzma
+import stat
+import struct
+import zipfile
+import zlib
+from functools import partial
+from typing import Final
+
+from modalmotion.errors import LimitError, MalformedFileError
+from modalmotion.formats.frames.frames import FrameFile, Progress, read_frames
+from modalmotion.formats.frames.listing import list_frames
+from modalmotion.formats.frames.names import require_safe_name
+from modalmotion.formats.frames.series import write_series
+from modalmotion.formats.limits import ReadLimits
+from modalmotion.formats.parser.tasks import Parser
+from modalmotion.formats.ply.ply import write_ply
+from modalmotion.formats.result import ReadResult
+from modalmotion.mesh.sequence import MeshSequence
+
+# Beside frames an archive may hold textures, notes and the like.
+_MEMBERS_PER_FRAME: Final = 4
+_ENCRYPTED: Final = 0x1
+_REMEDY: Final = "Pack the frames again as a plain .zip."
+_UNREADABLE: Final = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    struct.error,
+    ValueError,
+    EOFError,
+    OSError,
+    OverflowError,
+    NotImplementedError,
+    RuntimeError,
+)
+# The earliest date that a zip can state: the same content makes the same bytes.
+_NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
+
+
+def read_zip(data: bytes, parser: Parser, progress: Progress | None = None) -> ReadResult:
+    """Read a sequence from a zip of frames.
+
+    Frames come in the natural order of the numbers in their names, or as one .pvd or .series
+    file in the archive lists them with their times. Nothing is unpacked to a disk.
+
+    Parameters
+    ----------
+    data : bytes
+    parser : Parser
+        Its limits hold; `decompressed_bytes` for all members together.
+    progress : callable, optional
+
+    Raises
+    ------
+    MalformedFileError
+        If it is no readable archive, or holds links or names that lead out of it.
+    LimitError
+        If its members declare more than is accepted.
+    InputError
+        If the frames make no sequence; frame and file are named.
+    """
+    try:
+        archive = zipfile.ZipFile(io.BytesIO(data))
+    except _UNREADABLE as error:
+        raise MalformedFileError(
+            f"These {len(data)} bytes are no readable .zip (the file may be cut short).",
+            remedy=_REMEDY,
+        ) from error
+    with archive:
+        members = _plain_members(archive, parser.limits)
+        listing = list_frames(
+            list(members), lambda name: _content(archive, members[name]), parser.limits
+        )
+        files = [
+            FrameFile(name, partial(_content, archive, members[name])) for name in listing.names
+        ]
+        return listing.complete(read_frames(files, parser, listing.times, progress))
+
+
+def write_ply_zip(sequence: MeshSequence) -> bytes:
+    """Write a sequence as a zip of binary PLY files, with a .series file for ParaView.
+
+    Returns
+    -------
+    bytes
+        What `read_zip` reads back with the same positions, faces, times and unit.
+    """
+    statements = {}
+    if sequence.unit is not None:
+        statements["unit"] = sequence.unit
+    if sequence.topology is not None:
+        statements["topology"] = sequence.topology.name
+    if sequence.grid is not None:
+        statements["grid"] = " ".join(map(str, sequence.grid))
+    width = max(4, len(str(sequence.n_frames - 1)))
+    names = [f"frame_{i:0{width}d}.ply" for i in range(sequence.n_frames)]
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, positions in zip(names, sequence.vertices, strict=True):
+            archive.writestr(
+                zipfile.ZipInfo(name, _NO_DATE),
+                write_ply(positions, sequence.faces, statements),
+                compress_type=zipfile.ZIP_DEFLATED,
+            )
+        if sequence.times is not None:
+            archive.writestr(
+                zipfile.ZipInfo("frames.ply.series", _NO_DATE),
+                write_series(names, sequence.times.tolist()),
+            )
+    return buffer.getvalue()
+
+
+def _plain_members(archive: zipfile.ZipFile, limits: ReadLimits) -> dict[str, zipfile.ZipInfo]:
+    members: dict[str, zipfile.ZipInfo] = {}
+    infos = archive.infolist()
+    most = _MEMBERS_PER_FRAME * limits.frames
+    if len(infos) > most:
+        raise LimitError(
+            f"The archive holds {len(infos)} members; at most {most} are accepted.",
+            remedy="Send fewer frames.",
+            limit="frames",
+            details={"value": len(infos), "most": most},
+        )
+    for info in infos:
+        # The name as it stands in the archive, before Python turns separators around.
+        require_safe_name(info.orig_filename)
+        if info.is_dir():
+            continue
+        if stat.S_ISLNK(info.external_attr >> 16):
+            raise _refused(info, "a link")
+        if info.flag_bits & _ENCRYPTED:
+            raise _refused(info, "encrypted")
+        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise _refused(info, "compressed in another way than 'deflate'")
+        if info.filename in members:
+            raise _refused(info, "there twice")
+        members[info.filename] = info
+    limits.require("decompressed_bytes", sum(info.file_size for info in members.values()))
+    return members
+
+
+def _content(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
+    try:
+        with archive.open(info) as stream:
+            # A member may hold more than it declares: read no further than one byte past it.
+            data = stream.read(info.file_size + 1)
+    except _UNREADABLE as error:
+        raise MalformedFileError(
+            f"The member {info.filename[-60:]!r} of the archive is damaged ({str(error)[:80]}).",
+            remedy="Send the file again, or pack it anew.",
+        ) from error
+    if len(data) != info.file_size:
+        raise _refused(info, f"{len(data)} bytes long, not {info.file_size} as declared")
+    return data
+
+
+def _refused(info: zipfile.ZipInfo, what: str) -> MalformedFileError:
+    return MalformedFileError(
+        f"The member {info.filename[-60:]!r} of the archive is {what}.",
+        remedy=_REMEDY,
+        details={"name": info.filename[-200:]},
+    )

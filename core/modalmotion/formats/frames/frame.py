@@ -1,0 +1,59 @@
+"""One frame of a sequence, as a reader of single meshes finds it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.mesh.checks import FloatArray
+
+# 3D Slicer and Mimics write this into headers and comments.
+_SPACE: Final = re.compile(rb"SPACE=(RAS|LPS)")
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Vertices and triangles in the order of the file.
+
+    Parameters
+    ----------
+    positions : (vertices, 3) float32 or float64
+    faces : (faces, 3) int64
+        Not checked yet: indices may lie out of range.
+    is_soup : bool
+        Whether each face has three vertices of its own, as in STL.
+    notes : tuple of str
+        What was done to the polygons.
+    ignored : tuple of str
+        What the file holds besides.
+    statements : tuple of (str, str)
+        What the file says of itself, by name: "coordinate_system", "unit", "topology", "grid"
+        and "time" (numbers as text).
+    """
+
+    positions: FloatArray
+    faces: NDArray[np.int64]
+    is_soup: bool = False
+    notes: tuple[str, ...] = ()
+    ignored: tuple[str, ...] = ()
+    statements: tuple[tuple[str, str], ...] = ()
+
+    def stated(self, name: str) -> str | None:
+        """Return what the file says of itself under a name."""
+        return dict(self.statements).get(name)
+
+
+def space_in(text: bytes) -> tuple[tuple[str, str], ...]:
+    """Find the statement of a coordinate system in a header or comment.
+
+    Returns
+    -------
+    tuple of (str, str)
+        None or one of them, for `Frame.statements`.
+    """
+    found = _SPACE.search(text)
+    return () if found is None else (("coordinate_system", found[1].decode()),)

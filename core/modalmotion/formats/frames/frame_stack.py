@@ -1,0 +1,160 @@
+"""Frames that stand for one moving mesh, put together one after the other."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from modalmotion.errors import (
+    ConnectivityError,
+    MalformedFileError,
+    NonFiniteError,
+    ShapeError,
+)
+from modalmotion.formats.detect import Format
+from modalmotion.formats.frames.frame import Frame
+from modalmotion.formats.frames.merge import MergeMap, merge_corners
+from modalmotion.formats.limits import ReadLimits
+from modalmotion.formats.result import ReadResult
+from modalmotion.mesh.checks import FloatArray
+from modalmotion.mesh.frame_order import in_time_order
+from modalmotion.mesh.sequence import mesh_sequence
+
+_SAME: Final = "Send one mesh that moves: the same vertices and faces in every frame."
+
+
+class FrameStack:
+    """Frames so far, all of the first one's connectivity.
+
+    Parameters
+    ----------
+    frame : Frame
+        The first one.
+    found : Format
+    n_frames : int
+        How many there will be.
+    limits : ReadLimits
+    """
+
+    def __init__(self, frame: Frame, found: Format, n_frames: int, limits: ReadLimits) -> None:
+        self._first, self._format = frame, found
+        self._merge: MergeMap | None = None
+        positions = self._finite(frame, 0)
+        self._faces = frame.faces
+        if frame.is_soup:
+            self._merge = merge_corners(positions)
+            self._faces = self._merge.faces
+            positions = positions[self._merge.first]
+        limits.require("vertices", len(positions))
+        limits.require("faces", len(self._faces))
+        limits.require("decompressed_bytes", n_frames * positions.nbytes + self._faces.nbytes)
+        self._vertices: FloatArray = np.empty((n_frames, *positions.shape), positions.dtype)
+        self._vertices[0] = positions
+        self._times = [frame.stated("time")]
+
+    def add(self, number: int, frame: Frame, found: Format) -> None:
+        """Put the next frame behind those that are there.
+
+        Raises
+        ------
+        InputError
+            If it differs from the first in anything but positions.
+        """
+        first = self._first
+        if found is not self._format:
+            raise ShapeError(
+                f"It is {found.upper()}, frame 0 is {self._format.upper()}.",
+                remedy="Send all frames in one format.",
+            )
+        space = frame.stated("coordinate_system")
+        if space != first.stated("coordinate_system"):
+            raise ShapeError(
+                f"Its coordinate system is {space}, that of frame 0 "
+                f"{first.stated('coordinate_system')}.",
+                remedy="Save all frames in one coordinate system.",
+            )
+        positions = self._finite(frame, number)
+        if self._merge is not None:
+            positions = self._merge.apply(positions, number)
+        elif len(positions) != self._vertices.shape[1]:
+            raise ShapeError(
+                f"It has {len(positions)} vertices, frame 0 has {self._vertices.shape[1]}.",
+                remedy=_SAME,
+            )
+        elif not np.array_equal(frame.faces, first.faces):
+            raise _other_faces(frame, first)
+        if positions.dtype == np.float64 and self._vertices.dtype == np.float32:
+            self._vertices = self._vertices.astype(np.float64)
+        self._vertices[number] = positions
+        self._times.append(frame.stated("time"))
+
+    def result(self, times: tuple[float, ...] | None) -> ReadResult:
+        """Put everything together, through the validator of all sequences."""
+        first = self._first
+        stated = [time for time in self._times if time is not None]
+        if times is None and len(stated) == len(self._times):
+            times = tuple(float(time) for time in stated)
+        vertices, ordered, notes = self._vertices, None, list(first.notes)
+        if times is not None:
+            vertices, ordered, done = in_time_order(self._vertices, list(times))
+            notes += done
+        sequence = mesh_sequence(
+            vertices,
+            self._faces,
+            grid=_grid(first.stated("grid")),
+            topology=first.stated("topology"),
+            times=ordered,
+            unit=first.stated("unit"),
+        )
+        if self._merge is not None:
+            notes.append(
+                f"STL holds no vertices: {len(self._merge.vertex_of)} corners that coincide in "
+                f"frame 0 became {len(self._merge.first)} vertices in all frames."
+            )
+        return ReadResult(
+            sequence,
+            ignored=first.ignored,
+            format=self._format.value,
+            coordinate_system=first.stated("coordinate_system"),
+            unit_from=None if sequence.unit is None else "file",
+            times_from=None if times is None else "file",
+            notes=tuple(notes),
+        )
+
+    @staticmethod
+    def _finite(frame: Frame, number: int) -> FloatArray:
+        bad = np.flatnonzero(~np.isfinite(frame.positions).all(axis=1))
+        if bad.size:
+            raise NonFiniteError(
+                f"Vertex {bad[0]} is not finite ({bad.size} such vertices).",
+                remedy="Repair or leave out the frame; missing points are not guessed.",
+                frame=number,
+                vertex=int(bad[0]),
+                details={"count": int(bad.size)},
+            )
+        return frame.positions
+
+
+def _grid(stated: str | None) -> list[int] | None:
+    if stated is None:
+        return None
+    try:
+        return [int(n) for n in stated.split()]
+    except ValueError:
+        raise MalformedFileError(
+            f"The frames state the grid as {stated[:40]!r}.",
+            remedy="Remove the comment that states it, or write whole numbers.",
+        ) from None
+
+
+def _other_faces(frame: Frame, first: Frame) -> ConnectivityError:
+    if len(frame.faces) != len(first.faces):
+        what = f"It has {len(frame.faces)} faces, frame 0 has {len(first.faces)}."
+        face = None
+    else:
+        face = int(np.flatnonzero((frame.faces != first.faces).any(axis=1))[0])
+        what = (
+            f"Face {face} is {frame.faces[face].tolist()}, in frame 0 {first.faces[face].tolist()}."
+        )
+    return ConnectivityError(what, remedy=_SAME, details={"face": face})

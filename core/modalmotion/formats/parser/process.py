@@ -1,0 +1,189 @@
+"""A process of its own for parsers that damaged files can bring down.
+
+The HDF5 and VTK libraries end the whole process, or take all memory, on some files. They run
+here in a child that is limited in memory and time, reads nothing but the bytes it is sent, and
+whose end is an error like any other.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from types import TracebackType
+from typing import IO, Any, Final, Self
+
+import numpy as np
+
+from modalmotion import errors
+from modalmotion.errors import InputError, LimitError, MalformedFileError, StoreError
+from modalmotion.formats.limits import ReadLimits
+from modalmotion.formats.parser.tasks import Answer
+
+_LONGEST_HEADER: Final = 1 << 24
+
+
+class ParserProcess:
+    """A child process for parsers, started at the first file and again after it ended.
+
+    Use one for many files, from one thread at a time; leaving its `with` block ends it.
+
+    Parameters
+    ----------
+    limits : ReadLimits
+    seconds : float
+        Longest time for one file.
+    """
+
+    def __init__(self, limits: ReadLimits, seconds: float = 60.0) -> None:
+        self._limits = limits
+        self._seconds = seconds
+        self._child: subprocess.Popen[bytes] | None = None
+
+    @property
+    def limits(self) -> ReadLimits:
+        """How large a file may be."""
+        return self._limits
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the child, if there is one."""
+        if self._child is not None:
+            self._child.kill()
+            self._child.communicate()
+            self._child = None
+
+    def parse(self, task: str, data: bytes) -> Answer:
+        """Have a file parsed.
+
+        Parameters
+        ----------
+        task : str
+            Name of a parser in `parser_tasks`.
+        data : bytes
+
+        Raises
+        ------
+        InputError
+            What the parser raised, or MalformedFileError if it ended on this file.
+        LimitError
+            If it took longer than `seconds`, or more memory than the limits allow for.
+        """
+        if self._child is None:
+            self._child = _start()
+        child = self._child
+        if child.stdin is None or child.stdout is None:
+            raise StoreError("The parser's process has no pipes.", remedy="Start it again.")
+        limits = {name: int(value) for name, value in asdict(self.limits).items()}
+        request = {"task": task, "bytes": len(data), "limits": limits, "seconds": self._seconds}
+        try:
+            with _killed_after(self._seconds, child) as is_late:
+                _send(child.stdin, json.dumps(request).encode(), data)
+                header = _receive_header(child.stdout)
+                answer = _receive_arrays(child.stdout, header, self.limits)
+        except (EOFError, OSError, ValueError, TypeError, KeyError) as error:
+            self.close()
+            if isinstance(error, InputError):
+                raise
+            if is_late.is_set():
+                raise LimitError(
+                    f"Reading the file took longer than {self._seconds:g} s.",
+                    remedy="Send fewer frames or a coarser mesh, or another format.",
+                    limit="parser_seconds",
+                    details={"most": self._seconds},
+                ) from None
+            raise MalformedFileError(
+                "The reader of this format broke down on the file: it is damaged, or declares "
+                "more than it holds.",
+                remedy="Write the file anew, or send another format.",
+                details={"exit_status": child.returncode},
+            ) from None
+        if header["error"] is not None:
+            raise _rebuilt(header["error"])
+        return answer
+
+
+def _start() -> subprocess.Popen[bytes]:
+    # -P: the working folder holds no modules of ours. No input is part of the command.
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "modalmotion.formats.parser.child"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+@contextmanager
+def _killed_after(seconds: float, child: subprocess.Popen[bytes]) -> Iterator[threading.Event]:
+    is_late = threading.Event()
+
+    def kill() -> None:
+        is_late.set()
+        child.kill()
+
+    timer = threading.Timer(seconds, kill)
+    timer.start()
+    try:
+        yield is_late
+    finally:
+        timer.cancel()
+
+
+def _send(stream: IO[bytes], header: bytes, data: bytes) -> None:
+    stream.write(len(header).to_bytes(8, "little"))
+    stream.write(header)
+    stream.write(data)
+    stream.flush()
+
+
+def _receive_header(stream: IO[bytes]) -> dict[str, Any]:
+    length = int.from_bytes(_exactly(stream, 8), "little")
+    if length > _LONGEST_HEADER:
+        raise ValueError(length)
+    header = json.loads(_exactly(stream, length))
+    return {"error": header["error"], "info": dict(header["info"]), "arrays": header["arrays"]}
+
+
+def _receive_arrays(stream: Any, header: dict[str, Any], limits: ReadLimits) -> Answer:
+    arrays = {}
+    n_bytes = 0
+    for name, dtype, shape in header["arrays"]:
+        kind = np.dtype(dtype)
+        if kind.kind not in "fiu":
+            raise ValueError(dtype)
+        n_bytes += math.prod(shape) * kind.itemsize
+        limits.require("decompressed_bytes", n_bytes)
+        array = np.empty(shape, kind)
+        if array.size and stream.readinto(array.reshape(-1).view(np.uint8).data) != array.nbytes:
+            raise EOFError(name)
+        arrays[name] = array
+    return Answer(header["info"], arrays)
+
+
+def _exactly(stream: IO[bytes], n_bytes: int) -> bytes:
+    data = stream.read(n_bytes)
+    if len(data) != n_bytes:
+        raise EOFError
+    return data
+
+
+def _rebuilt(state: dict[str, Any]) -> InputError:
+    kind = getattr(errors, str(state.pop("kind")), MalformedFileError)
+    if not (isinstance(kind, type) and issubclass(kind, InputError)):
+        kind = MalformedFileError
+    return kind(str(state.pop("message")), **state)

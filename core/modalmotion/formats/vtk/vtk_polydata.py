@@ -1,0 +1,115 @@
+"""Legacy .vtk and .vtp surfaces through VTK's own readers, from bytes in memory.
+
+Imported only inside the process of `parser_child`: VTK can bring down the process it runs in.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import MalformedFileError
+from modalmotion.formats.frames.frame import space_in
+from modalmotion.formats.limits import ReadLimits
+from modalmotion.formats.parser.tasks import Parsed
+
+_REMEDY: Final = "Save the frame again as a polygonal surface (vtkPolyData)."
+# ParaView keeps the time of a frame under this name.
+_TIME: Final = "TimeValue"
+
+
+def parse_legacy(data: bytes, limits: ReadLimits) -> Parsed:
+    """Read a legacy .vtk file (text or binary)."""
+    reader = _module("vtkIOLegacy").vtkPolyDataReader()
+    reader.ReadFromInputStringOn()
+    reader.SetBinaryInputString(data, len(data))
+    return _parse(reader, limits)
+
+
+def parse_xml(data: bytes, limits: ReadLimits) -> Parsed:
+    """Read a .vtp file."""
+    reader = _module("vtkIOXML").vtkXMLPolyDataReader()
+    reader.ReadFromInputStringOn()
+    reader.SetInputString(data)
+    return _parse(reader, limits)
+
+
+def _parse(reader: Any, limits: ReadLimits) -> Parsed:
+    vtk_to_numpy = _module("util.numpy_support").vtk_to_numpy
+    core = _module("vtkCommonCore")
+    # Its log is coloured text on standard error, with pieces of the file.
+    core.vtkLogger.SetStderrVerbosity(core.vtkLogger.VERBOSITY_OFF)
+    said = core.vtkStringOutputWindow()
+    core.vtkOutputWindow.SetInstance(said)
+    reader.Update()
+    # A reader that meets an error hands out what it has, the rest being whatever was in memory.
+    if (text := str(said.GetOutput())).strip():
+        raise MalformedFileError(f"VTK cannot read the file: {_last_words(text)}.", remedy=_REMEDY)
+    surface = reader.GetOutput()
+    n_points = surface.GetNumberOfPoints()
+    if n_points == 0:
+        raise MalformedFileError("The VTK file holds no points.", remedy=_REMEDY)
+    limits.require("vertices", n_points)
+    limits.require("faces", surface.GetNumberOfPolys())
+    if surface.GetNumberOfStrips():
+        raise MalformedFileError(
+            "The VTK file holds triangle strips.",
+            remedy="Apply the filter 'Triangulate' and save again.",
+        )
+    points = vtk_to_numpy(surface.GetPoints().GetData())
+    polygons = surface.GetPolys()
+    arrays = {
+        "positions": points if points.dtype == np.float32 else points.astype(np.float64),
+        "offsets": vtk_to_numpy(polygons.GetOffsetsArray()).astype(np.int64),
+        "corners": vtk_to_numpy(polygons.GetConnectivityArray()).astype(np.int64),
+    }
+    if len(arrays["offsets"]) == 0:
+        arrays["offsets"] = np.zeros(1, dtype=np.int64)
+    _require_offsets(arrays["offsets"], arrays["corners"])
+    return {"ignored": _ignored(surface), "statements": _statements(reader, surface)}, arrays
+
+
+def _module(name: str) -> Any:
+    # The package is an extra: what does not ask for it must not need it, type checker included.
+    return import_module(f"vtkmodules.{name}")
+
+
+def _require_offsets(offsets: NDArray[np.int64], corners: NDArray[np.int64]) -> None:
+    if offsets[0] != 0 or offsets[-1] != len(corners) or (np.diff(offsets) < 0).any():
+        raise MalformedFileError(
+            "The VTK file's polygons do not add up to its list of corners.", remedy=_REMEDY
+        )
+
+
+def _ignored(surface: Any) -> list[str]:
+    names = []
+    for kind, data in (("point", surface.GetPointData()), ("cell", surface.GetCellData())):
+        names += [f"{kind}.{data.GetArrayName(i)}" for i in range(data.GetNumberOfArrays())]
+    if surface.GetNumberOfVerts():
+        names.append("vertices")
+    if surface.GetNumberOfLines():
+        names.append("lines")
+    return names
+
+
+def _statements(reader: Any, surface: Any) -> list[tuple[str, str]]:
+    header = str(reader.GetHeader() or "") if hasattr(reader, "GetHeader") else ""
+    field = surface.GetFieldData()
+    space = field.GetAbstractArray("SPACE")
+    if space is not None and space.GetNumberOfValues():
+        header += f" SPACE={space.GetVariantValue(0).ToString()}"
+    statements = list(space_in(header.encode()))
+    time = field.GetArray(_TIME)
+    if time is not None and time.GetNumberOfValues() == 1:
+        statements.append(("time", repr(float(time.GetTuple1(0)))))
+    return statements
+
+
+def _last_words(text: str) -> str:
+    # A line with the place in VTK's source, then the reader and its address, a colon, the words.
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    message = lines[1] if len(lines) > 1 else lines[0]
+    return message.rpartition("): ")[2].rstrip(".")[:120]

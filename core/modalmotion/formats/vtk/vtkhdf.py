@@ -1,0 +1,249 @@
+"""VTKHDF PolyData over time: the HDF5 layout that ParaView opens (VTK file formats, 2.x).
+
+Points of all steps stand one behind the other; "Steps" says where each begins, and where its
+connectivity does, which may be the same for all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ConnectivityError, MalformedFileError, ShapeError
+from modalmotion.formats.limits import ReadLimits
+from modalmotion.formats.parser.tasks import Parsed
+from modalmotion.formats.polygons import Triangles, triangulate
+
+TOPOLOGIES: Final = ("Vertices", "Lines", "Polygons", "Strips")
+"""Groups of cells, in the order of their columns in the offsets of steps."""
+
+OURS: Final = "modalmotion"
+"""Group beside "VTKHDF" for what the format has no place for: unit, topology, grid."""
+
+_POLYGONS: Final = TOPOLOGIES.index("Polygons")
+_REMEDY: Final = "Save the surface again as VTKHDF from ParaView or VTK."
+
+
+def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
+    """Parse an open file that has passed the gate.
+
+    Parameters
+    ----------
+    file : h5py.File
+    limits : ReadLimits
+
+    Returns
+    -------
+    info : dict
+    arrays : dict of ndarray
+        "vertices" (frames, vertices, 3), "faces" (faces, 3), maybe "times" (frames).
+
+    Raises
+    ------
+    MalformedFileError
+        If it is no PolyData of one part, or its offsets lead nowhere.
+    ShapeError
+        If a frame has another number of vertices.
+    ConnectivityError
+        If a frame has other faces than frame 0.
+    """
+    root = file["VTKHDF"]
+    kind = _text(root.attrs.get("Type"))
+    if kind != "PolyData":
+        raise MalformedFileError(
+            f"The VTKHDF file is of the type {kind[:40]!r}, not 'PolyData'.",
+            remedy="Apply 'Extract Surface' in ParaView, and save again.",
+        )
+    n_points = _integers(root, "NumberOfPoints")
+    steps = _steps(root, len(n_points))
+    limits.require("frames", len(steps.parts))
+    limits.require("vertices", int(n_points[steps.parts].max(initial=0)))
+    polygons = root["Polygons"]
+    cells = _Cells(
+        n_cells=_integers(polygons, "NumberOfCells"),
+        n_corners=_integers(polygons, "NumberOfConnectivityIds"),
+        offsets=_integers(polygons, "Offsets"),
+        corners=_integers(polygons, "Connectivity"),
+    )
+    if not len(n_points) == len(cells.n_cells) == len(cells.n_corners):
+        raise MalformedFileError("The VTKHDF file's lists of parts differ.", remedy=_REMEDY)
+    faces = _same_faces(cells, steps, limits)
+    vertices = _positions(root["Points"], n_points[steps.parts], steps.points, limits)
+    if "Strips" in root and _integers(root["Strips"], "NumberOfCells").any():
+        raise MalformedFileError(
+            "The VTKHDF file holds triangle strips.",
+            remedy="Apply the filter 'Triangulate' and save again.",
+        )
+    arrays: dict[str, NDArray[Any]] = {"vertices": vertices, "faces": faces.faces}
+    ours = file[OURS].attrs if OURS in file else {}
+    notes = list(faces.notes)
+    if steps.times is not None and "times_unknown" not in ours:
+        arrays["times"] = steps.times
+        if OURS not in file:
+            notes.append("The format has no unit of time; its values were taken for seconds.")
+    info = {
+        "format": "vtkhdf",
+        "unit": _text(ours["unit"]) if "unit" in ours else None,
+        "topology": _text(ours["topology"]) if "topology" in ours else None,
+        "grid": [int(n) for n in np.atleast_1d(ours["grid"])] if "grid" in ours else None,
+        "ignored": _ignored(root),
+        "notes": notes,
+    }
+    return info, arrays
+
+
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """Where each step begins: part, point, polygon, corner; (frames,) int64 each."""
+
+    parts: NDArray[np.int64]
+    points: NDArray[np.int64]
+    cells: NDArray[np.int64]
+    corners: NDArray[np.int64]
+    times: NDArray[np.float64] | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    n_cells: NDArray[np.int64]
+    n_corners: NDArray[np.int64]
+    offsets: NDArray[np.int64]
+    corners: NDArray[np.int64]
+
+
+def _steps(root: Any, n_parts: int) -> _Steps:
+    if "Steps" not in root:
+        if n_parts != 1:
+            raise _several_parts(n_parts)
+        zero = np.zeros(1, dtype=np.int64)
+        return _Steps(zero, zero, zero, zero, None)
+    group = root["Steps"]
+    n_steps = int(group.attrs["NSteps"])
+    parts = _integers(group, "PartOffsets")
+    points = _integers(group, "PointOffsets")
+    cells = _integers(group, "CellOffsets", columns=len(TOPOLOGIES))[:, _POLYGONS]
+    corners = _integers(group, "ConnectivityIdOffsets", columns=len(TOPOLOGIES))[:, _POLYGONS]
+    times = np.asarray(group["Values"][()], dtype=np.float64)
+    lengths = {len(a) for a in (parts, points, cells, corners, times)}
+    if n_steps < 1 or lengths != {n_steps}:
+        raise MalformedFileError(
+            f"The VTKHDF file declares {n_steps} steps but lists {sorted(lengths)}.",
+            remedy=_REMEDY,
+        )
+    if "NumberOfParts" in group and (several := _integers(group, "NumberOfParts").max()) > 1:
+        raise _several_parts(int(several))
+    if parts.min() < 0 or parts.max() >= n_parts:
+        raise MalformedFileError("A step of the VTKHDF file names no part.", remedy=_REMEDY)
+    return _Steps(parts, points, cells, corners, times)
+
+
+def _same_faces(cells: _Cells, steps: _Steps, limits: ReadLimits) -> Triangles:
+    limits.require("faces", int(cells.n_cells[steps.parts].max(initial=0)))
+    places = zip(
+        steps.cells.tolist(),
+        steps.corners.tolist(),
+        steps.parts.tolist(),
+        cells.n_cells[steps.parts].tolist(),
+        cells.n_corners[steps.parts].tolist(),
+        strict=True,
+    )
+    first: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
+    known = None
+    for frame, (cell, corner, part, n_cells, n_corners) in enumerate(places):
+        # Each part before has one offset more than polygons, unless steps share theirs.
+        start = cell + part
+        if (place := (start, corner, n_cells, n_corners)) == known:
+            continue
+        offsets = cells.offsets[start : start + n_cells + 1] if start >= 0 else cells.offsets[:0]
+        corners = cells.corners[corner : corner + n_corners] if corner >= 0 else cells.corners[:0]
+        fits = len(offsets) == n_cells + 1 and len(corners) == n_corners
+        if not fits or offsets[0] != 0 or offsets[-1] != n_corners or (np.diff(offsets) < 0).any():
+            raise MalformedFileError(
+                f"Frame {frame}: the polygons of the VTKHDF file do not add up to its lists.",
+                remedy=_REMEDY,
+                frame=frame,
+            )
+        if first is None:
+            first, known = (offsets, corners), place
+        elif not (np.array_equal(first[0], offsets) and np.array_equal(first[1], corners)):
+            raise ConnectivityError(
+                f"Frame {frame} has other faces than frame 0.",
+                remedy="Send one mesh that moves: the same faces in every frame.",
+                frame=frame,
+            )
+    if first is None:
+        raise MalformedFileError("The VTKHDF file holds no step.", remedy=_REMEDY)
+    return triangulate(*first)
+
+
+def _positions(
+    points: Any, n_points: NDArray[np.int64], starts: NDArray[np.int64], limits: ReadLimits
+) -> NDArray[Any]:
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
+        raise MalformedFileError(
+            f"The VTKHDF file's points have the shape {points.shape} of {points.dtype}.",
+            remedy=_REMEDY,
+        )
+    different = np.flatnonzero(n_points != n_points[0])
+    if different.size:
+        frame = int(different[0])
+        raise ShapeError(
+            f"Frame {frame} has {n_points[frame]} vertices, frame 0 has {n_points[0]}.",
+            remedy="Send one mesh that moves: the same vertices in every frame.",
+            frame=frame,
+        )
+    n = int(n_points[0])
+    if n < 0 or starts.min() < 0 or int(starts.max()) + n > len(points):
+        raise MalformedFileError(
+            f"The VTKHDF file holds {len(points)} points, fewer than its steps name.",
+            remedy=_REMEDY,
+        )
+    dtype = np.dtype(np.float32 if points.dtype.itemsize == 4 else np.float64)
+    # Steps may all name the same points, so this can be far more than the file declares.
+    limits.require("decompressed_bytes", len(starts) * n * 3 * dtype.itemsize)
+    vertices = np.empty((len(starts), n, 3), dtype)
+    for frame, start in enumerate(starts.tolist()):
+        vertices[frame] = points[start : start + n]
+    return vertices
+
+
+def _integers(group: Any, name: str, columns: int | None = None) -> NDArray[np.int64]:
+    dataset = group[name]
+    fits = dataset.ndim == 1 if columns is None else dataset.shape[1:] == (columns,)
+    if dataset.dtype.kind not in "iu" or not fits:
+        raise MalformedFileError(
+            f"The VTKHDF file's {name!r} has the shape {dataset.shape} of {dataset.dtype}.",
+            remedy=_REMEDY,
+        )
+    return np.asarray(dataset[()], dtype=np.int64)
+
+
+def _ignored(root: Any) -> list[str]:
+    names = [
+        f"{group}.{name}"
+        for group in ("PointData", "CellData", "FieldData")
+        if group in root
+        for name in root[group]
+    ]
+    names += [
+        group
+        for group in ("Vertices", "Lines")
+        if group in root and _integers(root[group], "NumberOfCells").any()
+    ]
+    return names
+
+
+def _several_parts(n_parts: int) -> MalformedFileError:
+    return MalformedFileError(
+        f"The VTKHDF file holds {n_parts} parts for one time.",
+        remedy="Merge them ('Merge Blocks' or 'Append Geometry' in ParaView) and save again.",
+    )
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    return str(value)

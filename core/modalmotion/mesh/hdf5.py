@@ -1,0 +1,80 @@
+"""Mesh sequences as HDF5."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from modalmotion.hdf5.contents import Contents, read_contents
+from modalmotion.hdf5.image import Attribute, Dataset, sealed_image
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.signature.making import INTENDED_USE
+
+KIND: Final = "sequence"
+SCHEMA_VERSION: Final = 1
+
+
+def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
+    """Write a mesh sequence as a sealed HDF5 file in memory.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+
+    Returns
+    -------
+    bytes
+        The same for the same sequence.
+    """
+    unit = sequence.unit or "unknown"
+    attributes: dict[str, Attribute] = {
+        "schema": f"modalmotion.{KIND}",
+        "schema_version": SCHEMA_VERSION,
+        "kind": KIND,
+        "intended_use": INTENDED_USE,
+        "unit": unit,
+    }
+    if sequence.topology is not None:
+        attributes["topology"] = sequence.topology.name
+    if sequence.grid is not None:
+        attributes["grid"] = sequence.grid
+    vertices = sequence.vertices.astype(sequence.vertices.dtype.newbyteorder("<"), copy=False)
+    datasets = [
+        Dataset("vertices", vertices, unit, "frame, vertex, direction"),
+        Dataset("faces", sequence.faces.astype("<i8", copy=False), "1", "face, corner"),
+    ]
+    if sequence.times is not None:
+        datasets.append(Dataset("times", sequence.times, "s", "frame"))
+    return sealed_image(attributes, {"sequence_id": sequence.id}, datasets)
+
+
+def sequence_from_hdf5(source: bytes | Path) -> MeshSequence:
+    """Read a mesh sequence, bit for bit as it was written.
+
+    Parameters
+    ----------
+    source : bytes or Path
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such file.
+    CorruptFileError
+        If it is damaged, foreign, or written by a newer version.
+    """
+    return read_sequence(source)[0]
+
+
+def read_sequence(source: bytes | Path) -> tuple[MeshSequence, Contents]:
+    """Read a mesh sequence together with the contents of its file."""
+    with read_contents(source, KIND, SCHEMA_VERSION) as contents:
+        unit = contents.text("unit")
+        sequence = mesh_sequence(
+            contents.array("vertices", (None, None, 3)),
+            contents.array("faces", (None, 3)),
+            grid=contents.attributes.get("grid"),
+            topology=contents.optional_text("topology"),
+            times=contents.arrays.get("times"),
+            unit=None if unit == "unknown" else unit,
+        )
+    return sequence, contents

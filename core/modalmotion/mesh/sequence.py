@@ -1,0 +1,246 @@
+"""Mesh sequences: one connectivity, positions over time."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Final, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.mesh.checks import FloatArray, require_faces, require_times, require_vertices
+from modalmotion.modes.order import require_shape
+from modalmotion.modes.topology import Topology
+
+MM_PER_UNIT: Final[dict[str, float]] = {
+    "m": 1e3,
+    "cm": 10.0,
+    "mm": 1.0,
+    "um": 1e-3,
+    "nm": 1e-6,
+}
+"""Length units that are understood, in millimetres."""
+
+
+MEAN: Final = "mean"
+
+Reference: TypeAlias = int | Literal["mean"]
+"""What displacements are measured from: a frame, or `MEAN`, the mean shape."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSequence:
+    """A surface that moves: the same vertices and faces in every frame.
+
+    Make one with `mesh_sequence`, which checks everything.
+
+    Parameters
+    ----------
+    vertices : (frames, vertices, 3) float32 or float64, in `unit`
+    faces : (faces, 3) int64
+        Triangles; none for contours and bare lattices.
+    grid : tuple of int, optional
+        Nodes along each axis if the vertices are those of a lattice, vertex = row * N' +
+        column.
+    topology : Topology, optional
+        What the sender states; found from the connectivity otherwise.
+    times : (frames,) float64, s, optional
+    unit : str, optional
+        Length unit: m, cm, mm, um or nm; None where it is unknown.
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int64]
+    grid: tuple[int, ...] | None = None
+    topology: Topology | None = None
+    times: NDArray[np.float64] | None = None
+    unit: str | None = None
+
+    def __post_init__(self) -> None:
+        for array in (self.vertices, self.faces, self.times):
+            if array is not None:
+                array.setflags(write=False)
+
+    def __repr__(self) -> str:
+        surface = "no topology" if self.topology is None else self.topology.name
+        return (
+            f"MeshSequence({self.n_frames} frames, {self.n_vertices} vertices, "
+            f"{len(self.faces)} faces, {surface}, unit {self.unit})"
+        )
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.vertices)
+
+    @property
+    def n_vertices(self) -> int:
+        """Number of vertices."""
+        return int(self.vertices.shape[1])
+
+    @cached_property
+    def id(self) -> str:
+        """Identity of the content: sha256 in hex.
+
+        Over the canonical arrays, unit, times and topology. Positions that float32 holds
+        exactly count as float32, so the same numbers have the same id in either type.
+        """
+        vertices = self.vertices
+        if vertices.dtype != np.float32:
+            with np.errstate(over="ignore"):
+                narrow = vertices.astype(np.float32)
+            if np.array_equal(narrow, vertices):
+                vertices = narrow
+        header = {
+            "schema": 1,
+            "shape": list(vertices.shape),
+            "dtype": vertices.dtype.name,
+            "faces": len(self.faces),
+            "grid": self.grid,
+            "topology": None if self.topology is None else self.topology.name,
+            "times": self.times is not None,
+            "unit": self.unit,
+        }
+        digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
+        little = vertices.dtype.newbyteorder("<")
+        digest.update(np.ascontiguousarray(vertices).astype(little, copy=False).data)
+        digest.update(np.ascontiguousarray(self.faces.astype("<i8")).data)
+        if self.times is not None:
+            digest.update(np.ascontiguousarray(self.times.astype("<f8")).data)
+        return digest.hexdigest()
+
+    @cached_property
+    def mean_shape(self) -> NDArray[np.float64]:
+        """Mean of all frames, turned onto one another: see `modalmotion.alignment.mean_shape`."""
+        from modalmotion.alignment.mean_shape import mean_shape
+
+        return mean_shape(self)
+
+    def reference_positions(self, reference: Reference) -> NDArray[np.float64]:
+        """Positions that displacements are measured from, (vertices, 3) float64, in `unit`."""
+        if reference == MEAN:
+            return self.mean_shape
+        positions: NDArray[np.float64] = self.vertices[reference].astype(np.float64)
+        return positions
+
+    def require_reference(self, reference: Reference) -> None:
+        """Check that there is such a reference.
+
+        Raises
+        ------
+        ParameterError
+            If it is neither a frame of the sequence nor `MEAN`.
+        """
+        if isinstance(reference, str):
+            is_there = reference == MEAN
+        else:
+            is_there = 0 <= reference < self.n_frames
+        if not is_there:
+            raise ParameterError(
+                f"The reference is frame {reference!r}, but there are {self.n_frames} frames "
+                f"(0 to {self.n_frames - 1}).",
+                remedy=f"Name a frame of the sequence, counted from 0, or {MEAN!r}.",
+            )
+
+    def with_unit(self, unit: str) -> MeshSequence:
+        """Return the same numbers, understood in another length unit.
+
+        Raises
+        ------
+        ParameterError
+            If the unit is none of `MM_PER_UNIT`.
+        """
+        _require_unit(unit)
+        return replace(self, unit=unit)
+
+    def with_topology(
+        self, topology: Topology | None, grid: tuple[int, ...] | None
+    ) -> MeshSequence:
+        """Return the same sequence with a stated topology or lattice shape, where one is given."""
+        if topology is None and grid is None:
+            return self
+        grid = self.grid if grid is None else grid
+        topology = self.topology if topology is None else topology
+        _require_grid(grid, topology, self.n_vertices)
+        return replace(self, topology=topology, grid=grid)
+
+
+def mesh_sequence(
+    vertices: Any,
+    faces: Any = None,
+    *,
+    grid: Any = None,
+    topology: Topology | str | None = None,
+    times: Any = None,
+    unit: str | None = None,
+) -> MeshSequence:
+    """Make a mesh sequence from arrays, checking all of them.
+
+    Parameters
+    ----------
+    vertices : (frames, vertices, 3) array_like, in `unit`
+        Copied only where its type or layout asks for it.
+    faces : (faces, 3) array_like of int, optional
+    grid : sequence of int, optional
+        Nodes along each axis of a lattice.
+    topology : Topology or str, optional
+    times : (frames,) array_like, s, optional
+    unit : str, optional
+        m, cm, mm, um or nm.
+
+    Raises
+    ------
+    InputError
+        The subclass says what is wrong; frame and vertex are named where there is one.
+    """
+    positions = require_vertices(vertices)
+    n_frames, n_vertices, _ = positions.shape
+    if isinstance(topology, str):
+        topology = Topology.parse(topology)
+    if grid is not None:
+        shape = np.asarray(grid)
+        if shape.dtype.kind not in "iu" or shape.ndim != 1 or not 1 <= shape.size <= 3:
+            raise ShapeError(
+                f"'grid' is {grid!r}, not one to three whole numbers.",
+                remedy="Give the number of nodes along each axis.",
+            )
+        grid = tuple(int(n) for n in shape)
+    _require_grid(grid, topology, n_vertices)
+    if unit is not None:
+        _require_unit(unit)
+    return MeshSequence(
+        vertices=positions,
+        faces=require_faces([] if faces is None else faces, n_vertices, n_frames),
+        grid=grid,
+        topology=topology,
+        times=None if times is None else require_times(times, n_frames),
+        unit=unit,
+    )
+
+
+def _require_unit(unit: str) -> None:
+    if unit not in MM_PER_UNIT:
+        raise ParameterError(
+            f"The unit {unit[:20]!r} is not understood.",
+            remedy=f"Use one of {', '.join(MM_PER_UNIT)}, or leave it out if it is unknown.",
+        )
+
+
+def _require_grid(grid: tuple[int, ...] | None, topology: Topology | None, n_vertices: int) -> None:
+    if grid is None:
+        return
+    n_nodes = 1
+    for n in grid:
+        n_nodes *= n
+    if n_nodes != n_vertices or min(grid) < 1:
+        raise ShapeError(
+            f"A grid of {' x '.join(map(str, grid))} nodes does not fit {n_vertices} vertices.",
+            remedy="The product of the grid must be the number of vertices.",
+            details={"grid": list(grid), "n_vertices": n_vertices},
+        )
+    if topology is not None:
+        require_shape(topology, grid)

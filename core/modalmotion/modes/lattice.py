@@ -1,0 +1,235 @@
+"""Lattices of masses and springs: products of chains, whose modes are known in closed form.
+
+Equation numbers are those of Nastar, INRIA research report, 1994.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.modes.factors import Factors, functions_at, functions_on, places_along
+from modalmotion.modes.label import ModeSet, scales_of
+from modalmotion.modes.order import (
+    all_modes,
+    lowest_modes,
+    require_shape,
+    require_within_zone,
+    whole_count,
+)
+from modalmotion.modes.spectrum_places import Places, places
+from modalmotion.modes.topology import CLOSED, Topology
+from modalmotion.modes.trigonometry import sin_pi
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """A lattice of equal masses joined by springs to their neighbours along each axis.
+
+    Nodes are numbered row by row: node = row * N' + column.
+
+    Parameters
+    ----------
+    topology : Topology
+    shape : tuple of int
+        Nodes along each axis.
+    stiffness : float or tuple of float, force per length
+        K, one for all axes or one for each.
+    mass : float
+        M of one node.
+
+    Raises
+    ------
+    ShapeError
+        If the shape does not fit the topology.
+    ParameterError
+        If a stiffness or the mass is not positive and finite.
+    """
+
+    topology: Topology
+    shape: tuple[int, ...]
+    stiffness: float | tuple[float, ...] = 1.0
+    mass: float = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
+        require_shape(self.topology, self.shape)
+        for name, value in (("stiffness K", self.stiffnesses), ("mass M", (self.mass,))):
+            if not all(math.isfinite(v) and v > 0 for v in value):
+                raise ParameterError(
+                    f"The {name} is {value}, but only positive finite values make a lattice "
+                    "that oscillates.",
+                    remedy="Use values above zero.",
+                )
+        if len(self.stiffnesses) != self.topology.n_axes:
+            raise ParameterError(
+                f"{len(self.stiffnesses)} stiffnesses for {self.topology.n_axes} axes.",
+                remedy="Give one stiffness, or one for each axis.",
+            )
+
+    @property
+    def stiffnesses(self) -> tuple[float, ...]:
+        """K along each axis."""
+        if isinstance(self.stiffness, tuple):
+            return self.stiffness
+        return (float(self.stiffness),) * self.topology.n_axes
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes, which is the number of modes."""
+        return math.prod(self.shape)
+
+    def lowest_modes(self, n_modes: int) -> ModeSet:
+        """First modes in the fixed order, taken literally."""
+        return lowest_modes(self.topology, n_modes, self.shape)
+
+    def whole_modes(self, n_modes: int) -> ModeSet:
+        """First modes in the fixed order, rounded up so that no pair is split."""
+        return self.lowest_modes(whole_count(self.topology, n_modes, self.shape))
+
+    def all_modes(self) -> ModeSet:
+        """Every mode, in the fixed order."""
+        return self._all_modes
+
+    @cached_property
+    def _all_modes(self) -> ModeSet:
+        return all_modes(self.topology, self.shape)
+
+    @cached_property
+    def places(self) -> tuple[Places, ...]:
+        """Where the terms of every mode stand in the spectrum of the fast transforms."""
+        return places(self._all_modes, self.shape)
+
+    @cached_property
+    def natural_coordinates(self) -> NDArray[np.float64]:
+        """Natural coordinates of every node.
+
+        Returns
+        -------
+        (nodes, axes) float64
+            (2n - 1) / 2N on open and pole axes, n / N on closed ones, n = 1..N.
+        """
+        axes = [
+            np.arange(1, n + 1) / n if ends == CLOSED else np.arange(1, 2 * n, 2) / (2 * n)
+            for ends, n in zip(self.topology.ends, self.shape, strict=True)
+        ]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        return grid.reshape(self.n_nodes, self.topology.n_axes)
+
+    def angular_frequencies(self, modes: ModeSet) -> NDArray[np.float64]:
+        """Angular frequency of each mode, eq. 7 summed over the axes.
+
+        Returns
+        -------
+        (modes,) float64, rad per time unit
+
+        Raises
+        ------
+        TopologyError, ParameterError
+            As `shapes`.
+        """
+        self._require(modes)
+        omega_squared = np.zeros(len(modes))
+        for axis, (ends, n, K) in enumerate(
+            zip(self.topology.ends, self.shape, self.stiffnesses, strict=True)
+        ):
+            # w^2 = (4 K / M) sin^2(k a / 2), and k a / 2 = p pi / N closed, h pi / 4N else.
+            # Never 2 - 2 cos(k a): at N = 1e8 that is wrong by a tenth.
+            h = modes.half_periods[:, axis]
+            half_angle = sin_pi(h, n if ends == CLOSED else 4 * n)
+            omega_squared += (4.0 * K / self.mass) * half_angle**2
+        return np.sqrt(omega_squared)
+
+    def factors(self, modes: ModeSet) -> Factors:
+        """Evaluate mode shapes as sums of products of one function per axis.
+
+        All of every shape is in them, at the cost of N + N' numbers instead of N N'.
+
+        Raises
+        ------
+        TopologyError, ParameterError
+            As `shapes`.
+        """
+        coefficients = self._coefficients(modes)
+        return Factors(functions_on(modes.separable, self.shape), modes.separable, coefficients)
+
+    def shapes(
+        self,
+        modes: ModeSet,
+        nodes: NDArray[np.int64] | list[int] | None = None,
+        *,
+        out: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """Evaluate mode shapes at the nodes.
+
+        Parameters
+        ----------
+        modes : ModeSet
+        nodes : (nodes,) int64, optional
+            These nodes only, in this order. Nothing is built for the others: the lattice may
+            be of any size.
+
+        Returns
+        -------
+        (nodes, modes) float64
+            Each with mean square 1: V'V is the number of nodes times the identity. One mode
+            after the other in memory.
+
+        Raises
+        ------
+        TopologyError
+            If the modes are of another topology.
+        ParameterError
+            If a mode lies beyond the lattice's Nyquist wavenumber.
+        ShapeError
+            If the lattice has no such node, or `out` is not such an array.
+        """
+        if nodes is None:
+            return self.factors(modes).shapes(out)
+        coefficients, separable = self._coefficients(modes), modes.separable
+        functions = tuple(
+            functions_at(separable, axis, n, along)
+            for axis, (n, along) in enumerate(
+                zip(self.shape, places_along(self.shape, nodes), strict=True)
+            )
+        )
+        return Factors(functions, separable, coefficients).shapes_along()
+
+    def scales(self, modes: ModeSet) -> NDArray[np.float64]:
+        """Factors that give every shape mean square 1 over the nodes, (modes,) float64.
+
+        As on a continuum, but for shapes that alternate from node to node: these are +1 and
+        -1, with mean square 1 already.
+        """
+        n_waves = modes.n_waves
+        closed = list(self.topology.closed_axes)
+        if closed:
+            k = modes.wavenumbers[:, closed]
+            n = np.array([self.shape[axis] for axis in closed])
+            n_waves = n_waves - ((2 * k % n == 0).all(axis=1) & (k != 0).any(axis=1))
+        for axis, (ends, nodes) in enumerate(zip(self.topology.ends, self.shape, strict=True)):
+            if ends != CLOSED:
+                n_waves = n_waves - (modes.half_periods[:, axis] == 2 * nodes)
+        return scales_of(n_waves)
+
+    def _require(self, modes: ModeSet) -> None:
+        if modes.topology is not self.topology and modes.topology != self.topology:
+            raise TopologyError(
+                f"Modes of a {modes.topology} have no place on a {self.topology} lattice.",
+                remedy="Choose the modes from the lattice itself, with `lowest_modes`.",
+            )
+        require_within_zone(modes, self.shape)
+
+    def _coefficients(self, modes: ModeSet) -> NDArray[np.float64]:
+        """Sign of each term times the scale of its mode, (terms,) float64."""
+        self._require(modes)
+        for ends, h, n in zip(self.topology.ends, modes.separable.largest, self.shape, strict=True):
+            # Where shapes alternate from node to node.
+            if 2 * h == (n if ends == CLOSED else 4 * n):
+                return modes.separable.signs * self.scales(modes)[modes.separable.mode]
+        return modes.coefficients

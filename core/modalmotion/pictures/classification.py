@@ -1,0 +1,92 @@
+"""Picture of what a model says of one sequence. Needs matplotlib (extra ``plot``)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from modalmotion.classify.answer.classification import Classification
+from modalmotion.numerals import numeral
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_INK = "#33373d"
+_SOFT = "#8a9099"
+_IN_SET = "#2f6690"
+_RULED_OUT = "#c9c4bc"
+_AGAINST = "#b5533c"
+
+# More classes, and more modes, than can be read.
+_MOST_CLASSES: Final = 20
+_MOST_MODES: Final = 10
+
+
+def answer_figure(result: Classification) -> Figure:
+    """Draw the probability of each class, the class set, and what moved the prediction.
+
+    Parameters
+    ----------
+    result : Classification
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    n_classes = min(len(result.classes), _MOST_CLASSES)
+    n_modes = min(len(result.explanation), _MOST_MODES)
+    n_panels = 1 + bool(n_modes)
+    height = 1.6 + 0.34 * max(n_classes, n_modes, 3)
+    figure = Figure(figsize=(5.6 * n_panels + 0.6, height), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, n_panels, squeeze=False)[0]
+    _draw_classes(panels[0], result)
+    if n_modes:
+        _draw_modes(panels[1], result)
+    said = "no class" if result.label is None else f"{result.label}, {result.probability:.3f}"
+    flags = f" ({', '.join(result.flags)})" if result.flags else ""
+    figure.suptitle(f"{result.model}: {said}{flags}", fontsize=12, color=_INK)
+    return figure
+
+
+def _draw_classes(axes: Any, result: Classification) -> None:
+    shares = dict(zip(result.classes, result.probabilities.tolist(), strict=True))
+    ranked = sorted(shares, key=lambda name: -shares[name])[:_MOST_CLASSES][::-1]
+    colours = [_IN_SET if name in result.class_set else _RULED_OUT for name in ranked]
+    values = [shares[name] for name in ranked]
+    axes.barh(range(len(ranked)), values, color=colours, height=0.7)
+    for row, value in enumerate(values):
+        axes.text(value + 0.015, row, f"{value:.3f}", va="center", fontsize=8, color=_INK)
+    axes.set_yticks(range(len(ranked)), ranked, fontsize=9)
+    axes.set_xlim(0.0, 1.12)
+    axes.set_xlabel("probability", color=_INK)
+    axes.set_title(
+        f"Blue cannot be ruled out at {100 * result.coverage:g} %", fontsize=10, color=_INK
+    )
+    _plain(axes)
+
+
+def _draw_modes(axes: Any, result: Classification) -> None:
+    parts = result.explanation[:_MOST_MODES][::-1]
+    scores = [part.score for part in parts]
+    colours = [_IN_SET if score >= 0 else _AGAINST for score in scores]
+    axes.barh(range(len(parts)), scores, color=colours, height=0.7)
+    axes.axvline(0.0, color=_SOFT, linewidth=1)
+    names = [
+        f"{' '.join(part.modes)}   {numeral(part.amplitude, 2)} {part.unit or ''}".rstrip()
+        for part in parts
+    ]
+    axes.set_yticks(range(len(parts)), names, fontsize=8)
+    axes.set_xlabel("for (blue) and against the class, log of odds", color=_INK)
+    axes.set_title("What moved it: modes, with their RMS amplitude", fontsize=10, color=_INK)
+    _plain(axes)
+
+
+def _plain(axes: Any) -> None:
+    axes.tick_params(axis="y", length=0)
+    axes.grid(axis="x", alpha=0.25)
+    axes.set_axisbelow(True)
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)

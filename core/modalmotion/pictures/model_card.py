@@ -1,0 +1,195 @@
+"""Pictures of how a model does. Needs matplotlib (extra ``plot``)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classify.model.card import ModelCard
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_INK = "#33373d"
+_SOFT = "#8a9099"
+_BLUE = "#2f6690"
+
+
+def card_figure(card: ModelCard, title: str) -> Figure:
+    """Draw how a model did in cross-validation.
+
+    Parameters
+    ----------
+    card : ModelCard
+    title : str
+        Such as the model's name.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The confusion matrix by shares of the true class, with counts; and the share of answers
+        that were right against the probability that was stated, over the number of answers.
+    """
+    return measured_figure(
+        title=f"{title}: {_accuracy(card)}",
+        classes=card.classes,
+        confusion=card.confusion,
+        curve=card.calibration_curve,
+        calibration_error=card.calibration_error,
+    )
+
+
+def measured_figure(
+    *,
+    title: str,
+    classes: tuple[str, ...],
+    confusion: tuple[tuple[int, ...], ...],
+    curve: tuple[tuple[float, float, int], ...],
+    calibration_error: float | None,
+) -> Figure:
+    """Draw a confusion matrix and a calibration curve.
+
+    Parameters
+    ----------
+    title : str
+    classes : tuple of str
+    confusion : tuple of tuple of int
+        Rows are true classes, columns answers; one column more counts abstentions.
+    curve : tuple of (float, float, int)
+        Mean probability of the label, share that was right, number of cases, by bins.
+    calibration_error : float or None
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    n = max(len(classes), 1)
+    side = min(max(3.6, 0.62 * n + 1.6), 9.0)
+    figure = Figure(figsize=(side + 6.2, side + 0.9), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2, width_ratios=[side, 4.2])
+    _draw_confusion(left, classes, confusion)
+    _draw_calibration(right, curve, calibration_error)
+    figure.suptitle(title, fontsize=12, color=_INK)
+    return figure
+
+
+def _accuracy(card: ModelCard) -> str:
+    n_cases = sum(card.n_cases.values())
+    if card.accuracy is None:
+        return f"{n_cases} cases, not cross-validated"
+    interval = ""
+    if card.accuracy_interval is not None:
+        low, high = card.accuracy_interval
+        interval = f" (95 % interval {100 * low:.1f} to {100 * high:.1f})"
+    how = "cross-validation by subject" if card.is_grouped else "cross-validation"
+    return f"accuracy {100 * card.accuracy:.1f} %{interval}, {how}, {n_cases} cases"
+
+
+def _draw_confusion(
+    axes: Any, classes: tuple[str, ...], confusion: tuple[tuple[int, ...], ...]
+) -> None:
+    axes.set_title("Confusion", fontsize=10, color=_INK)
+    if not confusion:
+        _say_nothing(axes, "no cross-validation")
+        return
+    counts = np.array(confusion, dtype=np.float64)
+    totals = counts.sum(axis=1, keepdims=True)
+    shares = np.divide(counts, totals, out=np.zeros_like(counts), where=totals > 0)
+    answers = [*classes, "no class"][: counts.shape[1]]
+    axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    # Figures can be read in a small matrix; a large one is read by its shades.
+    size = 9 if len(classes) <= 8 else 7
+    if len(classes) <= 25:
+        for (row, column), count in np.ndenumerate(counts):
+            if count:
+                colour = "white" if shares[row, column] > 0.55 else _INK
+                axes.text(
+                    *(column, row, f"{count:.0f}"),
+                    ha="center",
+                    va="center",
+                    color=colour,
+                    fontsize=size,
+                )
+    axes.set_xticks(range(len(answers)), [_short(name) for name in answers], fontsize=size)
+    axes.set_yticks(range(len(classes)), [_short(name) for name in classes], fontsize=size)
+    axes.tick_params(axis="x", rotation=35 if _are_long(answers) else 0, length=0)
+    axes.tick_params(axis="y", length=0)
+    if _are_long(answers):
+        for label in axes.get_xticklabels():
+            label.set_horizontalalignment("right")
+            label.set_rotation_mode("anchor")
+    axes.set_xlabel("answer", color=_INK)
+    axes.set_ylabel("true class", color=_INK)
+    for spine in axes.spines.values():
+        spine.set_color(_SOFT)
+
+
+def _draw_calibration(
+    axes: Any, curve: tuple[tuple[float, float, int], ...], error: float | None
+) -> None:
+    stated = "" if error is None else f", expected calibration error {error:.3f}"
+    axes.set_title(f"Calibration{stated}", fontsize=10, color=_INK)
+    bins = [bin_ for bin_ in curve if bin_[2] > 0]
+    if not bins:
+        _say_nothing(axes, "no answers to compare")
+        return
+    probability, share, n_cases = (np.array(column) for column in zip(*bins, strict=True))
+    axes.plot([0, 1], [0, 1], color=_SOFT, linewidth=1, linestyle="--", label="as stated")
+    low, high = _wilson(share, n_cases)
+    axes.errorbar(
+        *(probability, share),
+        yerr=np.maximum([share - low, high - share], 0.0),
+        color=_BLUE,
+        marker="o",
+        markersize=5,
+        linewidth=1.5,
+        capsize=2,
+        elinewidth=1,
+        label="measured, with its 95 % interval",
+    )
+    for x, y, count in zip(probability, share, n_cases, strict=True):
+        axes.annotate(
+            f"{count:.0f}",
+            (x, y),
+            textcoords="offset points",
+            xytext=(7, -11),
+            fontsize=7,
+            color=_SOFT,
+        )
+    axes.set_xlim(-0.02, 1.04)
+    axes.set_ylim(-0.02, 1.04)
+    axes.set_xlabel("probability stated", color=_INK)
+    axes.set_ylabel("share that was right", color=_INK)
+    axes.legend(loc="lower right", fontsize=8, frameon=False)
+    axes.grid(alpha=0.25)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def _wilson(
+    share: NDArray[np.float64], n: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    # 95 % interval of a share. Wilson, Probable inference, J Am Stat Assoc, 1927.
+    z = 1.959963984540054
+    centre = (share + z**2 / (2 * n)) / (1 + z**2 / n)
+    half = z / (1 + z**2 / n) * np.sqrt(share * (1 - share) / n + z**2 / (4 * n**2))
+    return centre - half, centre + half
+
+
+def _say_nothing(axes: Any, text: str) -> None:
+    axes.set_axis_off()
+    axes.text(0.5, 0.5, text, ha="center", va="center", color=_SOFT, transform=axes.transAxes)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 22 else f"{name[:20]}…"
+
+
+def _are_long(names: list[str]) -> bool:
+    return len(names) > 3 and max(map(len, names)) > 6

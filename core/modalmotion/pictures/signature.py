@@ -1,0 +1,164 @@
+"""A picture of a signature beside its sequence. Needs matplotlib (extra ``plot``)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.mesh import lattice_faces
+from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
+from modalmotion.numerals import counted, numeral
+from modalmotion.pictures.cube import fill_cube
+from modalmotion.pictures.trajectory import draw_errors, draw_spectrum, draw_trajectories
+from modalmotion.pictures.unit import ShownUnit, shown_unit
+from modalmotion.signature.making import ModalSignature, resolve_sequence
+from modalmotion.signature.reconstruction import reconstruct
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_SURFACE = "#c9c4bc"
+_REFERENCE = "#7d8791"
+
+
+def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figure:
+    """Draw what a signature says of a motion: surfaces, trajectories, spectrum, error.
+
+    Above the reference, the frame farthest from it, its reconstruction, and the error; below the
+    amplitudes over time, their spectrum, and motion and error by frame.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    signature : ModalSignature
+        Made from that sequence.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    # Imported here: only pictures need it. A bare Figure has no window and no global state.
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(14.0, 8.4), dpi=120, layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=(1.15, 1.0), squeeze=False)[:, 0]
+    largest = max(float(signature.motion_rms.max()), signature.max_error)
+    shown = shown_unit(largest, signature.unit)
+    _draw_surfaces(above, sequence, signature, shown)
+    of_modes, spectrum, errors = below.subplots(1, 3, width_ratios=(1.25, 1.0, 1.25))
+    draw_trajectories(of_modes, signature, shown)
+    draw_spectrum(spectrum, signature, shown)
+    draw_errors(errors, signature, shown)
+    figure.suptitle(
+        f"{signature.surface}: {counted(signature.n_frames, 'frame')} of {signature.n_vertices} "
+        f"vertices, {counted(len(signature.modes), 'mode')}, {signature.compression:.0f}:1 a frame",
+        fontsize=12,
+    )
+    return figure
+
+
+def _draw_surfaces(
+    figure: Any, sequence: MeshSequence, signature: ModalSignature, shown: ShownUnit
+) -> None:
+    # Farthest from the reference: end systole for a ventricle.
+    frame = int(np.argmax(signature.motion_rms))
+    reference = sequence.reference_positions(signature.parameters.reference)
+    true = sequence.vertices[frame].astype(np.float64)
+    superposed = reconstruct(signature, sequence, [frame])[0]
+    # Divided first: squares of what is very large or very small are none.
+    error = np.linalg.norm(superposed / shown.size - true / shown.size, axis=1)
+    moved, left, most = (
+        float(values[frame]) / shown.size
+        for values in (signature.motion_rms, signature.rms_errors, signature.max_errors)
+    )
+    error_title = (
+        f"Error {numeral(left, 2, of=moved)} {shown.name} RMS, max {numeral(most, 2, of=moved)}"
+    )
+    panels = [
+        (reference, None, _named(signature.parameters.reference)),
+        (true, None, f"Frame {frame}, moved {numeral(moved, 2)} {shown.name} RMS"),
+        (superposed, None, f"From {3 * len(signature.modes)} amplitudes"),
+        (true, error, error_title),
+    ]
+    # Surfaces have no axes, and so no unit.
+    size = float(max(np.abs(reference).max(), np.abs(true).max())) or 1.0
+    view = _view(reference / size)
+    box = np.concatenate([reference, true]) / size @ view
+    faces = _faces(sequence, signature)
+    for column, (vertices, values, title) in enumerate(panels):
+        axis = figure.add_subplot(1, len(panels), column + 1, projection="3d")
+        drawn = _draw(axis, vertices / size @ view, faces, values, box)
+        axis.set_title(title, fontsize=10)
+        if values is not None:
+            label = f"distance to true vertex ({shown.name})"
+            figure.colorbar(drawn, ax=axis, shrink=0.7, pad=0.02, label=label)
+
+
+def _faces(sequence: MeshSequence, signature: ModalSignature) -> NDArray[np.int64]:
+    if len(sequence.faces):
+        return sequence.faces
+    resolved = resolve_sequence(sequence, signature.parameters)
+    grid, topology = resolved.grid, signature.topology
+    if topology is not None and grid is not None and len(grid) == 2 and min(grid) > 1:
+        return lattice_faces(topology, grid)
+    return sequence.faces
+
+
+def _view(reference: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation that lays the longest axis upright, the next one across.
+
+    The wider end is above, as ventricles are shown: the apex points down, whatever the file's axes.
+    """
+    offsets = reference - reference.mean(axis=0)
+    _, _, rows = np.linalg.svd(offsets, full_matrices=False)
+    height = offsets @ rows[0]
+    widths = np.square(offsets).sum(axis=1) - np.square(height)
+    if float(height @ (widths - widths.mean())) < 0.0:
+        rows = -rows
+    view = np.stack([rows[1], rows[2], rows[0]], axis=1)
+    if np.linalg.det(view) < 0:
+        view[:, 1] *= -1
+    return view
+
+
+def _draw(
+    axis: Any,
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    values: NDArray[np.float64] | None,
+    box: NDArray[np.float64],
+) -> Any:
+    from matplotlib.colors import LightSource
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+    fill_cube(axis, box)
+    axis.view_init(elev=12, azim=-70)
+    if not len(faces):
+        segments = np.stack([vertices[:-1], vertices[1:]], axis=1)
+        drawn = Line3DCollection(segments, colors=_REFERENCE, linewidths=1.5)
+        if values is not None:
+            drawn.set(colors=None, cmap="viridis")
+            drawn.set_array((values[:-1] + values[1:]) / 2)
+    elif values is None:
+        drawn = Poly3DCollection(
+            vertices[faces],
+            facecolors=_SURFACE,
+            edgecolors=(0, 0, 0, 0.12),
+            linewidths=0.2,
+            shade=True,
+            lightsource=LightSource(azdeg=300, altdeg=40),
+        )
+    else:
+        drawn = Poly3DCollection(
+            vertices[faces], cmap="viridis", edgecolors=(0, 0, 0, 0.08), linewidths=0.2
+        )
+        drawn.set_array(values[faces].mean(axis=1))
+        drawn.set_clim(0.0, max(float(values.max()), 1e-12))
+    axis.add_collection3d(drawn)
+    return drawn
+
+
+def _named(reference: Reference) -> str:
+    return "Mean shape" if reference == MEAN else f"Reference (frame {reference})"

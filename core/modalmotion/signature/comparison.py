@@ -1,0 +1,88 @@
+"""How far two signatures are from each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from modalmotion.errors import ParameterError
+from modalmotion.mesh.sequence import MM_PER_UNIT
+from modalmotion.modes import ModeSet
+from modalmotion.signature.distance import resample_to_phase, signature_distance, theta_invariants
+from modalmotion.signature.making import ModalSignature
+from modalmotion.template.landmarks import WEAK
+
+N_PHASES = 64
+"""Phases that trajectories are compared at."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Distance of one signature from another.
+
+    Parameters
+    ----------
+    distance : float
+        |a - b| / |b| over the amplitudes in the frame of the body, at the same phases.
+    uses_theta_zero : bool
+        False where a zero of theta is not determined: then magnitudes of pairs are compared,
+        and two motions that differ in direction alone are at distance 0.
+    """
+
+    distance: float
+    uses_theta_zero: bool
+
+
+def compare(a: ModalSignature, b: ModalSignature, *, closed: bool = True) -> Comparison:
+    """Compare two signatures: of patients, of meshes, of recordings.
+
+    Parameters
+    ----------
+    a, b : ModalSignature
+        With the same modes and components. Their units are taken into account where both are
+        known.
+    closed : bool
+        Whether the trajectories are one turn of a cycle, whose frame after the last would be
+        the first; False for a movement with a beginning and an end.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    ParameterError
+        If the two are not of the same modes or components, or only one unit is known.
+    """
+    if a.modes != b.modes or a.parameters.components != b.parameters.components:
+        raise ParameterError(
+            f"The signatures have different modes: {len(a.modes)} of a {a.surface}, "
+            f"{a.parameters.components}, and {len(b.modes)} of a {b.surface}, "
+            f"{b.parameters.components}.",
+            remedy="Fit both with the same number of modes, topology and components.",
+        )
+    if (a.unit is None) != (b.unit is None):
+        raise ParameterError(
+            f"One length unit is {a.unit or b.unit}, the other is unknown.",
+            remedy="State the unit of both.",
+        )
+    scale = 1.0
+    if a.unit is not None and b.unit is not None:
+        scale = MM_PER_UNIT[a.unit] / MM_PER_UNIT[b.unit]
+    trajectories = [
+        resample_to_phase(amplitudes, N_PHASES, times=signature.times, closed=closed)
+        for signature, amplitudes in ((a, a.body_amplitudes * scale), (b, b.body_amplitudes))
+    ]
+    uses_zero = all(_has_zero(signature) for signature in (a, b))
+    if not uses_zero and isinstance(a.modes, ModeSet) and a.modes.topology.closed_axes:
+        components, modes = a.parameters.components, a.modes
+        trajectories = [theta_invariants(t, modes, components) for t in trajectories]
+    return Comparison(signature_distance(*trajectories), uses_zero)
+
+
+def _has_zero(signature: ModalSignature) -> bool:
+    """Whether amplitudes are comparable as they are: theta starts at a known place."""
+    if signature.landmarks is None:
+        return signature.topology is None or not signature.topology.closed_axes
+    return "theta_zero" not in signature.landmarks.strengths or (
+        signature.landmarks.theta_zero_strength >= WEAK
+    )

@@ -1,0 +1,194 @@
+"""Distance between two modal signatures: |a - b| / |b| over amplitudes at the same phases."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.modes import ModeSet
+from modalmotion.template.body_frame import Components
+
+# Harmonics fitted to uneven times are given up from the highest on until they are told apart.
+_LARGEST_CONDITION: Final = 1e3
+
+# Times that are even to this share of a step are taken as even.
+_EVEN: Final = 1e-9
+
+
+def signature_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Distance of amplitudes from others, relative to these.
+
+    Parameters
+    ----------
+    a, b : (frames, modes, 3) float64, the same length unit
+        In the frame of the body and at the same phases: see `in_body_frame` and
+        `resample_to_phase`. Where theta has no landmark, `theta_invariants` of them.
+
+    Returns
+    -------
+    float
+        |a - b| / |b|, 0 if both are zero and infinite if only b is.
+
+    Raises
+    ------
+    ShapeError
+        If the two have not the same frames and modes.
+    """
+    if a.shape != b.shape or a.ndim != 3:
+        raise ShapeError(
+            f"Amplitudes of the shapes {a.shape} and {b.shape} cannot be compared.",
+            remedy="Use the same modes, and resample both to the same phases.",
+            details={"a": list(a.shape), "b": list(b.shape)},
+        )
+    scale = max(float(np.abs(a).max(initial=0.0)), float(np.abs(b).max(initial=0.0)))
+    if scale == 0.0:
+        return 0.0
+    size = float(np.linalg.norm(b / scale))
+    return float(np.linalg.norm((a - b) / scale)) / size if size > 0 else float("inf")
+
+
+def resample_to_phase(
+    amplitudes: NDArray[np.float64],
+    n_phases: int,
+    *,
+    times: NDArray[np.float64] | None = None,
+    period: float | None = None,
+    closed: bool = True,
+) -> NDArray[np.float64]:
+    """Amplitudes at evenly spaced phases, whatever the frame rate.
+
+    Parameters
+    ----------
+    amplitudes : (frames, modes, 3) float64
+    n_phases : int
+    times : (frames,) float64, s, optional
+        Increasing; evenly spaced if they are left out.
+    period : float, s, optional
+        Of a closed cycle: from the first frame to its first repetition, which is no frame.
+        One even step beyond the last frame by default.
+    closed : bool
+        True for a cycle: trigonometric interpolation, by least squares where times are uneven.
+        False for a movement with a beginning and an end, which become the first and the last
+        phase: cubic splines.
+
+    Returns
+    -------
+    (n_phases, modes, 3) float64
+        The first phase is that of the first frame.
+
+    Raises
+    ------
+    ParameterError
+        If no phases are asked for, or the period is shorter than the times.
+    """
+    n_frames = len(amplitudes)
+    if n_phases < 1:
+        raise ParameterError(
+            f"{n_phases} phases were asked for.", remedy="Ask for at least one phase."
+        )
+    if n_frames == 1:
+        return np.repeat(amplitudes, n_phases, axis=0)
+    at = np.arange(n_frames, dtype=np.float64) if times is None else times - times[0]
+    if not closed:
+        spline = CubicSpline(at / at[-1], amplitudes, axis=0)
+        path: NDArray[np.float64] = spline(np.linspace(0.0, 1.0, n_phases))
+        return path
+    span = at[-1] * n_frames / (n_frames - 1) if period is None else period
+    if not span > at[-1]:
+        raise ParameterError(
+            f"The period is {span}, but the frames span {at[-1]}.",
+            remedy="Give the time from the first frame to its first repetition, which is left "
+            "out of the sequence.",
+        )
+    phases = at / span
+    wanted = np.arange(n_phases) / n_phases
+    flat = amplitudes.reshape(n_frames, -1)
+    if np.abs(phases - np.arange(n_frames) / n_frames).max() < _EVEN / n_frames:
+        if n_phases == n_frames:
+            return amplitudes.copy()
+        result = _trigonometric(flat, wanted)
+    else:
+        result = _least_squares(flat, phases, wanted)
+    return result.reshape(n_phases, *amplitudes.shape[1:])
+
+
+def theta_invariants(
+    amplitudes: NDArray[np.float64], modes: ModeSet, components: Components = Components.CARTESIAN
+) -> NDArray[np.float64]:
+    """Magnitudes that do not depend on where theta starts.
+
+    Moving the zero of theta by phi multiplies the pair (cos, sin) of wavenumber p' by
+    exp(i p' phi), and in the frame of the body turns the two directions across the axis by
+    phi. So the pair's complex amplitudes along the axis, and of both senses of turning across
+    it, keep their magnitudes.
+
+    Parameters
+    ----------
+    amplitudes : (frames, modes, 3) float64, length unit
+        In the frame of the body, or radial, tangential, axial.
+    modes : ModeSet
+        Whole pairs.
+    components : Components
+
+    Returns
+    -------
+    (frames, pairs, 3) float64, length unit
+        One for each wave vector, in the order of its cosine. Their squares add up to those of
+        the amplitudes.
+
+    Raises
+    ------
+    ParameterError
+        If a pair is split.
+    """
+    index = {label: k for k, label in enumerate(modes.labels)}
+    cosines = [k for k, sine in enumerate(modes.is_sine) if not sine]
+    partner = np.full(len(cosines), -1)
+    for row, k in enumerate(cosines):
+        partner[row] = index.get(modes.labels[k]._replace(part="sin"), -1)
+    if int((partner >= 0).sum()) != int(modes.is_sine.sum()):
+        raise ParameterError(
+            "A sine comes without its cosine.", remedy="Use modes in whole cosine-sine pairs."
+        )
+    real = amplitudes[:, cosines]
+    imaginary = np.where((partner >= 0)[None, :, None], amplitudes[:, partner], 0.0)
+    if components == Components.CYLINDRICAL:
+        magnitudes: NDArray[np.float64] = np.hypot(real, imaginary)
+        return magnitudes
+    x, y, z = np.moveaxis(real + 1j * imaginary, 2, 0)
+    # |X + i Y|^2 + |X - i Y|^2 = 2 (|X|^2 + |Y|^2)
+    one, other = np.abs(x + 1j * y) / np.sqrt(2), np.abs(x - 1j * y) / np.sqrt(2)
+    return np.stack([one, other, np.abs(z)], axis=2)
+
+
+def _trigonometric(values: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Interpolate evenly spaced samples of a cycle exactly by harmonics."""
+    n = len(values)
+    coefficients = np.fft.rfft(values, axis=0) / n
+    p = np.arange(len(coefficients))
+    factor = np.where((p == 0) | (2 * p == n), 1.0, 2.0)[:, None]
+    waves = np.exp(2j * np.pi * np.outer(wanted, p))
+    result: NDArray[np.float64] = (waves @ (factor * coefficients)).real
+    return result
+
+
+def _least_squares(
+    values: NDArray[np.float64], phases: NDArray[np.float64], wanted: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Fit harmonics to uneven samples, as many as they tell apart."""
+    for n_harmonics in range((len(phases) - 1) // 2, -1, -1):
+        design = _harmonics(phases, n_harmonics)
+        if n_harmonics == 0 or np.linalg.cond(design) <= _LARGEST_CONDITION:
+            break
+    coefficients = np.linalg.lstsq(design, values, rcond=None)[0]
+    result: NDArray[np.float64] = _harmonics(wanted, n_harmonics) @ coefficients
+    return result
+
+
+def _harmonics(phases: NDArray[np.float64], n_harmonics: int) -> NDArray[np.float64]:
+    angles = 2 * np.pi * np.outer(phases, np.arange(1, n_harmonics + 1))
+    return np.concatenate([np.ones((len(phases), 1)), np.cos(angles), np.sin(angles)], axis=1)

@@ -1,0 +1,240 @@
+"""Modal signatures as HDF5."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from modalmotion.alignment.rigid import Rotations
+from modalmotion.choice.parameters import ErrorKind, ModeOrder
+from modalmotion.choice.reason import ModelChoice
+from modalmotion.hdf5.contents import Contents, read_contents
+from modalmotion.hdf5.image import Attribute, Dataset, json_text, sealed_image
+from modalmotion.mesh.spring_modes import SpringSpectrum
+from modalmotion.modes import ModeSet
+from modalmotion.modes.topology import Topology
+from modalmotion.signature.making import INTENDED_USE, ModalSignature, SignatureParameters
+from modalmotion.template import GivenLandmarks, Landmarks, Weights
+from modalmotion.template.body_frame import Components
+
+KIND: Final = "signature"
+SCHEMA_VERSION: Final = 1
+
+_VECTORS: Final = ("origin", "axis", "theta_zero", "apex", "base")
+
+
+def signature_to_hdf5(signature: ModalSignature) -> bytes:
+    """Write a signature as a sealed HDF5 file in memory.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+
+    Returns
+    -------
+    bytes
+        The same for the same signature.
+
+    Raises
+    ------
+    StoreError
+        If the unit is no text that HDF5 can hold.
+    """
+    unit = signature.unit or "unknown"
+    attributes: dict[str, Attribute] = {
+        "schema": f"modalmotion.{KIND}",
+        "schema_version": SCHEMA_VERSION,
+        "kind": KIND,
+        "intended_use": INTENDED_USE,
+        "topology": signature.surface,
+        "unit": unit,
+    }
+    ids = {
+        "sequence_id": signature.sequence_id,
+        "template_id": signature.template_id,
+        "parameters_key": signature.parameters.key,
+    }
+    # Squares of huge amplitudes overflow; what is kept of them is then infinite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        spectrum, energy = signature.deformation_spectrum, signature.strain_energy
+    datasets = [
+        Dataset("amplitudes", signature.amplitudes, unit, "frame, mode, direction"),
+        *mode_datasets(signature.modes),
+        Dataset("angular_frequencies", signature.angular_frequencies, "rad/s", "mode"),
+        Dataset("rotations", signature.rotations.matrices, "1", "frame, row, column"),
+        Dataset(
+            "rotation_is_determined",
+            signature.rotations.is_determined.astype(np.uint8),
+            "1",
+            "frame",
+        ),
+        Dataset("translations", signature.translations, unit, "frame, direction"),
+        Dataset("rms_errors", signature.rms_errors, unit, "frame"),
+        Dataset("p95_errors", signature.p95_errors, unit, "frame"),
+        Dataset("max_errors", signature.max_errors, unit, "frame"),
+        Dataset("motion_rms", signature.motion_rms, unit, "frame"),
+        Dataset("lengths", np.array(signature.lengths, dtype=np.float64), unit, "axis"),
+        Dataset("condition", np.array(signature.condition, dtype=np.float64), "1", ""),
+        Dataset("n_vertices", np.array(signature.n_vertices, dtype=np.int64), "1", ""),
+        Dataset("deformation_spectrum", spectrum, unit, "mode"),
+        Dataset("strain_energy", energy, f"{unit}^2/s^2", "frame, mode"),
+        _parameters_text(signature.parameters),
+        json_text("notes", signature.notes),
+        json_text("provenance", signature.provenance),
+    ]
+    if signature.choice is not None:
+        datasets.append(json_text("choice", signature.choice.as_json()))
+    if signature.landmarks is not None:
+        datasets += landmark_datasets(signature.landmarks, unit)
+    if signature.times is not None:
+        datasets.append(Dataset("times", signature.times, "s", "frame"))
+    return sealed_image(attributes, ids, datasets)
+
+
+def signature_from_hdf5(source: bytes | Path) -> ModalSignature:
+    """Read a signature, bit for bit as it was written.
+
+    Parameters
+    ----------
+    source : bytes or Path
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such file.
+    CorruptFileError
+        If it is damaged, foreign, or written by a newer version.
+    """
+    return read_signature(source)[0]
+
+
+def read_signature(source: bytes | Path) -> tuple[ModalSignature, Contents]:
+    """Read a signature together with the contents of its file."""
+    with read_contents(source, KIND, SCHEMA_VERSION) as contents:
+        return _signature(contents), contents
+
+
+def _signature(contents: Contents) -> ModalSignature:
+    unit = contents.text("unit")
+    amplitudes = contents.array("amplitudes", (None, None, 3))
+    n_frames, n_modes, _ = amplitudes.shape
+
+    def per_frame(name: str) -> Any:
+        return contents.array(name, (n_frames,))
+
+    return ModalSignature(
+        modes=_modes(contents, n_modes),
+        amplitudes=amplitudes,
+        angular_frequencies=contents.array("angular_frequencies", (n_modes,)),
+        rotations=Rotations(
+            contents.array("rotations", (n_frames, 3, 3)),
+            per_frame("rotation_is_determined").astype(np.bool_),
+        ),
+        translations=contents.array("translations", (n_frames, 3)),
+        rms_errors=per_frame("rms_errors"),
+        p95_errors=per_frame("p95_errors"),
+        max_errors=per_frame("max_errors"),
+        motion_rms=per_frame("motion_rms"),
+        times=per_frame("times") if "times" in contents.arrays else None,
+        unit=None if unit == "unknown" else unit,
+        n_vertices=contents.number("n_vertices"),
+        lengths=tuple(contents.array("lengths", (None,)).tolist()),
+        landmarks=landmarks_from(contents),
+        condition=contents.number("condition"),
+        parameters=parameters_from_json(contents.json("parameters", dict)),
+        sequence_id=contents.text("sequence_id"),
+        template_id=contents.text("template_id"),
+        notes=tuple(contents.json("notes", list)),
+        provenance=contents.json("provenance", dict),
+        choice=(
+            ModelChoice.from_json(contents.json("choice", dict))
+            if "choice" in contents.arrays
+            else None
+        ),
+    )
+
+
+def mode_datasets(modes: ModeSet | SpringSpectrum) -> list[Dataset]:
+    """Datasets that hold the names of modes."""
+    if isinstance(modes, SpringSpectrum):
+        identity = np.array(modes.connectivity_id.encode(), dtype="S64")
+        return [
+            Dataset("spring_eigenvalues", modes.eigenvalues, "1", "mode"),
+            Dataset("connectivity_id", identity, "none", ""),
+        ]
+    return [
+        Dataset("wavenumbers", modes.wavenumbers, "1", "mode, axis"),
+        Dataset("is_sine", modes.is_sine.astype(np.uint8), "1", "mode"),
+    ]
+
+
+def _modes(contents: Contents, n_modes: int) -> ModeSet | SpringSpectrum:
+    if contents.text("topology") == "mesh":
+        identity = bytes(contents.arrays["connectivity_id"][()]).decode()
+        return SpringSpectrum(contents.array("spring_eigenvalues", (n_modes,)), identity)
+    topology = Topology.parse(contents.text("topology"))
+    return ModeSet(
+        topology,
+        contents.array("wavenumbers", (n_modes, topology.n_axes)),
+        contents.array("is_sine", (n_modes,)).astype(np.bool_),
+    )
+
+
+def landmark_datasets(landmarks: Landmarks, unit: str) -> list[Dataset]:
+    """Datasets that hold landmarks."""
+    vectors = np.array([getattr(landmarks, name) for name in _VECTORS], dtype=np.float64)
+    rest = {
+        "strengths": dict(landmarks.strengths),
+        "n_loops": landmarks.n_loops,
+        "given": landmarks.given,
+    }
+    axes = "origin axis theta_zero apex base, direction"
+    return [Dataset("landmarks", vectors, unit, axes), json_text("landmark_strengths", rest)]
+
+
+def landmarks_from(contents: Contents) -> Landmarks | None:
+    """Landmarks that a file holds, None where there are none."""
+    if "landmarks" not in contents.arrays:
+        return None
+    vectors = contents.array("landmarks", (len(_VECTORS), 3))
+    rest = contents.json("landmark_strengths", dict)
+    return Landmarks(
+        **dict(zip(_VECTORS, vectors, strict=True)),
+        strengths=rest["strengths"],
+        n_loops=rest["n_loops"],
+        given=tuple(rest["given"]),
+    )
+
+
+@lru_cache(maxsize=64)
+def _parameters_text(parameters: SignatureParameters) -> Dataset:
+    # Most signatures are asked for alike.
+    return json_text("parameters", parameters_as_json(parameters))
+
+
+def parameters_as_json(parameters: SignatureParameters) -> dict[str, Any]:
+    """Values of a signature's parameters, ready for JSON."""
+    # All are plain values; `asdict` would copy them.
+    values = {field.name: getattr(parameters, field.name) for field in fields(parameters)}
+    return {**values, "landmarks": parameters.landmarks.as_json()}
+
+
+def parameters_from_json(values: dict[str, Any]) -> SignatureParameters:
+    """Read what `parameters_as_json` gave."""
+    # JSON knows no tuples and no enumerations; fields that came later keep their defaults.
+    grid = values.get("grid")
+    return SignatureParameters(
+        **{
+            **values,
+            "grid": None if grid is None else tuple(grid),
+            "weights": Weights(values["weights"]),
+            "components": Components(values["components"]),
+            "landmarks": GivenLandmarks.from_json(values["landmarks"]),
+            "tolerance_of": ErrorKind(values.get("tolerance_of", ErrorKind.RMS)),
+            "order": ModeOrder(values.get("order", ModeOrder.FIXED)),
+        }
+    )

@@ -1,0 +1,79 @@
+"""A signature at times between its frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, Slerp
+
+from modalmotion.alignment.rigid import Rotations
+from modalmotion.errors import ParameterError
+from modalmotion.signature.making import ModalSignature
+
+
+def at_times(signature: ModalSignature, times: NDArray[np.float64]) -> ModalSignature:
+    """Trajectory of a signature at other times.
+
+    Amplitudes follow cubic splines, rotations the shortest turn between frames. Errors are
+    those of the frames nearest in time: what lies between frames was not measured.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    times : (n,) float64, s
+        Within the recording; frame numbers where the signature has no times.
+
+    Returns
+    -------
+    ModalSignature
+        With n frames.
+
+    Raises
+    ------
+    ParameterError
+        If there is no time, or one lies outside the recording.
+    """
+    own = _times_of(signature)
+    wanted = np.asarray(times, dtype=np.float64)
+    outside = ~((wanted >= own[0]) & (wanted <= own[-1]))
+    if wanted.ndim != 1 or not len(wanted) or outside.any():
+        first = wanted[outside][0] if wanted.ndim == 1 and outside.any() else wanted
+        raise ParameterError(
+            f"The time {first} was asked for; the recording runs from {own[0]} to {own[-1]}.",
+            remedy="Ask for times within the recording (frame numbers where it has no times).",
+            details={"least": float(own[0]), "most": float(own[-1])},
+        )
+    nearest = np.abs(own[:, None] - wanted).argmin(axis=0)
+    if len(own) == 1:
+        amplitudes, translations = signature.amplitudes[nearest], signature.translations[nearest]
+        matrices = signature.rotations.matrices[nearest]
+    else:
+        amplitudes = CubicSpline(own, signature.amplitudes, axis=0)(wanted)
+        translations = CubicSpline(own, signature.translations, axis=0)(wanted)
+        turns = Rotation.from_matrix(signature.rotations.matrices)
+        matrices = Slerp(own, turns)(wanted).as_matrix()
+    # At a frame the trajectory is the frame's own, to the last bit.
+    exact = own[nearest] == wanted
+    amplitudes[exact] = signature.amplitudes[nearest[exact]]
+    translations[exact] = signature.translations[nearest[exact]]
+    matrices[exact] = signature.rotations.matrices[nearest[exact]]
+    return replace(
+        signature,
+        amplitudes=amplitudes,
+        translations=translations,
+        rotations=Rotations(matrices, signature.rotations.is_determined[nearest]),
+        rms_errors=signature.rms_errors[nearest],
+        p95_errors=signature.p95_errors[nearest],
+        max_errors=signature.max_errors[nearest],
+        motion_rms=signature.motion_rms[nearest],
+        times=wanted,
+    )
+
+
+def _times_of(signature: ModalSignature) -> NDArray[np.float64]:
+    if signature.times is not None:
+        return signature.times
+    return np.arange(signature.n_frames, dtype=np.float64)

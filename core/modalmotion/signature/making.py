@@ -1,0 +1,188 @@
+"""Making modal signatures."""
+
+from __future__ import annotations
+
+import platform
+from functools import lru_cache
+from importlib.metadata import version
+from typing import Final
+
+import numpy as np
+
+from modalmotion.choice.parameters import MOST_MODES, SignatureParameters
+from modalmotion.choice.selection import select_model
+from modalmotion.errors import ParameterError
+from modalmotion.fit.cache import TemplateCache
+from modalmotion.fit.strays import notes_on_strays
+from modalmotion.mesh.sequence import MeshSequence, Reference
+from modalmotion.mesh.spring_modes import SpringModes
+from modalmotion.modes.topology import Topology
+from modalmotion.numerals import counted
+from modalmotion.signature.value import ModalSignature
+from modalmotion.template import (
+    Template,
+    frequencies_on,
+    make_template,
+    require_same_mesh,
+)
+
+__all__ = [
+    "INTENDED_USE",
+    "MOST_MODES",
+    "ModalSignature",
+    "SignatureParameters",
+    "modal_signature",
+    "provenance",
+    "resolve_sequence",
+    "resolve_template",
+]
+
+INTENDED_USE: Final = (
+    "Description of surface motion for research and tool development. Not a medical device; "
+    "not for diagnosis."
+)
+
+
+def modal_signature(
+    sequence: MeshSequence,
+    parameters: SignatureParameters | None = None,
+    *,
+    template: Template | None = None,
+    cache: TemplateCache | None = None,
+) -> ModalSignature:
+    """Fit closed-form modes to a sequence.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    parameters : SignatureParameters, optional
+        7 modes by default: 21 amplitudes a frame.
+    template : Template, optional
+        The one that the parameters name; made from the sequence's own reference by default.
+    cache : TemplateCache, optional
+        Where factored modes of the template are looked for, and kept.
+
+    Returns
+    -------
+    ModalSignature
+
+    Raises
+    ------
+    TopologyError
+        If the stated topology does not fit the surface.
+    ModeCountError
+        If it cannot tell that many modes apart.
+    ToleranceError
+        If no number of modes holds the tolerance.
+    ParameterError
+        If there is no such reference frame, or a tolerance in mm meets an unknown unit.
+
+    Notes
+    -----
+    Nastar, Vibration modes for nonrigid motion analysis in 3D images, INRIA 1994.
+    """
+    asked = SignatureParameters() if parameters is None else parameters
+    given, sequence = sequence, resolve_sequence(sequence, asked)
+    chosen = resolve_template(sequence, asked, template)
+    model = select_model(sequence, chosen, asked, cache or TemplateCache())
+    modes, fit = model.modes, model.fit
+    notes = [*_notes_on_sequence(sequence, asked.reference), *chosen.notes, *model.notes]
+    undetermined = np.flatnonzero(~fit.rotations.is_determined)
+    if undetermined.size:
+        notes.append(
+            f"The rotation is not determined in {counted(undetermined.size, 'frame')} (first: "
+            f"frame {undetermined[0]}): the points span less than a plane or fit several rotations."
+        )
+    notes += notes_on_strays(sequence, chosen, fit)
+    if not fit.motion_rms.any():
+        notes.append("Nothing moves: every frame equals the reference.")
+    return ModalSignature(
+        modes=modes.spectrum if isinstance(modes, SpringModes) else modes,
+        amplitudes=fit.amplitudes,
+        angular_frequencies=frequencies_on(chosen, modes, asked.wave_speed),
+        rotations=fit.rotations,
+        translations=fit.translations,
+        rms_errors=fit.rms_errors,
+        p95_errors=fit.p95_errors,
+        max_errors=fit.max_errors,
+        motion_rms=fit.motion_rms,
+        times=sequence.times,
+        unit=sequence.unit,
+        n_vertices=sequence.n_vertices,
+        lengths=chosen.lengths,
+        landmarks=chosen.landmarks,
+        condition=model.condition,
+        parameters=asked,
+        sequence_id=given.id,
+        template_id=chosen.id,
+        notes=tuple(notes),
+        provenance=provenance(),
+        choice=model.choice,
+    )
+
+
+def resolve_sequence(sequence: MeshSequence, parameters: SignatureParameters) -> MeshSequence:
+    """Return the sequence with the topology and grid that the parameters state over its own."""
+    topology = None if parameters.topology is None else Topology.parse(parameters.topology)
+    return sequence.with_topology(topology, parameters.grid)
+
+
+def resolve_template(
+    sequence: MeshSequence, parameters: SignatureParameters, template: Template | None = None
+) -> Template:
+    """Give the template that the parameters ask for: the one they name, or the sequence's own.
+
+    Raises
+    ------
+    ParameterError
+        If they name another than the one that is given, or one and none is given.
+    TopologyError, ConnectivityError
+        If the template is of another mesh.
+    """
+    if parameters.template is not None or template is not None:
+        if template is None or template.id != parameters.template:
+            raise ParameterError(
+                f"The parameters name the template {str(parameters.template)[:12]}, but "
+                f"{'none' if template is None else template.id[:12]} came.",
+                remedy="Give the template that the parameters name.",
+            )
+        require_same_mesh(template, sequence)
+        return template
+    return make_template(
+        sequence,
+        reference=parameters.reference,
+        weights=parameters.weights,
+        landmarks=parameters.landmarks,
+        closed_form=parameters.closed_form,
+    )
+
+
+def provenance() -> dict[str, str]:
+    """Versions of everything that takes part in a result."""
+    return {**_versions(), "python": platform.python_version()}
+
+
+@lru_cache(maxsize=1)
+def _versions() -> dict[str, str]:
+    # Each is read from a file of the installation: 6 ms for all, more than the fit itself.
+    return {name: version(name) for name in ("modalmotion", "numpy", "scipy", "h5py")}
+
+
+def _notes_on_sequence(sequence: MeshSequence, reference: Reference) -> list[str]:
+    notes = []
+    if sequence.n_frames == 1:
+        notes.append("There is only one frame, so there is no motion to describe.")
+    if sequence.unit is None:
+        notes.append("The length unit is unknown; lengths are in the unit of the input.")
+    if sequence.vertices.dtype == np.float32:
+        # Direction by direction: along the memory, extremes are found ten times as fast.
+        x = np.ascontiguousarray(sequence.reference_positions(reference).T)
+        low, high = x.min(axis=1), x.max(axis=1)
+        extent = float((high - low).max())
+        step = float(np.spacing(np.float32(max(-low.min(), high.max()))))
+        if extent > 0 and step > 1e-5 * extent:
+            notes.append(
+                f"The coordinates are stored as float32 far from the origin: they are rounded "
+                f"to {step:.2g}, which no fit can undo. Store float64, or shift the origin."
+            )
+    return notes

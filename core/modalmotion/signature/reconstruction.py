@@ -1,0 +1,84 @@
+"""Surfaces superposed from a signature: eq. 2 of Nastar 1994, rotation put back."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError
+from modalmotion.fit.superposition import Superposition, mode_shapes
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.making import ModalSignature, resolve_sequence, resolve_template
+from modalmotion.template import Template
+
+
+def reconstruct(
+    signature: ModalSignature,
+    sequence: MeshSequence,
+    frames: NDArray[np.int64] | list[int] | None = None,
+    *,
+    template: Template | None = None,
+) -> NDArray[np.float64]:
+    """Positions that the signature's modes and rotations stand for.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    sequence : MeshSequence
+        The one it was made from: its reference frame gives the shape to deform.
+    frames : (n,) int, optional
+        Which frames; all of them by default.
+    template : Template, optional
+        The one that the signature's parameters name, if they name one.
+
+    Returns
+    -------
+    (n, vertices, 3) float64, unit of the sequence
+
+    Raises
+    ------
+    ParameterError
+        If the sequence is not the one the signature was made from.
+    """
+    asked = signature.parameters
+    used = fitted_on(signature, sequence, template)
+    on = Superposition.on(
+        sequence,
+        used,
+        mode_shapes(signature.modes, used),
+        reference=asked.reference,
+        components=asked.components,
+    )
+    chosen = slice(None) if frames is None else np.asarray(frames)
+    return on.positions(
+        signature.amplitudes[chosen],
+        signature.rotations.matrices[chosen],
+        signature.translations[chosen],
+    )
+
+
+def fitted_on(
+    signature: ModalSignature, sequence: MeshSequence, template: Template | None = None
+) -> Template:
+    """Give the template that a signature's amplitudes belong to.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    sequence : MeshSequence
+        The one it was made from.
+    template : Template, optional
+        The one that the signature's parameters name, if they name one.
+
+    Raises
+    ------
+    ParameterError
+        If the sequence is not the one the signature was made from.
+    """
+    if sequence.id != signature.sequence_id:
+        raise ParameterError(
+            "The signature was made from another sequence.",
+            remedy="Give the sequence whose id the signature names.",
+        )
+    resolved = resolve_sequence(sequence, signature.parameters)
+    return resolve_template(resolved, signature.parameters, template)

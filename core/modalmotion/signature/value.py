@@ -1,0 +1,160 @@
+"""The modal signature: everything an answer says of one sequence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.alignment.rigid import Rotations
+from modalmotion.choice.fitted_motion import closure_gap, root_mean_square
+from modalmotion.choice.parameters import SignatureParameters
+from modalmotion.choice.reason import ModelChoice
+from modalmotion.mesh.spring_modes import SpringSpectrum
+from modalmotion.modes import ModeSet
+from modalmotion.modes.topology import Topology
+from modalmotion.template import Landmarks
+from modalmotion.template.body_frame import Components, body_frame
+
+
+@dataclass(frozen=True, eq=False)
+class ModalSignature:
+    """Amplitude trajectory of a sequence, with its error and where it comes from.
+
+    Parameters
+    ----------
+    modes : ModeSet or SpringSpectrum
+        In closed form; or, where the surface has no natural coordinates, of its own mesh.
+    amplitudes : (frames, modes, 3) float64, `unit`
+        Along the directions that `parameters.components` names.
+    angular_frequencies : (modes,) float64, rad per s
+        Continuum limit w = c k on `lengths`, with c = `wave_speed`.
+    rotations : Rotations
+        The rotation trajectory, removed before the fit.
+    translations : (frames, 3) float64, `unit`
+        Path of the weighted centroid from the reference's. It is part of the amplitudes too,
+        and needed beside them where they are not along x, y, z.
+    rms_errors, p95_errors, max_errors : (frames,) float64, `unit`
+        Distances between vertices and their reconstruction in each frame; RMS and 95th
+        percentile are over the surface, the maximum over all vertices.
+    motion_rms : (frames,) float64, `unit`
+        RMS displacement from the reference: the error of no modes at all.
+    times : (frames,) float64, s, or None
+    unit : str or None
+    n_vertices : int
+    lengths : tuple of float, `unit`
+        Along each natural coordinate.
+    landmarks : Landmarks or None
+        Axis and zero of theta; None where the surface has no axis.
+    condition : float
+        Of the weighted shapes: how much of the data's precision the amplitudes may lose.
+    parameters : SignatureParameters
+        As asked; `modes` may have been rounded up, or be None.
+    sequence_id, template_id : str
+    notes : tuple of str
+        What was met on the way that a user should know.
+    provenance : dict
+        Versions of the software that made it.
+    choice : ModelChoice or None
+        What decided on the modes, where their number was not stated.
+    """
+
+    modes: ModeSet | SpringSpectrum
+    amplitudes: NDArray[np.float64]
+    angular_frequencies: NDArray[np.float64]
+    rotations: Rotations
+    translations: NDArray[np.float64]
+    rms_errors: NDArray[np.float64]
+    p95_errors: NDArray[np.float64]
+    max_errors: NDArray[np.float64]
+    motion_rms: NDArray[np.float64]
+    times: NDArray[np.float64] | None
+    unit: str | None
+    n_vertices: int
+    lengths: tuple[float, ...]
+    landmarks: Landmarks | None
+    condition: float
+    parameters: SignatureParameters
+    sequence_id: str
+    template_id: str
+    notes: tuple[str, ...]
+    provenance: dict[str, str]
+    choice: ModelChoice | None = None
+
+    @property
+    def topology(self) -> Topology | None:
+        """Topology whose modes were fitted; None for the spring modes of one mesh."""
+        return self.modes.topology
+
+    @property
+    def surface(self) -> str:
+        """Name of the topology, or "mesh" for the spring modes of one mesh."""
+        return "mesh" if self.topology is None else self.topology.name
+
+    @property
+    def body_amplitudes(self) -> NDArray[np.float64]:
+        """Amplitudes in the frame of the body, in which patients compare.
+
+        Returns
+        -------
+        (frames, modes, 3) float64, `unit`
+            Along theta_zero, across it, and along the axis; radial, tangential and axial ones
+            are of the body already, and so are those of a surface without an axis taken to be.
+        """
+        if self.landmarks is None or self.parameters.components != Components.CARTESIAN:
+            return self.amplitudes
+        turned: NDArray[np.float64] = self.amplitudes @ body_frame(self.landmarks).T
+        return turned
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.amplitudes)
+
+    @property
+    def rms_error(self) -> float:
+        """RMS error over all frames, `unit`."""
+        return root_mean_square(self.rms_errors)
+
+    @property
+    def max_error(self) -> float:
+        """Largest error of any vertex in any frame, `unit`."""
+        return float(self.max_errors.max())
+
+    @property
+    def closure_gap(self) -> float:
+        """Distance of the last frame's amplitudes from the first's, over the usual step.
+
+        Near 1 for one turn of a cycle whose next frame would be the first, 0 where the last
+        frame repeats the first, large for a movement that does not come back; 0 without motion.
+        """
+        return closure_gap(self.amplitudes)
+
+    @property
+    def deformation_spectrum(self) -> NDArray[np.float64]:
+        """RMS amplitude of each mode over frames, directions added, (modes,) float64, `unit`."""
+        scale = np.abs(self.amplitudes).max(initial=0.0)
+        if scale == 0.0:
+            return np.zeros(len(self.modes))
+        squares = ((self.amplitudes / scale) ** 2).sum(axis=2).mean(axis=0)
+        spectrum: NDArray[np.float64] = scale * np.sqrt(squares)
+        return spectrum
+
+    @property
+    def strain_energy(self) -> NDArray[np.float64]:
+        """w^2 |a|^2 / 2 of each mode, per unit mass, (frames, modes) float64, `unit`^2 per s^2."""
+        velocities = self.angular_frequencies[:, None] * self.amplitudes
+        energy: NDArray[np.float64] = 0.5 * (velocities**2).sum(axis=2)
+        return energy
+
+    @property
+    def compression(self) -> float:
+        """Coordinates over amplitudes of one frame, 3N / 3 modes, as in Nastar 1994."""
+        return self.n_vertices / len(self.modes)
+
+    @property
+    def compression_of_sequence(self) -> float:
+        """Numbers in the whole sequence over those to keep: amplitudes and the reference."""
+        coordinates = 3 * self.n_vertices
+        return self.n_frames * coordinates / (self.n_frames * 3 * len(self.modes) + coordinates)

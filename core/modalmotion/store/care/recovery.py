@@ -1,0 +1,194 @@
+"""Bringing index and folder together: after a crash, and when the index is built anew."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from modalmotion.classify.model.hdf5 import read_kept_model
+from modalmotion.classify.model.record import ModelRecord
+from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
+from modalmotion.hdf5.contents import require_match
+from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
+from modalmotion.mesh.hdf5 import read_sequence
+from modalmotion.store.deletion import finish_deletion
+from modalmotion.store.disk.atomic import remove_durably, write_atomic
+from modalmotion.store.folder import Folder, ResultName, Scan
+from modalmotion.store.index.cursor import to_text
+from modalmotion.store.index.index import Index, put_records, put_results
+from modalmotion.store.index.model_index import ModelIndex, put_models
+from modalmotion.store.model_deletion import deleted_record, finish_model_deletion
+from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
+
+Progress = Callable[[int, int], None]
+"""Called with the number of things done and of all things."""
+
+
+@dataclass(frozen=True)
+class Reconciliation:
+    """What was found when index and folder were brought together.
+
+    Parameters
+    ----------
+    n_sequences, n_results : int
+        In the index now.
+    n_deletions : int
+        Deletions that a crash had interrupted and that were finished.
+    n_temporaries : int
+        Unfinished files that were removed.
+    restored : tuple of str
+        Records that were missing or damaged and were written anew.
+    damaged : tuple of str
+        Files that do not read, left where they are; such results are not in the index.
+    orphans : tuple of str
+        Results of no sequence, and files that are none of the store's.
+    jobs_lost : bool
+        Whether the index was so damaged that jobs and idempotency keys are lost.
+    n_models : int
+        Versions of models in the index now, without deleted ones.
+    """
+
+    n_sequences: int
+    n_results: int
+    n_deletions: int
+    n_temporaries: int
+    restored: tuple[str, ...]
+    damaged: tuple[str, ...]
+    orphans: tuple[str, ...]
+    jobs_lost: bool = False
+    n_models: int = 0
+
+
+def reconcile(
+    folder: Folder, index: Index, *, thorough: bool, progress: Progress | None = None
+) -> Reconciliation:
+    """Make the index say what the files say.
+
+    Parameters
+    ----------
+    folder : Folder
+        Held by this process alone.
+    index : Index
+    thorough : bool
+        Read every file; else only records, and results that the index does not know.
+    progress : callable, optional
+
+    Raises
+    ------
+    StoreError
+        If a file cannot be removed or written; the index is as it was.
+    """
+    scan = folder.scan()
+    remove_durably(*scan.temporaries)
+    for sequence_id in sorted(scan.deletions):
+        finish_deletion(folder, index, sequence_id)
+    for reference in sorted(scan.models & scan.deleted_models):
+        finish_model_deletion(folder, reference)
+    known = {record.id: record for record in index.records()}
+    digests = {} if thorough else index.results()
+    there = sorted((scan.records | scan.uploads) - scan.deletions)
+    results = sorted(name for name in scan.results if name.sequence_id not in scan.deletions)
+    records: list[SequenceRecord] = []
+    damaged: list[str] = []
+    restored: list[str] = []
+    for number, sequence_id in enumerate(there):
+        try:
+            record, is_new = _record(folder, scan, sequence_id, known.get(sequence_id))
+        except StoreError:
+            path = folder.record(sequence_id)
+            damaged.append(folder.short(path if path.exists() else folder.upload(sequence_id)))
+            continue
+        records.append(record)
+        upload = folder.upload(sequence_id)
+        if thorough and record.has_upload and not is_sound(upload):
+            damaged.append(folder.short(upload))
+        if is_new:
+            restored.append(folder.short(folder.record(sequence_id)))
+        _tell(progress, number, len(there) + len(results))
+    owners = {record.id for record in records}
+    orphans = [folder.short(path) for path in scan.foreign]
+    rows: list[tuple[ResultName, str]] = []
+    for number, name in enumerate(results, len(there)):
+        path = folder.result(name)
+        if name.sequence_id not in owners:
+            orphans.append(folder.short(path))
+            continue
+        try:
+            rows.append((name, digests.get(name) or digest_of(load_sealed(path)[1])))
+        except StoreError:
+            damaged.append(folder.short(path))
+        _tell(progress, number, len(there) + len(results))
+    models = _models(folder, index, scan, damaged)
+    with index.database.write() as connection:
+        connection.execute("DELETE FROM sequences")
+        put_records(connection, records)
+        put_results(connection, rows)
+        connection.execute("DELETE FROM models")
+        put_models(connection, models)
+    return Reconciliation(
+        n_sequences=len(records),
+        n_results=len(rows),
+        n_deletions=len(scan.deletions),
+        n_temporaries=len(scan.temporaries),
+        restored=tuple(restored),
+        damaged=tuple(damaged),
+        orphans=tuple(sorted(orphans)),
+        n_models=sum(record.deleted is None for record in models),
+    )
+
+
+def _models(folder: Folder, index: Index, scan: Scan, damaged: list[str]) -> list[ModelRecord]:
+    """Read the records of all versions of models, which are few, from their files."""
+    known = {record.reference: record for record in ModelIndex(index.database).all()}
+    records = []
+    for reference in sorted(scan.models - scan.deleted_models):
+        path = folder.model(reference)
+        try:
+            kept, contents = read_kept_model(path)
+            require_match(path, contents, model=reference.name, version=reference.version)
+        except StoreError:
+            damaged.append(folder.short(path))
+        else:
+            records.append(kept.record)
+    for reference in sorted(scan.deleted_models):
+        path = folder.deleted_model(reference)
+        try:
+            records.append(deleted_record(path, reference))
+        except StoreError:
+            # The number is taken all the same; what the model was, the index may know.
+            damaged.append(folder.short(path))
+            if reference in known and known[reference].deleted is not None:
+                records.append(known[reference])
+    return records
+
+
+def _record(
+    folder: Folder, scan: Scan, sequence_id: str, known: SequenceRecord | None
+) -> tuple[SequenceRecord, bool]:
+    """Record of a sequence, and whether it had to be written anew."""
+    path, has_upload = folder.record(sequence_id), sequence_id in scan.uploads
+    found: SequenceRecord | None = None
+    with contextlib.suppress(NotFoundError, CorruptFileError):
+        found = read_record(path)
+    if found is not None and found.id == sequence_id and found.has_upload == has_upload:
+        return found, False
+    if found is None or found.id != sequence_id:
+        # The index may know what the file does not.
+        found = known or _record_from_upload(folder.upload(sequence_id), sequence_id)
+    record = replace(found, has_upload=has_upload)
+    write_atomic(path, record_to_json(record))
+    return record, True
+
+
+def _record_from_upload(path: Path, sequence_id: str) -> SequenceRecord:
+    # Vertices know neither subject nor label, and the file only when it was written.
+    sequence, contents = read_sequence(path)
+    require_match(path, contents, sequence_id=sequence_id)
+    return record_of(sequence, created=to_text(path.stat().st_mtime), has_upload=True)
+
+
+def _tell(progress: Progress | None, number: int, total: int) -> None:
+    if progress is not None:
+        progress(number + 1, total)

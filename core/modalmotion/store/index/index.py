@@ -1,0 +1,175 @@
+"""The index of sequences and results: what is kept, found without reading files."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterable, Mapping
+from dataclasses import astuple, dataclass
+from typing import Any
+
+from modalmotion.store.folder import ResultKind, ResultName
+from modalmotion.store.index.cursor import from_cursor, require_limit, to_cursor
+from modalmotion.store.index.database import Database
+from modalmotion.store.record import SequenceRecord
+
+
+@dataclass(frozen=True)
+class SequencePage:
+    """Part of a list of sequences, newest first.
+
+    Parameters
+    ----------
+    records : tuple of SequenceRecord
+    cursor : str or None
+        For the page after this one; None on the last.
+    """
+
+    records: tuple[SequenceRecord, ...]
+    cursor: str | None
+
+
+class Index:
+    """Queries on the tables `sequences` and `results`.
+
+    Parameters
+    ----------
+    database : Database
+    """
+
+    def __init__(self, database: Database) -> None:
+        self.database = database
+
+    def find(self, sequence_id: str) -> SequenceRecord | None:
+        """Record of a sequence, None where there is none."""
+        rows = self.database.read("SELECT * FROM sequences WHERE id = ?", (sequence_id,))
+        return _record(rows[0]) if rows else None
+
+    def records(self) -> list[SequenceRecord]:
+        """All records, by id."""
+        rows = self.database.read("SELECT * FROM sequences ORDER BY id")
+        return [_record(row) for row in rows]
+
+    def page(
+        self, subject: str | None, label: str | None, limit: int, cursor: str | None
+    ) -> SequencePage:
+        """List records from the newest to the oldest, those behind the cursor.
+
+        Raises
+        ------
+        ParameterError
+            If the limit is out of range or the cursor is none.
+        """
+        # By value and not by count: what is put meanwhile is newer, lies before the cursor,
+        # and moves nothing behind it.
+        conditions, values = ["(created, id) < (?, ?)"], [*from_cursor(cursor)]
+        for column, wanted in (("subject", subject), ("label", label)):
+            if wanted is not None:
+                conditions.append(f"{column} = ?")
+                values.append(wanted)
+        rows = self.database.read(
+            f"SELECT * FROM sequences WHERE {' AND '.join(conditions)} "  # noqa: S608 (constants)
+            "ORDER BY created DESC, id DESC LIMIT ?",
+            (*values, require_limit(limit) + 1),
+        )
+        records = tuple(_record(row) for row in rows[:limit])
+        last = to_cursor(records[-1].created, records[-1].id) if len(rows) > limit else None
+        return SequencePage(records, last)
+
+    def count(self) -> dict[str, int]:
+        """Count sequences, and results by kind."""
+        rows = self.database.read(
+            "SELECT 'sequence', count(*) FROM sequences "
+            "UNION ALL SELECT kind, count(*) FROM results GROUP BY kind"
+        )
+        return dict(rows)
+
+    def put(self, record: SequenceRecord) -> None:
+        """Add a record, or write it over the one with its id."""
+        with self.database.write() as connection:
+            put_records(connection, [record])
+
+    def remove(self, sequence_id: str) -> None:
+        """Remove a sequence with its results."""
+        with self.database.write() as connection:
+            connection.execute("DELETE FROM sequences WHERE id = ?", (sequence_id,))
+
+    def digest(self, name: ResultName) -> str | None:
+        """sha256 of a result's file, None where there is no such result."""
+        rows = self.database.read(
+            "SELECT sha256 FROM results "
+            "WHERE sequence_id = ? AND kind = ? AND model_id = ? AND key = ?",
+            (name.sequence_id, name.kind, name.model_id, name.key),
+        )
+        return str(rows[0][0]) if rows else None
+
+    def results_of(self, sequence_id: str, kind: ResultKind) -> list[ResultName]:
+        """Results of a sequence, by model and key."""
+        rows = self.database.read(
+            "SELECT kind, sequence_id, model_id, key FROM results "
+            "WHERE sequence_id = ? AND kind = ? ORDER BY model_id, key",
+            (sequence_id, kind),
+        )
+        return [ResultName(*row) for row in rows]
+
+    def results(self) -> dict[ResultName, str]:
+        """All results with the sha256 of their files."""
+        rows = self.database.read(
+            "SELECT kind, sequence_id, model_id, key, sha256 FROM results "
+            "ORDER BY sequence_id, kind, model_id, key"
+        )
+        return {ResultName(*row[:4]): row[4] for row in rows}
+
+    def put_result(self, name: ResultName, digest: str) -> None:
+        """Add a result."""
+        with self.database.write() as connection:
+            put_results(connection, [(name, digest)])
+
+    def put_all(self, records: Iterable[SequenceRecord], results: Mapping[ResultName, str]) -> None:
+        """Add records, and results with the sha256 of their files, in one transaction."""
+        with self.database.write() as connection:
+            put_records(connection, records)
+            put_results(connection, results.items())
+
+    @property
+    def is_clean(self) -> bool:
+        """Whether the process that had the store open last closed it in order."""
+        return self.database.read("SELECT value FROM state WHERE name = 'clean'") == [(1,)]
+
+    def set_clean(self, clean: bool) -> None:
+        """Note whether the store is closed in order."""
+        with self.database.write() as connection:
+            connection.execute("INSERT OR REPLACE INTO state VALUES ('clean', ?)", (int(clean),))
+
+
+def put_records(connection: sqlite3.Connection, records: Iterable[SequenceRecord]) -> None:
+    """Write records inside a transaction."""
+    # An upsert: INSERT OR REPLACE would delete the row first, and its results with it.
+    connection.executemany(
+        "INSERT INTO sequences VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "
+        "ON CONFLICT (id) DO UPDATE SET subject = excluded.subject, label = excluded.label, "
+        "has_upload = excluded.has_upload",
+        (_row(record) for record in records),
+    )
+
+
+def put_results(connection: sqlite3.Connection, results: Iterable[tuple[ResultName, str]]) -> None:
+    """Write results inside a transaction."""
+    connection.executemany(
+        "INSERT OR REPLACE INTO results (kind, sequence_id, model_id, key, sha256) "
+        "VALUES (?, ?, ?, ?, ?)",
+        ((*name, digest) for name, digest in results),
+    )
+
+
+def _row(record: SequenceRecord) -> tuple[Any, ...]:
+    values = list(astuple(record))
+    values[5] = None if record.grid is None else json.dumps(record.grid)
+    return tuple(values)
+
+
+def _record(row: tuple[Any, ...]) -> SequenceRecord:
+    values = list(row)
+    values[5] = None if row[5] is None else tuple(json.loads(row[5]))
+    values[7], values[11] = bool(row[7]), bool(row[11])
+    return SequenceRecord(*values)

@@ -1,0 +1,197 @@
+"""The axis of a surface, the zero of theta, and the azimuth about it: all by integrals."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError
+from modalmotion.mesh import oriented_faces
+from modalmotion.modes.topology import CLOSED, Topology
+from modalmotion.numeric.products import along, second_moments, weighted_sum
+from modalmotion.template.surface import Surface
+
+# An axis given by two places closer than this share of the surface's size has no direction.
+_SHORTEST = 1e-9
+
+
+def axis_between(
+    surface: Surface, apex: NDArray[np.float64], base: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Axis through two places, and the foot of the area centroid on it.
+
+    Returns
+    -------
+    origin, axis : (3,) float64
+
+    Raises
+    ------
+    ParameterError
+        If the two places coincide.
+    """
+    span = base - apex
+    size = float(np.linalg.norm(span))
+    if not size > _SHORTEST * np.sqrt(surface.area):
+        raise ParameterError(
+            "The apex and the base lie in the same place, so they give no axis.",
+            remedy="Give two places at opposite ends of the surface.",
+        )
+    axis = span / size
+    return apex + ((surface.centroid - apex) @ axis) * axis, axis
+
+
+def principal_axes(surface: Surface) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Directions in which the surface extends most to least, and its variance along them.
+
+    The sense of each is that in which the surface is blunt: its third moment along it is
+    not positive.
+
+    Returns
+    -------
+    variances : (3,) float64
+    directions : (3, 3) float64
+        One in each row.
+    """
+    offsets, areas = surface.offsets, surface.areas
+    covariance = second_moments(areas, offsets, offsets) / surface.area
+    variances, columns = np.linalg.eigh(covariance)
+    directions = columns.T[::-1].copy()
+    for direction in directions:
+        if (areas * along(offsets, direction) ** 3).sum() > 0:
+            direction *= -1
+    return np.maximum(variances[::-1], 0.0), directions
+
+
+def skewness(surface: Surface, direction: NDArray[np.float64]) -> float:
+    """How well the third moment tells one sense of a direction from the other, 0 to 1."""
+    cubes = surface.areas * along(surface.offsets, direction) ** 3
+    total = float(np.abs(cubes).sum())
+    return abs(float(cubes.sum())) / total if total > 0 else 0.0
+
+
+def lean(surface: Surface, axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Direction across the axis in which the wall leans, and how strongly, 0 to 1.
+
+    The product moment of height and offset across the axis. It turns with the surface, is
+    the same for any triangulation, and vanishes on a surface of revolution.
+    """
+    offsets, areas = surface.offsets, surface.areas
+    height = along(offsets, axis)
+    across = offsets - height[:, None] * axis
+    direction = weighted_sum(areas * height, across)
+    wide = float(weighted_sum(areas, across**2).sum())
+    spread = float(np.sqrt((areas * height**2).sum() * wide))
+    return _unit_across(direction, axis, spread)
+
+
+def widest_across(surface: Surface, axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Direction across the axis in which the surface is widest, and how strongly, 0 to 1.
+
+    For an axis of inertia, along which nothing leans. Its sense is that of `principal_axes`.
+    """
+    offsets, areas = surface.offsets, surface.areas
+    across = offsets - along(offsets, axis)[:, None] * axis
+    variances, columns = np.linalg.eigh(second_moments(areas, across, across))
+    direction: NDArray[np.float64] = columns[:, 2]
+    if float((areas * along(across, direction) ** 3).sum()) > 0:
+        direction = -direction
+    gap = float((variances[2] - variances[1]) / variances[2]) if variances[2] > 0 else 0.0
+    direction, strength = _unit_across(direction * gap, axis, 1.0)
+    return direction, min(strength, skewness(surface, direction))
+
+
+def towards(
+    place: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    axis: NDArray[np.float64],
+    size: float,
+) -> NDArray[np.float64]:
+    """Find the unit vector across the axis towards a given place.
+
+    Raises
+    ------
+    ParameterError
+        If the place lies on the axis.
+    """
+    across = place - origin
+    across = across - (across @ axis) * axis
+    length = float(np.linalg.norm(across))
+    if not length > 1e-6 * size:
+        raise ParameterError(
+            "The landmark 'theta_zero' lies on the axis, where theta has no value.",
+            remedy="Give a place on the wall, away from apex and axis.",
+        )
+    unit: NDArray[np.float64] = across / length
+    return unit
+
+
+def azimuth(
+    offsets: NDArray[np.float64], axis: NDArray[np.float64], zero: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Angle about the axis in turns, (-1/2, 1/2], right-handed whatever the winding of the mesh.
+
+    Parameters
+    ----------
+    offsets : (vertices, 3) float64
+        From a point of the axis.
+    axis, zero : (3,) float64
+        Unit vectors across each other.
+
+    Returns
+    -------
+    (vertices,) float64, turns
+    """
+    beside = np.cross(axis, zero).astype(np.float64)
+    turns: NDArray[np.float64] = np.arctan2(along(offsets, beside), along(offsets, zero))
+    return turns / (2 * np.pi)
+
+
+def n_vortices(theta: NDArray[np.float64], faces: NDArray[np.int64]) -> int:
+    """Triangles around which theta makes a whole turn: where the axis meets the surface."""
+    corners = theta[faces]
+    steps = np.roll(corners, -1, axis=1) - corners
+    return int((np.abs(np.round(steps).sum(axis=1)) > 0).sum())
+
+
+def corner_steps(angle: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Take an angle in turns to each triangle's corners, unwrapped about the first, (faces, 3)."""
+    corners = angle[faces]
+    corners = corners - corners[:, :1]
+    corners -= np.round(corners)
+    return corners
+
+
+def degree(surface: Surface, coordinates: NDArray[np.float64], topology: Topology) -> float:
+    """How many times the coordinates cover their rectangle, folds counted backwards.
+
+    1 where every place has its own pair of coordinates; less where theta turns back on itself
+    or the axis meets the surface at places that are no poles.
+    """
+    faces = oriented_faces(surface.faces, len(surface.vertices))
+    if faces is None:
+        return 0.0
+    x, y = (
+        corner_steps(column, faces) if ends == CLOSED else column[faces] - column[faces][:, :1]
+        for column, ends in zip(coordinates.T, topology.ends, strict=True)
+    )
+    return abs(0.5 * float((x[:, 1] * y[:, 2] - x[:, 2] * y[:, 1]).sum()))
+
+
+def any_across(axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Choose some unit vector across the axis, where the shape offers none."""
+    one = np.eye(3)[np.argmin(np.abs(axis))]
+    one = one - (one @ axis) * axis
+    unit: NDArray[np.float64] = one / np.linalg.norm(one)
+    return unit
+
+
+def _unit_across(
+    direction: NDArray[np.float64], axis: NDArray[np.float64], spread: float
+) -> tuple[NDArray[np.float64], float]:
+    direction = direction - (direction @ axis) * axis
+    length = float(np.linalg.norm(direction))
+    strength = min(1.0, length / spread) if spread > 0 else 0.0
+    # Rounding alone leaves this much of a direction.
+    if not strength > 1e-12:
+        return any_across(axis), 0.0
+    return direction / length, strength

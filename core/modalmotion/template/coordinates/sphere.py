@@ -1,0 +1,87 @@
+"""Natural coordinates of closed surfaces without handles."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.modes.topology import SPHERE
+from modalmotion.numeric.products import along, weighted_sum
+from modalmotion.template.coordinates.axis import (
+    axis_between,
+    azimuth,
+    principal_axes,
+    skewness,
+    towards,
+    widest_across,
+)
+from modalmotion.template.coordinates.potential import potential
+from modalmotion.template.coordinates.value import Coordinates
+from modalmotion.template.landmarks import Landmarks
+from modalmotion.template.surface import Surface
+
+# The poles are reported as centroids of caps, weighted by this power of s.
+_CAP: Final = 8
+
+
+def sphere_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]) -> Coordinates:
+    """Angle between the poles of the long axis, and azimuth about it.
+
+    s is 0 at the pointed end. It comes from a potential with the height as its source, which
+    on a round sphere is the height itself, and elsewhere is smooth where the height has folds.
+
+    Parameters
+    ----------
+    surface : Surface
+        One closed piece.
+    given : dict of str to (3,) float64
+
+    Raises
+    ------
+    ParameterError
+        If a stated landmark gives no direction.
+    """
+    variances, directions = principal_axes(surface)
+    if {"apex", "base"} & set(given):
+        apex = given.get("apex", 2 * surface.centroid - given.get("base", surface.centroid))
+        base = given.get("base", 2 * surface.centroid - apex)
+        origin, axis = axis_between(surface, apex, base)
+        strength, sense = 1.0, 1.0
+    else:
+        origin, axis = surface.centroid, directions[0]
+        strength = float((variances[0] - variances[1]) / variances[0])
+        sense = skewness(surface, axis)
+    if "theta_zero" in given:
+        zero, zero_strength = towards(given["theta_zero"], origin, axis, surface.area**0.5), 1.0
+    else:
+        zero, zero_strength = widest_across(surface, axis)
+    height = along(surface.offsets, axis)
+    theta = azimuth(surface.vertices - origin, axis, zero)
+    notes: list[str] = []
+    none = np.zeros(0, dtype=np.int64)
+    u = potential(surface, surface.areas * height, none, np.zeros(0))
+    if u is None:
+        notes.append("The triangles are too thin to solve on; s is the angle of the height.")
+        u = height
+    used = np.ones(len(u), dtype=np.bool_)
+    used[surface.connectivity.isolated] = False
+    low, high = u[used].min(), u[used].max()
+    # u is cos(pi s) turned over: its extremes are the poles.
+    s = np.arccos(np.clip((high + low - 2 * u) / ((high - low) or 1.0), -1.0, 1.0)) / np.pi
+    near, far = (
+        weighted_sum(surface.areas * cap, surface.vertices) / float((surface.areas * cap).sum())
+        for cap in ((1 - s) ** _CAP, s**_CAP)
+    )
+    landmarks = Landmarks(
+        origin=origin,
+        axis=axis,
+        theta_zero=zero,
+        apex=given.get("apex", near),
+        base=given.get("base", far),
+        strengths={"axis": strength, "apex": sense, "base": sense, "theta_zero": zero_strength},
+        n_loops=0,
+        given=tuple(given),
+    )
+    return Coordinates(SPHERE, np.stack([s, theta], axis=1), landmarks, tuple(notes))

@@ -1,0 +1,94 @@
+"""Templates as HDF5."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from modalmotion.hdf5.contents import Contents, read_contents
+from modalmotion.hdf5.image import Attribute, Dataset, json_text, sealed_image
+from modalmotion.modes.topology import Topology
+from modalmotion.signature.hdf5 import landmark_datasets, landmarks_from
+from modalmotion.signature.making import INTENDED_USE
+from modalmotion.template import Template
+
+KIND: Final = "template"
+SCHEMA_VERSION: Final = 1
+
+
+def template_to_hdf5(template: Template) -> bytes:
+    """Write a template as a sealed HDF5 file in memory.
+
+    Parameters
+    ----------
+    template : Template
+
+    Returns
+    -------
+    bytes
+        The same for the same template.
+    """
+    attributes: dict[str, Attribute] = {
+        "schema": f"modalmotion.{KIND}",
+        "schema_version": SCHEMA_VERSION,
+        "kind": KIND,
+        "intended_use": INTENDED_USE,
+        "topology": "mesh" if template.surface is None else template.surface.name,
+    }
+    length = "length unit of the sequence"
+    datasets = [
+        Dataset("coordinates", template.coordinates, "1", "vertex, axis"),
+        Dataset("weights", template.weights, "1", "vertex"),
+        Dataset("lengths", np.array(template.lengths, dtype=np.float64), length, "axis"),
+        Dataset("vertices", template.vertices, length, "vertex, direction"),
+        Dataset("faces", template.faces.astype("<i8", copy=False), "1", "face, corner"),
+        Dataset("isolated", template.isolated.astype("<i8", copy=False), "1", "vertex"),
+        json_text("texts", {"reason": template.reason, "notes": template.notes}),
+    ]
+    if template.landmarks is not None:
+        datasets += landmark_datasets(template.landmarks, length)
+    return sealed_image(attributes, {"template_id": template.id}, datasets)
+
+
+def template_from_hdf5(source: bytes | Path) -> Template:
+    """Read a template, bit for bit as it was written.
+
+    Parameters
+    ----------
+    source : bytes or Path
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such file.
+    CorruptFileError
+        If it is damaged, foreign, or written by a newer version.
+    """
+    return read_template(source)[0]
+
+
+def read_template(source: bytes | Path) -> tuple[Template, Contents]:
+    """Read a template together with the contents of its file."""
+    with read_contents(source, KIND, SCHEMA_VERSION) as contents:
+        return _template(contents), contents
+
+
+def _template(contents: Contents) -> Template:
+    name = contents.text("topology")
+    weights = contents.array("weights", (None,))
+    texts = contents.json("texts", dict)
+    return Template(
+        id=contents.text("template_id"),
+        surface=None if name == "mesh" else Topology.parse(name),
+        coordinates=contents.array("coordinates", (len(weights), None)),
+        weights=weights,
+        lengths=tuple(contents.array("lengths", (None,)).tolist()),
+        landmarks=landmarks_from(contents),
+        vertices=contents.array("vertices", (len(weights), 3)),
+        faces=contents.array("faces", (None, 3)),
+        isolated=contents.array("isolated", (None,)),
+        reason=texts["reason"],
+        notes=tuple(texts["notes"]),
+    )

@@ -1,0 +1,180 @@
+"""The audit log: who did what to which id; appended to, never changed, and durable.
+
+Entries are committed together: while one transaction reaches the disk, those that come wait for
+the next. An answer leaves after its entry is on the disk. The log is a row of files: one that has
+its number of entries is closed, and the chain goes on in the next.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from modalmotion.errors import StoreError
+from modalmotion_service.audit.entry import GENESIS, AuditEntry, Event
+from modalmotion_service.audit.part import AuditPart, AuditWriter, PartClosedError
+
+ENTRIES_PER_FILE: Final = 1_000_000
+"""Some 300 MB."""
+
+
+class AuditLog:
+    """The audit log of a data folder; server and command line may have it open at once.
+
+    Parameters
+    ----------
+    data_dir : Path
+    entries_per_file : int
+        A file that holds as many is closed, and another one is begun.
+    """
+
+    def __init__(self, data_dir: Path, entries_per_file: int = ENTRIES_PER_FILE) -> None:
+        self._folder = audit_folder(data_dir)
+        self._entries_per_file = entries_per_file
+        self._lock = threading.Lock()
+        self._writer = self._newest()
+        self._pending: list[tuple[Event, asyncio.Future[None]]] = []
+        self._writing: asyncio.Task[None] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        with self._lock:
+            self._writer.close()
+
+    async def note(self, event: Event) -> None:
+        """Append an event; it is durable when this returns.
+
+        Raises
+        ------
+        StoreError
+            If it cannot be written.
+        """
+        done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._pending.append((event, done))
+        if self._writing is None:
+            self._writing = asyncio.create_task(self._write_pending())
+        await done
+
+    async def drain(self) -> None:
+        """Wait until everything that was noted is written."""
+        if self._writing is not None:
+            await asyncio.wait([self._writing])
+
+    def append(self, events: list[Event]) -> None:
+        """Append events in one transaction.
+
+        Raises
+        ------
+        StoreError
+            If they cannot be written; then none of them is.
+        """
+        with self._lock:
+            if self._writer.n_entries >= self._entries_per_file:
+                with contextlib.suppress(PartClosedError):
+                    self._writer.close_for_good()
+            while True:
+                try:
+                    self._writer.append(events)
+                except PartClosedError:
+                    # Opened before the old one is closed: if it cannot be, all is as it was.
+                    newest = self._newest()
+                    self._writer.close()
+                    self._writer = newest
+                else:
+                    return
+
+    def page(
+        self, *, limit: int, before: int | None = None, owner: str | None = None
+    ) -> list[AuditEntry]:
+        """Read a page as `audit_page` does."""
+        return audit_page(self._folder, limit=limit, before=before, owner=owner)
+
+    async def _write_pending(self) -> None:
+        try:
+            while self._pending:
+                batch, self._pending = self._pending, []
+                try:
+                    await asyncio.to_thread(self.append, [event for event, _ in batch])
+                except BaseException as error:
+                    for _, done in batch:
+                        if not done.done():
+                            done.set_exception(error)
+                    if not isinstance(error, Exception):
+                        raise
+                else:
+                    for _, done in batch:
+                        if not done.done():
+                            done.set_result(None)
+        finally:
+            self._writing = None
+
+    def _newest(self) -> AuditWriter:
+        """Open the file that is appended to: the last one, or the one after it."""
+        parts = parts_in(self._folder)
+        # The last one of a process that was killed may have no tables yet.
+        if parts and not parts[-1].is_prepared():
+            parts.pop()
+        if parts and not parts[-1].is_closed():
+            return AuditWriter(parts[-1].path, GENESIS)
+        start = parts[-1].end() if parts else GENESIS
+        return AuditWriter(self._folder / f"{start.number + 1:012}.sqlite", start)
+
+
+def audit_page(
+    folder: Path, *, limit: int, before: int | None = None, owner: str | None = None
+) -> list[AuditEntry]:
+    """Read entries from the newest to the oldest; archived files are not looked at.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the log's files.
+    limit : int
+    before : int, optional
+        Only those with a smaller number.
+    owner : str, optional
+        Only those of this owner.
+    """
+    found: list[AuditEntry] = []
+    for part in reversed(parts_in(folder)):
+        if before is not None and first_number(part) >= before:
+            continue
+        try:
+            found += part.page(limit=limit - len(found), before=before, owner=owner)
+        except StoreError:
+            # Archived since the files were listed.
+            if part.path.exists():
+                raise
+        if len(found) == limit:
+            break
+    return found
+
+
+def audit_folder(data_dir: Path) -> Path:
+    """Where the files of a data folder's audit log lie."""
+    return data_dir / "access" / "audit"
+
+
+def parts_in(folder: Path) -> list[AuditPart]:
+    """List the files of a log, the oldest first."""
+    return [AuditPart(path) for path in sorted(folder.glob("[0-9]*.sqlite"))]
+
+
+def first_number(part: AuditPart) -> int:
+    """Tell the number of a file's first entry, by its name."""
+    return int(part.path.stem)

@@ -1,0 +1,13 @@
+"""Commands that the service adds to the command line."""
+
+from typing import Final
+
+LINES: Final = {
+    "audit": "Read, check and archive the record of who did what.",
+    "cohort": "Sign every sequence of MANIFEST; go on where it was interrupted.",
+    "keys": "Make, list and take back the keys that open a service.",
+    "owners": "See what each owner has, and remove one with everything.",
+    "serve": "Start the HTTP service; its documentation is at /docs.",
+    "worker": "Work for the Dask scheduler at ADDRESS, such as tcp://host:8786.",
+}
+"""One line for each, read for the help of all without an import of any."""

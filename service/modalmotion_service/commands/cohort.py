@@ -1,0 +1,132 @@
+"""The command that signs a cohort."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from modalmotion.cli.analysis_commands import signature
+from modalmotion.formats import Format, ReadOptions
+from modalmotion.signature.making import SignatureParameters
+from modalmotion.store import export, is_pack
+from modalmotion.template import Weights
+from modalmotion.template.body_frame import Components
+from modalmotion_service.cohort import CohortJob, read_manifest, sign_cohort
+from modalmotion_service.environment import read_settings
+from modalmotion_service.work.engine import open_engine
+
+_SAID = ("unit", "form", "frame_interval", "n_vertices", "topology", "grid")
+_ASKED = ("modes", "reference", "weights", "components", "keep_rotation")
+
+_MOST_PRINTED = 50
+
+
+@click.command()
+@click.argument("manifest", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder of results; made where it is missing, gone on with where it is not.",
+)
+@click.option("--scheduler", help="Dask scheduler to send work to, such as tcp://host:8786.")
+@click.option("--workers", type=click.IntRange(1, 256), help="Processes here, without one.")
+@click.option("--batch", type=click.IntRange(1, 1000), help="Files in one piece of work.")
+@click.option(
+    "--template-from",
+    type=click.Path(exists=True, path_type=Path),
+    help="Sequence whose reference frame gives one template for all.",
+)
+@click.option("--keep-vertices", is_flag=True, help="Keep the sequences too, not only results.")
+@click.option(
+    "--pack",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="HDF5 file with them all; one of an earlier run is made anew.",
+)
+@click.option(
+    "--patience",
+    default=120.0,
+    show_default=True,
+    type=click.FloatRange(min=0),
+    help="Seconds to wait for a scheduler that is lost.",
+)
+def cohort(
+    manifest: Path,
+    output: Path,
+    scheduler: str | None,
+    workers: int | None,
+    batch: int | None,
+    template_from: Path | None,
+    keep_vertices: bool,
+    pack: Path | None,
+    patience: float,
+    **said: Any,
+) -> None:
+    """Fit the signatures of all sequences that MANIFEST names.
+
+    MANIFEST is a .csv file (columns path, subject, label; the last two may be missing), a .jsonl
+    file of such objects, a folder, or a pattern such as 'scans/*.npz'. Given again after an
+    interruption, the command does what is unfinished. It ends with 1 if a file failed; the
+    others are done then all the same.
+    """
+    settings = read_settings()
+    if workers is not None:
+        settings = settings.model_copy(update={"workers": workers, "scheduler": None})
+    if scheduler is not None:
+        settings = settings.model_copy(update={"scheduler": scheduler})
+    form = said.pop("form")
+    options = ReadOptions(
+        format=None if form is None else Format(form),
+        limits=settings.read_limits,
+        **{name: said[name] for name in _SAID if name in said},
+    )
+    parameters = SignatureParameters(
+        modes=said["modes"],
+        topology=said["topology"],
+        grid=said["grid"],
+        reference=said["reference"],
+        weights=Weights(said["weights"]),
+        remove_rotation=not said["keep_rotation"],
+        components=Components(said["components"]),
+    )
+    # That of an earlier run is made anew, as the same command does what failed then.
+    if pack is not None and pack.exists() and not is_pack(pack):
+        raise click.BadParameter(
+            f"{pack} exists already and is no pack of signatures.", param_hint="--pack"
+        )
+    job = CohortJob(
+        entries=read_manifest(manifest),
+        folder=output,
+        parameters=parameters,
+        options=options,
+        template_from=template_from,
+        keep_vertices=keep_vertices,
+        batch=batch,
+        patience_seconds=patience,
+    )
+    with click.progressbar(length=len(job.entries), label="signatures", file=sys.stderr) as bar:
+        report = sign_cohort(
+            job,
+            lambda folder: open_engine(settings, folder),
+            lambda done, _: bar.update(done - bar.pos),
+        )
+    click.echo(
+        f"{report.n_made} signatures made in {report.seconds:.1f} s, {report.n_known} known "
+        f"before, {len(report.failures)} files failed: {output}"
+    )
+    if pack is not None:
+        click.echo(f"{export(output, pack, replace=True)} signatures packed: {pack}")
+    for path, reason in report.failures[:_MOST_PRINTED]:
+        click.echo(f"{path}: {reason}", err=True)
+    if len(report.failures) > _MOST_PRINTED:
+        click.echo(f"... all of them stand in {output / 'cohort.csv'}", err=True)
+    if report.failures:
+        raise click.exceptions.Exit(1)
+
+
+# What a signature may be asked for with has one definition.
+cohort.params += [option for option in signature.params if option.name in (*_SAID, *_ASKED)]

@@ -1,0 +1,101 @@
+"""Commands for keys; a running server notices at once."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import click
+
+from modalmotion_service.access.keys import Key, KeyRing
+from modalmotion_service.access.scopes import Scope
+from modalmotion_service.audit.key_events import make_key, take_back_key
+from modalmotion_service.commands.options import DATA_DIR, Moment, folder_of
+
+
+class _Scopes(click.ParamType[frozenset[Scope]]):
+    name = "scopes"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> frozenset[Scope]:
+        try:
+            return frozenset(Scope(part.strip()) for part in str(value).split(","))
+        except ValueError:
+            known = ", ".join(Scope)
+            self.fail(f"{value!r} names a scope that is none of {known}", param, ctx)
+
+
+@click.group()
+def keys() -> None:
+    """Make, list and take back the keys that open a service."""
+
+
+@keys.command()
+@click.option("--owner", required=True, help="Whose store it opens; 'local': the folder's own.")
+@click.option(
+    "--scopes",
+    required=True,
+    type=_Scopes(),
+    help=f"Of {', '.join(Scope)}, separated by commas; none includes another.",
+)
+@click.option(
+    "--expires", type=Moment("expiry", 1), help="Such as 90d or 2030-12-31 (UTC); never if absent."
+)
+@click.option("--note", default="", help="What it is for; at most 200 characters.")
+@DATA_DIR
+def create(
+    owner: str,
+    scopes: frozenset[Scope],
+    expires: datetime | None,
+    note: str,
+    data_dir: Path | None,
+) -> None:
+    """Make a key and show it, this once: only its hash is kept."""
+    folder = folder_of(data_dir)
+    is_first = not _keys_of(folder).is_file()
+    key, token = make_key(folder, owner, scopes, note=note, expires=expires)
+    click.echo(_line(key), err=True)
+    if is_first:
+        # In a wrong folder it would open nothing, and nobody would know why.
+        click.echo(f"It is the first key of {folder.absolute()}.", err=True)
+    click.echo(token)
+
+
+@keys.command("list")
+@DATA_DIR
+def list_keys(data_dir: Path | None) -> None:
+    """List all keys that were ever made, with what they may do."""
+    with KeyRing(_folder_with_keys(data_dir)) as ring:
+        for key in ring.all():
+            click.echo(_line(key))
+
+
+@keys.command()
+@click.argument("key_id", metavar="ID")
+@DATA_DIR
+def revoke(key_id: str, data_dir: Path | None) -> None:
+    """Take the key with that ID back, at once and for good."""
+    click.echo(_line(take_back_key(_folder_with_keys(data_dir), key_id)))
+
+
+def _line(key: Key) -> str:
+    end = f", until {key.expires}" if key.expires else ""
+    note = f"  {key.note}" if key.note else ""
+    scopes = ",".join(sorted(key.scopes))
+    return f"{key.id}  {key.state:<8} {key.owner}  {scopes}  made {key.created}{end}{note}"
+
+
+def _keys_of(folder: Path) -> Path:
+    return folder / "access" / "keys.sqlite"
+
+
+def _folder_with_keys(data_dir: Path | None) -> Path:
+    folder = folder_of(data_dir)
+    if not _keys_of(folder).is_file():
+        raise click.ClickException(
+            f"There are no keys in {folder.absolute()}. Name the service's data folder with "
+            "--data-dir or MODALMOTION_DATA_DIR."
+        )
+    return folder

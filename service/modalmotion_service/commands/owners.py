@@ -1,0 +1,206 @@
+"""Commands for owners: what each has, and the removal of one with everything."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import click
+
+from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
+from modalmotion.store.disk.atomic import cannot_write, sync_folder
+from modalmotion.store.disk.lock import folder_lock
+from modalmotion_service.access.keys import KeyRing
+from modalmotion_service.access.principal import LOCAL
+from modalmotion_service.audit.entry import BEGUN
+from modalmotion_service.audit.key_events import of_command, take_back_key
+from modalmotion_service.audit.log import AuditLog
+from modalmotion_service.environment import read_settings
+from modalmotion_service.workspace.owners import FOLDER, folder_of
+
+_DATA_DIR = click.option(
+    "--data-dir",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder that results lie in  [default: MODALMOTION_DATA_DIR or modalmotion-data].",
+)
+
+# No owner's name begins so: the service passes by what is being removed.
+_REMOVED: Final = ".removed-"
+
+# Of the data folder, and no part of the store of its own owner.
+_OF_ALL: Final = ("access", FOLDER, "cluster")
+
+
+@dataclass(frozen=True)
+class Usage:
+    """What an owner has.
+
+    Parameters
+    ----------
+    owner : str
+    n_sequences, n_results, n_models : int
+    n_bytes : int
+        Of all files: index, templates, and what is under way too.
+    n_keys : int
+        That are active.
+    """
+
+    owner: str
+    n_sequences: int
+    n_results: int
+    n_models: int
+    n_bytes: int
+    n_keys: int
+
+
+def usage_of(data_dir: Path) -> Iterator[Usage]:
+    """Look what each owner has; a service may have it open.
+
+    Parameters
+    ----------
+    data_dir : Path
+    """
+    others = [path for path in sorted((data_dir / FOLDER).glob("[a-z0-9]*")) if path.is_dir()]
+    active = _active_keys(data_dir)
+    for owner, root in ((LOCAL, data_dir), *((path.name, path) for path in others)):
+        sizes = list(_sizes(root, () if root != data_dir else _OF_ALL))
+        yield Usage(
+            owner,
+            _count(root / "sequences", "*/*.json"),
+            _count(root / "signatures", "*/*.h5") + _count(root / "classifications", "*/*.h5"),
+            _count(root / "models", "*/*.h5"),
+            sum(sizes),
+            active.count(owner),
+        )
+
+
+def remove_owner(data_dir: Path, owner: str) -> None:
+    """Take back an owner's keys and remove everything they have.
+
+    Parameters
+    ----------
+    data_dir : Path
+    owner : str
+
+    Raises
+    ------
+    ParameterError
+        If it is the owner of the data folder itself, or no name.
+    NotFoundError
+        If there is nothing of that owner.
+    StoreError
+        If a service has the store open, or files cannot be removed; call it again then.
+    """
+    if owner == LOCAL:
+        raise ParameterError(
+            f"The store of '{LOCAL}' is the data folder itself.",
+            remedy="Delete its sequences, or remove the whole folder.",
+        )
+    root = folder_of(data_dir, owner)
+    doomed = root.with_name(f"{_REMOVED}{owner}")
+    if not root.is_dir() and not doomed.is_dir():
+        raise NotFoundError(
+            f"There is no owner {owner!r} in {data_dir}.", remedy="See `modalmotion owners list`."
+        )
+    with AuditLog(data_dir) as log:
+        log.append([of_command("owners remove", owner, "", BEGUN)])
+        try:
+            _remove(data_dir, owner, root, doomed)
+        except ModalMotionError:
+            log.append([of_command("owners remove", owner, "", 409)])
+            raise
+        log.append([of_command("owners remove", owner, "")])
+
+
+def _remove(data_dir: Path, owner: str, root: Path, doomed: Path) -> None:
+    try:
+        if root.is_dir():
+            with folder_lock(root / "lock"):
+                _revoke_keys(data_dir, owner)
+                if doomed.is_dir():
+                    shutil.rmtree(doomed)
+                # From here on it is gone, whatever interrupts the rest.
+                root.rename(doomed)
+                sync_folder(doomed.parent)
+        shutil.rmtree(doomed)
+    except OSError as error:
+        raise cannot_write(doomed, error) from error
+
+
+def _active_keys(data_dir: Path) -> list[str]:
+    if not (data_dir / "access" / "keys.sqlite").is_file():
+        return []
+    with KeyRing(data_dir) as ring:
+        return [key.owner for key in ring.all() if key.state == "active"]
+
+
+def _revoke_keys(data_dir: Path, owner: str) -> None:
+    if _active_keys(data_dir).count(owner):
+        with KeyRing(data_dir) as ring:
+            theirs = [key.id for key in ring.all() if key.owner == owner]
+        for key_id in theirs:
+            take_back_key(data_dir, key_id)
+
+
+def _count(folder: Path, pattern: str) -> int:
+    return sum(1 for _ in folder.glob(pattern))
+
+
+def _sizes(root: Path, passed_by: tuple[str, ...]) -> Iterator[int]:
+    for path in root.iterdir():
+        if path.name in passed_by:
+            continue
+        for found in (path, *path.rglob("*")) if path.is_dir() else (path,):
+            try:
+                if found.is_file():
+                    yield found.stat().st_size
+            except FileNotFoundError:
+                # Under way, and done by now.
+                continue
+
+
+@click.group()
+def owners() -> None:
+    """See what each owner has, and remove one with everything."""
+
+
+@owners.command("list")
+@_DATA_DIR
+def list_owners(data_dir: Path | None) -> None:
+    """List sequences, results, models, megabytes and active keys; a service may be running."""
+    click.echo("owner  sequences  results  models  MB  keys")
+    for one in usage_of(_folder(data_dir)):
+        click.echo(
+            f"{one.owner}  {one.n_sequences}  {one.n_results}  {one.n_models}  "
+            f"{one.n_bytes / 1e6:.1f}  {one.n_keys}"
+        )
+
+
+@owners.command()
+@click.argument("owner", metavar="NAME")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@_DATA_DIR
+def remove(owner: str, yes: bool, data_dir: Path | None) -> None:
+    """Remove the owner NAME with all sequences, results, models, jobs, and take back the keys.
+
+    No service may have the folder open. Backups keep what they have until the next one to the
+    same folder, and the audit log keeps what was done by whom to which digest of an id.
+    """
+    folder = _folder(data_dir)
+    if not yes:
+        click.confirm(f"Remove everything that {owner} has in {folder.absolute()}?", abort=True)
+    remove_owner(folder, owner)
+    click.echo(f"{owner} is removed")
+
+
+def _folder(data_dir: Path | None) -> Path:
+    folder = read_settings().data_dir if data_dir is None else data_dir
+    if not folder.is_dir():
+        raise click.ClickException(
+            f"There is no folder {folder.absolute()}. Name the service's data folder with "
+            "--data-dir or MODALMOTION_DATA_DIR."
+        )
+    return folder

@@ -1,0 +1,76 @@
+"""The process of a server: its logs, its files, uvicorn in it."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import logging.config
+import os
+
+import uvicorn
+from fastapi import FastAPI
+
+from modalmotion.store import ResultStore
+from modalmotion_service.app import create_app
+from modalmotion_service.commands.first_key import offer_first_key, secured
+from modalmotion_service.environment import unknown_variables
+from modalmotion_service.http.connections import protocol_with_deadline, room_for_connections
+from modalmotion_service.http.observation import log_config
+from modalmotion_service.settings import Settings
+from modalmotion_service.work.engine import open_engine
+
+logger = logging.getLogger(__name__)
+
+
+def run(settings: Settings, host: str, port: int) -> None:
+    """Serve until told to stop; then answer what is under way, and let jobs finish.
+
+    Raises
+    ------
+    StoreError
+        If the folder cannot be used, such as by a second service.
+    ClusterError
+        If a scheduler is set and cannot be used.
+    """
+    prepare_process(settings.log_level)
+    # Said here, before uvicorn would say it with a traceback.
+    with ResultStore(settings.data_dir):
+        if settings.scheduler is not None:
+            open_engine(settings).shutdown()
+            # Two seconds of imports that a single machine need not pay.
+            from modalmotion_service.work.dask.logs import log_dask_as_json
+
+            log_dask_as_json()
+    chosen = secured(settings, host)
+    offer_first_key(chosen)
+    run_app(create_app(chosen), chosen, host, port)
+
+
+def prepare_process(log_level: str) -> None:
+    """Keep what is written from other users, and log as JSON."""
+    logging.config.dictConfig(log_config(log_level))
+    os.umask(0o077)
+    for name, nearest in unknown_variables():
+        logger.warning("no such setting", extra={"variable": name, "nearest": nearest or None})
+
+
+def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
+    """Serve an application as `run` serves the service's own."""
+    # Modules, classes and routes stay for good: the collector need not walk them.
+    gc.freeze()
+    connections, at_once = room_for_connections(settings.max_connections)
+    uvicorn.run(
+        app,
+        host=host,
+        port=port,
+        http=protocol_with_deadline(
+            settings.header_seconds,
+            settings.idle_seconds,
+            connections,
+        ),
+        backlog=at_once,
+        log_config=log_config(settings.log_level),
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=int(settings.drain_seconds) + 1,
+    )

@@ -1,0 +1,206 @@
+"""What may come in: how much, how slowly, and how many requests at once.
+
+Pure ASGI, so that it holds whatever reads the body, and answers as a problem.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from typing import Final
+
+from starlette.datastructures import MutableHeaders
+from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from modalmotion.errors import LimitError
+from modalmotion_service.access.principal import principal_of
+from modalmotion_service.access.scopes import PROBES
+from modalmotion_service.errors import BusyError, SlowClientError
+from modalmotion_service.http.gate import route_of
+from modalmotion_service.http.problems import problem_of
+
+UPLOADS: Final = frozenset(
+    f"/v1/{name}"
+    for name in ("sequences", "signature", "templates", "encode", "decode", "classify")
+)
+"""Routes whose body goes to a file as it comes. All others hold it in memory, and read it as JSON
+while nobody else is answered."""
+
+
+class BodyLimits:
+    """Ends a request whose body is too large or comes too slowly.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    body_bytes : int
+    json_bytes : int
+        Of what is no upload.
+    idle_seconds : float
+        Longest pause between two pieces.
+    upload_seconds : float
+        Time for all of it.
+    """
+
+    def __init__(
+        self,
+        app: ASGIApp,
+        body_bytes: int,
+        json_bytes: int,
+        idle_seconds: float,
+        upload_seconds: float,
+    ) -> None:
+        self.app = app
+        self.body_bytes = body_bytes
+        self.json_bytes = json_bytes
+        self.idle_seconds = idle_seconds
+        self.upload_seconds = upload_seconds
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on, watching what it receives."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        most, name = self.body_bytes, "body_bytes"
+        if route_of(scope) not in UPLOADS and self.json_bytes < most:
+            most, name = self.json_bytes, "json_bytes"
+        declared = dict(scope["headers"]).get(b"content-length", b"")
+        if declared.isdigit() and int(declared) > most:
+            await problem_of(_too_large(most, name))(scope, receive, send)
+            return
+        loop = asyncio.get_running_loop()
+        end = loop.time() + self.upload_seconds
+        received, complete = 0, False
+
+        async def watched() -> Message:
+            nonlocal received, complete
+            if complete:
+                # What still comes is the news that the client has gone, whenever that is.
+                return await receive()
+            left = end - loop.time()
+            try:
+                # Not `wait_for`, which makes a task of each of the body's many pieces.
+                async with asyncio.timeout(min(self.idle_seconds, max(left, 0))):
+                    message = await receive()
+            except TimeoutError:
+                raise self._too_slow(received, left) from None
+            received += len(message.get("body", b""))
+            complete = not message.get("more_body", False)
+            if received > most:
+                raise _too_large(most, name)
+            return message
+
+        await self.app(scope, watched, send)
+
+    def _too_slow(self, received: int, left: float) -> SlowClientError:
+        if left > self.idle_seconds:
+            name, most, what = "idle_seconds", self.idle_seconds, "nothing more came for"
+        else:
+            name, most, what = "upload_seconds", self.upload_seconds, "it took longer than"
+        return SlowClientError(
+            f"The request body stopped after {received} bytes: {what} {most:g} s.",
+            remedy="Send it again over a faster connection, or in a smaller form.",
+            limit=name,
+            details={"most": most},
+        )
+
+
+def _too_large(most: int, name: str) -> LimitError:
+    remedies = {
+        "body_bytes": "Send fewer frames, a coarser mesh, or float32.",
+        "json_bytes": "Ask for less in one request.",
+    }
+    return LimitError(
+        f"The request body is larger than {most} bytes.",
+        remedy=remedies[name],
+        limit=name,
+        details={"most": most},
+    )
+
+
+class WholeAnswers:
+    """Ignores Range headers, as RFC 9110 (14.2) allows: answers come whole or not at all.
+
+    A result is named by a tag and small beside its sequence; parts of files that are made for
+    one answer and removed behind it could not be asked for again.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on without its ranges."""
+        if scope["type"] == "http":
+            kept = [(name, value) for name, value in scope["headers"] if name != b"range"]
+            scope["headers"] = kept
+
+        async def whole(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                if "accept-ranges" in headers:
+                    headers["Accept-Ranges"] = "none"
+            await send(message)
+
+        await self.app(scope, receive, whole)
+
+
+class Concurrency:
+    """Answers 429 while too many requests are under way; health checks always pass.
+
+    Where keys tell owners apart, one alone never has them all: however many slow uploads come
+    with their keys, others are answered.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    most : int
+    most_of_owner : int
+        Of them, with keys of one owner.
+    """
+
+    def __init__(self, app: ASGIApp, most: int, most_of_owner: int) -> None:
+        self.app = app
+        self.most = most
+        self.most_of_owner = most_of_owner
+        self._under_way = 0
+        self._of_owner: Counter[str] = Counter()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on if there is room."""
+        if scope["type"] != "http" or scope["path"].startswith(PROBES):
+            await self.app(scope, receive, send)
+            return
+        principal = principal_of(scope)
+        owner = None if principal is None or principal.key_id is None else principal.owner
+        if self._under_way >= self.most:
+            await _busy("concurrent_requests", self.most)(scope, receive, send)
+            return
+        if owner is not None and self._of_owner[owner] >= self.most_of_owner:
+            busy = _busy("concurrent_requests_of_owner", self.most_of_owner)
+            await busy(scope, receive, send)
+            return
+        self._under_way += 1
+        if owner is not None:
+            self._of_owner[owner] += 1
+        try:
+            await self.app(scope, receive, send)
+        finally:
+            self._under_way -= 1
+            if owner is not None:
+                self._of_owner[owner] -= 1
+
+
+def _busy(limit: str, most: int) -> Response:
+    return problem_of(
+        BusyError(
+            f"{most} requests are under way, as many as are served at once.",
+            remedy="Wait a second and send it again.",
+            limit=limit,
+            details={"most": most},
+        )
+    )

@@ -1,0 +1,70 @@
+"""A form as a browser sends it, with its file in the spool.
+
+Temporary files of the machine may lie in memory, as a container's do, or on a small disk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import aclosing, asynccontextmanager
+from pathlib import Path
+from tempfile import SpooledTemporaryFile
+from typing import BinaryIO, cast
+
+from starlette.datastructures import FormData
+from starlette.exceptions import HTTPException
+from starlette.formparsers import MultiPartException, MultiPartParser
+from starlette.requests import Request
+
+from modalmotion.store.disk.atomic import cannot_write
+
+_MOST_FIELDS = 20
+
+
+class _SpoolingParser(MultiPartParser):
+    """Puts files into a folder of ours.
+
+    Parameters
+    ----------
+    request : Request
+    stream : async generator of bytes
+    folder : Path
+    """
+
+    def __init__(self, request: Request, stream: object, folder: Path) -> None:
+        super().__init__(request.headers, stream, max_files=1, max_fields=_MOST_FIELDS)  # type: ignore[arg-type]
+        self._folder = folder
+
+    def on_headers_finished(self) -> None:
+        super().on_headers_finished()
+        part = self._current_part.file
+        if part is not None:
+            part.file.close()
+            # It has no name there: it goes with the process, however that ends.
+            file = SpooledTemporaryFile(max_size=self.spool_max_size, dir=str(self._folder))  # noqa: SIM115
+            self._files_to_close_on_error.append(file)
+            part.file = cast("BinaryIO", file)
+
+
+@asynccontextmanager
+async def received_form(request: Request, folder: Path) -> AsyncIterator[FormData]:
+    """Receive a form of at most one file and close it in the end.
+
+    Raises
+    ------
+    HTTPException
+        If it is no form.
+    StoreError
+        If the file cannot be written.
+    """
+    try:
+        async with aclosing(request.stream()) as stream:
+            form = await _SpoolingParser(request, stream, folder).parse()
+    except MultiPartException as error:
+        raise HTTPException(status_code=400, detail=error.message) from error
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    try:
+        yield form
+    finally:
+        await form.close()

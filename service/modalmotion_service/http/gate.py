@@ -1,0 +1,238 @@
+"""The gate that every request passes: who sends it, may they, how often, and the record of it.
+
+Pure ASGI and before anything reads a body: what a stranger sends is never received.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+from starlette.datastructures import Headers, MutableHeaders, QueryParams
+from starlette.requests import ClientDisconnect, HTTPConnection
+from starlette.types import ASGIApp, Message, Receive, Send
+from starlette.types import Scope as Connection
+
+from modalmotion.errors import ModalMotionError
+from modalmotion_service.access.keys import KeyRing, key_required
+from modalmotion_service.access.principal import (
+    LOCAL_PRINCIPAL,
+    Principal,
+    attach,
+    principal_of,
+)
+from modalmotion_service.access.rates import Rates
+from modalmotion_service.access.scopes import PROBES, Scope, Target, target_of
+from modalmotion_service.access.site import comes_by_loopback, require_same_site
+from modalmotion_service.audit.entry import BEGUN, Event
+from modalmotion_service.audit.log import AuditLog
+from modalmotion_service.errors import AuthenticationError, ForbiddenError, RateLimitedError
+from modalmotion_service.http.observation import CLIENT_GONE
+from modalmotion_service.http.problems import problem_of
+
+_IDS: Final = "modalmotion.ids"
+_ROUTE: Final = "modalmotion.route"
+_ENDED_KEY: Final = "modalmotion.ended_key"
+
+_DIGEST: Final = re.compile(r"[0-9a-f]{32}|[0-9a-f]{64}")
+_NAME: Final = re.compile(r"[A-Za-z0-9._-]{1,100}")
+
+# What keys with these scopes alone may do changes something.
+_CHANGES: Final = (Scope.WRITE, Scope.TRAIN)
+
+
+@dataclass(frozen=True)
+class Access:
+    """What the gate needs open.
+
+    Parameters
+    ----------
+    keys : KeyRing
+    audit : AuditLog
+    """
+
+    keys: KeyRing
+    audit: AuditLog
+
+
+def note_ids(connection: HTTPConnection, ids: list[str]) -> None:
+    """Name in the audit log what a request is about, where its path does not."""
+    connection.scope.setdefault(_IDS, []).extend(ids)
+
+
+def route_of(connection: Connection) -> str | None:
+    """Template of the route that a request was judged by; None where there is none."""
+    template: str | None = connection.get(_ROUTE)
+    return template
+
+
+async def require_judged(connection: HTTPConnection) -> None:
+    """Refuse a route that the gate has not judged: one that the table of scopes does not name.
+
+    Raises
+    ------
+    ForbiddenError
+        If another route is taken than the one that was judged.
+    """
+    if getattr(connection.scope.get("route"), "path", None) != route_of(connection.scope):
+        raise ForbiddenError(
+            "No scope is stated for this route, so nobody may ask.",
+            remedy="Report it: the table of scopes must name every route.",
+        )
+
+
+class Gate:
+    """ASGI middleware; the app's state holds an `Access` once its lifespan has begun.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    require_keys : bool
+        Whether requests over loopback need a key too.
+    rates : Rates
+    """
+
+    def __init__(self, app: ASGIApp, require_keys: bool, rates: Rates) -> None:
+        self.app = app
+        self.require_keys = require_keys
+        self.rates = rates
+
+    async def __call__(self, scope: Connection, receive: Receive, send: Send) -> None:
+        """Pass the request on if it may pass; note what becomes of it."""
+        if scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
+            return
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        connection = HTTPConnection(scope)
+        target = target_of(scope["method"], scope["path"])
+        scope[_ROUTE] = None if target is None else target.template
+        headers: dict[str, str] = {}
+        refused: ModalMotionError | None = None
+        try:
+            headers = self._admit(connection, target)
+        except ModalMotionError as error:
+            refused = error
+        is_noted = not (
+            isinstance(refused, RateLimitedError)
+            or (target is None and refused is None)
+            or (target is not None and target.scope in (None, Scope.METRICS) and refused is None)
+        )
+        started = kept_back = False
+
+        async def sent(message: Message) -> None:
+            nonlocal started, kept_back
+            if kept_back:
+                return
+            if message["type"] == "http.response.start":
+                answer = MutableHeaders(scope=message)
+                started = True
+                if is_noted:
+                    try:
+                        await self._note(connection, target, message["status"], answer)
+                    except ModalMotionError as error:
+                        # What cannot be noted is not told.
+                        kept_back = True
+                        await problem_of(error)(scope, receive, send)
+                        return
+                for name, value in headers.items():
+                    answer[name] = value
+            await send(message)
+
+        if refused is not None:
+            await problem_of(refused)(scope, receive, sent)
+            return
+        if target is not None and target.scope in _CHANGES:
+            # Whatever happens after it: the log tells who was about to change what.
+            try:
+                await self._note(connection, target, BEGUN, Headers())
+            except ModalMotionError as error:
+                await problem_of(error)(scope, receive, send)
+                return
+        try:
+            await self.app(scope, receive, sent)
+        except BaseException as error:
+            # Failed, or given up by the client: something may have been done all the same.
+            if is_noted and not started:
+                status = CLIENT_GONE if isinstance(error, ClientDisconnect) else 500
+                await self._note(connection, target, status, Headers())
+            raise
+
+    def _admit(self, connection: HTTPConnection, target: Target | None) -> dict[str, str]:
+        scope = connection.scope
+        needs_key = self.require_keys or not comes_by_loopback(scope)
+        client = "" if connection.client is None else connection.client.host
+        if target is not None and target.scope is None:
+            if not needs_key or target.template.startswith(PROBES):
+                return {}
+            return self.rates.address(client).headers
+        try:
+            principal, headers = self._recognise(connection, needs_key)
+        except AuthenticationError as error:
+            scope[_ENDED_KEY] = error.key_id
+            self.rates.failure(client)
+            raise
+        attach(scope, principal)
+        if target is not None and target.scope not in principal.scopes:
+            raise ForbiddenError(
+                f"This key lacks the scope {target.scope}.",
+                remedy=f"Use a key with the scope {target.scope}; "
+                "`modalmotion keys list` shows what each has.",
+                details={"scope": str(target.scope)},
+            )
+        return headers
+
+    def _recognise(
+        self, connection: HTTPConnection, needs_key: bool
+    ) -> tuple[Principal, dict[str, str]]:
+        token = _token(connection.headers)
+        if token is None:
+            if needs_key:
+                raise key_required()
+            require_same_site(connection.scope)
+            return LOCAL_PRINCIPAL, {}
+        access: Access = connection.app.state.access
+        principal = access.keys.authenticate(token).principal
+        return principal, self.rates.key(principal.key_id or "").headers
+
+    async def _note(
+        self, connection: HTTPConnection, target: Target | None, status: int, answer: Headers
+    ) -> None:
+        principal = principal_of(connection.scope)
+        access: Access = connection.app.state.access
+        event = Event(
+            request_id=connection.scope.get("modalmotion.request_id", ""),
+            owner=None if principal is None else principal.owner,
+            key_id=connection.scope.get(_ENDED_KEY) if principal is None else principal.key_id,
+            client="" if connection.client is None else connection.client.host,
+            method=connection.scope["method"],
+            route="" if target is None else target.template,
+            ids=" ".join(_ids(connection, target, answer)),
+            status=status,
+        )
+        await access.audit.note(event)
+
+
+def _token(headers: Headers) -> str | None:
+    given = headers.get("authorization")
+    if given is None:
+        return headers.get("x-api-key")
+    scheme, _, token = given.partition(" ")
+    # Another scheme is a wrong key: whoever sends one means to be recognised.
+    return token.strip() if scheme.lower() == "bearer" else ""
+
+
+def _ids(connection: HTTPConnection, target: Target | None, answer: Headers) -> list[str]:
+    """List what a request is about: ids alone, never what a person may have written."""
+    ids = []
+    if target is not None:
+        for name, value in target.path_parameters.items():
+            pattern = _DIGEST if name.endswith("_id") else _NAME
+            if pattern.fullmatch(value):
+                ids.append(value)
+    made = answer.get("location", "").rpartition("/")[2]
+    query = QueryParams(connection.scope.get("query_string", b""))
+    named = [*connection.scope.get(_IDS, ()), query.get("template", ""), made]
+    return list(dict.fromkeys([*ids, *filter(_DIGEST.fullmatch, named)]))

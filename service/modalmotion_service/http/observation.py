@@ -1,0 +1,162 @@
+"""A line of log for every request, its id, and where its time went.
+
+Lines are JSON and hold no patient data: the route's template in place of the path, and neither
+the query nor anything of the body.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import secrets
+import time
+from typing import Final
+
+import h11
+from starlette.datastructures import MutableHeaders
+from starlette.requests import ClientDisconnect
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from modalmotion_service.http import timing
+from modalmotion_service.http.problems import internal_answer
+
+logger = logging.getLogger("modalmotion_service.requests")
+
+CLIENT_GONE: Final = 499
+"""What logs and figures give as the status where a client leaves before its request is whole."""
+
+_REQUEST_ID: Final = re.compile(r"[A-Za-z0-9._-]{1,64}")
+
+
+class Observation:
+    """ASGI middleware around everything else.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on; log it when it is answered."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        given = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
+        request_id = given if _REQUEST_ID.fullmatch(given) else secrets.token_hex(8)
+        scope["modalmotion.request_id"] = request_id
+        stages = timing.begin()
+        start = time.perf_counter()
+        status = 0
+        broken = False
+
+        async def observed(message: Message) -> None:
+            nonlocal status, broken
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                headers = MutableHeaders(scope=message)
+                headers["X-Request-ID"] = request_id
+                spent = 1e3 * (time.perf_counter() - start)
+                headers["Server-Timing"] = timing.header(stages, spent)
+            if broken:
+                return
+            try:
+                await send(message)
+            except h11.LocalProtocolError:
+                # The rest of the request was no HTTP: uvicorn has said so and hung up.
+                broken = True
+
+        try:
+            await self.app(scope, receive, observed)
+        except ClientDisconnect:
+            status = status or CLIENT_GONE
+        except Exception:
+            logger.exception("request failed", extra={"request_id": request_id})
+            if not status:
+                await internal_answer()(scope, receive, observed)
+        finally:
+            route = scope.get("route")
+            logger.info(
+                "request",
+                extra={
+                    "request_id": request_id,
+                    # Whatever a client makes up, at whatever length.
+                    "method": scope["method"][:20],
+                    "route": getattr(route, "path", None) or scope.get("modalmotion.route"),
+                    "status": status,
+                    "milliseconds": round(1e3 * (time.perf_counter() - start), 1),
+                },
+            )
+
+
+class JsonFormatter(logging.Formatter):
+    """One JSON object a line: time, level, logger, message, and what the call added."""
+
+    _STANDARD: Final = frozenset(vars(logging.makeLogRecord({}))) | {"message", "color_message"}
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Write a record as JSON."""
+        line: dict[str, object] = {
+            "time": time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(record.created))
+            + f".{int(record.msecs):03d}Z",
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+        }
+        added = {name: value for name, value in vars(record).items() if name not in self._STANDARD}
+        line.update(added)
+        if record.exc_info:
+            line["exception"] = self.formatException(record.exc_info)
+        return json.dumps(line, default=str)
+
+
+class Seldom(logging.Filter):
+    """Lets the same message of a logger pass once in a while.
+
+    Out of open files, asyncio tells so for each connection that waits, as fast as it can: 5 MB
+    of log a second, until the disk is full too.
+
+    Parameters
+    ----------
+    seconds : float
+        Between two of the same kind.
+    """
+
+    def __init__(self, seconds: float = 10.0) -> None:
+        super().__init__()
+        self._seconds = seconds
+        self._passed: dict[tuple[str, int], float] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Tell whether to write the record; where it is logged says of which kind it is."""
+        kind, now = (record.pathname, record.lineno), time.monotonic()
+        if now - self._passed.get(kind, -self._seconds) < self._seconds:
+            return False
+        self._passed[kind] = now
+        return True
+
+
+LOG_CONFIG: Final = {
+    "version": 1,
+    "disable_existing_loggers": False,
+    "formatters": {"json": {"()": JsonFormatter}},
+    "filters": {"seldom": {"()": Seldom}},
+    "handlers": {
+        "stderr": {
+            "class": "logging.StreamHandler",
+            "formatter": "json",
+            "stream": "ext://sys.stderr",
+        }
+    },
+    "root": {"level": "INFO", "handlers": ["stderr"]},
+    # uvicorn's own access log names paths and queries.
+    "loggers": {"uvicorn.access": {"level": "CRITICAL"}, "asyncio": {"filters": ["seldom"]}},
+}
+
+
+def log_config(level: str) -> dict[str, object]:
+    """Give the configuration of logs, from a level on: debug, info, warning or error."""
+    return {**LOG_CONFIG, "root": {"level": level.upper(), "handlers": ["stderr"]}}

@@ -1,0 +1,242 @@
+"""What Prometheus is told: requests, bytes, work, jobs, stores. No owner, no id, no path."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter as Tally
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Future
+from importlib.metadata import version
+from typing import Final, ParamSpec, TypeVar
+
+from prometheus_client import CollectorRegistry, Counter, Histogram, Info, ProcessCollector
+from prometheus_client.core import GaugeMetricFamily
+from prometheus_client.registry import Collector
+from starlette.requests import ClientDisconnect
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from modalmotion.errors import ModalMotionError
+from modalmotion_service.access.scopes import SCOPE_OF
+from modalmotion_service.http.gate import route_of
+from modalmotion_service.http.observation import CLIENT_GONE
+from modalmotion_service.monitoring.readiness import require_ready
+from modalmotion_service.work.executor import Engine
+from modalmotion_service.workspace.owners import Owners
+
+P = ParamSpec("P")
+T = TypeVar("T")
+K = TypeVar("K")
+
+_METHODS: Final = frozenset(method for method, _ in SCOPE_OF) | {"HEAD", "OPTIONS", "PUT"}
+_SECONDS: Final = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 30, 60, 300)
+
+
+class Metrics:
+    """Counters of one app, in a registry of their own."""
+
+    def __init__(self) -> None:
+        self.registry = own = CollectorRegistry()
+        self.requests = Counter(
+            "modalmotion_requests",
+            "Requests answered.",
+            ["method", "route", "status"],
+            registry=own,
+        )
+        self.seconds = Histogram(
+            "modalmotion_request_seconds",
+            "Time until an answer is complete.",
+            ["method", "route"],
+            buckets=_SECONDS,
+            registry=own,
+        )
+        self.received = Counter(
+            "modalmotion_received_bytes", "Bytes of requests' bodies.", ["route"], registry=own
+        )
+        self.sent = Counter(
+            "modalmotion_sent_bytes", "Bytes of answers' bodies.", ["route"], registry=own
+        )
+        self.task_seconds = Histogram(
+            "modalmotion_task_seconds",
+            "Time from handing work to the workers until its result.",
+            ["kind"],
+            buckets=_SECONDS,
+            registry=own,
+        )
+        self.tasks_failed = Counter(
+            "modalmotion_tasks_failed",
+            "Work that ended in an error or was given up.",
+            ["kind"],
+            registry=own,
+        )
+        Info("modalmotion_build", "What runs.", registry=own).info(
+            {"version": version("modalmotion")}
+        )
+        # Memory, processor time and open files of the service's own process.
+        ProcessCollector(registry=own)
+        self._lock = threading.Lock()
+        self._n_tasks = 0
+
+    @property
+    def tasks_under_way(self) -> int:
+        """Tasks that were handed to the workers and have no result yet."""
+        return self._n_tasks
+
+    def change_tasks(self, number: int) -> None:
+        """Add to the tasks under way; they end in other threads."""
+        with self._lock:
+            self._n_tasks += number
+
+
+class Meter:
+    """ASGI middleware that counts requests.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    metrics : Metrics
+    """
+
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+        self.app = app
+        self.metrics = metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on and count it when it is answered."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        start = time.perf_counter()
+        status, n_received, n_sent = 500, 0, 0
+
+        async def received() -> Message:
+            nonlocal n_received
+            message = await receive()
+            n_received += len(message.get("body", b""))
+            return message
+
+        async def sent(message: Message) -> None:
+            nonlocal status, n_sent
+            status = message.get("status", status)
+            n_sent += len(message.get("body", b""))
+            await send(message)
+
+        try:
+            await self.app(scope, received, sent)
+        except ClientDisconnect:
+            status = CLIENT_GONE
+            raise
+        finally:
+            # Whatever a client makes up is one method and one route.
+            method = scope["method"] if scope["method"] in _METHODS else "other"
+            route = route_of(scope) or "other"
+            self.metrics.requests.labels(method, route, status).inc()
+            self.metrics.seconds.labels(method, route).observe(time.perf_counter() - start)
+            self.metrics.received.labels(route).inc(n_received)
+            self.metrics.sent.labels(route).inc(n_sent)
+
+
+class MeteredExecutor(Engine):
+    """Any engine, with its work counted by the name of the task.
+
+    Parameters
+    ----------
+    engine : Engine
+    metrics : Metrics
+    """
+
+    def __init__(self, engine: Engine, metrics: Metrics) -> None:
+        self.engine = engine
+        self._metrics = metrics
+
+    @property
+    def n_workers(self) -> int:
+        """Tasks that run at the same time."""
+        return self.engine.n_workers
+
+    def require_ready(self) -> None:
+        """Raise ClusterError if a task could not be run now."""
+        self.engine.require_ready()
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Hand a task on."""
+        kind, start = getattr(fn, "__name__", "other"), time.perf_counter()
+        future = self.engine.submit(fn, *args, **kwargs)
+        self._metrics.change_tasks(1)
+
+        def count(done: Future[T]) -> None:
+            self._metrics.change_tasks(-1)
+            self._metrics.task_seconds.labels(kind).observe(time.perf_counter() - start)
+            if done.cancelled() or done.exception() is not None:
+                self._metrics.tasks_failed.labels(kind).inc()
+
+        future.add_done_callback(count)
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the executor."""
+        self.engine.shutdown(wait, cancel_futures=cancel_futures)
+
+
+class StateOfThings(Collector):
+    """What is counted when it is asked for: jobs, workers, stores, the disk.
+
+    Parameters
+    ----------
+    owners : Owners
+    metrics : Metrics
+    engine : Engine
+    """
+
+    def __init__(self, owners: Owners, metrics: Metrics, engine: Engine) -> None:
+        self._owners = owners
+        self._metrics = metrics
+        self._engine = engine
+
+    def collect(self) -> Iterator[GaugeMetricFamily]:
+        """Count, over all owners."""
+        states = list(self._owners.states.values())
+        jobs = GaugeMetricFamily(
+            "modalmotion_jobs", "Jobs kept, by kind and state.", labels=["kind", "state"]
+        )
+        kept = GaugeMetricFamily("modalmotion_stored", "Things that are kept.", labels=["kind"])
+        for (kind, job_state), number in _sum(state.store.jobs.count() for state in states):
+            jobs.add_metric([kind, job_state], number)
+        for name, number in _sum(state.store.count() for state in states):
+            kept.add_metric([name], number)
+        under_way = self._metrics.tasks_under_way
+        n_workers = self._engine.n_workers
+        busy = min(under_way, n_workers)
+        yield jobs
+        yield kept
+        yield GaugeMetricFamily(
+            "modalmotion_ready", "Whether results can be made and kept: 1 or 0.", self._is_ready()
+        )
+        yield GaugeMetricFamily("modalmotion_owners", "Stores that are open.", len(states))
+        yield GaugeMetricFamily(
+            "modalmotion_owners_failed", "Stores that cannot be opened.", self._owners.n_failed
+        )
+        yield GaugeMetricFamily("modalmotion_workers", "Worker processes.", n_workers)
+        yield GaugeMetricFamily("modalmotion_workers_busy", "Workers with a task.", busy)
+        yield GaugeMetricFamily(
+            "modalmotion_tasks_waiting", "Tasks without a worker yet.", under_way - busy
+        )
+        yield GaugeMetricFamily(
+            "modalmotion_disk_free_bytes",
+            "Free space on the data folder's disk.",
+            self._owners.free_bytes(),
+        )
+
+    def _is_ready(self) -> bool:
+        try:
+            require_ready(self._owners.local)
+        except ModalMotionError:
+            return False
+        return True
+
+
+def _sum(counts: Iterable[Mapping[K, int]]) -> list[tuple[K, int]]:
+    total: Tally[K] = Tally()
+    for count in counts:
+        total.update(count)
+    return list(total.items())

@@ -1,0 +1,69 @@
+"""An answer now, or a job for it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from typing import Any, TypeVar
+
+from starlette.responses import Response
+
+from modalmotion.store import Job
+from modalmotion_service.http.preferences import Preference
+from modalmotion_service.routes.parts.dependencies import State
+from modalmotion_service.schemas import JobAnswer
+
+T = TypeVar("T")
+
+
+async def result_or_job(
+    state: State,
+    preference: Preference,
+    kind: str,
+    request: Any,
+    work: Coroutine[Any, Any, T],
+) -> T | Job:
+    """Wait for work as long as client and settings allow, then leave it to a job.
+
+    Parameters
+    ----------
+    state : State
+    preference : Preference
+    kind : str
+    request : JSON value
+        With which a job of that kind does the same work.
+    work : coroutine
+    """
+    wait = state.settings.wait_seconds
+    if preference.wait_seconds is not None:
+        wait = min(wait, preference.wait_seconds)
+    if preference.is_async:
+        work.close()
+        return await state.jobs.start(kind, request)
+    task = asyncio.ensure_future(work)
+    try:
+        await asyncio.wait([task], timeout=wait)
+    except asyncio.CancelledError:
+        task.cancel()
+        raise
+    if task.done():
+        return task.result()
+    try:
+        return await state.jobs.start(kind, request, instead_of=task)
+    except BaseException:
+        task.cancel()
+        raise
+
+
+def accepted(job: Job) -> Response:
+    """Answer 202 with a job."""
+    return Response(
+        JobAnswer.of(job).model_dump_json(),
+        status_code=202,
+        media_type="application/json",
+        headers={
+            "Location": f"/v1/jobs/{job.id}",
+            "Retry-After": "1",
+            "Preference-Applied": "respond-async",
+        },
+    )

@@ -1,0 +1,128 @@
+"""What handlers ask for, as annotated types."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import Depends, Header, Request
+from starlette.datastructures import UploadFile
+
+from modalmotion.errors import MalformedFileError
+from modalmotion.store import ResultStore
+from modalmotion_service.access.keys import key_required
+from modalmotion_service.access.principal import principal_of
+from modalmotion_service.http.forms import received_form
+from modalmotion_service.http.preferences import Preference, parse_preference
+from modalmotion_service.http.timing import stage
+from modalmotion_service.settings import Settings
+from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.jobs import JobRunner
+from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.spool import Spool, SpooledUpload
+
+# What a form's part is copied in.
+_PIECE = 1 << 20
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything open for one owner while the service runs.
+
+    Parameters
+    ----------
+    settings : Settings
+    store : ResultStore
+    spool : Spool
+    analysis : Analysis
+    models : Models
+    jobs : JobRunner
+    """
+
+    settings: Settings
+    store: ResultStore
+    spool: Spool
+    analysis: Analysis
+    models: Models
+    jobs: JobRunner
+
+
+# Coroutines, though some wait for nothing: FastAPI runs plain functions in threads, and each of
+# the two switches costs more than the function.
+
+
+async def get_state(request: Request) -> State:
+    """Give what is open for the owner of the key that came; nobody else's.
+
+    Raises
+    ------
+    AuthenticationError
+        If nobody was recognised: an open route has no data to give.
+    """
+    principal = principal_of(request.scope)
+    if principal is None:
+        raise key_required()
+    state: State = await request.app.state.owners.state(principal.owner)
+    return state
+
+
+StateDependency = Annotated[State, Depends(get_state)]
+
+
+async def get_store(state: StateDependency) -> ResultStore:
+    """Give the open result store."""
+    return state.store
+
+
+async def get_preference(
+    prefer: Annotated[
+        str, Header(max_length=200, description="respond-async for a job, or wait=SECONDS.")
+    ] = "",
+) -> Preference:
+    """Give how long the client wants to wait."""
+    return parse_preference(prefer)
+
+
+async def receive_upload(request: Request, state: StateDependency) -> SpooledUpload:
+    """Receive an upload into the spool: the raw body, or a form's part named "file".
+
+    Raises
+    ------
+    MalformedFileError
+        If a form holds no such part.
+    """
+    spooled = await _receive(request, state)
+    # Handlers remove what they were given; one that is never called, for its query is not
+    # valid, cannot.
+    request.state.remove_upload = spooled.remove
+    return spooled
+
+
+async def _receive(request: Request, state: State) -> SpooledUpload:
+    # What an idempotency key stands for is compared by its hash; nothing else asks for one.
+    hashed = "idempotency-key" in request.headers
+    with stage("receive"):
+        kind = request.headers.get("content-type", "").lower()
+        if not kind.startswith("multipart/form-data"):
+            return await state.spool.receive(request.stream(), hashed=hashed)
+        # Before the form is received, not after.
+        state.spool.require_reserve()
+        async with received_form(request, state.spool.folder) as form:
+            part = form.get("file")
+            if not isinstance(part, UploadFile):
+                raise MalformedFileError(
+                    "The form has no file part named 'file'.",
+                    remedy="Send one part named 'file', or the bytes as the raw body.",
+                )
+            return await state.spool.receive(_pieces(part), hashed=hashed)
+
+
+async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:
+    while piece := await part.read(_PIECE):
+        yield piece
+
+
+StoreDependency = Annotated[ResultStore, Depends(get_store)]
+PreferenceDependency = Annotated[Preference, Depends(get_preference)]
+UploadDependency = Annotated[SpooledUpload, Depends(receive_upload)]

@@ -1,0 +1,291 @@
+"""Work on several machines, through a Dask scheduler, behind the same `Executor`."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import pickle
+import secrets
+import threading
+from collections.abc import Callable, Coroutine
+from concurrent.futures import CancelledError as FutureCancelled
+from concurrent.futures import Future
+from concurrent.futures import wait as wait_for_all
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+from distributed import Client, KilledWorker
+
+from modalmotion_service.errors import ClusterError, WorkerDiedError
+from modalmotion_service.work.dask.tasks import PLUGIN, Mark, PoolLimits, PoolPlugin, run_in_pool
+from modalmotion_service.work.executor import Engine
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+logger = logging.getLogger(__name__)
+
+MARK = "cluster"
+_LOOK_SECONDS = 1.0
+# A machine under load may be slow to answer; a connection that breaks is seen at once.
+_ANSWER_SECONDS = 30.0
+
+
+class DaskExecutor(Engine):
+    """Tasks on the workers of a Dask scheduler, as `WorkerPool` does them here.
+
+    In each Dask worker a `WorkerPool` does the work: limits, errors and retries are its own.
+    A scheduler that is lost fails what is under way with ClusterError, and is looked for until
+    it returns; so is work for which there has been no worker for a while.
+
+    Parameters
+    ----------
+    scheduler : str
+        Address such as tcp://host:8786, or tls:// with Dask's own settings for certificates.
+    folder : Path
+        Folder that every worker shares under this path; a small file in it is what they are
+        known by.
+    task_seconds, memory_bytes, attempts
+        As for `WorkerPool`.
+    connect_seconds : float
+        How long to wait for the scheduler and its first worker.
+    patience_seconds : float
+        How long work waits while there is no worker.
+
+    Raises
+    ------
+    ClusterError
+        If there is no scheduler, no worker, or one that does not share the folder.
+    """
+
+    def __init__(
+        self,
+        scheduler: str,
+        folder: Path,
+        task_seconds: float,
+        memory_bytes: int,
+        attempts: int = 3,
+        *,
+        connect_seconds: float = 30.0,
+        patience_seconds: float = 30.0,
+    ) -> None:
+        self._address = scheduler
+        self._limits = PoolLimits(task_seconds, memory_bytes, attempts)
+        self._connect_seconds = connect_seconds
+        self._patience = patience_seconds
+        self._mark = Mark(
+            folder.absolute() / f"{MARK}.{secrets.token_hex(8)}", version("modalmotion")
+        )
+        self._lock = threading.Lock()
+        self._futures: set[Future[Any]] = set()
+        self._remotes: set[Any] = set()
+        self._n_threads = 0
+        self._client: Client | None = None
+        self._is_open = True
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(
+            target=self._loop.run_forever, name="dask-executor", daemon=True
+        )
+        self._thread.start()
+        self._remove_marks()
+        self._mark.path.touch()
+        try:
+            self._call(self._connect()).result()
+        except BaseException:
+            self._end()
+            raise
+        self._supervision = self._call(self._supervise())
+
+    @property
+    def n_workers(self) -> int:
+        """Threads of all workers when they were last looked at."""
+        return max(1, self._n_threads)
+
+    def require_ready(self) -> None:
+        """Raise ClusterError while there is no scheduler or no worker."""
+        if self._client is None:
+            raise self._is_lost()
+        if not self._n_threads:
+            raise self._has_no_worker()
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Run a task on some worker; cancelling the future ends its process there."""
+        payload = pickle.dumps((fn, args, kwargs))
+        with self._lock:
+            if not self._is_open:
+                raise RuntimeError("The executor takes no more tasks.")
+            future: Future[T] = self._call(self._run(payload))
+            self._futures.add(future)
+        future.add_done_callback(self._forget)
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Take no more tasks; finish those under way, or end them if asked to."""
+        with self._lock:
+            was_open, self._is_open = self._is_open, False
+            futures = list(self._futures)
+        if not was_open:
+            return
+        if cancel_futures or not wait:
+            for future in futures:
+                future.cancel()
+        else:
+            wait_for_all(futures)
+        self._supervision.cancel()
+        with contextlib.suppress(FutureCancelled):
+            self._supervision.result()
+        self._end()
+
+    def _call(self, coroutine: Coroutine[Any, Any, T]) -> Future[T]:
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+
+    def _forget(self, future: Future[Any]) -> None:
+        with self._lock:
+            self._futures.discard(future)
+
+    async def _run(self, payload: bytes) -> Any:
+        client = self._client
+        if client is None:
+            raise self._is_lost()
+        remote = client.submit(
+            run_in_pool,
+            payload,
+            self._limits,
+            self._mark,
+            key=f"modalmotion-{secrets.token_hex(16)}",
+            pure=False,
+        )
+        self._remotes.add(remote)
+        try:
+            return pickle.loads(await remote)  # noqa: S301 (written by our own worker)
+        except FutureCancelled as error:
+            # Not by us: asyncio's own exception of that name is another one.
+            raise self._is_lost() from error
+        except KilledWorker as error:
+            raise WorkerDiedError(
+                "Several workers ended while they were at work on this.",
+                remedy="The input may break a reader; try to send it in another format.",
+            ) from error
+        finally:
+            self._remotes.discard(remote)
+            # A worker that is still at it sees that its result is wanted no more.
+            remote.release()
+
+    async def _connect(self) -> None:
+        deadline = self._loop.time() + self._connect_seconds
+        client = Client(
+            self._address,
+            asynchronous=True,
+            set_as_default=False,
+            timeout=self._connect_seconds,
+            name="modalmotion",
+        )
+        try:
+            await client
+        except (OSError, TimeoutError, ValueError) as error:
+            # Left open it would want our loop when it is collected, which may be gone by then.
+            await client.close(timeout=1.0)
+            raise ClusterError(
+                f"There is no scheduler at '{self._address}' "
+                f"(tried for {self._connect_seconds:g} s): {error}",
+                remedy="Start it, or correct the address (MODALMOTION_SCHEDULER).",
+            ) from error
+        try:
+            await self._take_up(client, deadline - self._loop.time())
+        except BaseException:
+            await client.close()
+            raise
+        self._client = client
+
+    async def _take_up(self, client: Client, seconds: float) -> None:
+        try:
+            await client.wait_for_workers(1, timeout=max(1.0, seconds))
+        except TimeoutError as error:
+            raise self._has_no_worker() from error
+        answers = await client.run(self._mark.write_beside, on_error="return")
+        for worker, answer in answers.items():
+            if isinstance(answer, ClusterError):
+                raise answer
+            if isinstance(answer, BaseException):
+                raise ClusterError(
+                    f"The worker at {worker} cannot do our work: {type(answer).__name__}: {answer}",
+                    remedy="Run workers with `modalmotion worker`, of this version.",
+                ) from answer
+        names = {str(name) for name in answers.values()}
+        if missing := names - {path.name for path in self._mark.path.parent.iterdir()}:
+            raise ClusterError(
+                f"What {len(missing)} of {len(answers)} workers write to "
+                f"'{self._mark.path.parent}' does not arrive here.",
+                remedy="Mount the same volume under the same path everywhere.",
+            )
+        await client.register_plugin(PoolPlugin(self._limits), name=PLUGIN)
+        self._n_threads = sum((await client.nthreads()).values())
+
+    async def _supervise(self) -> None:
+        without_worker = 0.0
+        while True:
+            await asyncio.sleep(_LOOK_SECONDS)
+            if self._client is None:
+                with contextlib.suppress(ClusterError, OSError):
+                    await self._connect()
+                    logger.warning("the scheduler at %s is back", self._address)
+                continue
+            try:
+                counts = await _threads(self._client)
+            except (OSError, TimeoutError, FutureCancelled) as error:
+                logger.error(  # noqa: TRY400 (met when a machine restarts: no traceback)
+                    "the scheduler at %s is lost: %r", self._address, error
+                )
+                lost, self._client = self._client, None
+                self._n_threads = 0
+                await lost.close(timeout=1.0)
+                continue
+            self._n_threads = sum(counts.values())
+            without_worker = 0.0 if counts else without_worker + _LOOK_SECONDS
+            if without_worker >= self._patience and self._remotes:
+                logger.error("the scheduler at %s has no worker", self._address)
+                await self._client.cancel(list(self._remotes), force=True)
+                without_worker = 0.0
+
+    def _end(self) -> None:
+        async def close() -> None:
+            if self._client is not None:
+                await self._client.close(timeout=5.0)
+            others = asyncio.all_tasks() - {asyncio.current_task()}
+            for task in others:
+                task.cancel()
+            # Dask's own may go on trying to connect whatever is asked of them.
+            if others:
+                await asyncio.wait(others, timeout=2.0)
+
+        self._call(close()).result()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+        self._remove_marks()
+
+    def _remove_marks(self) -> None:
+        for path in self._mark.path.parent.glob(f"{MARK}.*"):
+            path.unlink(missing_ok=True)
+
+    def _is_lost(self) -> ClusterError:
+        return ClusterError(
+            f"The scheduler at '{self._address}' cannot be reached, or gave the work up.",
+            remedy="Try again soon; an operator should look after the scheduler and its workers.",
+        )
+
+    def _has_no_worker(self) -> ClusterError:
+        return ClusterError(
+            f"The scheduler at '{self._address}' has no workers.",
+            remedy="Start some: modalmotion worker ADDRESS.",
+        )
+
+
+async def _threads(client: Client) -> dict[str, int]:
+    """Threads of each worker, by its address; OSError if the scheduler is lost."""
+    if client.status != "running":
+        raise OSError(f"the connection is {client.status}")
+    counts: dict[str, int] = await asyncio.wait_for(client.nthreads(), _ANSWER_SECONDS)
+    return counts

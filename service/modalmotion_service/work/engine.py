@@ -1,0 +1,44 @@
+"""Where work is done: in processes here, or on the workers of a scheduler."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from modalmotion.store.disk.atomic import make_folder
+from modalmotion_service.errors import ClusterError
+from modalmotion_service.settings import Settings
+from modalmotion_service.work.executor import Engine, WorkerPool
+
+
+def open_engine(settings: Settings, folder: Path | None = None) -> Engine:
+    """Start what the settings say.
+
+    Parameters
+    ----------
+    settings : Settings
+        With a `scheduler`, work is sent to its workers; else `workers` processes do it here.
+    folder : Path, optional
+        Folder that a scheduler's workers must share, with a file in it that they are known by;
+        `cluster` in the data folder by default.
+
+    Raises
+    ------
+    ClusterError
+        If there is no such scheduler, it has no workers, or one does not share the folder.
+    """
+    limits = (settings.task_seconds, settings.task_memory_bytes)
+    if settings.scheduler is None:
+        return WorkerPool(settings.workers, *limits)
+    try:
+        # Two seconds of imports that a single machine need not pay.
+        from modalmotion_service.work.dask.executor import DaskExecutor
+    except ImportError as error:
+        raise ClusterError(
+            "A scheduler is set, and `distributed` is not installed.",
+            remedy="Install modalmotion[service,cluster].",
+        ) from error
+    shared = settings.data_dir.absolute() / "cluster" if folder is None else folder
+    make_folder(shared)
+    return DaskExecutor(
+        settings.scheduler, shared, *limits, connect_seconds=settings.cluster_seconds
+    )

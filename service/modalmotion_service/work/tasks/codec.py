@@ -1,0 +1,52 @@
+"""Sequences encoded and decoded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from modalmotion.codec import decode, encode
+from modalmotion.formats import ReadLimits, ReadOptions, write_npz, write_raw, write_vtkhdf
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.store import sequence_from_hdf5
+from modalmotion_service.http.negotiation import NPZ, RAW, VTKHDF
+from modalmotion_service.schemas import EncodedAnswer, EncodingTarget
+from modalmotion_service.work.task_progress import ProgressFile
+from modalmotion_service.work.tasks.files import read_upload, write_whole
+
+
+def encode_upload(
+    upload: Path, options: ReadOptions, asked: EncodingTarget, output: Path, progress: Path
+) -> EncodedAnswer:
+    """Read an upload and write it as a compressed stream; `progress` is a `ProgressFile`."""
+    return _encoded(read_upload(upload, options).sequence, asked, output, progress)
+
+
+def encode_kept(
+    sequence: Path, asked: EncodingTarget, output: Path, progress: Path
+) -> EncodedAnswer:
+    """Write a kept sequence as a compressed stream; `progress` is a `ProgressFile`."""
+    return _encoded(sequence_from_hdf5(sequence), asked, output, progress)
+
+
+def decode_upload(
+    upload: Path, limits: ReadLimits, frames: range | None, media_type: str, output: Path
+) -> None:
+    """Decode a compressed stream and write its sequence: npz, VTKHDF or raw float32."""
+    sequence = decode(upload.read_bytes(), frames=frames, limits=limits)
+    write = {NPZ: write_npz, VTKHDF: write_vtkhdf, RAW: write_raw}[media_type]
+    write_whole(output, write(sequence))
+
+
+def _encoded(
+    sequence: MeshSequence, asked: EncodingTarget, output: Path, progress: Path
+) -> EncodedAnswer:
+    found = encode(
+        sequence,
+        rms=asked.rms,
+        max_error=asked.max_error,
+        n_bytes=asked.bytes,
+        effort=asked.effort,
+        progress=ProgressFile(progress).write,
+    )
+    write_whole(output, found.data)
+    return EncodedAnswer.of(found)

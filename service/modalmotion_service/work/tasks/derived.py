@@ -1,0 +1,83 @@
+"""What follows from a signature, or from many: volumes, surfaces, the trade."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from modalmotion.clinical import clinical_readouts, volume_figure
+from modalmotion.exports.surfaces import SurfaceFormat, write_superposed
+from modalmotion.signature.making import SignatureParameters
+from modalmotion.store import sequence_from_hdf5, signature_from_hdf5, template_from_hdf5
+from modalmotion.template.body_frame import Components
+from modalmotion.tradeoff import measure_tradeoff
+from modalmotion.tradeoff.plain import as_plain
+from modalmotion_service.http.negotiation import PNG
+from modalmotion_service.schemas import ReadoutsAnswer, TradeoffAnswer
+from modalmotion_service.work.tasks.files import whole_file, write_whole
+
+
+def read_out(sequence: Path, signature: Path, template: Path | None, as_picture: bool) -> bytes:
+    """Read volume and ejection fraction from a kept signature, as JSON or as PNG."""
+    found = clinical_readouts(
+        signature_from_hdf5(signature),
+        sequence_from_hdf5(sequence),
+        template=None if template is None else template_from_hdf5(template),
+    )
+    if not as_picture:
+        return ReadoutsAnswer.of(found).model_dump_json().encode()
+    buffer = io.BytesIO()
+    volume_figure(found).savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def measure_trade(
+    sequence: Path,
+    parameters: SignatureParameters,
+    front_modes: int,
+    components: Components | None,
+    template: Path | None,
+    media_type: str,
+    output: Path,
+) -> dict[str, float]:
+    """Measure the trade on a kept sequence, as JSON or PNG; gives milliseconds by stage."""
+    found = measure_tradeoff(
+        sequence_from_hdf5(sequence),
+        parameters,
+        most_modes=front_modes,
+        components=None if components is None else (components,),
+        template=None if template is None else template_from_hdf5(template),
+    )
+    with whole_file(output) as temporary:
+        if media_type == PNG:
+            from modalmotion.pictures.tradeoff import tradeoff_figure
+
+            tradeoff_figure(found).savefig(temporary, format="png")
+        else:
+            temporary.write_text(TradeoffAnswer(**as_plain(found)).model_dump_json())
+    return dict(found.milliseconds)
+
+
+def superpose(
+    sequence: Path,
+    signature: Path,
+    template: Path | None,
+    surface_format: SurfaceFormat,
+    times: list[float] | None,
+    max_targets: int | None,
+    output: Path,
+) -> None:
+    """Write the surfaces that a kept signature stands for."""
+    write_whole(
+        output,
+        write_superposed(
+            signature_from_hdf5(signature),
+            sequence_from_hdf5(sequence),
+            surface_format,
+            template=None if template is None else template_from_hdf5(template),
+            times=None if times is None else np.array(times),
+            max_targets=max_targets,
+        ),
+    )

@@ -1,0 +1,150 @@
+"""Signatures made, written out, compared and packed."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from modalmotion.formats import ReadOptions
+from modalmotion.mesh.checks import single_precision
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.comparison import Comparison, compare
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.stopwatch import Stopwatch
+from modalmotion.store import (
+    SequenceRecord,
+    sequence_from_hdf5,
+    signature_from_hdf5,
+    signature_to_hdf5,
+    write_pack,
+)
+from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, RAW
+from modalmotion_service.schemas import SignatureAnswer
+from modalmotion_service.work.tasks.files import (
+    cache_for,
+    named_template,
+    read_upload,
+    whole_file,
+    write_whole,
+)
+
+
+def sign(
+    sequence: Path, parameters: SignatureParameters, template: Path | None, image: Path
+) -> dict[str, float]:
+    """Fit a kept sequence and write its signature's HDF5 image; gives milliseconds by stage."""
+    watch = Stopwatch()
+    with watch.stage("load"):
+        loaded = sequence_from_hdf5(sequence)
+        named = named_template(template)
+    with watch.stage("fit"):
+        signature = modal_signature(loaded, parameters, template=named, cache=cache_for(named))
+    with watch.stage("image"):
+        write_whole(image, signature_to_hdf5(signature))
+    return watch.milliseconds
+
+
+def sign_upload(
+    upload: Path,
+    options: ReadOptions,
+    parameters: SignatureParameters,
+    template: Path | None,
+    media_type: str,
+) -> tuple[bytes, dict[str, float]]:
+    """Fit an upload and write its signature out; gives milliseconds by stage besides."""
+    watch = Stopwatch()
+    with watch.stage("read"):
+        sequence = read_upload(upload, options).sequence
+        named = named_template(template)
+    with watch.stage("fit"):
+        signature = modal_signature(sequence, parameters, template=named, cache=cache_for(named))
+    with watch.stage("render"):
+        if media_type == PNG:
+            body = _as_png(signature, sequence)
+        else:
+            body = _SIGNATURE_WRITERS[media_type](signature)
+    return body, watch.milliseconds
+
+
+def signature_as_json(path: Path, file: str) -> bytes:
+    """Write a kept signature out as the service's JSON."""
+    return SignatureAnswer.of(signature_from_hdf5(path), file).model_dump_json().encode()
+
+
+def draw_signature(sequence: Path, signature: Path) -> bytes:
+    """Draw a kept signature beside its sequence, as PNG."""
+    return _as_png(signature_from_hdf5(signature), sequence_from_hdf5(sequence))
+
+
+def compare_signatures(a: Path, b: Path, closed: bool) -> Comparison:
+    """Compare two kept signatures."""
+    return compare(signature_from_hdf5(a), signature_from_hdf5(b), closed=closed)
+
+
+def pack_npz(signatures: list[Path], records: list[SequenceRecord], output: Path) -> None:
+    """Pack the trajectories of many signatures into one .npz archive.
+
+    Arrays `ids`, `labels` (of the classes, as users say), and for each signature by its number
+    `amplitudes_0`, `modes_0`, `angular_frequencies_0`, `rms_errors_0` and `times_0`.
+    """
+    arrays: dict[str, Any] = {
+        "ids": np.array([record.id for record in records]),
+        "labels": np.array([record.label or "" for record in records]),
+    }
+    for number, path in enumerate(signatures):
+        named = _trajectory(signature_from_hdf5(path)).items()
+        arrays.update({f"{name}_{number}": array for name, array in named})
+    with whole_file(output) as temporary, temporary.open("wb") as file:
+        np.savez(file, **arrays)
+
+
+def pack_hdf5(signatures: list[Path], records: list[SequenceRecord], output: Path) -> None:
+    """Pack the trajectories of many signatures into one HDF5 file, laid out as an export."""
+    loaded = map(signature_from_hdf5, signatures)
+    with whole_file(output) as temporary:
+        write_pack(temporary, zip(loaded, records, strict=True))
+
+
+def _as_json(signature: ModalSignature) -> bytes:
+    return SignatureAnswer.of(signature, None).model_dump_json().encode()
+
+
+def _as_npz(signature: ModalSignature) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, **_trajectory(signature))
+    return buffer.getvalue()
+
+
+def _as_png(signature: ModalSignature, sequence: MeshSequence) -> bytes:
+    from modalmotion.pictures.signature import signature_figure
+
+    buffer = io.BytesIO()
+    signature_figure(sequence, signature).savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def _as_raw(signature: ModalSignature) -> bytes:
+    return single_precision(signature.amplitudes, "An amplitude").tobytes()
+
+
+_SIGNATURE_WRITERS: Final = {
+    JSON: _as_json,
+    HDF5: signature_to_hdf5,
+    NPZ: _as_npz,
+    RAW: _as_raw,
+}
+
+
+def _trajectory(signature: ModalSignature) -> dict[str, Any]:
+    arrays: dict[str, Any] = {
+        "amplitudes": signature.amplitudes,
+        "modes": np.array([str(label) for label in signature.modes.labels]),
+        "angular_frequencies": signature.angular_frequencies,
+        "rms_errors": signature.rms_errors,
+    }
+    if signature.times is not None:
+        arrays["times"] = signature.times
+    return arrays

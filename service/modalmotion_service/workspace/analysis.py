@@ -1,0 +1,316 @@
+"""Results of sequences: taken from the store, or made by a worker and kept."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+from modalmotion.exports.surfaces import SurfaceFormat
+from modalmotion.formats import ReadLimits, ReadOptions
+from modalmotion.signature.comparison import Comparison
+from modalmotion.signature.making import SignatureParameters
+from modalmotion.store import ResultStore, SequenceRecord
+from modalmotion.template.body_frame import Components
+from modalmotion_service.http.timing import add_milliseconds, stage
+from modalmotion_service.schemas import EncodedAnswer, EncodingTarget, ReadingAnswer, TemplateAnswer
+from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.task_progress import followed
+from modalmotion_service.work.tasks import codec, derived, sequences, signatures, templates
+from modalmotion_service.workspace.shared_work import Flights
+from modalmotion_service.workspace.spool import Spool, SpooledUpload, remove_with_beside
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Upload:
+    """An upload, and what was said of it.
+
+    Parameters
+    ----------
+    spooled : SpooledUpload
+    options : ReadOptions
+    subject, label : str or None
+    """
+
+    spooled: SpooledUpload
+    options: ReadOptions
+    subject: str | None
+    label: str | None
+
+
+@dataclass(frozen=True)
+class Received:
+    """A sequence that is kept.
+
+    Parameters
+    ----------
+    record : SequenceRecord
+    reading : ReadingAnswer
+        What the upload held besides.
+    is_new : bool
+    """
+
+    record: SequenceRecord
+    reading: ReadingAnswer
+    is_new: bool
+
+
+class Analysis:
+    """Makes each result once, however many ask for it at the same time.
+
+    Parameters
+    ----------
+    store : ResultStore
+    engine : Engine
+        Where parsing and fitting happen.
+    spool : Spool
+        Where workers leave what they made.
+    """
+
+    def __init__(self, store: ResultStore, engine: Engine, spool: Spool) -> None:
+        self._store = store
+        self.engine = engine
+        self._spool = spool
+        self._flights = Flights()
+
+    async def receive(self, upload: Upload) -> Received:
+        """Read an upload and keep its sequence."""
+
+        async def make() -> Received:
+            with self._image() as image, stage("worker"):
+                work = self._work(sequences.ingest, upload.spooled.path, upload.options, image)
+                found = await work
+                add_milliseconds(found.milliseconds)
+                with stage("store"):
+                    record, is_new = await asyncio.to_thread(
+                        self._store.put_sequence_image,
+                        image,
+                        found.record,
+                        subject=upload.subject,
+                        label=upload.label,
+                    )
+            return Received(record, found.reading, is_new)
+
+        return await self._flights.join(upload.spooled.path, make)
+
+    async def signature(self, sequence_id: str, parameters: SignatureParameters) -> Path:
+        """Give the file of a signature, made if it is not kept yet, or not as it was written."""
+
+        async def make() -> Path:
+            sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+            template = self._template_path(parameters)
+            with self._image() as image, stage("worker"):
+                work = self._work(signatures.sign, sequence, parameters, template, image)
+                add_milliseconds(await work)
+                with stage("store"):
+                    return await asyncio.to_thread(
+                        self._store.put_signature_image, image, sequence_id, parameters.key
+                    )
+
+        kept = await asyncio.to_thread(
+            self._store.sound_signature_path, sequence_id, parameters.key
+        )
+        if kept is not None:
+            return kept
+        return await self._flights.join((sequence_id, parameters.key), make)
+
+    async def signature_of_upload(
+        self, upload: Upload, parameters: SignatureParameters, media_type: str
+    ) -> bytes:
+        """Fit an upload and give its signature as the media type; nothing is kept."""
+        template = self._template_path(parameters)
+        path, options = upload.spooled.path, upload.options
+        with stage("worker"):
+            work = self._work(
+                signatures.sign_upload, path, options, parameters, template, media_type
+            )
+            body, milliseconds = await work
+        add_milliseconds(milliseconds)
+        return body
+
+    async def distance(
+        self, sequence_id: str, other_id: str, parameters: SignatureParameters, closed: bool
+    ) -> Comparison:
+        """Compare the signatures of two sequences, made with the same parameters."""
+        own = await self.signature(sequence_id, parameters)
+        other = await self.signature(other_id, parameters)
+        return await self._work(signatures.compare_signatures, own, other, closed)
+
+    async def signature_json(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
+        """Give a signature as the service's JSON."""
+        path = await self.signature(sequence_id, parameters)
+        with stage("render"):
+            return await self._work(signatures.signature_as_json, path, self.within_store(path))
+
+    async def draw_signature(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
+        """Draw a signature beside its sequence, as PNG."""
+        path = await self.signature(sequence_id, parameters)
+        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        with stage("draw"):
+            return await self._work(signatures.draw_signature, sequence, path)
+
+    async def template(
+        self, upload: Upload, parameters: SignatureParameters
+    ) -> tuple[TemplateAnswer, bool]:
+        """Make and keep the template of an upload; tell whether it is new."""
+        with self._image() as image, stage("worker"):
+            path, options = upload.spooled.path, upload.options
+            made = await self._work(templates.make_template, path, options, parameters, image)
+            add_milliseconds(made.milliseconds)
+            with stage("store"):
+                is_new = await asyncio.to_thread(
+                    self._store.put_template_image, image, made.answer.id
+                )
+        return made.answer, is_new
+
+    async def describe_template(self, template_id: str) -> TemplateAnswer:
+        """Say what a kept template holds."""
+        path = await asyncio.to_thread(self._store.template_path, template_id)
+        return await self._work(templates.describe_template, path)
+
+    async def draw_template(self, template_id: str) -> bytes:
+        """Draw the natural coordinates of a kept template, as PNG."""
+        path = await asyncio.to_thread(self._store.template_path, template_id)
+        return await self._work(templates.draw_template, path)
+
+    async def readouts(
+        self, sequence_id: str, parameters: SignatureParameters, *, as_picture: bool
+    ) -> bytes:
+        """Read volume and ejection fraction from a signature, as JSON or as PNG."""
+        signature = await self.signature(sequence_id, parameters)
+        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        template = self._template_path(parameters)
+        with stage("readouts"):
+            return await self._work(derived.read_out, sequence, signature, template, as_picture)
+
+    async def reconstruction(
+        self,
+        sequence_id: str,
+        parameters: SignatureParameters,
+        surface_format: SurfaceFormat,
+        times: list[float] | None,
+        max_targets: int | None,
+    ) -> Path:
+        """Superpose a signature's surfaces into a file, which the caller removes."""
+        signature = await self.signature(sequence_id, parameters)
+        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        with self._output() as output, stage("superpose"):
+            await self._work(
+                derived.superpose,
+                sequence,
+                signature,
+                self._template_path(parameters),
+                surface_format,
+                times,
+                max_targets,
+                output,
+            )
+        return output
+
+    async def tradeoff(
+        self,
+        sequence_id: str,
+        parameters: SignatureParameters,
+        front_modes: int,
+        components: Components | None,
+        media_type: str,
+    ) -> Path:
+        """Measure a trade into a file, which the caller removes."""
+        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        with self._output() as output, stage("worker"):
+            spent = await self._work(
+                derived.measure_trade,
+                sequence,
+                parameters,
+                front_modes,
+                components,
+                self._template_path(parameters),
+                media_type,
+                output,
+            )
+            add_milliseconds(spent)
+        return output
+
+    async def encoded(
+        self,
+        source: Upload | str,
+        target: EncodingTarget,
+        report: Callable[[float, str], None] = lambda _share, _text: None,
+    ) -> tuple[Path, EncodedAnswer]:
+        """Encode an upload, or a kept sequence by its id, to a file that the caller removes."""
+        progress = self._spool.new_path()
+        try:
+            with self._output() as output, stage("encode"):
+                if isinstance(source, str):
+                    path = await asyncio.to_thread(self._store.sequence_path, source)
+                    work = self._work(codec.encode_kept, path, target, output, progress)
+                else:
+                    path, options = source.spooled.path, source.options
+                    work = self._work(codec.encode_upload, path, options, target, output, progress)
+                return output, await followed(work, progress, report)
+        finally:
+            remove_with_beside(progress)
+
+    async def decoded(
+        self, stream: SpooledUpload, limits: ReadLimits, frames: range | None, media_type: str
+    ) -> Path:
+        """Decode a stream to a file that the caller removes."""
+        with self._output() as output, stage("decode"):
+            await self._work(codec.decode_upload, stream.path, limits, frames, media_type, output)
+        return output
+
+    def _template_path(self, parameters: SignatureParameters) -> Path | None:
+        if parameters.template is None:
+            return None
+        return self._store.template_path(parameters.template)
+
+    async def pack(
+        self,
+        sequence_ids: list[str],
+        parameters: SignatureParameters,
+        as_hdf5: bool,
+        on_progress: Callable[[float], None] = lambda _: None,
+    ) -> Path:
+        """Pack many signatures into one file, which the caller removes."""
+        paths = []
+        for done, sequence_id in enumerate(sequence_ids):
+            paths.append(await self.signature(sequence_id, parameters))
+            on_progress((done + 1) / (len(sequence_ids) + 1))
+        records = [self._store.sequence_record(sequence_id) for sequence_id in sequence_ids]
+        with self._output() as output:
+            task = signatures.pack_hdf5 if as_hdf5 else signatures.pack_npz
+            await self._work(task, paths, records, output)
+        return output
+
+    def within_store(self, path: Path) -> str:
+        """Path of a result within the data folder."""
+        return path.relative_to(self._store.root).as_posix()
+
+    async def _work(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        # Cancelling the wait cancels the future, and with it ends the worker's process.
+        return await asyncio.wrap_future(self.engine.submit(task, *args, **kwargs))
+
+    @contextmanager
+    def _image(self) -> Iterator[Path]:
+        with self._output() as path:
+            try:
+                yield path
+            finally:
+                path.unlink(missing_ok=True)
+
+    @contextmanager
+    def _output(self) -> Iterator[Path]:
+        """Name a file that a worker writes, and that stays if it did."""
+        path = self._spool.new_path()
+        try:
+            yield path
+        except BaseException:
+            # With what a worker that died left beside it.
+            remove_with_beside(path)
+            raise

@@ -1,0 +1,64 @@
+"""Deleting a sequence where the service is: jobs, their files, and answers kept for later."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+import json
+
+from modalmotion.errors import NotFoundError
+from modalmotion_service.errors import ConflictError
+from modalmotion_service.http.problems import problem_body
+from modalmotion_service.routes.parts.dependencies import State
+
+
+async def erase(state: State, sequence_id: str) -> None:
+    """Delete a sequence with all that derives from it, and what is told of it elsewhere.
+
+    Jobs about it are ended and forgotten, with the files that they have made: an encoded
+    sequence is the sequence. So is a job of many sequences, for its file has this one too.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such sequence.
+    StoreError
+        If it cannot be deleted, or not wholly; then it can be deleted again.
+    """
+    await asyncio.to_thread(state.store.sequence_record, sequence_id)
+    # Before the sequence itself: what fails here, or is cut short, is done by the next call.
+    await _forget(state, sequence_id)
+    await asyncio.to_thread(state.store.delete_sequence, sequence_id)
+    # What was made of it in the meantime.
+    await _forget(state, sequence_id)
+
+
+async def _forget(state: State, sequence_id: str) -> None:
+    traces, link = state.store.traces, f"/v1/sequences/{sequence_id}"
+    about = await asyncio.to_thread(traces.jobs_about, sequence_id, link)
+    for job in about:
+        # One that ends by itself just now is as good.
+        with contextlib.suppress(ConflictError, NotFoundError):
+            await state.jobs.cancel(job.id)
+    about = await asyncio.to_thread(traces.jobs_about, sequence_id, link)
+    for job in about:
+        if "file" in (job.result or {}):
+            state.spool.remove(job.result["file"])
+    await asyncio.to_thread(traces.forget_jobs, *(job.id for job in about))
+    status, answer = _gone()
+    await asyncio.to_thread(traces.replace_answers, link, status, answer)
+
+
+def _gone() -> tuple[int, dict[str, object]]:
+    """Answer of a request that is sent again with the key under which it made what is deleted."""
+    body = problem_body(
+        NotFoundError(
+            "What this request has made was deleted since.",
+            remedy="Send it with a new Idempotency-Key to have it again.",
+        )
+    )
+    text = base64.b64encode(json.dumps(body).encode()).decode("ascii")
+    status = body["status"]
+    assert isinstance(status, int)  # noqa: S101 (as `problem_body` makes it)
+    return status, {"body": text, "headers": {"content-type": "application/problem+json"}}

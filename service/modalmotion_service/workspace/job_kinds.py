@@ -1,0 +1,111 @@
+"""What each kind of job does, with the request it was noted with."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any, Final
+from urllib.parse import urlencode
+
+from modalmotion.classify import TrainingOptions
+from modalmotion.store import ResultStore
+from modalmotion_service.http.negotiation import HDF5, NPZ, STREAM
+from modalmotion_service.routes.tradeoff import TradeoffQuery
+from modalmotion_service.schemas import (
+    EncodingTarget,
+    ManySignatures,
+    SignatureQuery,
+    UploadQuery,
+)
+from modalmotion_service.settings import Settings
+from modalmotion_service.workspace.analysis import Analysis, Upload
+from modalmotion_service.workspace.jobs import JobRunner, Report
+from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.spool import Spool, SpooledUpload
+from modalmotion_service.workspace.training import Trainer
+from modalmotion_service.workspace.training_set import read_cases
+
+# Kinds of jobs whose request names a file in the spool, kept until the job is finished.
+_WITH_FILES: Final = ("upload", "training")
+
+
+def trainings_at_once(settings: Settings) -> int:
+    """Give how many models are trained at a time; each may take all of a processor for long."""
+    return max(1, settings.workers // 2)
+
+
+def make_runner(
+    settings: Settings,
+    store: ResultStore,
+    spool: Spool,
+    analysis: Analysis,
+    models: Models,
+    trainer: Trainer,
+) -> JobRunner:
+    """Make the runner of all kinds of jobs."""
+
+    async def upload(request: Any, _: Report) -> Any:
+        query = UploadQuery(**request["query"])
+        options = query.options(settings.read_limits)
+        sent = Upload(_spooled(spool, request), options, query.subject, query.label)
+        received = await analysis.receive(sent)
+        return {"link": f"/v1/sequences/{received.record.id}"}
+
+    async def signature(request: Any, _: Report) -> Any:
+        query, sequence_id = SignatureQuery(**request["query"]), request["sequence_id"]
+        await analysis.signature(sequence_id, query.parameters())
+        chosen = query.model_dump(mode="json", exclude_defaults=True)
+        link = f"/v1/sequences/{sequence_id}/signature"
+        return {"link": f"{link}?{urlencode(chosen)}" if chosen else link}
+
+    async def signatures(request: Any, report: Report) -> Any:
+        asked = ManySignatures(**{n: v for n, v in request.items() if n != "as_hdf5"})
+        path = await analysis.pack(asked.ids, asked.parameters(), request["as_hdf5"], report)
+        return {"file": path.name, "media_type": HDF5 if request["as_hdf5"] else NPZ}
+
+    async def tradeoff(request: Any, _: Report) -> Any:
+        query, media_type = TradeoffQuery(**request["query"]), request["media_type"]
+        path = await analysis.tradeoff(
+            request["sequence_id"],
+            query.parameters(),
+            query.front_modes,
+            query.components,
+            media_type,
+        )
+        return {"file": path.name, "media_type": media_type}
+
+    async def encoding(request: Any, report: Report) -> Any:
+        target = EncodingTarget(**request["target"])
+        path, answer = await analysis.encoded(request["sequence_id"], target, report)
+        return {"file": path.name, "media_type": STREAM, "headers": answer.headers}
+
+    async def classification(request: Any, _: Report) -> Any:
+        chosen = await asyncio.to_thread(models.choose, request["model"])
+        await models.classification(request["sequence_id"], chosen, request["coverage"])
+        return {"link": f"/v1/sequences/{request['sequence_id']}/classifications"}
+
+    async def training(request: Any, report: Report) -> Any:
+        cases = await asyncio.to_thread(read_cases, _spooled(spool, request))
+        options = TrainingOptions.from_json(request["options"])
+        made = await trainer.train(request["file"], request["name"], options, cases, report)
+        return {"link": f"/v1/models/{made.name}/versions/{made.version}"}
+
+    return JobRunner(
+        store,
+        {
+            "upload": upload,
+            "signature": signature,
+            "signatures": signatures,
+            "encoding": encoding,
+            "tradeoff": tradeoff,
+            "classification": classification,
+            "training": training,
+        },
+        dict.fromkeys(_WITH_FILES, lambda request: _spooled(spool, request).remove()),
+        n_at_once=2 * analysis.engine.n_workers,
+        most_unfinished=settings.max_unfinished_jobs,
+        apart={"training": trainings_at_once(settings)},
+    )
+
+
+def _spooled(spool: Spool, request: Any) -> SpooledUpload:
+    return SpooledUpload(spool.at(request["file"]), sha256="", n_bytes=0)

@@ -1,0 +1,159 @@
+"""The owners' stores: each in a folder of its own, so that nobody meets another's data.
+
+Idempotency keys, jobs, results, caches and files under way all belong to a store. What an owner
+does not have does not exist for them, whether another has it or not.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import shutil
+from concurrent.futures import Executor
+from datetime import timedelta
+from pathlib import Path
+from typing import Final
+
+from modalmotion.errors import ModalMotionError
+from modalmotion.store import ResultStore
+from modalmotion_service.access.principal import LOCAL, require_owner
+from modalmotion_service.routes.parts.dependencies import State
+from modalmotion_service.settings import Settings
+from modalmotion_service.work.executor import Engine
+from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.job_kinds import make_runner
+from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.retention import Retention
+from modalmotion_service.workspace.spool import Spool
+from modalmotion_service.workspace.training import Trainer
+
+logger = logging.getLogger(__name__)
+
+FOLDER: Final = "owners"
+
+
+def folder_of(data_dir: Path, owner: str) -> Path:
+    """Folder that an owner's store lies in.
+
+    Raises
+    ------
+    ParameterError
+        If the name is none.
+    """
+    require_owner(owner)
+    return data_dir if owner == LOCAL else data_dir / FOLDER / owner
+
+
+class Owners:
+    """What is open for each owner; the worker processes are everybody's.
+
+    Parameters
+    ----------
+    settings : Settings
+    engine : Engine
+        For requests.
+    training_executor : Executor
+    """
+
+    def __init__(self, settings: Settings, engine: Engine, training_executor: Executor) -> None:
+        self._settings = settings
+        self._engine = engine
+        self._training_executor = training_executor
+        self._states: dict[str, State] = {}
+        self._failed: set[str] = set()
+        self._opening = asyncio.Lock()
+        self._sweeping: list[asyncio.Task[None]] = []
+
+    @property
+    def states(self) -> dict[str, State]:
+        """What is open, by owner."""
+        return dict(self._states)
+
+    @property
+    def n_failed(self) -> int:
+        """Owners whose store could not be opened, and has not been since."""
+        return len(self._failed)
+
+    @property
+    def local(self) -> State:
+        """What lies in the data folder itself."""
+        return self._states[LOCAL]
+
+    def free_bytes(self) -> int:
+        """Free space on the disk that the stores lie on."""
+        return shutil.disk_usage(self._settings.data_dir).free
+
+    async def open(self) -> None:
+        """Open every store that there is, and take up the jobs that were left unfinished.
+
+        Raises
+        ------
+        StoreError
+            If the data folder itself cannot be used, as when another service has it.
+        """
+        await self.state(LOCAL)
+        folder = self._settings.data_dir / FOLDER
+        for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+            # What is left of an owner whose removal was interrupted.
+            if path.name.startswith("."):
+                continue
+            try:
+                await self.state(path.name)
+            except ModalMotionError as error:
+                self._failed.add(path.name)
+                # One damaged store keeps nobody else's closed; its owner is told when asking.
+                logger.error(  # noqa: TRY400 (the error says what is wrong, and its traceback no more)
+                    "a store cannot be opened", extra={"owner": path.name, "code": error.code}
+                )
+
+    async def state(self, owner: str) -> State:
+        """Give what is open for an owner; opened when it is first needed."""
+        state = self._states.get(owner)
+        if state is None:
+            async with self._opening:
+                state = self._states.get(owner)
+                if state is None:
+                    state = await self._open(owner)
+        return state
+
+    async def close(self) -> None:
+        """Let jobs finish for a while, then close every store."""
+        for task in self._sweeping:
+            task.cancel()
+        drain = self._settings.drain_seconds
+        await asyncio.gather(*(state.jobs.close(drain) for state in self._states.values()))
+        for state in self._states.values():
+            await asyncio.to_thread(state.store.close)
+        self._states.clear()
+
+    async def _open(self, owner: str) -> State:
+        settings, root = self._settings, folder_of(self._settings.data_dir, owner)
+        store = ResultStore(root, keep_uploads=settings.keep_uploads)
+        await asyncio.to_thread(store.open)
+        try:
+            store.idempotency.release_unfinished()
+            spool = Spool(root / "spool", settings.reserve_bytes)
+            retention = Retention(
+                store,
+                spool,
+                file_age=timedelta(hours=settings.result_hours),
+                job_age=timedelta(days=settings.job_days),
+            )
+            spool.clear(keep=await asyncio.to_thread(retention.needed))
+            analysis = Analysis(store, self._engine, spool)
+            models = Models(store, analysis, self._engine)
+            trainer = Trainer(
+                *(store, analysis, self._training_executor, spool),
+                settings.scheduler,
+                settings.workers,
+            )
+            runner = make_runner(settings, store, spool, analysis, models, trainer)
+            state = State(settings, store, spool, analysis, models, runner)
+            await runner.resume()
+        except BaseException:
+            await asyncio.to_thread(store.close)
+            raise
+        self._states[owner] = state
+        self._failed.discard(owner)
+        self._sweeping.append(asyncio.create_task(retention.sweep_for_ever()))
+        return state

@@ -1,0 +1,122 @@
+"""Uploads and half-made results on their way, as files of the store's own disk."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from modalmotion.store.disk.atomic import cannot_write, make_folder, sync_folder
+from modalmotion_service.workspace.disk import require_reserve
+
+
+@dataclass(frozen=True)
+class SpooledUpload:
+    """Bytes that came in, in a file.
+
+    Parameters
+    ----------
+    path : Path
+    sha256 : str
+        Of the bytes, in hex; empty where nobody asked for it.
+    n_bytes : int
+    """
+
+    path: Path
+    sha256: str
+    n_bytes: int
+
+    def make_durable(self) -> None:
+        """Make the bytes survive a crash: before they are acknowledged without being read."""
+        try:
+            with self.path.open("rb+") as file:
+                os.fsync(file.fileno())
+            sync_folder(self.path.parent)
+        except OSError as error:
+            raise cannot_write(self.path, error) from error
+
+    def remove(self) -> None:
+        """Remove the file."""
+        self.path.unlink(missing_ok=True)
+
+
+def remove_with_beside(path: Path) -> None:
+    """Remove a file, and those beside it whose names begin with its own."""
+    for found in path.parent.glob(f"{path.name}*"):
+        found.unlink(missing_ok=True)
+
+
+class Spool:
+    """A folder for files that are not results yet.
+
+    Parameters
+    ----------
+    folder : Path
+    reserve_bytes : int
+        Nothing is received while less is free on its disk.
+    """
+
+    def __init__(self, folder: Path, reserve_bytes: int = 0) -> None:
+        self.folder = folder
+        self._reserve_bytes = reserve_bytes
+        make_folder(folder)
+
+    def new_path(self) -> Path:
+        """Give a path that nothing lies at."""
+        return self.folder / secrets.token_hex(16)
+
+    def require_reserve(self) -> None:
+        """Raise StoreError if the disk has no more than its reserve."""
+        require_reserve(self.folder, self._reserve_bytes)
+
+    def at(self, name: str) -> Path:
+        """Give the path of a file by its name, as jobs remember it."""
+        return self.folder / Path(name).name
+
+    async def receive(self, chunks: AsyncIterator[bytes], *, hashed: bool = True) -> SpooledUpload:
+        """Write what comes in to a file; nothing stays behind if it fails.
+
+        Parameters
+        ----------
+        chunks : async iterator of bytes
+        hashed : bool
+            Whether its sha256 is wanted, which takes as long as writing.
+
+        Raises
+        ------
+        StoreError
+            If it cannot be written, or the disk has no more than its reserve.
+        """
+        self.require_reserve()
+        path = self.new_path()
+        digest, n_bytes = hashlib.sha256(), 0
+        try:
+            # Pieces of some 64 KiB go to the page cache: no thread is worth its switch.
+            with path.open("xb", buffering=0) as file:
+                async for chunk in chunks:
+                    if hashed:
+                        digest.update(chunk)
+                    n_bytes += len(chunk)
+                    view = memoryview(chunk)
+                    while view:
+                        view = view[file.write(view) :]
+        except OSError as error:
+            path.unlink(missing_ok=True)
+            raise cannot_write(path, error) from error
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+        return SpooledUpload(path, digest.hexdigest() if hashed else "", n_bytes)
+
+    def remove(self, name: str) -> None:
+        """Remove a file by its name; it may be missing."""
+        self.at(name).unlink(missing_ok=True)
+
+    def clear(self, keep: set[str]) -> None:
+        """Remove what an ended process left, but for files that jobs still need."""
+        for path in self.folder.iterdir():
+            if path.name.split(".")[0] not in keep:
+                path.unlink(missing_ok=True)

@@ -1,0 +1,179 @@
+"""Training of models: signatures of all cases, then the model, in a process of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import copy
+import json
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+from modalmotion.classify import TrainingOptions
+from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
+from modalmotion.signature.making import SignatureParameters
+from modalmotion.store import ModelRecord, ResultStore
+from modalmotion_service.work.task_progress import followed
+from modalmotion_service.work.tasks import training as training_task
+from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.jobs import Report
+from modalmotion_service.workspace.spool import Spool, remove_with_beside
+from modalmotion_service.workspace.training_set import Case
+
+# Share of a training's progress that fitting the signatures is counted as.
+_FITTING: Final = 0.5
+
+
+class Trainer:
+    """Trains models on kept sequences.
+
+    Parameters
+    ----------
+    store : ResultStore
+    analysis : Analysis
+        Makes the signatures that are trained on.
+    executor : Executor
+        Where training happens, apart from the short work of other requests.
+    spool : Spool
+    scheduler : str, optional
+        Whose workers take their part in it.
+    n_threads : int
+        Of a training, where there is none.
+    """
+
+    def __init__(
+        self,
+        store: ResultStore,
+        analysis: Analysis,
+        executor: Executor,
+        spool: Spool,
+        scheduler: str | None,
+        n_threads: int,
+    ) -> None:
+        self._store = store
+        self._analysis = analysis
+        self._executor = executor
+        self._spool = spool
+        self._scheduler = scheduler
+        self._n_threads = n_threads
+
+    async def train(
+        self,
+        training: str,
+        name: str,
+        options: TrainingOptions,
+        cases: list[Case],
+        report: Report,
+    ) -> ModelRecord:
+        """Train a model and keep it as the next version of its name.
+
+        Parameters
+        ----------
+        training : str
+            Name of this training: begun again after a crash, it makes one version.
+        name : str
+        options : TrainingOptions
+        cases : list of Case
+        report : Report
+
+        Raises
+        ------
+        ModalMotionError
+            If a sequence was deleted or cannot be fitted, or no model can be trained on them.
+        """
+        known = await asyncio.to_thread(self._store.model_of_training, training)
+        if known is not None:
+            return known
+        parameters = options.signature_parameters
+        plan, image, progress = (self._spool.new_path() for _ in range(3))
+        try:
+            paths = await self._fit(cases, parameters, report)
+            await asyncio.to_thread(_write_plan, plan, cases, paths)
+            work = asyncio.wrap_future(
+                self._executor.submit(
+                    training_task.train_model,
+                    plan,
+                    name,
+                    options.as_json(),
+                    training,
+                    image,
+                    progress,
+                    self._scheduler,
+                    self._n_threads,
+                )
+            )
+
+            def told(share: float, text: str) -> None:
+                report(_FITTING + (1 - _FITTING) * share, text)
+
+            try:
+                await followed(work, progress, told)
+            except ModalMotionError as error:
+                raise self._about(error, error.details.get("sequence_id")) from error
+            return await asyncio.to_thread(self._store.put_model_image, image)
+        finally:
+            for path in (plan, image, progress):
+                remove_with_beside(path)
+
+    async def _fit(
+        self, cases: list[Case], parameters: SignatureParameters, report: Report
+    ) -> list[Path]:
+        """Signatures of all cases: those that are kept, and the others made by workers."""
+        paths: list[Path] = [Path()] * len(cases)
+        failures: list[ModalMotionError] = []
+        done = 0
+
+        async def take(numbers: Iterator[int]) -> None:
+            nonlocal done
+            for number in numbers:
+                sequence_id = cases[number].id
+                try:
+                    paths[number] = await self._analysis.signature(sequence_id, parameters)
+                except ModalMotionError as error:
+                    failures.append(self._about(error, sequence_id))
+                # What the others have begun is finished, and kept for the next attempt.
+                if failures:
+                    return
+                done += 1
+                report(_FITTING * done / len(cases), f"signature {done} of {len(cases)}")
+
+        numbers = iter(range(len(cases)))
+        n_at_once = self._analysis.engine.n_workers
+        takers = [asyncio.ensure_future(take(numbers)) for _ in range(n_at_once)]
+        try:
+            await asyncio.gather(*takers)
+        finally:
+            for taker in takers:
+                taker.cancel()
+            await asyncio.wait(takers)
+        if failures:
+            raise failures[0]
+        return paths
+
+    def _about(self, error: ModalMotionError, sequence_id: object) -> ModalMotionError:
+        """Say which sequence an error is about, where it is about one."""
+        if not isinstance(sequence_id, str):
+            return error
+        details: dict[str, object] = {"sequence_id": sequence_id}
+        # A result may be missing for other reasons than that its sequence was deleted.
+        if isinstance(error, StoreError) and not self._store.has_sequence(sequence_id):
+            return NotFoundError(
+                f"Sequence {sequence_id[:12]} was deleted while a model was trained on it.",
+                remedy="Start the training again without it.",
+                details=details,
+            )
+        named = copy.copy(error)
+        named.message = f"Sequence {sequence_id[:12]}: {error.message}"
+        named.remedy = f"{error.remedy} Or train without this sequence.".strip()
+        named.details = {**error.details, **details}
+        return named
+
+
+def _write_plan(plan: Path, cases: list[Case], paths: list[Path]) -> None:
+    # A line for each case: the worker reads them one by one.
+    with plan.open("w") as file:
+        for case, path in zip(cases, paths, strict=True):
+            line: dict[str, Any] = {**asdict(case), "path": str(path)}
+            file.write(json.dumps(line) + "\n")

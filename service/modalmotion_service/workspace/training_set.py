@@ -1,0 +1,151 @@
+"""The labelled sequences of a training: looked up, checked, and noted for its job."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Final
+
+from modalmotion.errors import LimitError, NotFoundError, ParameterError
+from modalmotion.store import ResultStore
+from modalmotion.store.record import require_name
+from modalmotion_service.schemas import LabelledSequence
+from modalmotion_service.workspace.spool import SpooledUpload
+
+# Of each class: one to learn from and one to test on.
+LEAST_PER_CLASS: Final = 2
+
+# Ids that an error names; a client that got everything wrong knows it from these.
+_NAMED: Final = 20
+
+
+@dataclass(frozen=True)
+class Case:
+    """One sequence of a training.
+
+    Parameters
+    ----------
+    id : str
+    label : str
+    subject : str or None
+    """
+
+    id: str
+    label: str
+    subject: str | None
+
+
+def look_up(store: ResultStore, asked: Sequence[LabelledSequence], most: int) -> list[Case]:
+    """Find label and subject of each sequence, and check that a model can be trained on them.
+
+    Raises
+    ------
+    LimitError
+        If there are more than `most`.
+    NotFoundError
+        If some are not kept; it names them.
+    ParameterError
+        If some have no label or are named twice, or there are too few of a class, or of
+        classes; it names them.
+    """
+    if len(asked) > most:
+        raise LimitError(
+            f"{len(asked)} sequences are named; a model is trained on at most {most}.",
+            remedy="Name fewer, or have the limit raised.",
+            limit="training_sequences",
+            details={"most": most},
+        )
+    repeated = [name for name, n in Counter(case.id for case in asked).items() if n > 1]
+    if repeated:
+        raise ParameterError(
+            f"{_count(repeated, 'sequence')} named more than once: {_short(repeated)}.",
+            remedy="Name each sequence once: repeated, it would stand on both sides of a split.",
+            details=_ids(repeated),
+        )
+    cases, unknown, unlabelled = [], [], []
+    for case in asked:
+        try:
+            record = store.sequence_record(case.id)
+        except NotFoundError:
+            unknown.append(case.id)
+            continue
+        label = case.label or record.label
+        if not label:
+            unlabelled.append(case.id)
+            continue
+        subject = case.subject or record.subject
+        cases.append(Case(case.id, label, subject))
+        require_name("label", label)
+        require_name("subject", subject)
+    if unknown:
+        raise NotFoundError(
+            f"{_count(unknown, 'sequence')} not kept here: {_short(unknown)}.",
+            remedy="Send them first, or leave them out.",
+            details=_ids(unknown),
+        )
+    if unlabelled:
+        raise ParameterError(
+            f"{_count(unlabelled, 'sequence')} without a label: {_short(unlabelled)}.",
+            remedy='State it here, as {"id": ..., "label": ...}, or with PATCH /v1/sequences/{id}.',
+            details=_ids(unlabelled),
+        )
+    _require_classes(cases)
+    return cases
+
+
+def _require_classes(cases: list[Case]) -> None:
+    per_class = Counter(case.label for case in cases)
+    if len(per_class) < 2:
+        only = f"only {next(iter(per_class))!r}" if per_class else "no sequence"
+        raise ParameterError(
+            f"A model tells at least two classes apart; there is {only}.",
+            remedy="Name sequences of two or more classes.",
+            details={"classes": dict(per_class)},
+        )
+    few = sorted(label for label, n in per_class.items() if n < LEAST_PER_CLASS)
+    if few:
+        ids = [case.id for case in cases if case.label in few]
+        raise ParameterError(
+            f"Of {_listed(few)} there {'is' if len(ids) == 1 else 'are'} fewer than "
+            f"{LEAST_PER_CLASS} sequences: {_short(ids)}.",
+            remedy=f"Name {LEAST_PER_CLASS} or more of each class, ten or more for class sets "
+            "that rule anything out; or leave the class out.",
+            details={"classes": dict(per_class), "least": LEAST_PER_CLASS, **_ids(ids)},
+        )
+
+
+def write_cases(file: SpooledUpload, cases: list[Case]) -> None:
+    """Note the cases of a training durably, for its job to read.
+
+    Raises
+    ------
+    StoreError
+        If they cannot be written.
+    """
+    file.path.write_text(json.dumps([asdict(case) for case in cases]))
+    file.make_durable()
+
+
+def read_cases(file: SpooledUpload) -> list[Case]:
+    """Read what `write_cases` wrote."""
+    return [Case(**values) for values in json.loads(file.path.read_text())]
+
+
+def _count(ids: list[str], noun: str) -> str:
+    return f"1 {noun} is" if len(ids) == 1 else f"{len(ids)} {noun}s are"
+
+
+def _short(ids: list[str]) -> str:
+    more = f" and {len(ids) - 3} more" if len(ids) > 3 else ""
+    return ", ".join(name[:12] for name in ids[:3]) + more
+
+
+def _ids(ids: list[str]) -> dict[str, object]:
+    return {"sequence_ids": ids[:_NAMED], "n_sequences": len(ids)}
+
+
+def _listed(labels: list[str]) -> str:
+    more = f" and {len(labels) - 3} more" if len(labels) > 3 else ""
+    return ", ".join(repr(label) for label in labels[:3]) + more
