@@ -18,8 +18,8 @@ from cluster_processes import Cluster, ProcessorSeconds, processor_seconds, runn
 from measure import Table, in_words
 
 from modalmotion.formats import read_sequence, write_npz
-from modalmotion.formats.limits import DEFAULT_LIMITS
-from modalmotion.formats.parser.tasks import ParserHere
+from modalmotion.formats.parser.registry import ParserHere
+from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import Acquisition, MotionClass, simulate_cohort, simulate_ventricle
 from modalmotion.store import sequence_to_hdf5, signature_to_hdf5

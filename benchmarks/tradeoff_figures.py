@@ -9,8 +9,9 @@ import numpy as np
 from tradeoff_bases import BELTRAMI, CLOSED, PCA, SPRINGS, Front
 from tradeoff_sizes import CAP_SECONDS, LATTICE, Cost
 
-from modalmotion.clinical import clinical_readouts, volume_figure
+from modalmotion.clinical import clinical_readouts
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.pictures.readouts import volume_figure
 from modalmotion.signature.making import modal_signature
 
 COLOURS = {

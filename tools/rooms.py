@@ -139,7 +139,8 @@ def arrows_up(graph: Graph, of_layers: list[list[str]]) -> list[str]:
         f"{room} -> {other}"
         for room, imported in sorted(graph.items())
         for other in sorted(imported)
-        if not height.get(room, -sys.maxsize) > height.get(other, sys.maxsize)
+        if room != "__main__"
+        and not height.get(room, -sys.maxsize) > height.get(other, sys.maxsize)
     ]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from fastapi import Depends, FastAPI
 
-from modalmotion.signature.making import INTENDED_USE
+from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.rates import Rates
 from modalmotion_service.audit.log import AuditLog

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from modalmotion.formats import ReadLimits
-from modalmotion_service.audit.log import ENTRIES_PER_FILE
+
+ENTRIES_PER_FILE: Final = 1_000_000
+"""Some 300 MB."""
 
 
 class Settings(BaseSettings):

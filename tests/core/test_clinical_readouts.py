@@ -14,10 +14,11 @@ from scipy.spatial.transform import Rotation
 from template_surfaces import MAKERS
 from test_mesh_cavity import exact_volume
 
-from modalmotion.clinical import VolumeCurve, clinical_readouts, volume_figure
+from modalmotion.clinical import VolumeCurve, clinical_readouts
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh import Cavity, oriented_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.pictures.readouts import volume_figure
 from modalmotion.signature.interpolation import at_times
 from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle

@@ -13,7 +13,7 @@ from modalmotion.codec import decode, encode
 from modalmotion.codec.bits.varint import read_varint, write_varint
 from modalmotion.codec.modes.modes_section import read_modes
 from modalmotion.errors import LimitError, MalformedFileError
-from modalmotion.formats.limits import NO_LIMITS, ReadLimits
+from modalmotion.limits import NO_LIMITS, ReadLimits
 
 
 @pytest.mark.parametrize("make", KINDS)

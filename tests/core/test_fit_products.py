@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modalmotion.fit.basis import inverse_of_triangle, tall_qr
 from modalmotion.numeric.products import (
     LARGEST_SINGLE_THREADED,
     LARGEST_WITH_VECTOR,
@@ -17,6 +16,7 @@ from modalmotion.numeric.products import (
     tile,
     weighted_sum,
 )
+from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
 from modalmotion.numeric.quantile import weighted_quantile
 
 SIZES = st.integers(1, 3000)

@@ -25,12 +25,12 @@ from hypothesis import strategies as st
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError
 from modalmotion.formats.frames.frame import Frame
-from modalmotion.formats.limits import ReadLimits
 from modalmotion.formats.obj import read_obj
 from modalmotion.formats.off import read_off
 from modalmotion.formats.ply.ply import read_ply, write_ply
 from modalmotion.formats.polygons import offsets_of, triangulate
 from modalmotion.formats.stl import read_stl
+from modalmotion.limits import ReadLimits
 from modalmotion.mesh.checks import FloatArray
 
 READERS: dict[str, Callable[..., Frame]] = {

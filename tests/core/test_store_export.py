@@ -13,10 +13,11 @@ from damaged_stores import N, flip_signature, four_kept
 from store_samples import sample_sequence
 
 from modalmotion.errors import CorruptFileError, StoreError
+from modalmotion.exports.signature_pack import export, write_pack
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.signature.making import modal_signature
-from modalmotion.store import ResultStore, export, write_pack
+from modalmotion.store import ResultStore
 
 
 @pytest.fixture

@@ -18,13 +18,21 @@ from store_samples import assert_same, sample_classification, sample_sequence, s
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.classify.answer.classification import Classification
 from modalmotion.errors import StoreError
-from modalmotion.hdf5.image import Attribute, Dataset, Layout, json_text, sealed_image, write_image
+from modalmotion.hdf5.image import (
+    INTENDED_USE,
+    Attribute,
+    Dataset,
+    Layout,
+    json_text,
+    sealed_image,
+    write_image,
+)
 from modalmotion.hdf5.sealed import SEAL_LENGTH
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
 from modalmotion.mesh.spring_modes import SpringSpectrum
 from modalmotion.modes import ModeSet, lowest_modes
 from modalmotion.modes.topology import CLOSED_CURVE, CUP, SPHERE, TORUS, Topology
-from modalmotion.signature.making import INTENDED_USE, ModalSignature, SignatureParameters
+from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.store import (
     classification_from_hdf5,
     classification_to_hdf5,

@@ -14,7 +14,8 @@ from store_samples import KEY, assert_same, sample_sequence, sample_signature, t
 
 from modalmotion.cli.store_commands import store as commands
 from modalmotion.errors import CorruptFileError
-from modalmotion.store import ResultStore, export, rebuild, template_to_hdf5, verify
+from modalmotion.exports.signature_pack import export
+from modalmotion.store import ResultStore, rebuild, template_to_hdf5, verify
 from modalmotion.store.folder import Folder, ResultName
 from modalmotion.store.record import read_record, record_to_json
 from modalmotion.template import make_template

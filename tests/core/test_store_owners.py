@@ -12,7 +12,8 @@ from store_samples import sample_sequence, sample_signature
 
 from modalmotion.cli.main import main
 from modalmotion.errors import StoreError
-from modalmotion.store import ResultStore, backup, export, is_pack
+from modalmotion.exports.signature_pack import export, is_pack
+from modalmotion.store import ResultStore, backup
 
 
 def run(*words: object) -> Result:

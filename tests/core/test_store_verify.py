@@ -12,15 +12,9 @@ from damaged_stores import N, damage, flip_signature, flip_upload, four_kept
 from store_samples import KEY, MODEL, sample_sequence, sample_signature, tree
 
 from modalmotion.errors import NotFoundError, StoreError
+from modalmotion.exports.signature_pack import export
 from modalmotion.hdf5.sealed import SEAL_LENGTH, seal
-from modalmotion.store import (
-    ResultStore,
-    export,
-    rebuild,
-    sequence_to_hdf5,
-    template_to_hdf5,
-    verify,
-)
+from modalmotion.store import ResultStore, rebuild, sequence_to_hdf5, template_to_hdf5, verify
 from modalmotion.store.folder import Folder, ResultName
 from modalmotion.template import make_template
 

@@ -11,7 +11,8 @@ from fastapi.testclient import TestClient
 
 from modalmotion.clinical import VolumeCurve, clinical_readouts
 from modalmotion.formats import read_npz
-from modalmotion.signature.making import INTENDED_USE, SignatureParameters, modal_signature
+from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion_service.schemas.readouts import VolumeAnswer
 
 

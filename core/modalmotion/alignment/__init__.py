@@ -1,1 +1,1 @@
-"""TODO."""
+"""Alignment: the reference, the mean shape, rotations, displacements."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from modalmotion.alignment.reference_shape import ReferenceShape
 from modalmotion.alignment.rigid import Rotations, kabsch
 from modalmotion.errors import ParameterError
-from modalmotion.mesh.sequence import MeshSequence, Reference
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.products import product, weighted_sum
 
 # Floats of displacements held at once.
@@ -44,30 +44,6 @@ class PositionBlock:
 
     def __len__(self) -> int:
         return len(self.positions)
-
-
-def displacement_blocks(
-    sequence: MeshSequence,
-    weights: NDArray[np.float64],
-    *,
-    reference: Reference,
-    remove_rotation: bool,
-) -> Iterator[tuple[NDArray[np.float64], Rotations, float]]:
-    """Displacements from the reference, rotation removed, a block of frames at a time.
-
-    Yields
-    ------
-    displacements : (frames, vertices, 3) float64
-        In units of `scale`.
-    rotations : Rotations
-    scale : float, length unit
-        A power of two near the size of the surface where its size is extreme, else 1.
-    """
-    shape = ReferenceShape.of(sequence, weights, reference)
-    start = sequence.reference_positions(reference)
-    for block in position_blocks(sequence, shape, start):
-        u, rotations = aligned(block, shape, remove_rotation)
-        yield u.transpose(0, 2, 1), rotations, shape.scale
 
 
 def position_blocks(

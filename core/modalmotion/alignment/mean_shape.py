@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from modalmotion.alignment.displacements import aligned, position_blocks
 from modalmotion.alignment.reference_shape import ReferenceShape
 from modalmotion.mesh import lattice_faces, vertex_areas
+from modalmotion.mesh.curves import curve_weights
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.template.coordinates.curve import curve_weights
 
 # Each brings the mean that is reached from two starts a hundred times nearer.
 _N_ROUNDS: Final = 3

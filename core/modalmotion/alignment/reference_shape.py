@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.alignment.rigid import RANK_TOLERANCE
-from modalmotion.mesh.sequence import MeshSequence, Reference
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.products import weighted_sum
 
 # Relative rounding of sums over thousands of vertices.
@@ -62,18 +62,6 @@ class ReferenceShape:
     def moments(self) -> NDArray[np.float64]:
         """Columns that sum positions x to sum w x x_ref' and to sum w x, (vertices, 4)."""
         return np.concatenate([self.rest * self.weights, self.weights[None]]).T
-
-    @staticmethod
-    def of(
-        sequence: MeshSequence,
-        weights: NDArray[np.float64],
-        reference: Reference,
-        ignored: NDArray[np.int64] | None = None,
-    ) -> ReferenceShape:
-        """Centre one frame of a sequence, or its mean shape."""
-        return ReferenceShape.at(
-            sequence, weights, sequence.reference_positions(reference), ignored
-        )
 
     @staticmethod
     def at(

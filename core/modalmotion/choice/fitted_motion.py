@@ -18,6 +18,7 @@ from modalmotion.fit.superposition import Superposition, measured
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.mesh.spring_modes import SpringModes
 from modalmotion.modes import ModeSet
+from modalmotion.numeric.scale import root_mean_square
 from modalmotion.template import Template
 
 
@@ -164,11 +165,3 @@ def closure_gap(amplitudes: NDArray[np.float64]) -> float:
     a = amplitudes / largest
     usual = root_mean_square(np.linalg.norm(np.diff(a, axis=0), axis=(1, 2)))
     return float(np.linalg.norm(a[-1] - a[0])) / usual if usual > 0 else 0.0
-
-
-def root_mean_square(values: NDArray[np.float64]) -> float:
-    """Root mean square without overflow of the squares."""
-    largest = float(np.abs(values).max(initial=0.0))
-    if largest == 0.0:
-        return 0.0
-    return largest * float(np.sqrt(((values / largest) ** 2).mean()))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.displacements import displacement_blocks
+from modalmotion.alignment.reference import displacement_blocks
 from modalmotion.choice.energies import Energies
 from modalmotion.choice.nested_sets import Ladder
 from modalmotion.choice.parameters import SignatureParameters
-from modalmotion.fit.basis import inverse_of_triangle
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.products import product
+from modalmotion.numeric.qr import inverse_of_triangle
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, local_frames, to_local
 

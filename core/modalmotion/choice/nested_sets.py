@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from modalmotion.choice.parameters import MOST_MODES
 from modalmotion.errors import ModeCountError
-from modalmotion.fit.basis import LARGEST_CONDITION, Basis, inverse_of_triangle, tall_qr
+from modalmotion.fit.basis import LARGEST_CONDITION, Basis
 from modalmotion.mesh.spring_modes import SpringModes
 from modalmotion.modes import ModeSet, shapes_at, whole_count
 from modalmotion.numeric.products import product
+from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
 from modalmotion.template import Template, choose_modes
 
 # Numbers in the shapes that are factored at once: 480 MB with their factor.

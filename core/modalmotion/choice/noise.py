@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from modalmotion.alignment.displacements import displacement_blocks
+from modalmotion.alignment.reference import displacement_blocks
 from modalmotion.choice.nested_sets import Ladder
 from modalmotion.fit.fit import Fit
 from modalmotion.mesh.sequence import MeshSequence, Reference

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
-from modalmotion.choice.energy_order import by_energy
+import numpy as np
+
 from modalmotion.choice.fitted_motion import fit_with
 from modalmotion.choice.nested_sets import Ladder, ladder_of
 from modalmotion.choice.parameters import ModeOrder, SignatureParameters
+from modalmotion.errors import ParameterError
+from modalmotion.fit.basis import Basis
 from modalmotion.fit.fit import Fit
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.modes import ModeSet
+from modalmotion.numeric.qr import tall_qr
 from modalmotion.template import Template
 
 ENERGY_POOL: Final = 200
@@ -34,3 +40,45 @@ def notes_on(ladder: Ladder, asked: SignatureParameters) -> tuple[str, ...]:
         "sequences have others, and their amplitudes do not compare."
     )
     return (*ladder.notes, note)
+
+
+def by_energy(ladder: Ladder, fit: Fit) -> tuple[Ladder, Fit]:
+    """Order a ladder by energy: the mean first, then whole pairs, those that move most first.
+
+    The energy of a mode is its mean squared amplitude in the fit of the largest set. The
+    shapes are not factored again: those of W^(1/2) Phi P are Q times those of R P.
+
+    Parameters
+    ----------
+    ladder : Ladder
+        In the fixed order.
+    fit : Fit
+        Of its largest set.
+
+    Raises
+    ------
+    ParameterError
+        If the modes are the springs' of one mesh: their names are their ranks.
+    """
+    basis = ladder.basis
+    if not isinstance(basis.modes, ModeSet):
+        raise ParameterError(
+            "Spring modes of one mesh are named by their rank and come in its order only.",
+            remedy="Leave the order fixed, or state a topology that fits the surface.",
+        )
+    scale = float(np.abs(fit.amplitudes).max(initial=0.0)) or 1.0
+    energy = ((fit.amplitudes / scale) ** 2).sum(axis=2).mean(axis=0)
+    groups = np.split(np.arange(len(basis.modes)), ladder.counts[:-1])
+    rest = sorted(groups[1:], key=lambda group: -float(energy[group].sum()))
+    order = np.concatenate([groups[0], *rest])
+    _, R = tall_qr(basis.triangle[:, order])
+    turned = Basis(
+        basis.modes.take(order),
+        np.ascontiguousarray(basis.shapes[:, order]),
+        np.ascontiguousarray(basis.projector[order]),
+        R,
+        basis.condition,
+    )
+    counts = np.cumsum([len(groups[0]), *map(len, rest)])
+    reordered = replace(ladder, basis=turned, counts=counts.astype(np.int64))
+    return reordered, replace(fit, amplitudes=np.ascontiguousarray(fit.amplitudes[:, order]))

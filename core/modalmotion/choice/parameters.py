@@ -185,3 +185,27 @@ def _asked_twice(names: list[str]) -> ParameterError:
         remedy="Ask by one of modes, amplitudes, tolerance, tolerance_share and auto.",
         details={"asked": names},
     )
+
+
+def parameters_as_json(parameters: SignatureParameters) -> dict[str, Any]:
+    """Values of a signature's parameters, ready for JSON."""
+    # All are plain values; `asdict` would copy them.
+    values = {field.name: getattr(parameters, field.name) for field in fields(parameters)}
+    return {**values, "landmarks": parameters.landmarks.as_json()}
+
+
+def parameters_from_json(values: dict[str, Any]) -> SignatureParameters:
+    """Read what `parameters_as_json` gave."""
+    # JSON knows no tuples and no enumerations; fields that came later keep their defaults.
+    grid = values.get("grid")
+    return SignatureParameters(
+        **{
+            **values,
+            "grid": None if grid is None else tuple(grid),
+            "weights": Weights(values["weights"]),
+            "components": Components(values["components"]),
+            "landmarks": GivenLandmarks.from_json(values["landmarks"]),
+            "tolerance_of": ErrorKind(values.get("tolerance_of", ErrorKind.RMS)),
+            "order": ModeOrder(values.get("order", ModeOrder.FIXED)),
+        }
+    )

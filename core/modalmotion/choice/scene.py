@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.displacements import displacement_blocks
+from modalmotion.alignment.reference import displacement_blocks, reference_positions
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.fit.superposition import distances
 from modalmotion.mesh.sequence import MeshSequence, Reference
@@ -148,7 +148,7 @@ def scene_of(
         About the centroid of each frame, from the fit of its modes.
     reference : int
     """
-    start = sequence.reference_positions(reference)
+    start = reference_positions(sequence, reference)
     weights = template.weights
     centre = weighted_sum(weights, start)
     rest = start - centre

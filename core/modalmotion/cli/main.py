@@ -42,7 +42,7 @@ class _Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in COMMANDS:
-            module = import_module(f"modalmotion.cli.{COMMANDS[cmd_name][0]}")
+            module = import_module(f".{COMMANDS[cmd_name][0]}", __package__)
             return _command(getattr(module, cmd_name.replace("-", "_")))
         for entry in entry_points(group="modalmotion.commands", name=cmd_name):
             return _command(entry.load())

@@ -10,16 +10,13 @@ from typing import Any
 import click
 
 from modalmotion.cli.files import GridShape, ReferenceShape, read, sequence_argument
-from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts, volume_figure
+from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts
 from modalmotion.errors import TopologyError
+from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.numerals import counted, numeral
-from modalmotion.signature.making import (
-    INTENDED_USE,
-    ModalSignature,
-    SignatureParameters,
-    modal_signature,
-)
+from modalmotion.pictures.readouts import volume_figure
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.template.body_frame import Components
 
 

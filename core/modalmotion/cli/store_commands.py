@@ -96,7 +96,7 @@ def _verify(name: str, root: Path) -> bool:
 @_OWNER
 def export(folder: Path, out: Path, owner: str | None) -> None:
     """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file."""
-    from modalmotion.store import export as run
+    from modalmotion.exports.signature_pack import export as run
 
     with _progress("packing signatures") as progress:
         n_signatures = run(_store_of(folder, owner), out, progress=progress)

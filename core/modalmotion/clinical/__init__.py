@@ -2,6 +2,5 @@
 
 from modalmotion.clinical.readouts import ClinicalReadouts, clinical_readouts
 from modalmotion.clinical.volume_curve import VolumeCurve
-from modalmotion.pictures.readouts import volume_figure
 
-__all__ = ["ClinicalReadouts", "VolumeCurve", "clinical_readouts", "volume_figure"]
+__all__ = ["ClinicalReadouts", "VolumeCurve", "clinical_readouts"]

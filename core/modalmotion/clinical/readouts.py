@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.alignment.reference import reference_positions
 from modalmotion.clinical.affine_superposition import superposed_positions
 from modalmotion.clinical.volume_curve import VolumeCurve
 from modalmotion.errors import ParameterError, TopologyError
@@ -142,7 +143,7 @@ def clinical_readouts(
             remedy="Give the signature of the sequence's own frames.",
         )
     cavity = _cavity(used)
-    start = sequence.reference_positions(signature.parameters.reference)
+    start = reference_positions(sequence, signature.parameters.reference)
     corner = start[cavity.faces[0, 0]]
     corners = np.unique(cavity.faces)
     scale = _size(start[corners] - corner)

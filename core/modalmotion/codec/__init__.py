@@ -2,8 +2,8 @@
 
 from modalmotion.codec.container import Header
 from modalmotion.codec.decoder import decode, decode_blocks, inspect
-from modalmotion.codec.encoded import Encoded
 from modalmotion.codec.encoder import encode
+from modalmotion.codec.measure import Encoded
 from modalmotion.codec.target import Effort
 
 __all__ = ["Effort", "Encoded", "Header", "decode", "decode_blocks", "encode", "inspect"]

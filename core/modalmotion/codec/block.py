@@ -16,8 +16,8 @@ from modalmotion.codec.bits.guard import Guards, code_guards
 from modalmotion.codec.bits.matrix import code_matrix
 from modalmotion.codec.bits.mixed_matrix import code_mixed_matrix
 from modalmotion.codec.bits.varint import read_varint, unzigzag, write_varint, zigzag
+from modalmotion.codec.modes.modes_section import Modes
 from modalmotion.codec.quantiser import Quantiser
-from modalmotion.codec.spatial import Modes
 from modalmotion.codec.temporal import (
     CLOSED_FORM,
     Temporal,

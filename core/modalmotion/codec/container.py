@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from modalmotion.codec.bits.varint import read_varint, write_varint
 from modalmotion.errors import LimitError, MalformedFileError
-from modalmotion.formats.limits import ReadLimits
+from modalmotion.limits import ReadLimits
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology
 

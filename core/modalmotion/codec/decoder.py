@@ -13,7 +13,7 @@ from modalmotion.codec.connectivity.faces import Grid, read_faces
 from modalmotion.codec.container import Header, read_header, read_section, skip_section
 from modalmotion.codec.modes.modes_section import STORED, read_modes
 from modalmotion.errors import MalformedFileError, ParameterError
-from modalmotion.formats.limits import ReadLimits
+from modalmotion.limits import ReadLimits
 from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 

@@ -10,9 +10,8 @@ import numpy as np
 from modalmotion.codec.connectivity.faces import write_faces
 from modalmotion.codec.container import LARGEST_BLOCK, Header, write_stream
 from modalmotion.codec.decoder import store_positions
-from modalmotion.codec.encoded import Encoded
 from modalmotion.codec.frames import EncodedBlock, encode_frames
-from modalmotion.codec.measure import Errors, measure
+from modalmotion.codec.measure import Encoded, Errors, measure
 from modalmotion.codec.modes.modes_section import STORED, write_modes
 from modalmotion.codec.progress import Progress, part_of, silent
 from modalmotion.codec.target import Effort, Measure, Target, require_target

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Exports: surfaces, animations and packs for other programs."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import ParameterError
 from modalmotion.fit.superposition import mode_shapes
 from modalmotion.formats.gltf.morph_animation import MorphAnimation
@@ -64,7 +65,7 @@ def modal_animation(
         )
     resolved = resolve_sequence(sequence, asked)
     used = resolve_template(resolved, asked, template)
-    start = sequence.reference_positions(asked.reference)
+    start = reference_positions(sequence, asked.reference)
     centre = used.weights @ start
     # (2) u = sum_p a_p phi_p, each shape taken about its own mean, which moves the whole.
     phi = mode_shapes(signature.modes, used)

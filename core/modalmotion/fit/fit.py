@@ -10,12 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.displacements import (
-    PositionBlock,
-    aligned,
-    displacement_blocks,
-    position_blocks,
-)
+from modalmotion.alignment.displacements import PositionBlock, aligned, position_blocks
+from modalmotion.alignment.reference import displacement_blocks, reference_positions
 from modalmotion.alignment.reference_shape import ReferenceShape
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.errors import ModeCountError, ParameterError, ShapeError
@@ -114,10 +110,10 @@ def fit_sequence(
     """
     _require_present(sequence, reference, present)
     frames = None if components == Components.CARTESIAN else local_frames(template)
-    shape = ReferenceShape.of(sequence, template.weights, reference, template.isolated)
+    start = reference_positions(sequence, reference)
+    shape = ReferenceShape.at(sequence, template.weights, start, template.isolated)
     in_one = PositionFit.of(basis, shape)
     fit = _empty(sequence.n_frames, len(basis.modes), basis.condition)
-    start = sequence.reference_positions(reference)
     for block in position_blocks(sequence, shape, start, present):
         if frames is None and block.present is None:
             _store(fit, block.first, in_one.fit(block, remove_rotation), shape.scale)

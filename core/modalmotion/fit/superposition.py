@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.alignment.reference import reference_positions
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.spring_modes import SpringSpectrum, spring_modes
@@ -50,7 +51,7 @@ class Superposition:
         components: Components,
     ) -> Superposition:
         """Superpose shapes on one frame of a sequence, or on its mean shape."""
-        start = sequence.reference_positions(reference)
+        start = reference_positions(sequence, reference)
         frames = None if components == Components.CARTESIAN else local_frames(template)
         return Superposition(start, template.weights @ start, shapes, frames)
 

@@ -4,15 +4,16 @@ from modalmotion.formats.detect import Format, detect_format
 from modalmotion.formats.frames.archive import write_ply_zip
 from modalmotion.formats.frames.frames import Progress
 from modalmotion.formats.gltf import MorphAnimation, write_glb
-from modalmotion.formats.limits import DEFAULT_LIMITS, NO_LIMITS, ReadLimits
 from modalmotion.formats.npz import read_npz, write_npz
 from modalmotion.formats.options import ReadOptions
+from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.parser.process import ParserProcess
-from modalmotion.formats.parser.tasks import Parser, ParserHere
+from modalmotion.formats.parser.registry import ParserHere
 from modalmotion.formats.raw import write_raw
 from modalmotion.formats.reading import read_sequence
 from modalmotion.formats.result import ReadResult
 from modalmotion.formats.vtk.vtkhdf_writing import write_vtkhdf
+from modalmotion.limits import DEFAULT_LIMITS, NO_LIMITS, ReadLimits
 
 __all__ = [
     "DEFAULT_LIMITS",

@@ -7,9 +7,9 @@ from enum import StrEnum
 from typing import Final
 
 from modalmotion.errors import MalformedFileError, ParameterError
-from modalmotion.formats.hdf5_gate import SIGNATURE
 from modalmotion.formats.obj import KEYWORDS
 from modalmotion.formats.stl import cut_short, is_binary_stl
+from modalmotion.hdf5.gate import SIGNATURE
 
 
 class Format(StrEnum):

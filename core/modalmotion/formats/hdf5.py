@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
-
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.errors import MalformedFileError, StoreError
-from modalmotion.formats.hdf5_gate import open_gated
-from modalmotion.formats.limits import DEFAULT_LIMITS, ReadLimits
+from modalmotion.formats.parser.answer import Answer, Parser
 from modalmotion.formats.parser.process import ParserProcess
-from modalmotion.formats.parser.tasks import Answer, Parsed, Parser
 from modalmotion.formats.result import ReadResult, Source
-from modalmotion.formats.vtk.vtkhdf import parse_vtkhdf
+from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-
-_OURS: Final = "modalmotion."
 
 
 def read_hdf5(
@@ -47,46 +39,6 @@ def read_hdf5(
         with ParserProcess(limits) as own:
             return _result(own.parse("hdf5", data))
     return _result(parser.parse("hdf5", data))
-
-
-def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
-    """Parse an HDF5 file in this process; see `read_hdf5`."""
-    with open_gated(data, limits) as file:
-        if "VTKHDF" in file:
-            return parse_vtkhdf(file, limits)
-        schema = file.attrs.get("schema")
-        names = ", ".join(repr(str(name)[:40]) for name in list(file)[:8]) or "nothing"
-    text = schema.decode("utf-8", "replace") if isinstance(schema, bytes) else str(schema)
-    if not text.startswith(_OURS):
-        raise MalformedFileError(
-            f"The HDF5 file holds {names}: neither a group 'VTKHDF' nor a sequence of ours.",
-            remedy="Send VTKHDF PolyData, the file that modalmotion gave, or npz.",
-        )
-    return _parse_ours(data, limits)
-
-
-def _parse_ours(data: bytes, limits: ReadLimits) -> Parsed:
-    from modalmotion.mesh.hdf5 import sequence_from_hdf5
-
-    try:
-        sequence = sequence_from_hdf5(data)
-    except StoreError as error:
-        raise MalformedFileError(error.message, remedy=error.remedy) from error
-    limits.require("frames", sequence.n_frames)
-    limits.require("vertices", sequence.n_vertices)
-    limits.require("faces", len(sequence.faces))
-    arrays: dict[str, NDArray[Any]] = {"vertices": sequence.vertices, "faces": sequence.faces}
-    if sequence.times is not None:
-        arrays["times"] = sequence.times
-    info: dict[str, Any] = {
-        "format": "hdf5",
-        "unit": sequence.unit,
-        "topology": None if sequence.topology is None else sequence.topology.name,
-        "grid": sequence.grid,
-        "ignored": [],
-        "notes": [],
-    }
-    return info, arrays
 
 
 def _result(answer: Answer) -> ReadResult:

@@ -11,7 +11,7 @@ from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unkn
 from modalmotion.formats.frames.frame import Frame
 from modalmotion.formats.obj import read_obj
 from modalmotion.formats.off import read_off
-from modalmotion.formats.parser.tasks import Parser
+from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.ply.ply import read_ply
 from modalmotion.formats.polygons import triangulate
 from modalmotion.formats.stl import read_stl

@@ -19,8 +19,8 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.errors import MalformedFileError, ShapeError
-from modalmotion.formats.limits import NO_LIMITS, ReadLimits
 from modalmotion.formats.result import ReadResult
+from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 

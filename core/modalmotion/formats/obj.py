@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frames.frame import Frame, space_in
-from modalmotion.formats.limits import NO_LIMITS, ReadLimits
 from modalmotion.formats.polygons import offsets_of, triangulate
 from modalmotion.formats.text import line_blocks, parse_points
+from modalmotion.limits import NO_LIMITS, ReadLimits
 
 KEYWORDS: Final = frozenset(
     b"v vt vn vp f l p o g s mg mtllib usemtl usemap maplib cstype deg bmat step curv curv2 surf "

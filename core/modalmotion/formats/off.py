@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frames.frame import Frame, space_in
-from modalmotion.formats.limits import NO_LIMITS, ReadLimits
 from modalmotion.formats.polygons import offsets_of, triangulate
 from modalmotion.formats.text import lines_of, parse_points
+from modalmotion.limits import NO_LIMITS, ReadLimits
 
 # ST, C, N say what follows x, y and z on a line; the forms with 4 or n coordinates are others.
 _KEYWORD: Final = re.compile(rb"(?:ST)?C?N?OFF(?=\s|$)")

@@ -8,8 +8,8 @@ import numpy as np
 
 from modalmotion.errors import ParameterError
 from modalmotion.formats.detect import Format
-from modalmotion.formats.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.formats.result import ReadResult
+from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.modes.topology import Topology

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from modalmotion.errors import MalformedFileError, NonFiniteError, ParameterError
-from modalmotion.formats.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.formats.result import ReadResult
+from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 

@@ -15,8 +15,8 @@ from modalmotion.formats.hdf5 import read_hdf5
 from modalmotion.formats.mesh_file import read_mesh
 from modalmotion.formats.npz import read_npz
 from modalmotion.formats.options import ReadOptions
+from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.parser.process import ParserProcess
-from modalmotion.formats.parser.tasks import Parser
 from modalmotion.formats.raw import read_raw
 from modalmotion.formats.result import ReadResult
 

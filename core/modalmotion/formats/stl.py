@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frames.frame import Frame, space_in
-from modalmotion.formats.limits import NO_LIMITS, ReadLimits
 from modalmotion.formats.text import line_blocks
+from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.checks import FloatArray
 
 _TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])

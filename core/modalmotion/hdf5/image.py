@@ -179,3 +179,9 @@ def _require_storable(name: str, value: Attribute) -> None:
             f"The {name.replace('_', ' ')} {value[:40]!r} cannot be kept as an attribute.",
             remedy="Use a short text that can be printed.",
         )
+
+
+INTENDED_USE: Final = (
+    "Description of surface motion for research and tool development. Not a medical device; "
+    "not for diagnosis."
+)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
-from modalmotion.formats.hdf5_gate import SIGNATURE
+from modalmotion.hdf5.gate import SIGNATURE
 
 _MARK: Final = b"\nmodalmotion sha256 "
 _SEAL: Final = re.compile(rb"\nmodalmotion sha256 ([0-9a-f]{64})\n")

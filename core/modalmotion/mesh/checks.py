@@ -69,23 +69,6 @@ def require_vertices(vertices: Any, name: str = "vertices") -> FloatArray:
     return array
 
 
-def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Lengths of vectors, none too large or too small to be squared.
-
-    Parameters
-    ----------
-    vectors : (..., 3) float64
-
-    Returns
-    -------
-    (...) float64
-    """
-    found: NDArray[np.float64] = np.hypot(
-        np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2]
-    )
-    return found
-
-
 def single_precision(values: NDArray[Any], what: str) -> NDArray[np.float32]:
     """Round to little-endian float32, for formats that have nothing longer.
 

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.hdf5.contents import Contents, read_contents
-from modalmotion.hdf5.image import Attribute, Dataset, sealed_image
+from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, sealed_image
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.signature.making import INTENDED_USE
 
 KIND: Final = "sequence"
 SCHEMA_VERSION: Final = 1

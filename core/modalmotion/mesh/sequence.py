@@ -113,20 +113,6 @@ class MeshSequence:
             digest.update(np.ascontiguousarray(self.times.astype("<f8")).data)
         return digest.hexdigest()
 
-    @cached_property
-    def mean_shape(self) -> NDArray[np.float64]:
-        """Mean of all frames, turned onto one another: see `modalmotion.alignment.mean_shape`."""
-        from modalmotion.alignment.mean_shape import mean_shape
-
-        return mean_shape(self)
-
-    def reference_positions(self, reference: Reference) -> NDArray[np.float64]:
-        """Positions that displacements are measured from, (vertices, 3) float64, in `unit`."""
-        if reference == MEAN:
-            return self.mean_shape
-        positions: NDArray[np.float64] = self.vertices[reference].astype(np.float64)
-        return positions
-
     def require_reference(self, reference: Reference) -> None:
         """Check that there is such a reference.
 

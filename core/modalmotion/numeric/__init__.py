@@ -1,1 +1,1 @@
-"""TODO."""
+"""Numerics that are the same on any number of threads and hold at extreme sizes."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.alignment.reference import reference_positions
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.numerals import counted, numeral
@@ -64,7 +65,7 @@ def _draw_surfaces(
 ) -> None:
     # Farthest from the reference: end systole for a ventricle.
     frame = int(np.argmax(signature.motion_rms))
-    reference = sequence.reference_positions(signature.parameters.reference)
+    reference = reference_positions(sequence, signature.parameters.reference)
     true = sequence.vertices[frame].astype(np.float64)
     superposed = reconstruct(signature, sequence, [frame])[0]
     # Divided first: squares of what is very large or very small are none.

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Modal signatures: making, reading, comparing, superposing them."""

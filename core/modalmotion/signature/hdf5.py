@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
@@ -10,21 +9,21 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.alignment.rigid import Rotations
-from modalmotion.choice.parameters import ErrorKind, ModeOrder
+from modalmotion.choice.parameters import (
+    parameters_as_json,
+    parameters_from_json,
+)
 from modalmotion.choice.reason import ModelChoice
 from modalmotion.hdf5.contents import Contents, read_contents
-from modalmotion.hdf5.image import Attribute, Dataset, json_text, sealed_image
+from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, json_text, sealed_image
 from modalmotion.mesh.spring_modes import SpringSpectrum
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
-from modalmotion.signature.making import INTENDED_USE, ModalSignature, SignatureParameters
-from modalmotion.template import GivenLandmarks, Landmarks, Weights
-from modalmotion.template.body_frame import Components
+from modalmotion.signature.making import ModalSignature, SignatureParameters
+from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 
 KIND: Final = "signature"
 SCHEMA_VERSION: Final = 1
-
-_VECTORS: Final = ("origin", "axis", "theta_zero", "apex", "base")
 
 
 def signature_to_hdf5(signature: ModalSignature) -> bytes:
@@ -184,57 +183,7 @@ def _modes(contents: Contents, n_modes: int) -> ModeSet | SpringSpectrum:
     )
 
 
-def landmark_datasets(landmarks: Landmarks, unit: str) -> list[Dataset]:
-    """Datasets that hold landmarks."""
-    vectors = np.array([getattr(landmarks, name) for name in _VECTORS], dtype=np.float64)
-    rest = {
-        "strengths": dict(landmarks.strengths),
-        "n_loops": landmarks.n_loops,
-        "given": landmarks.given,
-    }
-    axes = "origin axis theta_zero apex base, direction"
-    return [Dataset("landmarks", vectors, unit, axes), json_text("landmark_strengths", rest)]
-
-
-def landmarks_from(contents: Contents) -> Landmarks | None:
-    """Landmarks that a file holds, None where there are none."""
-    if "landmarks" not in contents.arrays:
-        return None
-    vectors = contents.array("landmarks", (len(_VECTORS), 3))
-    rest = contents.json("landmark_strengths", dict)
-    return Landmarks(
-        **dict(zip(_VECTORS, vectors, strict=True)),
-        strengths=rest["strengths"],
-        n_loops=rest["n_loops"],
-        given=tuple(rest["given"]),
-    )
-
-
 @lru_cache(maxsize=64)
 def _parameters_text(parameters: SignatureParameters) -> Dataset:
     # Most signatures are asked for alike.
     return json_text("parameters", parameters_as_json(parameters))
-
-
-def parameters_as_json(parameters: SignatureParameters) -> dict[str, Any]:
-    """Values of a signature's parameters, ready for JSON."""
-    # All are plain values; `asdict` would copy them.
-    values = {field.name: getattr(parameters, field.name) for field in fields(parameters)}
-    return {**values, "landmarks": parameters.landmarks.as_json()}
-
-
-def parameters_from_json(values: dict[str, Any]) -> SignatureParameters:
-    """Read what `parameters_as_json` gave."""
-    # JSON knows no tuples and no enumerations; fields that came later keep their defaults.
-    grid = values.get("grid")
-    return SignatureParameters(
-        **{
-            **values,
-            "grid": None if grid is None else tuple(grid),
-            "weights": Weights(values["weights"]),
-            "components": Components(values["components"]),
-            "landmarks": GivenLandmarks.from_json(values["landmarks"]),
-            "tolerance_of": ErrorKind(values.get("tolerance_of", ErrorKind.RMS)),
-            "order": ModeOrder(values.get("order", ModeOrder.FIXED)),
-        }
-    )

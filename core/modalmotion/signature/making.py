@@ -5,15 +5,16 @@ from __future__ import annotations
 import platform
 from functools import lru_cache
 from importlib.metadata import version
-from typing import Final
 
 import numpy as np
 
+from modalmotion.alignment.reference import reference_positions
 from modalmotion.choice.parameters import MOST_MODES, SignatureParameters
 from modalmotion.choice.selection import select_model
 from modalmotion.errors import ParameterError
 from modalmotion.fit.cache import TemplateCache
 from modalmotion.fit.strays import notes_on_strays
+from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.spring_modes import SpringModes
 from modalmotion.modes.topology import Topology
@@ -36,11 +37,6 @@ __all__ = [
     "resolve_sequence",
     "resolve_template",
 ]
-
-INTENDED_USE: Final = (
-    "Description of surface motion for research and tool development. Not a medical device; "
-    "not for diagnosis."
-)
 
 
 def modal_signature(
@@ -176,7 +172,7 @@ def _notes_on_sequence(sequence: MeshSequence, reference: Reference) -> list[str
         notes.append("The length unit is unknown; lengths are in the unit of the input.")
     if sequence.vertices.dtype == np.float32:
         # Direction by direction: along the memory, extremes are found ten times as fast.
-        x = np.ascontiguousarray(sequence.reference_positions(reference).T)
+        x = np.ascontiguousarray(reference_positions(sequence, reference).T)
         low, high = x.min(axis=1), x.max(axis=1)
         extent = float((high - low).max())
         step = float(np.spacing(np.float32(max(-low.min(), high.max()))))

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.alignment.rigid import Rotations
-from modalmotion.choice.fitted_motion import closure_gap, root_mean_square
+from modalmotion.choice.fitted_motion import closure_gap
 from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.choice.reason import ModelChoice
 from modalmotion.mesh.spring_modes import SpringSpectrum
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
+from modalmotion.numeric.scale import root_mean_square
 from modalmotion.template import Landmarks
 from modalmotion.template.body_frame import Components, body_frame
 

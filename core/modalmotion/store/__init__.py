@@ -14,7 +14,6 @@ from modalmotion.classify.model.record import (
     parse_reference,
     require_model_name,
 )
-from modalmotion.exports.signature_pack import export, is_pack, write_pack
 from modalmotion.mesh.hdf5 import sequence_from_hdf5, sequence_to_hdf5
 from modalmotion.signature.hdf5 import signature_from_hdf5, signature_to_hdf5
 from modalmotion.store.care.backup import BackupReport, backup
@@ -56,8 +55,6 @@ __all__ = [
     "classification_from_hdf5",
     "classification_key",
     "classification_to_hdf5",
-    "export",
-    "is_pack",
     "kept_model",
     "model_from_hdf5",
     "model_to_hdf5",
@@ -74,5 +71,4 @@ __all__ = [
     "template_to_hdf5",
     "verify",
     "write_atomic",
-    "write_pack",
 ]

@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
 from modalmotion.classify.model.record import ModelRecord, ModelReference
 from modalmotion.errors import CorruptFileError, StoreError
 from modalmotion.hdf5.sealed import read_file
-from modalmotion.signature.hdf5 import parameters_as_json, parameters_from_json
 from modalmotion.store.disk.atomic import remove_durably, write_atomic
 from modalmotion.store.folder import Folder
 from modalmotion.store.index.cursor import now

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
-from modalmotion.mesh.checks import lengths
 from modalmotion.numeric.products import along
+from modalmotion.numeric.scale import lengths
 from modalmotion.template import Landmarks, Template
 
 

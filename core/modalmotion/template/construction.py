@@ -8,14 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import lattice_faces
+from modalmotion.mesh.curves import curve_weights
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
 from modalmotion.template.coordinates.axis import degree
 from modalmotion.template.coordinates.cup import cup_coordinates
-from modalmotion.template.coordinates.curve import curve_coordinates, curve_weights
+from modalmotion.template.coordinates.curve import curve_coordinates
 from modalmotion.template.coordinates.cylinder import cylinder_coordinates
 from modalmotion.template.coordinates.plane import plane_coordinates
 from modalmotion.template.coordinates.sphere import sphere_coordinates
@@ -82,7 +84,7 @@ def make_template(
     if reference == MEAN and not is_stated and closed_form:
         return _recognised_in_frame_0(sequence, weights, landmarks)
     given = GivenLandmarks() if landmarks is None else landmarks
-    start = sequence.reference_positions(reference)
+    start = reference_positions(sequence, reference)
     faces = _faces_of(sequence)
     surface, corner, scale = _normalised(start, faces)
     places = {

@@ -8,11 +8,9 @@ from typing import Final
 import numpy as np
 
 from modalmotion.hdf5.contents import Contents, read_contents
-from modalmotion.hdf5.image import Attribute, Dataset, json_text, sealed_image
+from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, json_text, sealed_image
 from modalmotion.modes.topology import Topology
-from modalmotion.signature.hdf5 import landmark_datasets, landmarks_from
-from modalmotion.signature.making import INTENDED_USE
-from modalmotion.template import Template
+from modalmotion.template import Landmarks, Template
 
 KIND: Final = "template"
 SCHEMA_VERSION: Final = 1
@@ -91,4 +89,33 @@ def _template(contents: Contents) -> Template:
         isolated=contents.array("isolated", (None,)),
         reason=texts["reason"],
         notes=tuple(texts["notes"]),
+    )
+
+
+_VECTORS: Final = ("origin", "axis", "theta_zero", "apex", "base")
+
+
+def landmark_datasets(landmarks: Landmarks, unit: str) -> list[Dataset]:
+    """Datasets that hold landmarks."""
+    vectors = np.array([getattr(landmarks, name) for name in _VECTORS], dtype=np.float64)
+    rest = {
+        "strengths": dict(landmarks.strengths),
+        "n_loops": landmarks.n_loops,
+        "given": landmarks.given,
+    }
+    axes = "origin axis theta_zero apex base, direction"
+    return [Dataset("landmarks", vectors, unit, axes), json_text("landmark_strengths", rest)]
+
+
+def landmarks_from(contents: Contents) -> Landmarks | None:
+    """Landmarks that a file holds, None where there are none."""
+    if "landmarks" not in contents.arrays:
+        return None
+    vectors = contents.array("landmarks", (len(_VECTORS), 3))
+    rest = contents.json("landmark_strengths", dict)
+    return Landmarks(
+        **dict(zip(_VECTORS, vectors, strict=True)),
+        strengths=rest["strengths"],
+        n_loops=rest["n_loops"],
+        given=tuple(rest["given"]),
     )

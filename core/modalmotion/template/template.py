@@ -10,6 +10,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import Topology
@@ -117,7 +118,7 @@ def template_id(
     str
         sha256 in hex, over faces, reference vertices, topology, grid, weights and landmarks.
     """
-    start = sequence.reference_positions(reference).astype("<f8")
+    start = reference_positions(sequence, reference).astype("<f8")
     given = GivenLandmarks() if landmarks is None else landmarks
     header = {
         "schema": _SCHEMA,

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.choice.energies import energies_of
-from modalmotion.choice.energy_order import by_energy
 from modalmotion.choice.fitted_motion import fit_with
 from modalmotion.choice.harmonics import harmonics_of, n_functions
 from modalmotion.choice.nested_sets import ladder_of
+from modalmotion.choice.ordered_sets import by_energy
 from modalmotion.choice.parameters import ModeOrder, SignatureParameters
 from modalmotion.errors import InputError
 from modalmotion.mesh.sequence import MeshSequence

@@ -1,1 +1,1 @@
-"""TODO."""
+"""The audit log: who did what, in a chain of hashes."""

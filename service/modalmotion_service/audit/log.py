@@ -12,14 +12,12 @@ import contextlib
 import threading
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self
+from typing import Self
 
 from modalmotion.errors import StoreError
 from modalmotion_service.audit.entry import GENESIS, AuditEntry, Event
 from modalmotion_service.audit.part import AuditPart, AuditWriter, PartClosedError
-
-ENTRIES_PER_FILE: Final = 1_000_000
-"""Some 300 MB."""
+from modalmotion_service.settings import ENTRIES_PER_FILE
 
 
 class AuditLog:

@@ -9,9 +9,9 @@ from typing import Any
 import click
 
 from modalmotion.cli.analysis_commands import signature
+from modalmotion.exports.signature_pack import export, is_pack
 from modalmotion.formats import Format, ReadOptions
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.store import export, is_pack
 from modalmotion.template import Weights
 from modalmotion.template.body_frame import Components
 from modalmotion_service.cohort import CohortJob, read_manifest, sign_cohort

@@ -1,1 +1,1 @@
-"""TODO."""
+"""The contract: the OpenAPI file and the pages made from it."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""HTTP: heads, bodies, problems, limits, logs."""

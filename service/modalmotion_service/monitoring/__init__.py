@@ -1,1 +1,1 @@
-"""TODO."""
+"""Metrics and readiness."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from modalmotion.errors import StoreError
 from modalmotion_service.errors import ClusterError
-from modalmotion_service.routes.parts.dependencies import State
 from modalmotion_service.workspace.disk import require_room
+from modalmotion_service.workspace.state import State
 
 
 def require_ready(local: State) -> None:

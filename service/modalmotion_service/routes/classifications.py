@@ -8,11 +8,7 @@ from fastapi import APIRouter, Response
 
 from modalmotion.store import Job
 from modalmotion_service.routes.parts.deferral import accepted, result_or_job
-from modalmotion_service.routes.parts.dependencies import (
-    PreferenceDependency,
-    State,
-    StateDependency,
-)
+from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.idempotency import IdempotencyKey, once
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, PROBLEMS
 from modalmotion_service.schemas import (
@@ -22,6 +18,7 @@ from modalmotion_service.schemas import (
     SequenceId,
 )
 from modalmotion_service.workspace.models import KeptClassification
+from modalmotion_service.workspace.state import State
 
 router = APIRouter(prefix="/v1/sequences", tags=["classifications"], responses=PROBLEMS)
 

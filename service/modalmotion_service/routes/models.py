@@ -14,7 +14,7 @@ from modalmotion.store.index.cursor import from_cursor, to_cursor
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.negotiation import HDF5, JSON, PNG, best_type
 from modalmotion_service.routes.parts.deferral import accepted
-from modalmotion_service.routes.parts.dependencies import State, StateDependency
+from modalmotion_service.routes.parts.dependencies import StateDependency
 from modalmotion_service.routes.parts.idempotency import IdempotencyKey, once
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.schemas import (
@@ -27,6 +27,7 @@ from modalmotion_service.schemas import (
 )
 from modalmotion_service.workspace.models import ChosenModel, shipped_name
 from modalmotion_service.workspace.spool import SpooledUpload
+from modalmotion_service.workspace.state import State
 from modalmotion_service.workspace.training_set import look_up, write_cases
 
 router = APIRouter(prefix="/v1/models", tags=["models"], responses=PROBLEMS)

@@ -2,42 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response
-from pydantic import Field
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse
 
-from modalmotion.choice.parameters import MOST_MODES, SignatureParameters
 from modalmotion.store import Job
-from modalmotion.template.body_frame import Components
-from modalmotion.tradeoff import MOST_OF_FRONT
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.negotiation import JSON, PNG, best_type
 from modalmotion_service.routes.parts.deferral import accepted, result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
-from modalmotion_service.schemas import SequenceId, SignatureQuery, TradeoffAnswer
+from modalmotion_service.schemas import SequenceId, TradeoffAnswer
+from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
 
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
-
-
-class TradeoffQuery(SignatureQuery):
-    """Which front is asked for, and which point of it."""
-
-    front_modes: int = Field(
-        MOST_OF_FRONT, ge=1, le=MOST_MODES, description="Modes that the front reaches to."
-    )
-    components: Components | None = Field(  # type: ignore[assignment]
-        None, description="The only ones that are measured; all that the surface has by default."
-    )
-
-    def parameters(self) -> SignatureParameters:
-        """Translate to the library's parameters, Cartesian components first."""
-        said: dict[str, Any] = self.model_dump(exclude={"front_modes"})
-        said["components"] = self.components or Components.CARTESIAN
-        return SignatureQuery(**said).parameters()
 
 
 @router.get(

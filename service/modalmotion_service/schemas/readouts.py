@@ -7,7 +7,7 @@ import math
 from pydantic import BaseModel, Field
 
 from modalmotion.clinical import ClinicalReadouts, VolumeCurve
-from modalmotion.signature.making import INTENDED_USE
+from modalmotion.hdf5.image import INTENDED_USE
 
 
 class FigureAnswer(BaseModel):

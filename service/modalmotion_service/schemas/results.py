@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion.classify import DEFAULT_MODEL, FLAGS, Classification
 from modalmotion.codec import Effort, Encoded
-from modalmotion.signature.making import INTENDED_USE
+from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.store import Job, JobState
 from modalmotion_service.schemas.fields import JsonBody
 from modalmotion_service.schemas.sequences import ReadingAnswer

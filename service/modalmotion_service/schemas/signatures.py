@@ -7,14 +7,10 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, FailFast, Field
 
 from modalmotion.choice.parameters import ErrorKind, ModeOrder
+from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.spring_modes import SpringLabel
 from modalmotion.modes import ModeLabel
-from modalmotion.signature.making import (
-    INTENDED_USE,
-    MOST_MODES,
-    ModalSignature,
-    SignatureParameters,
-)
+from modalmotion.signature.making import MOST_MODES, ModalSignature, SignatureParameters
 from modalmotion.template import GivenLandmarks, Landmarks, Weights
 from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import price_of

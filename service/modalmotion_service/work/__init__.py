@@ -1,1 +1,1 @@
-"""TODO."""
+"""Work in worker processes, here or on a cluster."""

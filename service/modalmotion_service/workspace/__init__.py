@@ -1,1 +1,1 @@
-"""TODO."""
+"""The workspace of one owner: store, spool, jobs, models, analysis."""

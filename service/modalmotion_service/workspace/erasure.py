@@ -10,7 +10,7 @@ import json
 from modalmotion.errors import NotFoundError
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.problems import problem_body
-from modalmotion_service.routes.parts.dependencies import State
+from modalmotion_service.workspace.state import State
 
 
 async def erase(state: State, sequence_id: str) -> None:

@@ -9,13 +9,13 @@ from urllib.parse import urlencode
 from modalmotion.classify import TrainingOptions
 from modalmotion.store import ResultStore
 from modalmotion_service.http.negotiation import HDF5, NPZ, STREAM
-from modalmotion_service.routes.tradeoff import TradeoffQuery
 from modalmotion_service.schemas import (
     EncodingTarget,
     ManySignatures,
     SignatureQuery,
     UploadQuery,
 )
+from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
 from modalmotion_service.settings import Settings
 from modalmotion_service.workspace.analysis import Analysis, Upload
 from modalmotion_service.workspace.jobs import JobRunner, Report

@@ -17,7 +17,6 @@ from typing import Final
 from modalmotion.errors import ModalMotionError
 from modalmotion.store import ResultStore
 from modalmotion_service.access.principal import LOCAL, require_owner
-from modalmotion_service.routes.parts.dependencies import State
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.workspace.analysis import Analysis
@@ -25,6 +24,7 @@ from modalmotion_service.workspace.job_kinds import make_runner
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.retention import Retention
 from modalmotion_service.workspace.spool import Spool
+from modalmotion_service.workspace.state import State
 from modalmotion_service.workspace.training import Trainer
 
 logger = logging.getLogger(__name__)

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Answers: what a model says of one motion, and why."""

@@ -10,8 +10,8 @@ from typing import Any, Final
 from modalmotion.classify.answer.classification import Classification
 from modalmotion.classify.answer.explanation import ModeContribution
 from modalmotion.hdf5.contents import Contents, read_contents
-from modalmotion.hdf5.image import Attribute, Dataset, json_text, sealed_image
-from modalmotion.signature.making import INTENDED_USE, SignatureParameters
+from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, json_text, sealed_image
+from modalmotion.signature.making import SignatureParameters
 
 KIND: Final = "classification"
 SCHEMA_VERSION: Final = 2

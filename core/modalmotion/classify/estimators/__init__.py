@@ -1,1 +1,1 @@
-"""TODO."""
+"""Estimators in the form of scikit-learn: features to class probabilities."""

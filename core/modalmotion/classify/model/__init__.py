@@ -1,1 +1,1 @@
-"""TODO."""
+"""Models: trained estimators with their card, domain and conformal sets, and their file."""

@@ -8,13 +8,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
 from modalmotion.classify.model.model import Model
 from modalmotion.classify.model.record import ModelRecord, require_model_name
+from modalmotion.classify.model.text import model_from_bytes, model_to_bytes
 from modalmotion.errors import CorruptFileError, ModelNotReproducedError
 from modalmotion.hdf5.contents import Contents, read_contents
-from modalmotion.hdf5.image import Attribute, Dataset, json_text, sealed_image
-from modalmotion.signature.hdf5 import parameters_as_json, parameters_from_json
-from modalmotion.signature.making import INTENDED_USE
+from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, json_text, sealed_image
 
 KIND: Final = "model"
 SCHEMA_VERSION: Final = 1
@@ -31,7 +31,7 @@ class KeptModel:
     card : dict
         How it was made and tested, and what it is for; JSON values.
     data : bytes
-        As `modalmotion.classify.model_to_bytes` wrote them.
+        As `model_to_bytes` wrote them.
     """
 
     record: ModelRecord
@@ -48,8 +48,6 @@ def kept_model(model: Model, *, training: str | None = None) -> KeptModel:
     training : str, optional
         See `ModelRecord`.
     """
-    from modalmotion.classify import model_to_bytes
-
     record = ModelRecord(
         name=model.name,
         version=0,
@@ -115,8 +113,6 @@ def model_from_hdf5(source: bytes | Path) -> Model:
     ModelNotReproducedError
         If the file is whole, and the model in it does not answer here as where it was made.
     """
-    from modalmotion.classify import model_from_bytes
-
     kept = read_kept_model(source)[0]
     named = kept.record.reference
     try:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,8 +90,6 @@ class Model:
     @cached_property
     def id(self) -> str:
         """Identity: sha256 in hex of everything that an answer depends on."""
-        from modalmotion.classify.model.text import contents
-
         kept = contents(self)
         del kept["card"]
         text = json.dumps(kept, sort_keys=True, separators=(",", ":"))
@@ -118,3 +118,60 @@ class Model:
     def distance(self, kinds: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance to the nearest class, (cases,) float64, of `MotionFeatures.kinds`."""
         return self.domain.distance(kinds)
+
+
+def contents(model: Model) -> dict[str, Any]:
+    """Everything of a model as JSON-able values."""
+    reader, domain, blend = model.reader, model.domain, model.blend
+    return {
+        "name": model.name,
+        "classes": list(model.classes),
+        "topologies": list(model.readable.topologies),
+        "n_modes": model.readable.n_modes,
+        "connectivity_id": model.readable.connectivity_id,
+        "parameters": model.readable.parameters.as_plain(),
+        "reader": {
+            "has_axis": reader.has_axis,
+            "is_cycle": reader.is_cycle,
+            "n_harmonics": reader.n_harmonics,
+            "walls": reader.walls,
+            "typical": None
+            if reader.typical is None
+            else _packed(np.stack([reader.typical.real, reader.typical.imag])),
+            "adds_modes": reader.adds_modes,
+            "is_brief": reader.is_brief,
+        },
+        "columns": [[c.name, list(c.modes), c.power] for c in model.columns],
+        "centre": _packed(blend.centre),
+        "scale": _packed(blend.scale),
+        "scorers": [
+            {
+                "anchors": _packed(s.anchors),
+                "gamma": s.gamma,
+                "weights": _packed(s.weights),
+                "intercepts": _packed(s.intercepts),
+                "temperature": s.temperature,
+            }
+            for s in blend.scorers
+        ],
+        "temperature": blend.temperature,
+        "machine": base64.b64encode(model.machine).decode(),
+        "domain": {
+            "means": _packed(domain.means),
+            "whitening": _packed(domain.whitening),
+            "limit": domain.limit,
+            "least_motion": domain.least_motion,
+            "least_smooth": domain.least_smooth,
+        },
+        "calibration": [_packed(scores) for scores in model.calibration.scores],
+        "golden_features": _packed(model.golden_features),
+        "golden_probabilities": _packed(model.golden_probabilities),
+        "notes": {label: list(texts) for label, texts in model.notes.items()},
+        "card": model.card.as_json(),
+    }
+
+
+def _packed(array: NDArray[np.float64]) -> dict[str, Any]:
+    """Array as little-endian float64 in base64, with its shape."""
+    data = np.ascontiguousarray(array, dtype="<f8").tobytes()
+    return {"shape": list(array.shape), "float64": base64.b64encode(data).decode()}

@@ -52,8 +52,8 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
                 remedy="Name an existing file.",
             ) from error
         # Here, for what is shipped needs no h5py.
-        from modalmotion.formats.hdf5_gate import SIGNATURE
-        from modalmotion.store import model_from_hdf5
+        from modalmotion.classify.model.hdf5 import model_from_hdf5
+        from modalmotion.hdf5.gate import SIGNATURE
 
         if content.startswith(SIGNATURE):
             return model_from_hdf5(which)

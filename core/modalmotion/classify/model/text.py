@@ -16,7 +16,7 @@ from modalmotion.classify.features import Column, FeatureReader
 from modalmotion.classify.model.card import ModelCard
 from modalmotion.classify.model.conformal import Calibration
 from modalmotion.classify.model.domain import Domain
-from modalmotion.classify.model.model import Model, Readable
+from modalmotion.classify.model.model import Model, Readable, contents
 from modalmotion.errors import CorruptFileError, InputError
 from modalmotion.signature.making import SignatureParameters
 
@@ -85,57 +85,6 @@ def model_from_bytes(data: bytes) -> Model:
             remedy="Train it again with this version of the package.",
         )
     return model
-
-
-def contents(model: Model) -> dict[str, Any]:
-    """Everything of a model as JSON-able values."""
-    reader, domain, blend = model.reader, model.domain, model.blend
-    return {
-        "name": model.name,
-        "classes": list(model.classes),
-        "topologies": list(model.readable.topologies),
-        "n_modes": model.readable.n_modes,
-        "connectivity_id": model.readable.connectivity_id,
-        "parameters": model.readable.parameters.as_plain(),
-        "reader": {
-            "has_axis": reader.has_axis,
-            "is_cycle": reader.is_cycle,
-            "n_harmonics": reader.n_harmonics,
-            "walls": reader.walls,
-            "typical": None
-            if reader.typical is None
-            else _packed(np.stack([reader.typical.real, reader.typical.imag])),
-            "adds_modes": reader.adds_modes,
-            "is_brief": reader.is_brief,
-        },
-        "columns": [[c.name, list(c.modes), c.power] for c in model.columns],
-        "centre": _packed(blend.centre),
-        "scale": _packed(blend.scale),
-        "scorers": [
-            {
-                "anchors": _packed(s.anchors),
-                "gamma": s.gamma,
-                "weights": _packed(s.weights),
-                "intercepts": _packed(s.intercepts),
-                "temperature": s.temperature,
-            }
-            for s in blend.scorers
-        ],
-        "temperature": blend.temperature,
-        "machine": base64.b64encode(model.machine).decode(),
-        "domain": {
-            "means": _packed(domain.means),
-            "whitening": _packed(domain.whitening),
-            "limit": domain.limit,
-            "least_motion": domain.least_motion,
-            "least_smooth": domain.least_smooth,
-        },
-        "calibration": [_packed(scores) for scores in model.calibration.scores],
-        "golden_features": _packed(model.golden_features),
-        "golden_probabilities": _packed(model.golden_probabilities),
-        "notes": {label: list(texts) for label, texts in model.notes.items()},
-        "card": model.card.as_json(),
-    }
 
 
 def _model(stored: Mapping[str, Any]) -> Model:
@@ -220,12 +169,6 @@ def _require_shapes(model: Model) -> None:
     )
     if not all(shapes):
         raise ValueError("the arrays of the model do not fit together")
-
-
-def _packed(array: NDArray[np.float64]) -> dict[str, Any]:
-    """Array as little-endian float64 in base64, with its shape."""
-    data = np.ascontiguousarray(array, dtype="<f8").tobytes()
-    return {"shape": list(array.shape), "float64": base64.b64encode(data).decode()}
 
 
 def _unpacked(stored: Mapping[str, Any]) -> NDArray[np.float64]:

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Training and evaluation on labelled cases."""

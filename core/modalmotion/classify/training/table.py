@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classify.case_checks import require_alike
 from modalmotion.classify.features import (
     Column,
     FeatureReader,
@@ -23,7 +22,7 @@ from modalmotion.classify.features import (
 from modalmotion.classify.model.model import Readable
 from modalmotion.classify.options import PoseOf, TrainingOptions
 from modalmotion.classify.training.case_groups import group_cases
-from modalmotion.classify.training.case_reading import ReadCase, read_cases
+from modalmotion.classify.training.case_reading import ReadCase, read_cases, require_alike
 from modalmotion.classify.training.case_row import CaseRow
 from modalmotion.classify.training.cases import CaseFile, TrainingCase
 from modalmotion.classify.training.feature_choices import feature_choices, tells_walls

@@ -17,7 +17,7 @@ from modalmotion.classify.training.fold_fit import FoldFit
 from modalmotion.classify.training.intervals import accuracy_interval
 from modalmotion.classify.training.splits import Splits
 from modalmotion.classify.training.table import CaseTable, class_counts
-from modalmotion.signature.making import INTENDED_USE
+from modalmotion.hdf5.image import INTENDED_USE
 
 # Fewer calibration cases than this make sets of the usual 90 % hold a class always.
 _FEW: Final = 9

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Bits: integers, matrices and corrections by entropy coding."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Connectivity of a mesh as bits."""

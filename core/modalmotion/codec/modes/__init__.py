@@ -1,1 +1,1 @@
-"""TODO."""
+"""Orthonormal modes that a stream is written in."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from modalmotion.codec.modes.patch_modes import (
     SpringModes,
     edges_of,
 )
-from modalmotion.codec.spatial import Modes
 from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology
@@ -101,3 +100,16 @@ def _read_springs(data: bytes, n_vertices: int, faces: Ints) -> SpringModes:
             remedy="Encode the sequence on this machine, or without spring modes.",
         )
     return modes
+
+
+Floats = NDArray[np.float64]
+
+
+class Modes(Protocol):
+    """An orthonormal basis of the vertices, smoothest modes first."""
+
+    def analyse(self, values: Floats) -> Floats:
+        """Values to coefficients, (rows, vertices) to (rows, modes)."""
+
+    def synthesise(self, coefficients: Floats) -> Floats:
+        """Coefficients of the first modes to values, (rows, modes) to (rows, vertices)."""

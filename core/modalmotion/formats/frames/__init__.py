@@ -1,1 +1,1 @@
-"""TODO."""
+"""Frames that come one by one, in folders, archives and series."""

@@ -16,10 +16,10 @@ from modalmotion.formats.frames.frames import FrameFile, Progress, read_frames
 from modalmotion.formats.frames.listing import list_frames
 from modalmotion.formats.frames.names import require_safe_name
 from modalmotion.formats.frames.series import write_series
-from modalmotion.formats.limits import ReadLimits
-from modalmotion.formats.parser.tasks import Parser
+from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.ply.ply import write_ply
 from modalmotion.formats.result import ReadResult
+from modalmotion.limits import ReadLimits
 from modalmotion.mesh.sequence import MeshSequence
 
 # Beside frames an archive may hold textures, notes and the like.

@@ -8,7 +8,7 @@ from pathlib import Path
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frames.frames import FrameFile, Progress, read_frames
 from modalmotion.formats.frames.listing import list_frames
-from modalmotion.formats.parser.tasks import Parser
+from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.result import ReadResult
 
 _WILD = frozenset("*?[")

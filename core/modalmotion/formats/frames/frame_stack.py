@@ -15,8 +15,8 @@ from modalmotion.errors import (
 from modalmotion.formats.detect import Format
 from modalmotion.formats.frames.frame import Frame
 from modalmotion.formats.frames.merge import MergeMap, merge_corners
-from modalmotion.formats.limits import ReadLimits
 from modalmotion.formats.result import ReadResult
+from modalmotion.limits import ReadLimits
 from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.mesh.sequence import mesh_sequence

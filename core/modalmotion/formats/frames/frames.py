@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from modalmotion.errors import InputError, MalformedFileError
 from modalmotion.formats.frames.frame_stack import FrameStack
 from modalmotion.formats.mesh_file import read_mesh
-from modalmotion.formats.parser.tasks import Parser
+from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.result import ReadResult
 
 Progress = Callable[[int, int], None]

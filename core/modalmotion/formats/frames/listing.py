@@ -17,8 +17,8 @@ from modalmotion.formats.frames.names import (
     natural_key,
 )
 from modalmotion.formats.frames.series import read_series
-from modalmotion.formats.limits import ReadLimits
 from modalmotion.formats.result import ReadResult
+from modalmotion.limits import ReadLimits
 from modalmotion.numerals import counted
 
 _NUMBERED: Final = re.compile(r"(.*?)(\d{1,18})(\D*)", re.DOTALL)

@@ -9,7 +9,7 @@ from typing import Any, Final
 from xml.parsers import expat
 
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.limits import NO_LIMITS, ReadLimits
+from modalmotion.limits import NO_LIMITS, ReadLimits
 
 _REMEDY: Final = "Save the series again, or leave the file out: frames are then taken by name."
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.gltf.container import REMEDY, Container
-from modalmotion.formats.limits import ReadLimits
+from modalmotion.limits import ReadLimits
 
 _TYPES: Final[dict[object, str]] = {
     5120: "i1",

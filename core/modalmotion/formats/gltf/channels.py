@@ -13,7 +13,7 @@ from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.formats.gltf.accessors import read_accessor
 from modalmotion.formats.gltf.container import REMEDY, Container
 from modalmotion.formats.gltf.quaternions import slerp
-from modalmotion.formats.limits import ReadLimits
+from modalmotion.limits import ReadLimits
 
 _COMPONENTS: Final = {"translation": 3, "rotation": 4, "scale": 3, "weights": 1}
 _MODES: Final = ("LINEAR", "STEP", "CUBICSPLINE")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.gltf.accessors import read_accessor
 from modalmotion.formats.gltf.container import REMEDY, Container
-from modalmotion.formats.limits import ReadLimits
+from modalmotion.limits import ReadLimits
 
 _TRIANGLES: Final = 4
 _STRIPS_AND_FANS: Final = (5, 6)

@@ -15,8 +15,8 @@ from modalmotion.formats.gltf.channels import Channel, Key, read_channels
 from modalmotion.formats.gltf.container import REMEDY, Container, read_container
 from modalmotion.formats.gltf.meshes import MorphMesh, read_morph_mesh
 from modalmotion.formats.gltf.scene import MeshNode, mesh_nodes, transform_at
-from modalmotion.formats.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.formats.result import ReadResult, Source
+from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.sequence import mesh_sequence
 
 OURS: Final = "modalmotion"

@@ -1,1 +1,1 @@
-"""TODO."""
+"""A process of its own for parsers that damaged files can bring down."""

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, LimitError
-from modalmotion.formats.limits import ReadLimits
-from modalmotion.formats.parser.tasks import parser_of
+from modalmotion.formats.parser.registry import parser_of
+from modalmotion.limits import ReadLimits
 
 # For the libraries' own needs, beside what the limits allow for arrays.
 _SPARE_BYTES: Final = 1 << 28

@@ -22,8 +22,8 @@ import numpy as np
 
 from modalmotion import errors
 from modalmotion.errors import InputError, LimitError, MalformedFileError, StoreError
-from modalmotion.formats.limits import ReadLimits
-from modalmotion.formats.parser.tasks import Answer
+from modalmotion.formats.parser.answer import Answer
+from modalmotion.limits import ReadLimits
 
 _LONGEST_HEADER: Final = 1 << 24
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frames.frame import Frame, space_in
-from modalmotion.formats.limits import NO_LIMITS, ReadLimits
 from modalmotion.formats.ply.ply_body import Element, Property, read_elements
 from modalmotion.formats.polygons import offsets_of, triangulate
+from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.checks import FloatArray
 
 _TYPES: Final = {

@@ -1,1 +1,1 @@
-"""TODO."""
+"""VTK and VTKHDF files."""

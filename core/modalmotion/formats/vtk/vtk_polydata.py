@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frames.frame import space_in
-from modalmotion.formats.limits import ReadLimits
-from modalmotion.formats.parser.tasks import Parsed
+from modalmotion.formats.parser.answer import Parsed
+from modalmotion.limits import ReadLimits
 
 _REMEDY: Final = "Save the frame again as a polygonal surface (vtkPolyData)."
 # ParaView keeps the time of a frame under this name.

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ConnectivityError, MalformedFileError, ShapeError
-from modalmotion.formats.limits import ReadLimits
-from modalmotion.formats.parser.tasks import Parsed
+from modalmotion.formats.parser.answer import Parsed
 from modalmotion.formats.polygons import Triangles, triangulate
+from modalmotion.limits import ReadLimits
 
 TOPOLOGIES: Final = ("Vertices", "Lines", "Polygons", "Strips")
 """Groups of cells, in the order of their columns in the offsets of steps."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Care of a store: backup, rebuild, recovery, verification."""

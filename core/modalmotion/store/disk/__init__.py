@@ -1,1 +1,1 @@
-"""TODO."""
+"""Files on disk: written whole, moved together, locked."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""The index of a store in SQLite."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Natural coordinates (s, theta), one file for each kind of surface."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Parts that routes share."""

@@ -10,8 +10,8 @@ from starlette.responses import Response
 
 from modalmotion.store import Job
 from modalmotion_service.http.preferences import Preference
-from modalmotion_service.routes.parts.dependencies import State
 from modalmotion_service.schemas import JobAnswer
+from modalmotion_service.workspace.state import State
 
 T = TypeVar("T")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
 from typing import Annotated
 
 from fastapi import Depends, Header, Request
@@ -16,36 +15,11 @@ from modalmotion_service.access.principal import principal_of
 from modalmotion_service.http.forms import received_form
 from modalmotion_service.http.preferences import Preference, parse_preference
 from modalmotion_service.http.timing import stage
-from modalmotion_service.settings import Settings
-from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.jobs import JobRunner
-from modalmotion_service.workspace.models import Models
-from modalmotion_service.workspace.spool import Spool, SpooledUpload
+from modalmotion_service.workspace.spool import SpooledUpload
+from modalmotion_service.workspace.state import State
 
 # What a form's part is copied in.
 _PIECE = 1 << 20
-
-
-@dataclass(frozen=True)
-class State:
-    """Everything open for one owner while the service runs.
-
-    Parameters
-    ----------
-    settings : Settings
-    store : ResultStore
-    spool : Spool
-    analysis : Analysis
-    models : Models
-    jobs : JobRunner
-    """
-
-    settings: Settings
-    store: ResultStore
-    spool: Spool
-    analysis: Analysis
-    models: Models
-    jobs: JobRunner
 
 
 # Coroutines, though some wait for nothing: FastAPI runs plain functions in threads, and each of

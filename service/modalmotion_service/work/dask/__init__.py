@@ -1,1 +1,1 @@
-"""TODO."""
+"""Work on a Dask cluster."""

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from modalmotion.clinical import clinical_readouts, volume_figure
+from modalmotion.clinical import clinical_readouts
 from modalmotion.exports.surfaces import SurfaceFormat, write_superposed
+from modalmotion.pictures.readouts import volume_figure
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import sequence_from_hdf5, signature_from_hdf5, template_from_hdf5
 from modalmotion.template.body_frame import Components

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from modalmotion.exports.signature_pack import write_pack
 from modalmotion.formats import ReadOptions
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence
@@ -19,7 +20,6 @@ from modalmotion.store import (
     sequence_from_hdf5,
     signature_from_hdf5,
     signature_to_hdf5,
-    write_pack,
 )
 from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, RAW
 from modalmotion_service.schemas import SignatureAnswer

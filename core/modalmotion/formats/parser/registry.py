@@ -5,47 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Final, Protocol
+from typing import Final
 
-from numpy.typing import NDArray
-
-from modalmotion.formats.limits import ReadLimits
-
-Parsed = tuple[dict[str, Any], dict[str, NDArray[Any]]]
-"""Text and numbers by name, and arrays by name."""
+from modalmotion.formats.parser.answer import Answer, Parsed
+from modalmotion.limits import ReadLimits
 
 # Imported only where they run: h5py and VTK are slow to import, and VTK is an extra.
 _TASKS: Final = {
-    "hdf5": "modalmotion.formats.hdf5:parse_hdf5",
+    "hdf5": "modalmotion.formats.parser.hdf5:parse_hdf5",
     "vtk": "modalmotion.formats.vtk.vtk_polydata:parse_legacy",
     "vtp": "modalmotion.formats.vtk.vtk_polydata:parse_xml",
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """What a parser found.
-
-    Parameters
-    ----------
-    info : dict
-        Text and numbers.
-    arrays : dict of ndarray
-    """
-
-    info: dict[str, Any]
-    arrays: dict[str, NDArray[Any]]
-
-
-class Parser(Protocol):
-    """Something that has files parsed: `ParserProcess`, or `ParserHere`."""
-
-    @property
-    def limits(self) -> ReadLimits:
-        """How large a file may be."""
-
-    def parse(self, task: str, data: bytes) -> Answer:
-        """Have a file parsed by the parser of that name."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import Any, Final
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError
-from modalmotion.formats.limits import ReadLimits
+from modalmotion.limits import ReadLimits
 
 SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file."""

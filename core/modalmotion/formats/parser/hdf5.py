@@ -1,0 +1,55 @@
+"""HDF5 files parsed: VTKHDF surfaces over time, and files of our own store."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from numpy.typing import NDArray
+
+from modalmotion.errors import MalformedFileError, StoreError
+from modalmotion.formats.parser.answer import Parsed
+from modalmotion.formats.vtk.vtkhdf import parse_vtkhdf
+from modalmotion.hdf5.gate import open_gated
+from modalmotion.limits import ReadLimits
+
+_OURS: Final = "modalmotion."
+
+
+def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
+    """Parse an HDF5 file in this process; see `read_hdf5`."""
+    with open_gated(data, limits) as file:
+        if "VTKHDF" in file:
+            return parse_vtkhdf(file, limits)
+        schema = file.attrs.get("schema")
+        names = ", ".join(repr(str(name)[:40]) for name in list(file)[:8]) or "nothing"
+    text = schema.decode("utf-8", "replace") if isinstance(schema, bytes) else str(schema)
+    if not text.startswith(_OURS):
+        raise MalformedFileError(
+            f"The HDF5 file holds {names}: neither a group 'VTKHDF' nor a sequence of ours.",
+            remedy="Send VTKHDF PolyData, the file that modalmotion gave, or npz.",
+        )
+    return _parse_ours(data, limits)
+
+
+def _parse_ours(data: bytes, limits: ReadLimits) -> Parsed:
+    from modalmotion.mesh.hdf5 import sequence_from_hdf5
+
+    try:
+        sequence = sequence_from_hdf5(data)
+    except StoreError as error:
+        raise MalformedFileError(error.message, remedy=error.remedy) from error
+    limits.require("frames", sequence.n_frames)
+    limits.require("vertices", sequence.n_vertices)
+    limits.require("faces", len(sequence.faces))
+    arrays: dict[str, NDArray[Any]] = {"vertices": sequence.vertices, "faces": sequence.faces}
+    if sequence.times is not None:
+        arrays["times"] = sequence.times
+    info: dict[str, Any] = {
+        "format": "hdf5",
+        "unit": sequence.unit,
+        "topology": None if sequence.topology is None else sequence.topology.name,
+        "grid": sequence.grid,
+        "ignored": [],
+        "notes": [],
+    }
+    return info, arrays

@@ -1,0 +1,34 @@
+"""The state of a running service."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from modalmotion.store import ResultStore
+from modalmotion_service.settings import Settings
+from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.jobs import JobRunner
+from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.spool import Spool
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything open for one owner while the service runs.
+
+    Parameters
+    ----------
+    settings : Settings
+    store : ResultStore
+    spool : Spool
+    analysis : Analysis
+    models : Models
+    jobs : JobRunner
+    """
+
+    settings: Settings
+    store: ResultStore
+    spool: Spool
+    analysis: Analysis
+    models: Models
+    jobs: JobRunner
