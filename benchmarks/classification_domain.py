@@ -17,9 +17,10 @@ from modalmotion.formats import read_sequence
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, modal_signature
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "core"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
-from foreign_motions import DATA, FLAGGED, REPORTED, driven_by, figures
+from foreign_motions import FLAGGED, REPORTED, driven_by, figures
+from project import DATA
 
 SEED: Final = 7
 HELD_OUT_SEED: Final = 606

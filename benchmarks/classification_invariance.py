@@ -12,7 +12,7 @@ from measure import Table
 from modalmotion.classify import load_model
 from modalmotion.simulate import MotionClass
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "core"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 from recorded_again import EXACT, OTHER_COORDINATES, RESAMPLED, Answer, answer, draw_recording
 

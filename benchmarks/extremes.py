@@ -19,14 +19,14 @@ SECTIONS = (
 HEAD = """# Numerical extremes
 
 Written by `python benchmarks/extremes.py` from a run of the rows that
-`tests/core/test_extremes.py` holds to their bounds. "Straightforward" is the error of the formula
+`tests/extremes/test_rows.py` holds to their bounds. "Straightforward" is the error of the formula
 that suggests itself, where it was computed too. The last digits depend on the machine.
 """
 
 
 def main() -> None:
     """Evaluate every row and write the table."""
-    sys.path.insert(0, str(ROOT / "tests" / "core"))
+    sys.path.insert(0, str(ROOT / "tests" / "extremes"))
     parts = [HEAD]
     for title, module in SECTIONS:
         parts += [f"\n## {title}\n", *table(importlib.import_module(module).ROWS)]

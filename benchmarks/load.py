@@ -15,7 +15,7 @@ from measure import Table, in_words
 from modalmotion.simulate import Acquisition, simulate_ventricle
 
 ROOT: Final = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "service"))
+sys.path.insert(0, str(ROOT / "tests" / "support"))
 
 from running import RunningService  # noqa: E402 (found on the path just set)
 

@@ -67,7 +67,7 @@ def errors() -> Table:
 
 def comparability() -> Table:
     """Distance between signatures of one motion on several triangulations."""
-    sys.path.insert(0, str(ROOT / "tests" / "core"))
+    sys.path.insert(0, str(ROOT / "tests" / "support"))
     remeshing = importlib.import_module("template_remeshing")
     table = Table(
         "Signature distance, %, between triangulations of one motion",

@@ -92,7 +92,7 @@ def left_by(shapes: Floats, u: Floats, weights: Floats) -> Floats:
 
 def surfaces(folder: Path) -> dict[str, MeshSequence]:
     """One moving surface of each topology, and the real ventricle where it is at hand."""
-    sys.path.insert(0, str(ROOT / "tests" / "core"))
+    sys.path.insert(0, str(ROOT / "tests" / "support"))
     made = importlib.import_module("template_surfaces")
     rng = np.random.default_rng(1994)
     found = {"ventricle (cup)": ventricle(1500)}

@@ -220,7 +220,7 @@ def _written(folder: Path, size: int, *, lattice: bool) -> Path:
     path = folder / f"{size}-{'lattice' if lattice else 'mesh'}.npz"
     if path.exists():
         return path
-    sys.path.insert(0, str(ROOT / "tests" / "core"))
+    sys.path.insert(0, str(ROOT / "tests" / "support"))
     made = importlib.import_module("template_surfaces")
     remeshing = importlib.import_module("template_remeshing")
     if lattice:

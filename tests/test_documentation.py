@@ -12,11 +12,10 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from project import ROOT
 from running import RunningService
 
 from modalmotion.cli import main
-
-ROOT = Path(__file__).resolve().parents[1]
 
 
 def blocks(document: str, language: str) -> list[str]:

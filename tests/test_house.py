@@ -13,8 +13,7 @@ from typing import Any
 import click
 import pytest
 import yaml
-
-ROOT = Path(__file__).resolve().parents[1]
+from project import ROOT
 
 
 def tracked_files() -> list[Path]:
@@ -55,7 +54,7 @@ def test_help_and_the_bare_import_wait_for_nothing() -> None:
 
 def test_every_command_of_the_list_is_one_and_is_described() -> None:
     from modalmotion.cli import main
-    from modalmotion.cli.main import COMMANDS
+    from modalmotion.cli.commands import COMMANDS
 
     context = click.Context(main)
     assert list(COMMANDS) == sorted(COMMANDS)

@@ -19,6 +19,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -101,11 +102,8 @@ def answers(name: str, sequence: mm.MeshSequence) -> Iterator[tuple[str, object]
         if label == "cylindrical":
             values = {"components": _cylindrical()}
         parameters = mm.SignatureParameters(**values)
-        yield from ask(
-            f"signature {label}",
-            lambda parameters=parameters: mm.modal_signature(sequence, parameters),
-        )
-    yield from ask("class", lambda: classify(sequence))
+        yield from ask(f"signature {label}", partial(mm.modal_signature, sequence, parameters))
+    yield from ask("class", partial(classify, sequence))
     yield from ask("readouts", lambda: mm.clinical_readouts(mm.modal_signature(sequence), sequence))
     extent = float(np.ptp(np.asarray(sequence.vertices, dtype=np.float64), axis=(0, 1)).max())
     for label, share in TARGETS.items():
@@ -129,7 +127,7 @@ def record(target: Path, folder: Path, only: str) -> None:
     for name, sequence in sequences(folder):
         if only not in name:
             continue
-        print(name, file=sys.stderr)  # noqa: T201 (the progress of a tool)
+        print(name, file=sys.stderr)
         for key, value in answers(name, sequence):
             if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
                 arrays[key] = value
@@ -156,14 +154,14 @@ def compare(before: Path, after: Path) -> int:
             a, b = old[key].astype(np.float64), new[key].astype(np.float64)
             change = float(np.nanmax(np.abs(a - b), initial=0.0))
             size = float(np.sqrt(np.nanmean(a**2)))
-            print(f"{key}: largest change {change:.3g}, RMS {size:.3g}")  # noqa: T201
+            print(f"{key}: largest change {change:.3g}, RMS {size:.3g}")
         else:
             texts = [
                 bytes(side[f"{key}|value"]).decode()[:200] if f"{key}|value" in side else "-"
                 for side in (old, new)
             ]
-            print(f"{key}: {texts[0]} -> {texts[1]}")  # noqa: T201
-    print(f"{len(was)} answers before, {len(now)} now, {n_different} different")  # noqa: T201
+            print(f"{key}: {texts[0]} -> {texts[1]}")
+    print(f"{len(was)} answers before, {len(now)} now, {n_different} different")
     return n_different
 
 

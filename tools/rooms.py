@@ -177,22 +177,22 @@ def main() -> None:
     """Print what is counted of each root."""
     for root, folder in ROOTS.items():
         house = survey(root, folder)
-        print(  # noqa: T201 (the answer of a tool)
+        print(
             f"{root}: {len(house.modules)} modules in {len(house.packages)} rooms, "
             f"{len(house.loose)} loose ({', '.join(house.loose)}); circles: "
             f"{len(house.room_circles)} of rooms, {len(house.module_circles)} of modules; "
             f"arrows up: {len(house.arrows_up)}"
         )
         for circle in [*house.room_circles, *house.module_circles]:
-            print("  circle:", " ".join(circle))  # noqa: T201
+            print("  circle:", " ".join(circle))
         for arrow in house.arrows_up:
-            print("  up:", arrow)  # noqa: T201
+            print("  up:", arrow)
         if not house.room_circles:
             of_floor: dict[int, list[str]] = {}
             for room, floor in floors(house.rooms).items():
                 of_floor.setdefault(floor, []).append(room)
             for floor in sorted(of_floor, reverse=True):
-                print(f"  {floor:2}  {' '.join(sorted(of_floor[floor]))}")  # noqa: T201
+                print(f"  {floor:2}  {' '.join(sorted(of_floor[floor]))}")
 
 
 if __name__ == "__main__":

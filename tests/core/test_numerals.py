@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import modalmotion as mm
-from modalmotion.cli.main import main
+from modalmotion.cli.commands import main
 from modalmotion.formats import read_sequence
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.numerals import counted, numeral

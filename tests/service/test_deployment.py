@@ -17,12 +17,12 @@ import click
 import pytest
 import yaml
 from dask_cluster import free_port
+from project import ROOT
 from running import RunningService
 
-from modalmotion.cli.main import main
+from modalmotion.cli.commands import main
 from modalmotion_service.settings import Settings
 
-ROOT = Path(__file__).resolve().parents[2]
 DEPLOY = ROOT / "deploy"
 CLUSTER = ("scheduler", "worker")
 

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from running import RunningService
 
-from modalmotion.cli.main import main
+from modalmotion.cli.commands import main
 from modalmotion.errors import ParameterError
 from modalmotion_service.environment import read_settings, unknown_variables
 from modalmotion_service.http.observation import LOG_CONFIG, Seldom

@@ -10,13 +10,13 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
+from project import ROOT
 from running import RunningService
 
-from modalmotion.cli.main import main
+from modalmotion.cli.commands import main
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.settings import Settings
 
-ROOT = Path(__file__).resolve().parents[2]
 DOCUMENT = (ROOT / "docs" / "operations.md").read_text()
 
 

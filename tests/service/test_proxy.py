@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from dask_cluster import free_port
+from project import ROOT
 from running import Answer, RunningService
 
 from modalmotion.formats import read_npz
@@ -23,7 +24,6 @@ from modalmotion_service.access.scopes import Scope
 from modalmotion_service.audit.log import AuditLog
 from modalmotion_service.settings import Settings
 
-ROOT = Path(__file__).resolve().parents[2]
 NAME = "modalmotion.example"
 
 pytestmark = pytest.mark.skipif(

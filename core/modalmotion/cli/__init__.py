@@ -1,5 +1,5 @@
 """The command line."""
 
-from modalmotion.cli.main import main
+from modalmotion.cli.commands import main
 
 __all__ = ["main"]

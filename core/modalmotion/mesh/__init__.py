@@ -13,7 +13,7 @@ from modalmotion.mesh.connectivity import (
 )
 from modalmotion.mesh.dissection import nested_dissection, solve_positive_definite
 from modalmotion.mesh.laplacian import cotangent_laplacian, divergence, graph_laplacian
-from modalmotion.mesh.lattice_faces import lattice_faces
+from modalmotion.mesh.lattice_triangles import lattice_faces
 
 __all__ = [
     "Cavity",

@@ -1,0 +1,121 @@
+"""The commands on a service's data folder, where each owner has a store of their own."""
+
+from __future__ import annotations
+
+import sqlite3
+import stat
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from store_samples import sample_sequence, sample_signature
+
+from modalmotion.cli.commands import main
+from modalmotion.errors import StoreError
+from modalmotion.exports.signature_pack import export, is_pack
+from modalmotion.store import ResultStore, backup
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(main, ["store", *map(str, words)])
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    root = tmp_path / "results"
+    for number, path in enumerate((root, root / "owners" / "lab", root / "owners" / "ward")):
+        with ResultStore(path) as store:
+            for seed in range(number + 1):
+                store.put_sequence(sample_sequence(seed))
+    return root
+
+
+def test_all_owners_stores_are_verified_and_one_that_is_damaged_is_told(folder: Path) -> None:
+    done = run("verify", folder)
+    assert done.exit_code == 0
+    starts = [line.partition(",")[0] for line in done.stdout.splitlines()]
+    assert starts == ["local: 1 sequences", "lab: 2 sequences", "ward: 3 sequences"]
+    (damaged, *_) = (folder / "owners" / "lab").rglob("sequences/*/*.h5")
+    damaged.write_bytes(damaged.read_bytes()[:-1])
+    done = run("verify", folder)
+    assert done.exit_code == 1
+    assert [line.endswith("sound") for line in done.stdout.splitlines()] == [
+        *(True, False, False, True)
+    ]
+    # What is wrong is told with whose it is.
+    assert done.stdout.splitlines()[1].startswith(f"lab: sequences/{damaged.parent.name}/")
+    assert run("verify", folder, "--owner", "ward").exit_code == 0
+    assert run("verify", folder, "--owner", "lab").exit_code == 1
+    assert run("verify", folder, "--owner", "local").stdout.startswith("1 sequences")
+
+
+def test_all_owners_indexes_are_built_anew(folder: Path) -> None:
+    for index in folder.rglob("index.sqlite"):
+        index.unlink()
+    done = run("rebuild", folder)
+    assert done.exit_code == 0
+    assert "ward: 3 sequences" in done.stdout
+    for name, number in (("lab", 2), ("ward", 3)):
+        with ResultStore(folder / "owners" / name) as store:
+            assert len(store.list_sequences().records) == number
+
+
+def test_a_backup_is_as_private_as_what_it_copies(folder: Path, tmp_path: Path) -> None:
+    access = folder / "access"
+    access.mkdir(mode=0o700)
+    with sqlite3.connect(access / "keys.sqlite") as keys:
+        keys.execute("CREATE TABLE keys (id)")
+    keys.close()
+    (access / "keys.sqlite").chmod(0o600)
+    backup(folder, tmp_path / "copy")
+    assert stat.S_IMODE((tmp_path / "copy").stat().st_mode) == 0o700
+    copied = tmp_path / "copy" / "access" / "keys.sqlite"
+    assert stat.S_IMODE(copied.stat().st_mode) == 0o600
+
+
+class Killed(BaseException):
+    pass
+
+
+@pytest.mark.parametrize("n_copied", [0, 1, 2])
+def test_a_first_backup_that_was_cut_short_is_gone_on_with(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_copied: int
+) -> None:
+    copy, real = tmp_path / "copy", sqlite3.connect
+    # Two connections for each database.
+    left = iter(range(2 * n_copied))
+
+    def connect(path: Path) -> sqlite3.Connection:
+        if next(left, None) is None:
+            # As a kill leaves it: with what is unfinished beside its place.
+            copy.mkdir(exist_ok=True)
+            (copy / f".modalmotion-1-{0:016x}.tmp").touch()
+            raise Killed
+        return real(path)
+
+    with monkeypatch.context() as cut:
+        cut.setattr(sqlite3, "connect", connect)
+        with pytest.raises(Killed):
+            backup(folder, copy)
+    report = backup(folder, copy)
+    assert report.n_files == len([path for path in copy.rglob("*") if path.is_file()])
+    assert run("verify", copy).exit_code == 0
+
+
+def test_a_pack_is_replaced_if_asked_for_and_nothing_else_is(folder: Path, tmp_path: Path) -> None:
+    out, root = tmp_path / "all.h5", folder / "owners" / "lab"
+    assert export(root, out, replace=True) == 0
+    with pytest.raises(StoreError, match="exists already"):
+        export(root, out)
+    with ResultStore(root) as store:
+        sequence = sample_sequence(0)
+        store.put_signature(sample_signature(sequence))
+    assert export(root, out, replace=True) == 1
+    (kept,) = root.rglob("signatures/*/*.h5")
+    for other in (kept, tmp_path / "letter.h5"):
+        before = kept.read_bytes()
+        other.write_bytes(before if other == kept else b"Dear Sir")
+        assert not is_pack(other)
+        with pytest.raises(StoreError, match="exists already"):
+            export(root, other, replace=True)
+        assert kept.read_bytes() == before

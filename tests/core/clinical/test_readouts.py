@@ -1,0 +1,281 @@
+"""Volume and ejection fraction from a signature: exact where they can be, bounded where not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from clinical_cases import cohort, ejected, read
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from solids import exact_volume
+from template_surfaces import MAKERS
+
+from modalmotion.clinical import VolumeCurve, clinical_readouts
+from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.mesh import Cavity, oriented_faces
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.pictures.readouts import volume_figure
+from modalmotion.signature.interpolation import at_times
+from modalmotion.signature.making import modal_signature
+from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
+from modalmotion.template import make_template
+from modalmotion.template.body_frame import Components
+
+
+@pytest.fixture(scope="module")
+def beat() -> MeshSequence:
+    return simulate_ventricle(
+        VentricleParameters(motion_variation=2.0),
+        n_vertices=400,
+        acquisition=Acquisition(n_frames=12, noise=0.4),
+        rng=np.random.default_rng(3),
+    )
+
+
+def own_volumes(sequence: MeshSequence, frames: slice = slice(None)) -> np.ndarray:
+    faces = oriented_faces(make_template(sequence).faces, sequence.n_vertices)
+    assert faces is not None
+    v = np.array([exact_volume(x.astype(float), faces) for x in sequence.vertices[frames]])
+    return v if v[0] > 0 else -v
+
+
+@pytest.mark.parametrize("components", list(Components))
+def test_an_affine_motion_is_read_exactly(beat: MeshSequence, components: Components) -> None:
+    # Even contraction, shear, lean: no few modes hold them, and the volume is a determinant.
+    rng = np.random.default_rng(0)
+    A = np.concatenate([np.eye(3)[None], np.eye(3) * 0.7 + 0.1 * rng.normal(size=(5, 3, 3))])
+    moved = beat.vertices[0] @ A.transpose(0, 2, 1) + rng.normal(size=(6, 1, 3))
+    sequence = mesh_sequence(moved, beat.faces, unit="mm")
+    # Along the body a shear has wavenumber 2 in theta, which needs 18 modes.
+    found = read(sequence, modes=18, components=components)
+    share = np.linalg.det(A)
+    assert found.curve.volumes / found.curve.volumes[0] == pytest.approx(share, rel=1e-10)
+    assert found.curve.ejection_fraction == pytest.approx(ejected(share), abs=1e-8)
+    assert found.curve.ejection_fraction_bound < 1e-6
+    if components == Components.CARTESIAN:
+        assert read(sequence).curve.ejection_fraction == pytest.approx(ejected(share), abs=1e-8)
+
+
+@pytest.mark.parametrize("name", ["cup", "cylinder", "sphere", "torus"])
+@pytest.mark.parametrize("parameters", [{}, {"closed_form": False}, {"modes": 1}, {"reference": 5}])
+def test_the_bound_holds_for_every_surface(name: str, parameters: dict[str, object]) -> None:
+    positions, faces = MAKERS[name](260, np.random.default_rng(1))
+    sequence = mesh_sequence(positions, faces, unit="mm")
+    found = read(sequence, **parameters)
+    true = own_volumes(sequence)
+    assert (np.abs(found.curve.volumes - true) <= found.curve.bounds).all()
+    assert (np.abs(found.mesh_curve.volumes - true) <= found.mesh_curve.bounds).all()
+    low, high = found.curve.ejection_fraction_range
+    assert low <= ejected(true) <= high
+    for (least, most), value in (
+        (found.curve.end_diastolic_range, true.max()),
+        (found.curve.end_systolic_range, true.min()),
+        (found.curve.stroke_range, np.ptp(true)),
+    ):
+        assert least <= value <= most
+
+
+def test_the_bound_is_the_error_and_rounding(beat: MeshSequence) -> None:
+    found = read(beat)
+    error = np.abs(found.curve.volumes - own_volumes(beat))
+    moved = error > 1.0
+    assert moved.sum() >= 6
+    assert found.curve.bounds[moved] == pytest.approx(error[moved], rel=1e-4)
+
+
+def test_more_modes_end_at_the_mesh_itself() -> None:
+    sequence = simulate_ventricle(
+        grid=(6, 8), acquisition=Acquisition(n_frames=5, noise=0.5), rng=np.random.default_rng(0)
+    )
+    errors = [read(sequence, modes=k).curve.ejection_fraction_bound for k in (7, 18, 48)]
+    assert errors[2] < 1e-6 < min(errors[:2])
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=12, deadline=None)
+def test_read_outs_do_not_depend_on_pose_winding_unit_or_numbering(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    positions, faces = MAKERS["cup"](200, np.random.default_rng(2))
+    before = read(mesh_sequence(positions, faces, unit="mm"))
+    R = Rotation.random(len(positions), rng=rng).as_matrix()
+    moved = np.einsum("fij,fnj->fni", R, positions) + rng.normal(size=(len(positions), 1, 3)) * 30
+    # The reference stays, for amplitudes are measured in its frame.
+    moved[0] = positions[0]
+    order = rng.permutation(positions.shape[1])
+    place = np.argsort(order)
+    turned = np.where(rng.random((len(faces), 1)) < 0.5, faces[:, ::-1], faces)
+    after = read(mesh_sequence(moved[:, order] / 1000 + 1.0, place[turned], unit="m"))
+    assert after.shown_in == pytest.approx(1e6)
+    assert after.curve.volumes * after.shown_in == pytest.approx(
+        before.curve.volumes * before.shown_in, rel=1e-6
+    )
+    assert after.curve.ejection_fraction == pytest.approx(before.curve.ejection_fraction, abs=1e-5)
+
+
+def test_far_from_the_origin_nothing_is_lost(beat: MeshSequence) -> None:
+    far = mesh_sequence(beat.vertices.astype(float) + 1e6, beat.faces, unit="mm")
+    near = read(beat)
+    assert read(far).curve.volumes == pytest.approx(near.curve.volumes, rel=1e-8)
+    assert near.curve.end_diastolic_volume * near.millilitres == pytest.approx(
+        near.curve.end_diastolic_volume / 1000
+    )
+
+
+@pytest.mark.parametrize("scale", [1e-60, 1e60])
+def test_extreme_units(beat: MeshSequence, scale: float) -> None:
+    sized = mesh_sequence(beat.vertices.astype(float) * scale, beat.faces)
+    assert read(sized).curve.ejection_fraction == pytest.approx(
+        read(beat).curve.ejection_fraction, rel=1e-9
+    )
+    with pytest.raises(ParameterError, match="unit is unknown"):
+        _ = read(sized).millilitres
+    too_far = mesh_sequence(beat.vertices.astype(float) * scale**3, beat.faces)
+    with pytest.raises(ParameterError, match="double precision"):
+        read(too_far)
+
+
+def test_a_lattice_needs_no_triangles() -> None:
+    sequence = simulate_ventricle(grid=(10, 16), acquisition=Acquisition(n_frames=8))
+    bare = mesh_sequence(sequence.vertices, grid=(10, 16), topology="cup", unit="mm")
+    found = read(bare)
+    # The hole around the pole and the base.
+    assert found.n_openings == 2
+    assert found.mesh_curve.volumes == pytest.approx(
+        Cavity(sequence.faces).volume(sequence.vertices.astype(float)), rel=1e-12
+    )
+
+
+def test_what_does_not_move_ejects_nothing(beat: MeshSequence) -> None:
+    still = mesh_sequence(np.repeat(beat.vertices[:1], 4, axis=0), beat.faces)
+    found = read(still)
+    assert found.curve.ejection_fraction == 0.0
+    assert found.curve.stroke_volume == 0.0
+    assert found.curve.ejection_fraction_bound < 1e-6
+    one = read(mesh_sequence(beat.vertices[:1], beat.faces))
+    assert one.curve.ejection_fraction == 0.0
+    assert "only one frame" in one.notes[0]
+
+
+def test_surfaces_without_an_inside_are_refused() -> None:
+    positions, faces = MAKERS["plane"](120, np.random.default_rng(0))
+    for sequence, words in (
+        (mesh_sequence(positions, faces, topology="plane"), "encloses nothing"),
+        (mesh_sequence(positions[:, :40], topology="open curve"), "no triangles"),
+        (mesh_sequence(positions[:, :40], topology="closed curve"), "no triangles"),
+    ):
+        with pytest.raises(TopologyError, match=words) as caught:
+            read(sequence)
+        assert caught.value.remedy
+    flat = positions * [1.0, 1.0, 0.0]
+    with pytest.raises(TopologyError, match="no volume"):
+        read(mesh_sequence(flat, faces), closed_form=False)
+
+
+def test_a_surface_that_turns_inside_out_is_said(beat: MeshSequence) -> None:
+    vertices = beat.vertices[[0, 0, 0]].astype(float)
+    vertices[1] *= 0.9
+    # Not a rigid motion: the mirror image.
+    vertices[2, :, 0] *= -0.8
+    found = read(mesh_sequence(vertices, beat.faces))
+    assert "inside out" in found.notes[0]
+    assert found.curve.ejection_fraction > 100
+
+
+def test_another_sequence_or_other_times_are_refused(beat: MeshSequence) -> None:
+    signature = modal_signature(beat)
+    with pytest.raises(ParameterError, match="another sequence"):
+        clinical_readouts(signature, mesh_sequence(beat.vertices * 1.01, beat.faces))
+    timed = replace(signature, times=np.linspace(0.0, 11.0, 12).astype(np.float64))
+    with pytest.raises(ParameterError, match="between frames"):
+        clinical_readouts(at_times(timed, np.array([0.5, 1.5])), beat)
+
+
+@given(
+    volumes=st.lists(st.floats(1, 100), min_size=1, max_size=6),
+    seed=st.integers(0, 2**32 - 1),
+    spread=st.floats(0, 60),
+)
+@settings(max_examples=200, deadline=None)
+def test_intervals_hold_whatever_the_truth_within_the_bounds(
+    volumes: list[float], seed: int, spread: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    v = np.array(volumes)
+    bounds = spread * rng.random(len(v))
+    curve = VolumeCurve(v, bounds)
+    low, high = curve.ejection_fraction_range
+    for _ in range(20):
+        # Corners and inside.
+        true = v + bounds * np.clip(rng.normal(size=len(v)) * 2, -1, 1)
+        if true.max() <= 0:
+            continue
+        assert low - 1e-9 <= ejected(true) <= high + 1e-9
+        assert curve.stroke_range[0] - 1e-9 <= np.ptp(true) <= curve.stroke_range[1] + 1e-9
+
+
+def test_simulated_ventricles_are_read_within_their_bounds() -> None:
+    errors = []
+    for sequence in cohort(3, seed=11):
+        found = read(sequence)
+        true = own_volumes(sequence) if sequence.n_vertices < 1000 else found.mesh_curve.volumes
+        assert (np.abs(found.curve.volumes - true) <= found.curve.bounds).all()
+        errors.append(abs(found.curve.ejection_fraction - ejected(true)))
+        assert errors[-1] <= found.curve.ejection_fraction_bound + 1e-9
+    assert np.median(errors) < 0.5
+    # A wall that lost its motion in one place is what few modes are worst at.
+    assert np.mean(np.array(errors) <= 1.5) >= 0.8
+
+
+@pytest.mark.soak
+def test_200_simulated_ventricles_are_read_within_their_bounds() -> None:
+    errors, bounds = [], []
+    for sequence in cohort(40, seed=5):
+        found = read(sequence)
+        part = slice(None, None, max(1, sequence.n_frames // 4))
+        true = own_volumes(sequence, part)
+        assert (np.abs(found.curve.volumes[part] - true) <= found.curve.bounds[part]).all()
+        own = found.mesh_curve.volumes
+        errors.append(abs(found.curve.ejection_fraction - ejected(own)))
+        bounds.append(found.curve.ejection_fraction_bound)
+    assert len(errors) == 200
+    assert (np.array(errors) <= np.array(bounds)).all()
+    assert np.median(bounds) <= 5 * np.median(errors)
+
+
+@pytest.mark.parametrize("name", ["lv_grid_32x64", "lv_endocardium"])
+@pytest.mark.parametrize("components", list(Components))
+def test_a_real_ventricle_within_a_point_and_a_half(
+    real_sequence: Callable[[str], MeshSequence], name: str, components: Components
+) -> None:
+    sequence = real_sequence(f"heart/{name}")
+    found = read(sequence, components=components)
+    assert found.n_amplitudes == 21
+    true = ejected(own_volumes(sequence))
+    assert abs(found.curve.ejection_fraction - true) <= 1.5
+    assert found.curve.ejection_fraction_range[0] <= true + 1e-9
+    assert true - 1e-9 <= found.curve.ejection_fraction_range[1]
+
+
+def test_the_picture_says_what_was_read(beat: MeshSequence) -> None:
+    found = read(beat)
+    figure = volume_figure(found)
+    (axes,) = figure.axes
+    assert f"{found.curve.ejection_fraction:.1f} %" in axes.get_title()
+    line = axes.get_lines()[0]
+    assert np.asarray(line.get_ydata()) == pytest.approx(found.curve.volumes / 1000)
+
+
+@pytest.mark.parametrize(("unit", "is_likely"), [("mm", True), ("cm", False), ("m", False)])
+def test_a_unit_that_makes_a_ventricle_of_a_house_is_told(
+    beat: MeshSequence, unit: str, is_likely: bool
+) -> None:
+    notes = read(replace(beat, unit=unit)).notes
+    assert any("check the unit" in note for note in notes) != is_likely
+
+
+def test_an_unknown_unit_is_not_judged(beat: MeshSequence) -> None:
+    assert not read(replace(beat, unit=None)).notes

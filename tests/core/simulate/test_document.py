@@ -1,0 +1,33 @@
+"""docs/simulation.md and docs/classification.md run, and the figures are the model card's."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from project import ROOT
+
+from modalmotion.classify import load_model
+
+DOCUMENTS = ROOT / "docs"
+
+
+@pytest.mark.parametrize(("name", "n_blocks"), [("simulation.md", 2), ("classification.md", 4)])
+def test_its_code_runs(name: str, n_blocks: int) -> None:
+    namespace: dict[str, object] = {}
+    text = (DOCUMENTS / name).read_text()
+    blocks = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    for block in blocks:
+        exec(block, namespace)  # noqa: S102 (our own document)
+    assert len(blocks) == n_blocks
+
+
+def test_its_figures_are_those_of_the_model_card() -> None:
+    held_out = load_model().card.extra["held_out"]
+    text = (DOCUMENTS / "classification.md").read_text()
+    for name in ("accuracy", "abstained"):
+        assert f"{held_out[name]:.1%}" in text, name
+    for name in ("calibration_error", "mean_set_size"):
+        assert f"{held_out[name]:.3f}" in text, name
+    for label, share in held_out["class_coverage"].items():
+        assert f"| {label} | {share:.1%} |" in text, label

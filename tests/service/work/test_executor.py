@@ -1,0 +1,172 @@
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor, wait
+from multiprocessing import popen_forkserver
+from pathlib import Path
+
+import pytest
+from dask_cluster import DaskCluster
+from project import ROOT
+from worker_tasks import die, die_once, hang, is_running, refuse, swallow_memory
+
+from modalmotion.errors import LimitError, NonFiniteError
+from modalmotion_service.errors import ClusterError, WorkerDiedError
+from modalmotion_service.work.executor import _MOST_STARTS, Engine, WorkerPool
+
+MEMORY = 3_000_000_000
+# Two processes here, or two Dask workers of a process each.
+OpenEngine = Callable[[float], Engine]
+
+
+@pytest.fixture(scope="module", params=["pebble", "dask"])
+def open_engine(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> OpenEngine:
+    if request.param == "pebble":
+        return lambda task_seconds: WorkerPool(2, task_seconds, MEMORY)
+    from modalmotion_service.work.dask.executor import DaskExecutor
+
+    cluster: DaskCluster = request.getfixturevalue("dask_cluster")
+    folder = tmp_path_factory.mktemp("shared")
+    return lambda task_seconds: DaskExecutor(cluster.address, folder, task_seconds, MEMORY)
+
+
+@pytest.fixture(scope="module")
+def pool(open_engine: OpenEngine) -> Iterator[Engine]:
+    with open_engine(2.0) as pool:
+        yield pool
+
+
+def test_it_is_an_executor_and_gives_results(pool: Engine) -> None:
+    assert isinstance(pool, Executor)
+    assert pool.n_workers == 2
+    pool.require_ready()
+    assert list(pool.map(abs, [-1, 2, -3])) == [1, 2, 3]
+    assert pool.submit(os.getpid).result() != os.getpid()
+
+
+def test_our_errors_cross_with_everything_they_say(pool: Engine) -> None:
+    with pytest.raises(NonFiniteError) as caught:
+        pool.submit(refuse).result()
+    error = caught.value
+    assert (error.frame, error.vertex, error.remedy) == (3, 4, "advice")
+    assert error.details == {"count": 1}
+
+
+def test_a_task_that_hangs_is_ended_and_others_go_on(pool: Engine) -> None:
+    stuck = pool.submit(hang)
+    assert pool.submit(abs, -1).result(timeout=10) == 1
+    with pytest.raises(LimitError) as caught:
+        stuck.result(timeout=20)
+    assert caught.value.limit == "task_seconds"
+
+
+def test_a_task_that_swallows_memory_is_refused(pool: Engine) -> None:
+    with pytest.raises(LimitError) as caught:
+        pool.submit(swallow_memory).result(timeout=20)
+    assert caught.value.limit == "task_memory_bytes"
+    assert pool.submit(abs, -1).result(timeout=10) == 1
+
+
+def test_a_killed_worker_costs_no_result(pool: Engine, tmp_path: Path) -> None:
+    assert pool.submit(die_once, tmp_path / "mark").result(timeout=20) == "done"
+
+
+def test_a_task_that_kills_every_worker_fails_alone(pool: Engine) -> None:
+    others = [pool.submit(abs, -n) for n in range(20)]
+    with pytest.raises(WorkerDiedError):
+        pool.submit(die).result(timeout=20)
+    wait(others, timeout=20)
+    assert [other.result() for other in others] == list(range(20))
+
+
+def test_a_worker_killed_while_it_is_idle_costs_nothing(open_engine: OpenEngine) -> None:
+    with open_engine(20.0) as pool:
+        for _ in range(5):
+            pids = [pool.submit(os.getpid) for _ in range(2)]
+            for pid in {future.result(timeout=20) for future in pids}:
+                os.kill(pid, signal.SIGKILL)
+            started = time.monotonic()
+            assert list(pool.map(abs, [-1, -2, -3])) == [1, 2, 3]
+            assert time.monotonic() - started < 20
+
+
+def test_a_machine_that_starts_no_process_is_told_and_may_recover(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    n_tries = 0
+
+    def refuse_to_start(*_: object) -> None:
+        nonlocal n_tries
+        n_tries += 1
+        raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    with monkeypatch.context() as broken:
+        broken.setattr(popen_forkserver.Popen, "_launch", refuse_to_start)
+        pool = WorkerPool(1, 20.0, MEMORY)
+        waiting = [pool.submit(abs, -n) for n in range(3)]
+        for future in waiting:
+            with pytest.raises(ClusterError, match="No process could be started") as caught:
+                future.result(timeout=20)
+            assert caught.value.remedy
+        assert 3 <= n_tries <= 3 * _MOST_STARTS + 1
+    assert pool.submit(abs, -4).result(timeout=20) == 4
+    pool.shutdown()
+
+
+def test_waiting_tasks_are_finished_or_cancelled_at_shutdown(open_engine: OpenEngine) -> None:
+    pool = open_engine(20.0)
+    futures = [pool.submit(abs, -n) for n in range(10)]
+    pool.shutdown(wait=True)
+    assert [future.result() for future in futures] == list(range(10))
+    with pytest.raises(RuntimeError):
+        pool.submit(abs, -1)
+    pool = open_engine(20.0)
+    stuck = [pool.submit(hang) for _ in range(3)]
+    pool.shutdown(wait=True, cancel_futures=True)
+    assert stuck[-1].cancelled()
+
+
+def test_cancelling_ends_the_work(open_engine: OpenEngine) -> None:
+    with open_engine(20.0) as pool:
+        stuck = [pool.submit(hang) for _ in range(2)]
+        threading.Event().wait(0.5)
+        for future in stuck:
+            assert future.cancel()
+            with pytest.raises(CancelledError):
+                future.result(timeout=1)
+        # Both places are free again, long before what hung there would have ended.
+        assert list(pool.map(abs, [-5, -6, -7], timeout=15)) == [5, 6, 7]
+
+
+def test_a_worker_ends_with_the_process_that_it_works_for(tmp_path: Path) -> None:
+    code = (
+        "import os, signal\n"
+        "from modalmotion_service.work.executor import WorkerPool\n"
+        "from worker_tasks import hang\n"
+        "if __name__ == '__main__':\n"
+        "    pool = WorkerPool(1, 60.0, 3_000_000_000)\n"
+        "    print(pool.submit(os.getpid).result(), flush=True)\n"
+        "    pool.submit(hang)\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    script = tmp_path / "killed.py"
+    script.write_text(code)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "tests" / "support")}
+    run = subprocess.run(
+        [sys.executable, script], env=environment, capture_output=True, check=False
+    )
+    worker = int(run.stdout)
+    for _ in range(200):
+        if not is_running(worker):
+            return
+        time.sleep(0.05)
+    raise AssertionError("the worker goes on")
