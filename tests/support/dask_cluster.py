@@ -94,7 +94,9 @@ class DaskCluster:
         # Tasks of the tests are imported by name; what Dask writes goes to a folder of ours.
         environment = {
             **os.environ,
-            "PYTHONPATH": os.pathsep.join([str(ROOT / "tests" / "support")]),
+            "PYTHONPATH": os.pathsep.join(
+                [str(ROOT / "tests" / "support"), os.environ.get("PYTHONPATH", "")]
+            ),
             "DASK_TEMPORARY_DIRECTORY": str(self.folder),
             "OMP_NUM_THREADS": "1",
         }
