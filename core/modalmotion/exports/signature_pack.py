@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.mesh.spring_modes import SpringSpectrum
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes
 from modalmotion.signature.hdf5 import mode_datasets
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store.care.maintenance import existing_store
@@ -70,7 +69,7 @@ class _Kind(NamedTuple):
     """What signatures of one group have in common."""
 
     key: str
-    modes: ModeSet | SpringSpectrum
+    modes: Modes
     unit: str
 
 

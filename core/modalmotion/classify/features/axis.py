@@ -18,7 +18,7 @@ from modalmotion.classify.features.axis_parts import Parts, parts_of, readable_m
 from modalmotion.classify.features.columns import Column, MotionFeatures
 from modalmotion.classify.features.temporal import elapsed_share, harmonics, one_turn, smooth_share
 from modalmotion.errors import ParameterError
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes
 from modalmotion.signature.making import ModalSignature
 
 Vectors = NDArray[np.float64]
@@ -213,7 +213,7 @@ def _by_part(z: Spectrum) -> Vectors:
 
 
 @lru_cache(maxsize=64)
-def _layout(modes: ModeSet, n_signed: int, n_sized: int, walls: bool) -> _Layout:
+def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
     parts = parts_of(modes)
     return _Layout(
         columns=_columns(parts, n_signed, n_sized, walls),
