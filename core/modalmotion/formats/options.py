@@ -13,8 +13,10 @@ from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
 
 
+@shown()
 @dataclass(frozen=True)
 class ReadOptions:
     """How to read a file, and what to take for true whatever it says.

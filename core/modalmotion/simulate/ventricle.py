@@ -12,6 +12,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
+from modalmotion.representation import shown
 from modalmotion.simulate.motion import Motion
 from modalmotion.simulate.parameters import VentricleParameters
 from modalmotion.simulate.pose import Pose
@@ -35,6 +36,7 @@ _N_SEARCH_TIMES: Final = 15
 _SMALLEST_EJECTION: Final = 1e-3
 
 
+@shown()
 @dataclass(frozen=True)
 class Acquisition:
     """How a ventricle is recorded.

@@ -13,6 +13,7 @@ from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
 from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
 from modalmotion.mesh.hdf5 import read_sequence
+from modalmotion.representation import shown
 from modalmotion.store.deletion import finish_deletion
 from modalmotion.store.disk.atomic import remove_durably, write_atomic
 from modalmotion.store.folder import Folder, ResultName, Scan
@@ -26,6 +27,7 @@ Progress = Callable[[int, int], None]
 """Called with the number of things done and of all things."""
 
 
+@shown()
 @dataclass(frozen=True)
 class Reconciliation:
     """What was found when index and folder were brought together.
