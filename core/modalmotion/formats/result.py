@@ -12,7 +12,7 @@ Source = Literal["file", "format", "caller"]
 
 
 @dataclass(frozen=True)
-class ReadResult:
+class Reading:
     """A sequence and what its file held besides.
 
     Parameters
