@@ -13,7 +13,7 @@ from modalmotion.errors import CorruptFileError, ParameterError, StoreError
 from modalmotion.hdf5.sealed import read_file
 from modalmotion.mesh.sequence import MeshSequence
 
-SCHEMA: Final = "modalmotion.mesh.sequence-record"
+SCHEMA: Final = "modalmotion.sequence-record"
 SCHEMA_VERSION: Final = 1
 LONGEST_NAME: Final = 200
 
