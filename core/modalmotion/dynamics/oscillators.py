@@ -36,7 +36,10 @@ class State:
 @shown()
 @dataclass(frozen=True, eq=False)
 class Oscillators:
-    """Independent oscillators u'' + c u' + w^2 u = f: Nastar (1994), eq. 3 mode by mode.
+    """Independent oscillators (3) u'' + c u' + w^2 u = f, one for each mode.
+
+    What the equations of motion (1) M U'' + C U' + K U = F are in modes, U = Phi u by (2), where
+    the damping C leaves them uncoupled. Equation numbers are those of Nastar (1994).
 
     Parameters
     ----------

@@ -1,6 +1,7 @@
 """Weighted least-squares fit of modal amplitudes to displacements.
 
-By QR of the weighted shapes, never by normal equations, whose condition is the square.
+Modal superposition (2) u = Phi a of Nastar (1994), inverted: a = argmin |u - Phi a|_W. By
+QR of the weighted shapes, never by normal equations, whose condition is the square.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ Source = Literal["file", "format", "caller"]
 
 @shown("sequence.n_frames", "sequence.n_vertices", "format", "sequence.unit", "ignored", "notes")
 @dataclass(frozen=True)
-class ReadResult:
+class Reading:
     """A sequence and what its file held besides.
 
     Parameters

@@ -14,7 +14,7 @@ from modalmotion.hdf5.sealed import read_file
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
 
-SCHEMA: Final = "modalmotion.mesh.sequence-record"
+SCHEMA: Final = "modalmotion.sequence-record"
 SCHEMA_VERSION: Final = 1
 LONGEST_NAME: Final = 200
 

@@ -92,7 +92,7 @@ class FeatureReader:
             return parts.beside(self.of(signature, motion_of(signature, self)))
         return self.of(signature, motion_of(signature, self))
 
-    def of(self, signature: ModalSignature, motion: Motion) -> MotionFeatures:
+    def of(self, signature: ModalSignature, motion: MotionTerms) -> MotionFeatures:
         """Features of a motion whose terms are known, for surfaces of any topology."""
         waves = self.waves(signature)
         columns = _columns(
@@ -106,7 +106,7 @@ class FeatureReader:
         values = self.values(waves, motion)[None]
         return MotionFeatures(columns, values, motion.size, motion.smooth_share)
 
-    def values(self, waves: Waves, motion: Motion) -> NDArray[np.float64]:
+    def values(self, waves: Waves, motion: MotionTerms) -> NDArray[np.float64]:
         """Give what `of` does without the names, (features,) float64."""
         total = float(np.linalg.norm(motion.terms))
         # How much moves is one feature; the others say what share of it moves how.
@@ -132,7 +132,7 @@ class FeatureReader:
 
 @shown()
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MotionTerms:
     """First terms of a motion.
 
     Parameters
@@ -150,7 +150,7 @@ class Motion:
     smooth_share: float
 
 
-def motion_of(signature: ModalSignature, reader: FeatureReader) -> Motion:
+def motion_of(signature: ModalSignature, reader: FeatureReader) -> MotionTerms:
     """First terms of all amplitudes: harmonics of a cycle, cosines of a course."""
     if reader.is_cycle:
         signature = one_turn(signature)
@@ -163,7 +163,7 @@ def motion_of(signature: ModalSignature, reader: FeatureReader) -> Motion:
     else:
         n_terms = TERMS_PER_HARMONIC * reader.n_harmonics
         terms = cosines(share, flat, n_terms).astype(np.complex128)
-    return Motion(
+    return MotionTerms(
         terms=100.0 * terms.reshape(-1, n_modes, 3),
         size=float(np.sqrt((flat**2).sum(axis=1).mean())),
         smooth_share=smooth_share(share, flat, is_cycle=reader.is_cycle),

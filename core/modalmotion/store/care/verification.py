@@ -14,10 +14,10 @@ from modalmotion.errors import StoreError
 from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.sealed import digest_of, load_sealed
 from modalmotion.mesh.hdf5 import read_sequence
+from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.signature.hdf5 import read_signature
 from modalmotion.store.care.maintenance import existing_store
-from modalmotion.store.care.recovery import Progress
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder, ResultName, Scan
 from modalmotion.store.index.database import Database
