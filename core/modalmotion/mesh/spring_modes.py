@@ -21,8 +21,10 @@ from modalmotion.mesh import connectivity_of, graph_laplacian
 from modalmotion.modes.label import ModeLabel
 from modalmotion.modes.modes import Surface
 from modalmotion.numeric.eigenpairs import lowest_eigenpairs
+from modalmotion.representation import shown
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class SpringModes:
     """Lowest modes of equal masses at the vertices and equal springs along the edges, by name.
@@ -135,6 +137,7 @@ class SpringModes:
         return float(wave_speed * root[-1] / w[-1])
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class SolvedSpringModes(SpringModes):
     """Spring modes with their shapes.

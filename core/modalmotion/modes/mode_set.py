@@ -1,4 +1,8 @@
-"""Modes of one topology, in closed form: names, shapes and frequencies on a continuum."""
+"""Modes of one topology, in closed form: names, shapes and frequencies on a continuum.
+
+The limit of fine lattices: the shapes solve (6) between the nodes too, and the frequencies are
+those of (7) while waves are long. Equation numbers are those of Nastar (1994).
+"""
 
 from __future__ import annotations
 
@@ -13,8 +17,10 @@ from modalmotion.modes.label import ModeLabel, half_periods, odd_at_pole, scales
 from modalmotion.modes.modes import Surface
 from modalmotion.modes.separable import Separable, separate
 from modalmotion.modes.topology import CLOSED, End, Topology
+from modalmotion.representation import shown
 
 
+@shown("topology", "wavenumbers")
 @dataclass(frozen=True, eq=False)
 class ModeSet:
     """Modes of one topology, in order.
@@ -148,7 +154,7 @@ class ModeSet:
         )
 
     def shapes_at(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Evaluate the shapes at natural coordinates.
+        """Evaluate mode shapes Phi, the solutions of (6), at natural coordinates.
 
         Parameters
         ----------
@@ -158,9 +164,14 @@ class ModeSet:
         Returns
         -------
         (vertices, modes) float64
-            Each with mean square 1 over the natural coordinates, whatever surface they map.
-            At a pole every mode that turns about it is zero.
+            Phi, each column with mean square 1 over the natural coordinates, whatever surface
+            they map. At a pole every mode that turns about it is zero.
         """
+        # (6) phi = scale * product over the axes of
+        #     open:    cos(p pi s)
+        #     closed:  cos or sin(2 pi p theta), of all closed axes together cos or sin(a + b)
+        #     cup:     cos(r pi s) where p' is even, sin((r + 1/2) pi s) where it is odd
+        #     sphere:  cos(r pi s) where p' is even, sin((r + 1) pi s) where it is odd
         shapes = np.full((len(coordinates), len(self)), scales_of(self.n_waves))
         phase = np.zeros_like(shapes)
         for axis, ends in enumerate(self.topology.ends):
