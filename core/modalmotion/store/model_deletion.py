@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
-from modalmotion.classify.model.record import ModelRecord, ModelReference
+from modalmotion.classification.model.record import ModelRecord, ModelReference
 from modalmotion.errors import CorruptFileError, StoreError
 from modalmotion.hdf5.sealed import read_file
 from modalmotion.store.disk.atomic import remove_durably, write_atomic

@@ -6,8 +6,8 @@ import contextlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from modalmotion.classify.model.hdf5 import read_kept_model
-from modalmotion.classify.model.record import ModelRecord
+from modalmotion.classification.model.hdf5 import read_kept_model
+from modalmotion.classification.model.record import ModelRecord
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
 from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
