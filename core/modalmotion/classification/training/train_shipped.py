@@ -1,4 +1,4 @@
-"""Recipe of the shipped model: `python -m modalmotion.classification.training.train_shipped [FILE]`."""
+"""Recipe of the shipped model: `python -m modalmotion.classification.training.train_shipped`."""
 
 from __future__ import annotations
 
