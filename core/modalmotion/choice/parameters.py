@@ -13,6 +13,7 @@ import numpy as np
 
 from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.mesh.sequence import Reference
+from modalmotion.representation import shown
 from modalmotion.template import GivenLandmarks, Weights
 from modalmotion.template.body_frame import Components
 
@@ -40,6 +41,7 @@ class ModeOrder(StrEnum):
     ENERGY = "energy"
 
 
+@shown("modes", "tolerance", "tolerance_of", "auto", "topology", "reference", "components", "key")
 @dataclass(frozen=True)
 class SignatureParameters:
     """What a signature is asked for.

@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.errors import MalformedFileError, ShapeError
-from modalmotion.formats.result import ReadResult
+from modalmotion.formats.result import Reading
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
@@ -29,7 +29,7 @@ _KNOWN: Final = ("vertices", "faces", "grid", "topology", "times", "times_ms", "
 _REMEDY: Final = "Write the file with numpy.savez, holding at least 'vertices'."
 
 
-def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> ReadResult:
+def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     """Read a mesh sequence from the bytes of an .npz archive.
 
     Sizes are taken from the headers and checked before any array is read.
@@ -94,7 +94,7 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> ReadResult:
         times=times,
         unit=_text(arrays, "unit"),
     )
-    return ReadResult(
+    return Reading(
         sequence,
         ignored=tuple(name for name in members if name not in _KNOWN),
         format="npz",

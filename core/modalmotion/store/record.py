@@ -9,6 +9,7 @@ from typing import Final
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.representation import shown
 from modalmotion.store.disk.sealed_json import JsonForm
 
 FORM: Final = JsonForm(
@@ -19,6 +20,7 @@ FORM: Final = JsonForm(
 LONGEST_NAME: Final = 200
 
 
+@shown("n_frames", "n_vertices", "n_faces", "topology", "unit", "subject", "label", "id")
 @dataclass(frozen=True)
 class SequenceRecord:
     """What the store knows of a sequence without reading its vertices.

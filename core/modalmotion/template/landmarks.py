@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
 
 Place = int | tuple[float, float, float]
 """A vertex by its index, or a point in the coordinates of the reference frame."""
@@ -21,6 +22,7 @@ Place = int | tuple[float, float, float]
 WEAK = 0.01
 
 
+@shown()
 @dataclass(frozen=True)
 class GivenLandmarks:
     """What the sender states instead of leaving it to the shape; every one is optional.
@@ -61,6 +63,7 @@ def _place_from(value: Any) -> Any:
     return tuple(_place_from(part) for part in value) if isinstance(value, list) else value
 
 
+@shown("strengths", "given", "n_loops")
 @dataclass(frozen=True, eq=False)
 class Landmarks:
     """Where the natural coordinates sit, each found by integrals unless it was given.
