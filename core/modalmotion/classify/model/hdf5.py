@@ -13,15 +13,10 @@ from modalmotion.classify.model.model import Model
 from modalmotion.classify.model.record import ModelRecord, require_model_name
 from modalmotion.classify.model.text import model_from_bytes, model_to_bytes
 from modalmotion.errors import CorruptFileError, ModelNotReproducedError
-<<<<<<< HEAD
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
-=======
-from modalmotion.hdf5.contents import Contents, read_contents
-from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, json_text, sealed_image
 from modalmotion.representation import shown
->>>>>>> main
 
 FORM: Final = Form("model", 1)
 

@@ -7,15 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-<<<<<<< HEAD
 from modalmotion.errors import CorruptFileError, NotFoundError, OlderFileError, StoreError
-from modalmotion.store.care.older_forms import rewrite_older
-from modalmotion.store.care.recovery import Progress, Reconciliation, reconcile
-=======
-from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
 from modalmotion.progress import Progress
+from modalmotion.store.care.older_forms import rewrite_older
 from modalmotion.store.care.recovery import Reconciliation, reconcile
->>>>>>> main
 from modalmotion.store.disk.atomic import remove_durably
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-<<<<<<< HEAD
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-=======
-from dataclasses import dataclass, replace
->>>>>>> main
 from pathlib import Path
 from typing import Final
 
@@ -20,12 +15,9 @@ from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.sealed import is_sound
 from modalmotion.mesh.hdf5 import read_sequence
-<<<<<<< HEAD
-from modalmotion.signature import hdf5 as signature_hdf5
-=======
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
->>>>>>> main
+from modalmotion.signature import hdf5 as signature_hdf5
 from modalmotion.store.deletion import finish_deletion
 from modalmotion.store.disk.atomic import remove_durably, write_atomic
 from modalmotion.store.folder import Folder, ResultKind, ResultName, Scan
@@ -35,17 +27,11 @@ from modalmotion.store.index.model_index import ModelIndex, put_models
 from modalmotion.store.model_deletion import deleted_record, finish_model_deletion
 from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
 
-<<<<<<< HEAD
-Progress = Callable[[int, int], None]
-"""Called with the number of things done and of all things."""
-
 _FORMS: Final[dict[ResultKind, Form]] = {
     "signature": signature_hdf5.FORM,
     "classification": classification_hdf5.FORM,
 }
 
-=======
->>>>>>> main
 
 @shown()
 @dataclass(frozen=True)
