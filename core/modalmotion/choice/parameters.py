@@ -15,6 +15,7 @@ from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.facts import Facts
 from modalmotion.mesh.sequence import Reference
 from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
 from modalmotion.template import GivenLandmarks, Weights
 from modalmotion.template.body_frame import Components
 from modalmotion.template.landmarks import landmarks_in
@@ -43,6 +44,7 @@ class ModeOrder(StrEnum):
     ENERGY = "energy"
 
 
+@shown("modes", "tolerance", "tolerance_of", "auto", "topology", "reference", "components", "key")
 @dataclass(frozen=True)
 class SignatureParameters:
     """What a signature is asked for.

@@ -23,7 +23,7 @@ import numpy as np
 
 from modalmotion.errors import MalformedFileError, ShapeError
 from modalmotion.facts import NAMES, Facts, facts_as_json, facts_from_texts
-from modalmotion.formats.result import ReadResult
+from modalmotion.formats.result import Reading
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
@@ -35,7 +35,7 @@ _TEXTS: Final = ("topology", "unit", *(name for name in NAMES if name != "period
 _REMEDY: Final = "Write the file with numpy.savez, holding at least 'vertices'."
 
 
-def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> ReadResult:
+def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     """Read a mesh sequence from the bytes of an .npz archive.
 
     Sizes are taken from the headers and checked before any array is read.
@@ -101,7 +101,7 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> ReadResult:
         unit=_text(arrays, "unit"),
         facts=_facts(arrays),
     )
-    return ReadResult(
+    return Reading(
         sequence,
         ignored=tuple(name for name in members if name not in _KNOWN),
         format="npz",

@@ -9,13 +9,15 @@ import numpy as np
 from modalmotion.errors import ParameterError
 from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.formats.detect import Format
-from modalmotion.formats.result import ReadResult
+from modalmotion.formats.result import Reading
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
 
 
+@shown()
 @dataclass(frozen=True)
 class ReadOptions:
     """How to read a file, and what to take for true whatever it says.
@@ -68,7 +70,7 @@ class ReadOptions:
                 remedy="Use a finite time above zero.",
             )
 
-    def apply(self, result: ReadResult) -> ReadResult:
+    def apply(self, result: Reading) -> Reading:
         """Return what was read with everything stated here put over it.
 
         Raises
@@ -108,5 +110,5 @@ class ReadOptions:
         return replace(result, sequence=sequence.with_facts(facts))
 
 
-def _noted(result: ReadResult, note: str) -> ReadResult:
+def _noted(result: Reading, note: str) -> Reading:
     return replace(result, notes=(*result.notes, note))

@@ -16,6 +16,7 @@ from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.mesh.checks import FloatArray, require_faces, require_times, require_vertices
 from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
 
 MM_PER_UNIT: Final[dict[str, float]] = {
     "m": 1e3,
@@ -33,6 +34,7 @@ Reference: TypeAlias = int | Literal["mean"]
 """What displacements are measured from: a frame, or `MEAN`, the mean shape."""
 
 
+@shown("n_frames", "n_vertices", "faces", "topology", "unit")
 @dataclass(frozen=True, eq=False)
 class MeshSequence:
     """A surface that moves: the same vertices and faces in every frame.
@@ -68,13 +70,6 @@ class MeshSequence:
         for array in (self.vertices, self.faces, self.times):
             if array is not None:
                 array.setflags(write=False)
-
-    def __repr__(self) -> str:
-        surface = "no topology" if self.topology is None else self.topology.name
-        return (
-            f"MeshSequence({self.n_frames} frames, {self.n_vertices} vertices, "
-            f"{len(self.faces)} faces, {surface}, unit {self.unit})"
-        )
 
     @property
     def n_frames(self) -> int:

@@ -16,10 +16,12 @@ from modalmotion.mesh.spring_modes import SpringSpectrum
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.scale import root_mean_square
+from modalmotion.representation import shown
 from modalmotion.template import Landmarks
 from modalmotion.template.body_frame import Components, body_frame
 
 
+@shown("surface", "n_frames", "modes", "unit", "rms_error", "sequence_id")
 @dataclass(frozen=True, eq=False)
 class ModalSignature:
     """Amplitude trajectory of a sequence, with its error and where it comes from.

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError
 from modalmotion.facts import Corners, Facts, Place
 from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
 
 # Below this a direction found by an integral turns by more than a few degrees when the same
 # surface is triangulated anew, and is called weak.
 WEAK = 0.01
 
 
+@shown()
 @dataclass(frozen=True)
 class GivenLandmarks:
     """What the sender states instead of leaving it to the shape; every one is optional.
@@ -88,6 +90,7 @@ def _place_from(value: Any) -> Any:
     return tuple(_place_from(part) for part in value) if isinstance(value, list) else value
 
 
+@shown("strengths", "given", "n_loops")
 @dataclass(frozen=True, eq=False)
 class Landmarks:
     """Where the natural coordinates sit, each found by integrals unless it was given.

@@ -14,6 +14,7 @@ from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks, landmarks_in
 
 # Changes with everything that changes coordinates, so that no old template answers for a new one.
@@ -27,6 +28,7 @@ class Weights(StrEnum):
     UNIFORM = "uniform"
 
 
+@shown("topology", "n_vertices", "lengths", "reason", "id")
 @dataclass(frozen=True, eq=False)
 class Template:
     """Natural coordinates, weights and lengths of one surface.

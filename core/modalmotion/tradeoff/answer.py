@@ -16,6 +16,7 @@ from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.choice.scene import Scene, scene_of
 from modalmotion.fit.basis import make_basis
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.representation import shown
 from modalmotion.signature.making import (
     modal_signature,
     resolve_parameters,
@@ -33,6 +34,14 @@ _TIMED: Final = 5
 _REPEATS: Final = 2
 
 
+@shown(
+    "chosen.kind",
+    "chosen.price.rms_error",
+    "chosen.price.unit",
+    "limit",
+    "front.n_frames",
+    "sequence_id",
+)
 @dataclass(frozen=True, eq=False)
 class Tradeoff:
     """What each choice costs and loses on one sequence, and the choice that was asked for.

@@ -16,6 +16,7 @@ from modalmotion.choice.parameters import ModeOrder, SignatureParameters
 from modalmotion.errors import InputError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, Topology
+from modalmotion.representation import shown
 from modalmotion.signature.making import resolve_parameters, resolve_sequence, resolve_template
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components
@@ -24,6 +25,7 @@ MOST_OF_FRONT = 111
 """Modes that a front reaches to unless more are asked for."""
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Branch:
     """RMS errors of all whole sets of one topology and one choice of components.
@@ -54,6 +56,7 @@ class Branch:
     ends_because: str
 
 
+@shown("n_frames", "n_vertices", "unit", "motion_rms", "branches")
 @dataclass(frozen=True, eq=False)
 class Front:
     """What every choice of modes, harmonics, components and topology leaves.
