@@ -11,6 +11,7 @@ from modalmotion.alignment.rigid import Rotations
 from modalmotion.choice.fitted_motion import closure_gap
 from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.choice.reason import ModelChoice
+from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.modes import Modes
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.scale import root_mean_square
@@ -60,6 +61,8 @@ class ModalSignature:
         Versions of the software that made it.
     choice : ModelChoice or None
         What decided on the modes, where their number was not stated.
+    facts : Facts
+        Those of the sequence.
     """
 
     modes: Modes
@@ -83,6 +86,7 @@ class ModalSignature:
     notes: tuple[str, ...]
     provenance: dict[str, str]
     choice: ModelChoice | None = None
+    facts: Facts = NO_FACTS
 
     @property
     def topology(self) -> Topology | None:
