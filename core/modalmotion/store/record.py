@@ -6,6 +6,7 @@ import hashlib
 import json
 import unicodedata
 from dataclasses import asdict, dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,6 +17,15 @@ from modalmotion.mesh.sequence import MeshSequence
 SCHEMA: Final = "modalmotion.sequence-record"
 SCHEMA_VERSION: Final = 1
 LONGEST_NAME: Final = 200
+
+
+class Unset(Enum):
+    """An argument that was left out, where None has a meaning of its own."""
+
+    UNSET = "unset"
+
+
+UNSET: Final = Unset.UNSET
 
 
 @dataclass(frozen=True)
