@@ -97,10 +97,10 @@ def test_a_job_can_be_cancelled(
 
     from modalmotion_service.workspace.analysis import Analysis
 
-    async def endless(*_: object) -> None:
+    async def endless(*_: object, **__: object) -> None:
         await asyncio.sleep(3600)
 
-    monkeypatch.setattr(Analysis, "receive", endless)
+    monkeypatch.setattr(Analysis, "keep", endless)
     job = client.post("/v1/sequences", content=beat, headers=ASYNC).json()
     for _ in range(100):
         if client.get(job["links"]["self"]).json()["state"] == "running":
