@@ -26,6 +26,7 @@ from modalmotion.client.query import Option, query_of
 from modalmotion.client.retries import Retries, is_passing, retry_after
 from modalmotion.errors import ParameterError
 from modalmotion.progress import Progress
+from modalmotion.representation import shown
 
 if TYPE_CHECKING:
     import httpx2
@@ -78,6 +79,7 @@ class Call:
         return replace(self, headers={**(self.headers or {}), **named})
 
 
+@shown("status", "content")
 @dataclass(frozen=True)
 class Answer:
     """What the service answered with, read to the end.

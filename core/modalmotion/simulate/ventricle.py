@@ -9,9 +9,11 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from modalmotion.errors import ParameterError
+from modalmotion.facts import Facts
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
+from modalmotion.representation import shown
 from modalmotion.simulate.motion import MaterialPoints
 from modalmotion.simulate.parameters import VentricleParameters
 from modalmotion.simulate.pose import Pose
@@ -35,6 +37,7 @@ _N_SEARCH_TIMES: Final = 15
 _SMALLEST_EJECTION: Final = 1e-3
 
 
+@shown()
 @dataclass(frozen=True)
 class Acquisition:
     """How a ventricle is recorded.
@@ -102,7 +105,7 @@ def simulate_ventricle(
     Returns
     -------
     MeshSequence
-        mm and s, topology cup.
+        mm and s, topology cup, with its facts.
 
     Raises
     ------
@@ -156,6 +159,13 @@ def simulate_ventricle(
         topology=CUP,
         times=beats * p.period,
         unit="mm",
+        facts=Facts(
+            tracking="material",
+            handedness="right",
+            period=p.period,
+            cavity="lv",
+            modality="simulated",
+        ),
     )
 
 

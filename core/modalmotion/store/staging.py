@@ -8,12 +8,14 @@ from pathlib import Path
 
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
+from modalmotion.representation import shown
 from modalmotion.store.disk.atomic import write_atomic
 from modalmotion.store.folder import Folder, ResultName, is_id, is_key
 from modalmotion.store.index.index import Index
 from modalmotion.store.record import SequenceRecord, record_to_json, require_name
 
 
+@shown()
 @dataclass(frozen=True)
 class StagedSignature:
     """A signature and its sequence, durable in files that lie on the store's own disk.

@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -138,7 +138,7 @@ class _Run:
         self._progress = progress
         self._ledger = Ledger(store.root)
         self._template, self._parameters = self._make_template()
-        settings = repr((job.options, self._parameters.key))
+        settings = repr((astuple(job.options), self._parameters.key))
         self._settings = hashlib.sha256(settings.encode()).hexdigest()[:16]
         self.n_made = 0
         self.n_known = 0
@@ -217,7 +217,7 @@ class _Run:
         """Have the record say what the manifest says now."""
         record = self._store.sequence_record(sequence_id)
         stated = {"subject": entry.subject, "label": entry.label}
-        changed = {
+        changed: dict[str, Any] = {
             name: text
             for name, text in stated.items()
             if text is not None and text != getattr(record, name)

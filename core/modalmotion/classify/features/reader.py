@@ -22,6 +22,7 @@ from modalmotion.classify.features.temporal import (
 )
 from modalmotion.mesh.spring_modes import SpringSpectrum
 from modalmotion.modes import ModeSet
+from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 
 # A course holds what a cycle of twice its length holds.
@@ -31,6 +32,7 @@ TERMS_PER_HARMONIC = 2
 _LEAST_TOTAL = 1e-2
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class FeatureReader:
     """Choice of features.
@@ -128,6 +130,7 @@ class FeatureReader:
         return waves_of(signature.modes, theta_is_free=is_free)
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class MotionTerms:
     """First terms of a motion.

@@ -11,10 +11,12 @@ from pathlib import Path
 
 from modalmotion.errors import ParameterError
 from modalmotion.progress import Progress
+from modalmotion.representation import shown
 from modalmotion.store.care.maintenance import existing_store
 from modalmotion.store.disk.atomic import cannot_write, is_temporary, temporary_beside
 
 
+@shown()
 @dataclass(frozen=True)
 class BackupReport:
     """What a backup did.

@@ -13,6 +13,7 @@ from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
 from modalmotion.mesh.hdf5 import read_sequence
 from modalmotion.progress import Progress
+from modalmotion.representation import shown
 from modalmotion.store.deletion import finish_deletion
 from modalmotion.store.disk.atomic import remove_durably, write_atomic
 from modalmotion.store.folder import Folder, ResultName, Scan
@@ -23,6 +24,7 @@ from modalmotion.store.model_deletion import deleted_record, finish_model_deleti
 from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
 
 
+@shown()
 @dataclass(frozen=True)
 class Reconciliation:
     """What was found when index and folder were brought together.
