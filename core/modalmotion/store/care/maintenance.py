@@ -6,13 +6,14 @@ import contextlib
 from dataclasses import replace
 from pathlib import Path
 
-from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
+from modalmotion.errors import CorruptFileError, NotFoundError, OlderFileError, StoreError
 from modalmotion.progress import Progress
+from modalmotion.store.care.older_forms import rewrite_older
 from modalmotion.store.care.recovery import Reconciliation, reconcile
 from modalmotion.store.disk.atomic import remove_durably
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder
-from modalmotion.store.index.database import Database, GuestTable
+from modalmotion.store.index.database import Database, GuestTable, renew
 from modalmotion.store.index.index import Index
 
 
@@ -21,6 +22,7 @@ def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
 
     Sequences with subject, label and time, and all results, come from the files. Tables of
     others, such as a service's jobs, are in the index alone: they are kept if it can be read.
+    Files that an older version wrote are rewritten first.
 
     Parameters
     ----------
@@ -36,6 +38,8 @@ def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
     """
     folder = existing_store(root)
     with folder_lock(folder.lock):
+        # Before the index, which says by its version whether the files are today's.
+        older = rewrite_older(folder)
         database, guests_lost = _usable(folder)
         try:
             index = Index(database)
@@ -43,7 +47,13 @@ def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
             index.set_clean(True)
         finally:
             database.close()
-    return replace(found, guests_lost=guests_lost)
+    return replace(
+        found,
+        guests_lost=guests_lost,
+        rewritten=older.rewritten,
+        refused=older.refused,
+        damaged=tuple(file for file in found.damaged if file not in older.refused),
+    )
 
 
 def existing_store(root: Path) -> Folder:
@@ -67,7 +77,11 @@ def _usable(folder: Folder) -> tuple[Database, bool]:
     """Index to write to, and whether tables of others were lost with a damaged one."""
     guests: list[GuestTable] | None = None
     with contextlib.suppress(CorruptFileError):
-        database = Database(folder.index)
+        try:
+            database = Database(folder.index)
+        except OlderFileError:
+            renew(folder.index)
+            database = Database(folder.index)
         if not database.faults():
             return database, False
         with contextlib.suppress(StoreError):

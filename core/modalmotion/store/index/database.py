@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sqlite3
 import threading
 from collections.abc import Iterable, Iterator, Sequence
@@ -10,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.errors import CorruptFileError, StoreError
+from modalmotion.errors import CorruptFileError, OlderFileError, StoreError
 
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
 
 _TABLES: Final = (
     """CREATE TABLE state (
@@ -41,7 +42,10 @@ _TABLES: Final = (
 )
 _OWN_TABLES: Final = ("state", "sequences", "results", "models")
 
-_REBUILD = "Run `modalmotion store rebuild` on the folder."
+# What an index of version 1 lacks; its rows stay.
+_SINCE_1: Final[tuple[str, ...]] = ()
+
+_REBUILD = "Run `modalmotion store rebuild FOLDER`."
 
 
 @dataclass(frozen=True)
@@ -179,6 +183,13 @@ class Database:
         if version == SCHEMA_VERSION:
             return
         (n_tables,) = self._writer.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        if 0 < version < SCHEMA_VERSION:
+            raise OlderFileError(
+                f"The index has version {version} of its schema; this program knows "
+                f"{SCHEMA_VERSION}.",
+                remedy=f"{_REBUILD[:-1]}, which keeps all that is in it.",
+                details={"schema_version": version, "known": SCHEMA_VERSION},
+            )
         if version != 0 or n_tables:
             raise StoreError(
                 f"The index has version {version} of its schema; this program knows "
@@ -192,6 +203,24 @@ class Database:
             self._writer.execute(statement)
         self._writer.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         self._writer.execute("COMMIT")
+
+
+def renew(path: Path) -> None:
+    """Bring an index that an older version wrote up to today's schema.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is damaged.
+    StoreError
+        If it cannot be written; it is as it was.
+    """
+    with _explained(), contextlib.closing(_connect(path)) as connection:
+        connection.execute("BEGIN IMMEDIATE")
+        for statement in _SINCE_1:
+            connection.execute(statement)
+        connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        connection.execute("COMMIT")
 
 
 def _connect(path: Path) -> sqlite3.Connection:
