@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from modalmotion.facts import facts_from_json
 from modalmotion.formats.parser.answer import Answer, Parser
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.result import Reading, Source
@@ -53,6 +54,7 @@ def _result(answer: Answer) -> Reading:
         topology=info["topology"],
         times=times,
         unit=info["unit"],
+        facts=facts_from_json(info.get("facts", {})),
     )
     stated: Source = "file"
     return Reading(

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from modalmotion.errors import ParameterError
+from modalmotion.facts import Facts
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
@@ -104,7 +105,7 @@ def simulate_ventricle(
     Returns
     -------
     MeshSequence
-        mm and s, topology cup.
+        mm and s, topology cup, with its facts.
 
     Raises
     ------
@@ -158,6 +159,13 @@ def simulate_ventricle(
         topology=CUP,
         times=beats * p.period,
         unit="mm",
+        facts=Facts(
+            tracking="material",
+            handedness="right",
+            period=p.period,
+            cavity="lv",
+            modality="simulated",
+        ),
     )
 
 

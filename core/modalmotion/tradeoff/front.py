@@ -17,7 +17,7 @@ from modalmotion.errors import InputError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, Topology
 from modalmotion.representation import shown
-from modalmotion.signature.making import resolve_sequence, resolve_template
+from modalmotion.signature.making import resolve_parameters, resolve_sequence, resolve_template
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components
 
@@ -119,12 +119,12 @@ def measure_front(
     """
     asked = SignatureParameters() if parameters is None else parameters
     own = resolve_sequence(sequence, asked)
-    used = resolve_template(own, asked, template)
+    used = resolve_template(own, resolve_parameters(own, asked), template)
     branches, motion = _branches(own, used, asked, most_modes, components)
     for topology in other_topologies(own, used, asked):
         try:
             other = own.with_topology(topology, None)
-            found = resolve_template(other, asked)
+            found = resolve_template(other, resolve_parameters(other, asked))
             more, _ = _branches(other, found, asked, most_modes, components)
         except InputError:
             # A surface may be laid out in one way only; the others are no part of the front.

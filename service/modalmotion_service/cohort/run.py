@@ -217,7 +217,7 @@ class _Run:
         """Have the record say what the manifest says now."""
         record = self._store.sequence_record(sequence_id)
         stated = {"subject": entry.subject, "label": entry.label}
-        changed = {
+        changed: dict[str, Any] = {
             name: text
             for name, text in stated.items()
             if text is not None and text != getattr(record, name)

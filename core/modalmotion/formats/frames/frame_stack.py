@@ -12,6 +12,7 @@ from modalmotion.errors import (
     NonFiniteError,
     ShapeError,
 )
+from modalmotion.facts import facts_from_texts
 from modalmotion.formats.detect import Format
 from modalmotion.formats.frames.frame import Frame
 from modalmotion.formats.frames.merge import MergeMap, merge_corners
@@ -106,6 +107,7 @@ class FrameStack:
             topology=first.stated("topology"),
             times=ordered,
             unit=first.stated("unit"),
+            facts=facts_from_texts({"coordinates": first.stated("coordinate_system")}),
         )
         if self._merge is not None:
             notes.append(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, MalformedFileError
+from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.formats.gltf.channels import Channel, Key, read_channels
 from modalmotion.formats.gltf.container import Container, malformed, read_container
 from modalmotion.formats.gltf.meshes import MorphMesh, read_morph_mesh
@@ -103,6 +104,8 @@ def _read(container: Container, animation: str | None, limits: ReadLimits) -> Re
         topology=_text(ours, "topology"),
         times=times + float(start) if is_timed else None,
         unit=None if "unit_unknown" in ours else _text(ours, "unit") or "m",
+        # glTF 2.0, 3.4: "a right-handed coordinate system". Ours are written as they came.
+        facts=NO_FACTS if ours else Facts(handedness="right"),
     )
     ignored |= dict.fromkeys(f"animation {name}" for name in others)
     unit_from: Source = "file" if "unit" in ours else "format"
