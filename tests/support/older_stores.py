@@ -13,7 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from modalmotion.classify.answer.classification import Classification
+from modalmotion.classification.answer.classification import Classification
 
 INTENDED_USE = "Description of surface motion."
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from modalmotion.classify import DEFAULT_MODEL, FLAGS, Classification
+from modalmotion.classification import DEFAULT_MODEL, FLAGS, Classification
 from modalmotion.codec import Effort, Encoded
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion_service.schemas.fields import JsonBody
