@@ -15,7 +15,7 @@ import click
 from modalmotion.errors import InputError, MalformedFileError, ModalMotionError, ParameterError
 
 if TYPE_CHECKING:
-    from modalmotion.classify import TrainingCase
+    from modalmotion.classification import TrainingCase
     from modalmotion.signature.making import SignatureParameters
 
 _COLUMNS: Final = ("path", "label", "subject")
@@ -110,7 +110,7 @@ def training_cases(
     InputError
         If a file cannot be used; it names the file.
     """
-    from modalmotion.classify import TrainingCase
+    from modalmotion.classification import TrainingCase
     from modalmotion.cli.files import read
     from modalmotion.signature.making import modal_signature
 

@@ -21,7 +21,7 @@ from modalmotion.cli.model_texts import (
 )
 
 if TYPE_CHECKING:
-    from modalmotion.classify import Model, TrainingCase
+    from modalmotion.classification import Model, TrainingCase
 
 _HELP: Final = {
     "modes": "Of the signatures; 3 amplitudes a frame each.",
@@ -51,7 +51,7 @@ _JSON = click.option("--json", "as_json", is_flag=True, help="Print the answer a
 
 def _training_options(command: Callable[..., None]) -> Callable[..., None]:
     # Those of the library, each under its own name; the library says what is out of range.
-    from modalmotion.classify import TrainingOptions
+    from modalmotion.classification import TrainingOptions
 
     for name, value in reversed(TrainingOptions().as_json().items()):
         command = click.option(
@@ -104,8 +104,8 @@ def train(
     sequences of one subject are never on both sides of a split. In its place files may be
     named, each in a folder that is called like its class: normal/*.npz akinesia/*.npz
     """
-    from modalmotion.classify import TrainingOptions
-    from modalmotion.classify import train as fit
+    from modalmotion.classification import TrainingOptions
+    from modalmotion.classification import train as fit
     from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
 
     require_model_name(name)
@@ -146,7 +146,7 @@ def evaluate(
     MANIFEST and FILES are as for training. The interval of the accuracy counts sequences of one
     subject as fewer than they are.
     """
-    from modalmotion.classify import evaluate as test
+    from modalmotion.classification import evaluate as test
 
     chosen = model_named(model)
     files = labelled_files(sources)
@@ -192,7 +192,7 @@ def classify(
     **said: Any,
 ) -> None:
     """Name the motion class of the sequence in FILE."""
-    from modalmotion.classify import classify as ask
+    from modalmotion.classification import classify as ask
     from modalmotion.signature.making import modal_signature
 
     chosen = model_named(model)
@@ -217,7 +217,7 @@ def model_named(which: str) -> Model:
     CorruptFileError, ModelNotReproducedError
         If it is damaged, or does not answer as where it was made.
     """
-    from modalmotion.classify import load_model
+    from modalmotion.classification import load_model
 
     path = Path(which)
     return load_model(path if path.is_file() else which)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from modalmotion.dynamics.potential import HarmonicPotential
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.modes.trigonometry import cos_pi, sin_pi
+from modalmotion.representation import shown
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -24,6 +25,7 @@ ComplexArray = NDArray[np.complex128]
 _ROUNDING: Final = 64.0
 
 
+@shown("angular_frequencies", "polarisations")
 class PolarisedWaves(NamedTuple):
     """The three waves of each wave vector, slow ones first.
 

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.representation import shown
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class State:
     """Where oscillators are and how fast they move.
@@ -31,6 +33,7 @@ class State:
     velocity_rests: NDArray[np.float64] | float = 0.0
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Oscillators:
     """Independent oscillators (3) u'' + c u' + w^2 u = f, one for each mode.

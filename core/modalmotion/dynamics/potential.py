@@ -15,6 +15,7 @@ from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
 
 Array = NDArray[np.float64]
 Offset = tuple[int, ...]
@@ -22,6 +23,7 @@ Offset = tuple[int, ...]
 _TOLERANCE: Final = 1e-12
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class HarmonicPotential:
     """Harmonic potential of a lattice on closed axes, Nastar (1994), (4) and (5).

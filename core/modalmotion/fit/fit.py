@@ -20,6 +20,7 @@ from modalmotion.fit.basis import LARGEST_CONDITION, Basis, factored, make_basis
 from modalmotion.fit.block_fit import BlockFit, PositionFit, fit_displacements
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.numeric.products import product
+from modalmotion.representation import shown
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, local_frames, to_local
 
@@ -34,6 +35,7 @@ __all__ = [
 ]
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Amplitudes of every frame, and what they leave.

@@ -25,8 +25,10 @@ from modalmotion.modes.order import (
 from modalmotion.modes.spectrum_places import Places, places
 from modalmotion.modes.topology import CLOSED, Topology
 from modalmotion.modes.trigonometry import sin_pi
+from modalmotion.representation import shown
 
 
+@shown()
 @dataclass(frozen=True)
 class Lattice:
     """A lattice of equal masses joined by springs to their neighbours along each axis.

@@ -1,12 +1,17 @@
 """Results kept in files: written wholly or not at all, found again, checked."""
 
-from modalmotion.classify.answer.hdf5 import (
+from modalmotion.classification.answer.hdf5 import (
     classification_from_hdf5,
     classification_key,
     classification_to_hdf5,
 )
-from modalmotion.classify.model.hdf5 import KeptModel, kept_model, model_from_hdf5, model_to_hdf5
-from modalmotion.classify.model.record import (
+from modalmotion.classification.model.hdf5 import (
+    KeptModel,
+    kept_model,
+    model_from_hdf5,
+    model_to_hdf5,
+)
+from modalmotion.classification.model.record import (
     NAME_PATTERN,
     VERSION_PATTERN,
     ModelRecord,
@@ -26,7 +31,7 @@ from modalmotion.store.index.index import SequencePage
 from modalmotion.store.index.jobs import UNSET, Job, JobPage, Jobs, JobState, Unset
 from modalmotion.store.record import SequenceRecord, record_of, record_to_json
 from modalmotion.store.results import ResultStore
-from modalmotion.store.staging import MadeSignature
+from modalmotion.store.staging import StagedSignature
 from modalmotion.template.hdf5 import template_from_hdf5, template_to_hdf5
 
 __all__ = [
@@ -42,13 +47,13 @@ __all__ = [
     "JobState",
     "Jobs",
     "KeptModel",
-    "MadeSignature",
     "ModelRecord",
     "ModelReference",
     "Reconciliation",
     "ResultStore",
     "SequencePage",
     "SequenceRecord",
+    "StagedSignature",
     "Unset",
     "VerifyReport",
     "backup",
