@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import io
+from typing import Final
 
 import numpy as np
 
-from modalmotion.hdf5.image import INTENDED_USE, Dataset, json_text, sealed_image
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.template.vibration_modes import VibrationModes
+
+FORM: Final = Form("vibration_modes", 1)
 
 
 def modes_to_npz(modes: VibrationModes) -> bytes:
@@ -24,20 +28,10 @@ def modes_to_npz(modes: VibrationModes) -> bytes:
 
 def modes_to_hdf5(modes: VibrationModes) -> bytes:
     """Write labels, angular frequencies and shapes as a sealed HDF5 file."""
-    kind = "vibration_modes"
     labels = [str(label) for label in modes.labels]
-    return sealed_image(
-        {
-            "schema": f"modalmotion.{kind}",
-            "schema_version": 1,
-            "kind": kind,
-            "intended_use": INTENDED_USE,
-            "topology": modes.surface,
-        },
-        {},
-        [
-            Dataset("angular_frequencies", modes.angular_frequencies, modes.frequency_unit, "mode"),
-            Dataset("shapes", modes.shapes, "1", "vertex, mode"),
-            json_text("labels", {"labels": labels, "notes": modes.notes}),
-        ],
-    )
+    datasets = [
+        Dataset("angular_frequencies", modes.angular_frequencies, modes.frequency_unit, "mode"),
+        Dataset("shapes", modes.shapes, "1", "vertex, mode"),
+        json_text("labels", {"labels": labels, "notes": modes.notes}),
+    ]
+    return FORM.image({}, datasets, topology=modes.surface)

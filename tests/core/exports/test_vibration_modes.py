@@ -7,8 +7,7 @@ import io
 import h5py
 import numpy as np
 
-from modalmotion.exports.vibration_modes import modes_to_hdf5, modes_to_npz
-from modalmotion.hdf5.contents import read_contents
+from modalmotion.exports.vibration_modes import FORM, modes_to_hdf5, modes_to_npz
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import Topology
 from modalmotion.template.vibration_modes import lattice_modes
@@ -22,7 +21,7 @@ def test_both_files_hold_labels_frequencies_and_shapes() -> None:
         assert np.array_equal(arrays["angular_frequencies"], modes.angular_frequencies)
     data = modes_to_hdf5(modes)
     assert data == modes_to_hdf5(modes)
-    with read_contents(data, "vibration_modes", 1) as contents:
+    with FORM.read(data) as contents:
         assert np.array_equal(contents.array("shapes", (60, len(modes))), modes.shapes)
         assert contents.json("labels", dict)["labels"] == [str(label) for label in modes.labels]
     with h5py.File(io.BytesIO(data)) as file:
