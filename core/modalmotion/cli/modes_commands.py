@@ -11,18 +11,26 @@ from typing import Any, Final, NamedTuple
 import click
 import numpy as np
 
-from modalmotion.cli.files import GridShape, read, sequence_argument
+from modalmotion.cli.files import read, sequence_argument
+from modalmotion.cli.options import (
+    Member,
+    example,
+    json_option,
+    list_written,
+    output_option,
+    surface_options,
+)
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.modes import ModeLabel
 from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.naming import parse_label
 from modalmotion.modes.topology import Topology
 from modalmotion.numerals import counted, numeral
 from modalmotion.template import Template, make_template
 from modalmotion.template.directions import Direction, directions_on
 from modalmotion.template.vibration_modes import (
-    Label,
     VibrationModes,
-    label_of,
     lattice_modes,
     lattice_modes_named,
     surface_modes,
@@ -35,10 +43,9 @@ _MODE_FILES: Final = (*_PICTURES, ".glb", ".npz", ".h5")
 _ANIMATIONS: Final = (".glb", ".vtkhdf", ".npz", ".zip", ".gif")
 _NUMBERED: Final = re.compile(r"%0?[0-9]*d")
 
-_GRID = click.option("--grid", type=GridShape(), help="Lattice shape such as 32,64.")
 _DIRECTION = click.option(
     "--direction",
-    type=click.Choice([d.value for d in Direction]),
+    type=Member(Direction),
     default=Direction.NORMAL.value,
     show_default=True,
     help="Along what the vertices move.",
@@ -53,25 +60,21 @@ class _Surface(NamedTuple):
     unit: str | None
 
 
-@click.command()
+@click.command(epilog=example("modes cylinder --grid 32,64 --modes 7 -o modes.png"))
 @sequence_argument
 @click.option("--modes", default=7, show_default=True, help="How many; no pair is split.")
-@_GRID
-@click.option("--topology", help="Over what the file states.")
+@surface_options
 @_DIRECTION
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    help="Picture (.png, .svg, .pdf), animation (.glb), or shapes (.npz, .h5) to write.",
+@output_option(
+    "Picture (.png, .svg, .pdf), animation (.glb), or shapes (.npz, .h5) to write.", required=False
 )
-@click.option("--json", "as_json", is_flag=True, help="Print labels and frequencies as JSON.")
+@json_option
 def modes(
     source: Path,
     modes: int,
     grid: tuple[int, ...] | None,
     topology: str | None,
-    direction: str,
+    direction: Direction,
     output: Path | None,
     as_json: bool,
     **said: Any,
@@ -93,10 +96,10 @@ def modes(
         click.echo("\n".join(_table(found)))
     if output is not None:
         _write_modes(output, surface, found, direction)
-        click.echo(f"written: {output}", err=as_json)
+    list_written(output, as_json=as_json)
 
 
-@click.command()
+@click.command(epilog=example("animate beat.npz --mode 1,1,cos=5 --mode 0,2,sin=3 -o swing.glb"))
 @sequence_argument
 @click.option(
     "--mode",
@@ -106,13 +109,9 @@ def modes(
     metavar="LABEL=AMPLITUDE",
     help="Such as 1,1,cos=5, in the unit of FILE; 'spring 3=5' on a mesh. Again for more.",
 )
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(path_type=Path),
-    help=".glb, .vtkhdf, .npz, .zip (of PLY), .gif, numbered pictures such as frame_%03d.png, or "
-    "a folder for them.",
+@output_option(
+    ".glb, .vtkhdf, .npz, .zip (of PLY), .gif, numbered pictures such as frame_%03d.png, or a "
+    "folder for them."
 )
 @_DIRECTION
 @click.option("--frames", default=48, show_default=True, help="Over one period of the slowest.")
@@ -121,13 +120,12 @@ def modes(
     "--damping", default=0.0, show_default=True, help="Share of each mode's critical damping."
 )
 @click.option("--together", is_flag=True, help="All modes swing in the same period.")
-@_GRID
-@click.option("--topology", help="Over what the file states.")
+@surface_options
 def animate(
     source: Path,
     terms: tuple[str, ...],
     output: Path,
-    direction: str,
+    direction: Direction,
     frames: int,
     seconds: float,
     damping: float,
@@ -156,7 +154,7 @@ def animate(
         template,
         found,
         np.array(amplitudes),
-        directions_on(template, Direction(direction)),
+        directions_on(template, direction),
         n_frames=frames,
         seconds=seconds,
         damping=damping,
@@ -166,8 +164,9 @@ def animate(
     _write_animation(output, template, moved, seconds / frames)
     click.echo(
         f"{counted(frames, 'frame')} of {counted(len(labels), 'mode')} over "
-        f"{counted(template.n_vertices, 'vertex', 'vertices')}; written: {output}"
+        f"{counted(template.n_vertices, 'vertex', 'vertices')}"
     )
+    list_written(output)
 
 
 def _surface(
@@ -203,12 +202,12 @@ def _lowest(surface: _Surface, n_modes: int) -> VibrationModes:
     return surface_modes(_template(surface), n_modes)
 
 
-def _terms(terms: tuple[str, ...]) -> tuple[list[Label], list[float]]:
-    labels: list[Label] = []
+def _terms(terms: tuple[str, ...]) -> tuple[list[ModeLabel], list[float]]:
+    labels: list[ModeLabel] = []
     amplitudes = []
     for term in terms:
         name, _, value = term.rpartition("=")
-        labels.append(label_of(name))
+        labels.append(parse_label(name))
         try:
             amplitudes.append(float(value))
         except ValueError:
@@ -242,7 +241,9 @@ def _numbers(found: VibrationModes) -> dict[str, object]:
     }
 
 
-def _write_modes(output: Path, surface: _Surface, found: VibrationModes, direction: str) -> None:
+def _write_modes(
+    output: Path, surface: _Surface, found: VibrationModes, direction: Direction
+) -> None:
     from modalmotion.exports.swing import one_by_one
     from modalmotion.exports.vibration_modes import modes_to_hdf5, modes_to_npz
     from modalmotion.formats import write_glb
@@ -254,7 +255,7 @@ def _write_modes(output: Path, surface: _Surface, found: VibrationModes, directi
         write_atomic(output, modes_to_hdf5(found))
     elif output.suffix == ".glb":
         template = _template(surface)
-        along = directions_on(template, Direction(direction))
+        along = directions_on(template, direction)
         moved = one_by_one(template, found, along, surface.unit)
         write_atomic(output, write_glb(moved.morph_animation()))
     else:

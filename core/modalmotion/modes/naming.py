@@ -6,27 +6,32 @@ import re
 from typing import Final
 
 from modalmotion.errors import ParameterError
-from modalmotion.modes.label import ModeLabel, ModeSet
+from modalmotion.modes.label import ModeLabel
+from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.order import require_shape, require_within_zone
 from modalmotion.modes.topology import Topology
 from modalmotion.numerals import with_article
 
+_SPRING: Final = re.compile(r"\s*\(?\s*spring[\s,]*([0-9]{1,9})\s*\)?\s*")
 _LABEL: Final = re.compile(r"\s*\(?\s*((?:-?[0-9]{1,9}\s*,\s*){1,3})(cos|sin)\s*\)?\s*")
 
 
 def parse_label(text: str) -> ModeLabel:
-    """Read a label such as "1,1,cos", or "(1, 1, cos)" as it is printed.
+    """Read a label such as "1,1,cos" or "spring 3", or as it is printed: "(1, 1, cos)".
 
     Raises
     ------
     ParameterError
         If the text is not a label.
     """
+    if rank := _SPRING.fullmatch(text):
+        return ModeLabel((int(rank[1]),), "spring")
     parts = _LABEL.fullmatch(text)
     if parts is None:
         raise ParameterError(
             f"{text[:40]!r} is not the label of a mode.",
-            remedy="Write one wavenumber for each axis, then cos or sin: 1,1,cos.",
+            remedy="Write one wavenumber for each axis, then cos or sin: 1,1,cos; or, on a mesh "
+            "without natural coordinates, spring and a rank: spring 3.",
         )
     wavenumbers = tuple(int(p) for p in parts[1].split(",") if p.strip())
     return ModeLabel(wavenumbers, "sin" if parts[2] == "sin" else "cos")
@@ -61,6 +66,13 @@ def modes_named(
 
 def _require_mode(topology: Topology, label: ModeLabel) -> None:
     p = label.wavenumbers
+    if label.part == "spring":
+        raise ParameterError(
+            f"{label} names a spring mode, but {with_article(topology.name)} has modes in closed "
+            "form.",
+            remedy="Write one wavenumber for each axis, then cos or sin: 1,1,cos.",
+            details={"label": str(label)},
+        )
     if len(p) != topology.n_axes:
         raise ParameterError(
             f"{label} has {len(p)} wavenumbers; {with_article(topology.name)} has "

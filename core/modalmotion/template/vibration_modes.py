@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.mesh import connectivity_of
-from modalmotion.mesh.spring_modes import SpringLabel, SpringModes, spring_modes
-from modalmotion.modes import ModeLabel, ModeSet, shapes_at, wavenumbers_on
+from modalmotion.mesh.spring_modes import spring_modes
+from modalmotion.modes import ModeLabel, Modes, ModeSet
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.naming import modes_named, parse_label
-from modalmotion.template.numbered_modes import choose_modes, frequencies_on
+from modalmotion.modes.naming import modes_named
+from modalmotion.template.numbered_modes import choose_modes
 from modalmotion.template.template import Template
-
-Label = ModeLabel | SpringLabel
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +25,7 @@ class VibrationModes:
     ----------
     surface : str
         Name of the topology, or "mesh" for the spring modes of one mesh.
-    labels : tuple of ModeLabel or SpringLabel
+    labels : tuple of ModeLabel
     angular_frequencies : (modes,) float64, `frequency_unit`
     shapes : (vertices, modes) float64
         Phi, each column with mean square 1.
@@ -37,7 +35,7 @@ class VibrationModes:
     """
 
     surface: str
-    labels: tuple[Label, ...]
+    labels: tuple[ModeLabel, ...]
     angular_frequencies: NDArray[np.float64]
     shapes: NDArray[np.float64]
     frequency_unit: str
@@ -48,20 +46,6 @@ class VibrationModes:
 
     def __repr__(self) -> str:
         return f"VibrationModes({len(self)} of a {self.surface}, {len(self.shapes)} vertices)"
-
-
-def label_of(text: str) -> Label:
-    """Read a label: "1,1,cos", or "spring 3" for the mode of rank 3 of a mesh.
-
-    Raises
-    ------
-    ParameterError
-        If the text is not a label.
-    """
-    rank = text.strip().strip("()").removeprefix("spring").strip(" ,")
-    if rank.isascii() and rank.isdigit() and len(rank) <= 9:
-        return SpringLabel(int(rank))
-    return parse_label(text)
 
 
 def lattice_modes(lattice: Lattice, n_modes: int) -> VibrationModes:
@@ -75,7 +59,7 @@ def lattice_modes(lattice: Lattice, n_modes: int) -> VibrationModes:
     return _of_lattice(lattice, lattice.whole_modes(n_modes))
 
 
-def lattice_modes_named(lattice: Lattice, labels: list[Label]) -> VibrationModes:
+def lattice_modes_named(lattice: Lattice, labels: list[ModeLabel]) -> VibrationModes:
     """Modes of a lattice by their labels.
 
     Raises
@@ -83,8 +67,7 @@ def lattice_modes_named(lattice: Lattice, labels: list[Label]) -> VibrationModes
     ParameterError
         If a label is not one of its modes.
     """
-    own = _closed_form_labels(labels)
-    return _of_lattice(lattice, modes_named(lattice.topology, own, lattice.shape))
+    return _of_lattice(lattice, modes_named(lattice.topology, labels, lattice.shape))
 
 
 def surface_modes(template: Template, n_modes: int, wave_speed: float = 1.0) -> VibrationModes:
@@ -113,7 +96,7 @@ def surface_modes(template: Template, n_modes: int, wave_speed: float = 1.0) -> 
 
 
 def surface_modes_named(
-    template: Template, labels: list[Label], wave_speed: float = 1.0
+    template: Template, labels: list[ModeLabel], wave_speed: float = 1.0
 ) -> VibrationModes:
     """Modes of a template by their labels.
 
@@ -123,24 +106,23 @@ def surface_modes_named(
         If a label is not one of its modes, or its waves are too short for the mesh to show.
     """
     if template.surface is not None:
-        modes = modes_named(template.surface, _closed_form_labels(labels))
+        modes = modes_named(template.surface, labels)
         _require_shown(template, modes)
         return _of_template(template, modes, wave_speed, ())
-    ranks = [label.rank for label in labels if isinstance(label, SpringLabel)]
-    if len(ranks) != len(labels) or not all(0 <= rank < template.n_vertices for rank in ranks):
+    ranks = [label.wavenumbers[0] for label in labels if label.part == "spring"]
+    if len(ranks) != len(labels) or max(ranks, default=0) >= template.n_vertices:
         raise ParameterError(
             "This surface has no natural coordinates; its modes are those of the springs of its "
             f"mesh, 0 to {template.n_vertices - 1}.",
             remedy="Name a mode by its rank: 'spring 3'.",
         )
-    all_of_them = spring_modes(template.faces, template.n_vertices, max(ranks) + 1)
-    lowest = _of_template(template, all_of_them, wave_speed, ())
-    return VibrationModes(
-        "mesh",
-        tuple(labels),
-        lowest.angular_frequencies[ranks],
-        lowest.shapes[:, ranks],
-        lowest.frequency_unit,
+    springs = spring_modes(template.faces, template.n_vertices, max(ranks) + 1)
+    lowest = _of_template(template, springs, wave_speed, ())
+    return replace(
+        lowest,
+        labels=tuple(labels),
+        angular_frequencies=lowest.angular_frequencies[ranks],
+        shapes=lowest.shapes[:, ranks],
     )
 
 
@@ -155,30 +137,16 @@ def _of_lattice(lattice: Lattice, modes: ModeSet) -> VibrationModes:
 
 
 def _of_template(
-    template: Template, modes: ModeSet | SpringModes, wave_speed: float, notes: tuple[str, ...]
+    template: Template, modes: Modes, wave_speed: float, notes: tuple[str, ...]
 ) -> VibrationModes:
     return VibrationModes(
         "mesh" if template.surface is None else template.surface.name,
         modes.labels,
-        frequencies_on(template, modes, wave_speed),
-        (
-            modes.shapes
-            if isinstance(modes, SpringModes)
-            else shapes_at(modes, template.coordinates)
-        ),
+        modes.frequencies_on(template, wave_speed),
+        modes.shapes_on(template),
         f"rad/s for waves of {wave_speed:g} length units per s",
         notes,
     )
-
-
-def _closed_form_labels(labels: list[Label]) -> list[ModeLabel]:
-    for label in labels:
-        if isinstance(label, SpringLabel):
-            raise ParameterError(
-                f"{label} names a spring mode, but this surface has modes in closed form.",
-                remedy="Write one wavenumber for each axis, then cos or sin: 1,1,cos.",
-            )
-    return [label for label in labels if isinstance(label, ModeLabel)]
 
 
 def _require_shown(template: Template, modes: ModeSet) -> None:
@@ -191,7 +159,7 @@ def _require_shown(template: Template, modes: ModeSet) -> None:
         size = float(np.abs(template.vertices).max()) or 1.0
         steps = (template.vertices[edges[:, 0]] - template.vertices[edges[:, 1]]) / size
         step = size * float(np.sqrt((steps**2).sum(axis=1)).mean())
-        short = wavenumbers_on(modes, lengths) * step > np.pi
+        short = modes.wavenumbers_on(lengths) * step > np.pi
     if short.any():
         label = modes.labels[int(np.flatnonzero(short)[0])]
         raise ParameterError(

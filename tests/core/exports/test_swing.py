@@ -13,11 +13,12 @@ from modalmotion.formats import read_sequence, write_glb
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.naming import parse_label
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.template import Template, make_template
 from modalmotion.template.directions import Direction, directions_on
-from modalmotion.template.vibration_modes import VibrationModes, label_of, surface_modes_named
+from modalmotion.template.vibration_modes import VibrationModes, surface_modes_named
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +27,7 @@ def tube() -> Template:
 
 
 def modes_of(tube: Template, *labels: str) -> VibrationModes:
-    return surface_modes_named(tube, [label_of(label) for label in labels])
+    return surface_modes_named(tube, [parse_label(label) for label in labels])
 
 
 def test_the_first_frame_is_the_superposition_and_each_mode_swings_by_itself(

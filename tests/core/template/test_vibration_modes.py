@@ -7,14 +7,13 @@ import pytest
 
 from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.mesh.spring_modes import SpringLabel
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.naming import parse_label
 from modalmotion.modes.topology import CLOSED_CURVE, CUP, CYLINDER, TORUS, Topology
 from modalmotion.template import Template, make_template
 from modalmotion.template.vibration_modes import (
-    label_of,
     lattice_modes,
     lattice_modes_named,
     surface_modes,
@@ -71,18 +70,18 @@ def test_frequencies_of_a_surface_are_c_k(tube: Template) -> None:
 def test_spring_modes_go_by_their_rank(two_pieces: Template) -> None:
     lowest = surface_modes(two_pieces, 5)
     assert lowest.surface == "mesh"
-    named = surface_modes_named(two_pieces, [label_of("spring 4"), label_of("(spring 1)")])
-    assert named.labels == (SpringLabel(4), SpringLabel(1))
+    named = surface_modes_named(two_pieces, [parse_label("spring 4"), parse_label("(spring 1)")])
+    assert named.labels == (ModeLabel((4,), "spring"), ModeLabel((1,), "spring"))
     assert named.angular_frequencies == pytest.approx(lowest.angular_frequencies[[4, 1]])
     with pytest.raises(ParameterError, match="spring 3"):
-        surface_modes_named(two_pieces, [label_of("0,1,cos")])
+        surface_modes_named(two_pieces, [parse_label("0,1,cos")])
     with pytest.raises(ParameterError, match="0 to 7"):
-        surface_modes_named(two_pieces, [SpringLabel(8)])
+        surface_modes_named(two_pieces, [ModeLabel((8,), "spring")])
 
 
 def test_what_a_surface_does_not_have_is_refused(tube: Template) -> None:
     with pytest.raises(ParameterError, match="closed form"):
-        surface_modes_named(tube, [SpringLabel(0)])
+        surface_modes_named(tube, [ModeLabel((0,), "spring")])
     surface_modes_named(tube, [ModeLabel((0, 20), "cos")])
     with pytest.raises(ParameterError, match="two steps"):
         surface_modes_named(tube, [ModeLabel((0, 30), "cos")])
