@@ -16,8 +16,7 @@ from modalmotion.choice.scene import LinearMotion
 from modalmotion.fit.basis import Basis, make_basis
 from modalmotion.fit.fit import Fit
 from modalmotion.fit.superposition import measured
-from modalmotion.mesh.spring_modes import SpringModes
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes
 from modalmotion.numeric.scale import root_mean_square
 
 
@@ -27,7 +26,7 @@ class Model:
 
     Parameters
     ----------
-    modes : ModeSet or SpringModes
+    modes : Modes
     fit : Fit
         Its errors are those of these amplitudes.
     condition : float
@@ -36,7 +35,7 @@ class Model:
     notes : tuple of str
     """
 
-    modes: ModeSet | SpringModes
+    modes: Modes
     fit: Fit
     condition: float
     choice: ModelChoice | None = None
@@ -51,7 +50,7 @@ class Model:
 
 def fit_model(
     fitter: Fitter,
-    modes: ModeSet | SpringModes,
+    modes: Modes,
     *,
     normal: tuple[float, float, float] | None = None,
     basis: Basis | None = None,
@@ -61,7 +60,7 @@ def fit_model(
     Parameters
     ----------
     fitter : Fitter
-    modes : ModeSet or SpringModes
+    modes : Modes
     normal : tuple of float, optional
         Direction that is left out of all amplitudes, which must be along x, y, z.
     basis : Basis, optional
@@ -112,7 +111,7 @@ def remeasured(
     return replace(model, fit=fit)
 
 
-def static_model(fitter: Fitter, modes: ModeSet | SpringModes, static: LinearMotion) -> Model:
+def static_model(fitter: Fitter, modes: Modes, static: LinearMotion) -> Model:
     """Model in which nothing moves: zeros, and the motion that is left out as its error."""
     basis = make_basis(fitter.template, modes)
     fit = replace(

@@ -14,6 +14,7 @@ from modalmotion.choice.fitter import Fitter
 from modalmotion.fit.superposition import distances
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.products import weighted_sum
+from modalmotion.representation import shown
 from modalmotion.template import Template
 
 _BLOCK: Final = 500_000
@@ -52,6 +53,7 @@ class SceneError:
     max: float
 
 
+@shown("kind", "error.rms", "error.max")
 @dataclass(frozen=True, eq=False)
 class LinearMotion:
     """Positions A (x - c) + c + t of a reference's positions x and its centroid c.
@@ -93,6 +95,7 @@ class LinearMotion:
         return x
 
 
+@shown()
 @dataclass(frozen=True)
 class PlanarMotion:
     """Displacements without their component off a plane, rotation removed.
@@ -109,6 +112,7 @@ class PlanarMotion:
     error: SceneError
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A motion measured against each simple kind.

@@ -25,8 +25,7 @@ from modalmotion.choice.smallest_set import smallest_within
 from modalmotion.errors import ModeCountError
 from modalmotion.fit.cache import TemplateCache
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.mesh.spring_modes import SpringModes
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes
 from modalmotion.template import choose_modes
 from modalmotion.template.body_frame import Components
 
@@ -100,7 +99,7 @@ def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
     return replace(found, notes=notes_on(ladder, asked))
 
 
-def _until_noise(fitter: Fitter, smallest: ModeSet | SpringModes, scene: Scene) -> Model:
+def _until_noise(fitter: Fitter, smallest: Modes, scene: Scene) -> Model:
     sequence, asked = fitter.sequence, fitter.parameters
     noise = measure_noise(fitter)
     kind = simplest_with_noise(scene, noise, sequence)

@@ -1,6 +1,7 @@
 """Weighted least-squares fit of modal amplitudes to displacements.
 
-By QR of the weighted shapes, never by normal equations, whose condition is the square.
+Modal superposition (2) u = Phi a of Nastar (1994), inverted: a = argmin |u - Phi a|_W. By
+QR of the weighted shapes, never by normal equations, whose condition is the square.
 """
 
 from __future__ import annotations
@@ -17,11 +18,13 @@ from modalmotion.errors import ModeCountError
 from modalmotion.fit.basis import Basis, factored
 from modalmotion.numeric.products import product, tile
 from modalmotion.numeric.quantile import weighted_quantile
+from modalmotion.representation import shown
 from modalmotion.template.body_frame import to_local
 
 __all__ = ["Fit", "fit_displacements", "project"]
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Amplitudes of every frame, and what they leave.

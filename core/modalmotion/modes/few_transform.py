@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from modalmotion.modes.factors import Factors
 from modalmotion.modes.frames import blocks, require_finite, require_frames, require_output
-from modalmotion.modes.label import ModeSet
 from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.stacked_products import multiply
 
@@ -25,7 +25,7 @@ _KEPT: Final = 1 << 16
 
 
 def project(lattice: Lattice, modes: ModeSet, displacements: NDArray[Any]) -> NDArray[np.float64]:
-    """Amplitudes of modes in displacements, eq. 2 inverted: a = V'u / nodes.
+    """Amplitudes of modes in displacements, (2) inverted: a = Phi'u / nodes.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def superpose(
     *,
     out: NDArray[Any] | None = None,
 ) -> NDArray[np.float64]:
-    """Displacements of modes with the given amplitudes, eq. 2: u = V a.
+    """Displacements of modes with these amplitudes, modal superposition (2) u = Phi a.
 
     Parameters
     ----------

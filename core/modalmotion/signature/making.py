@@ -13,17 +13,16 @@ from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.parameters import MOST_MODES, SignatureParameters
 from modalmotion.choice.selection import select_model
 from modalmotion.errors import ParameterError
+from modalmotion.facts import NO_FACTS
 from modalmotion.fit.cache import TemplateCache
 from modalmotion.fit.strays import notes_on_strays
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence, Reference
-from modalmotion.mesh.spring_modes import SpringModes
 from modalmotion.modes.topology import Topology
 from modalmotion.numerals import counted
 from modalmotion.signature.value import ModalSignature
 from modalmotion.template import (
     Template,
-    frequencies_on,
     make_template,
     require_same_mesh,
 )
@@ -35,6 +34,7 @@ __all__ = [
     "SignatureParameters",
     "modal_signature",
     "provenance",
+    "resolve_parameters",
     "resolve_sequence",
     "resolve_template",
 ]
@@ -78,7 +78,7 @@ def modal_signature(
     -----
     Nastar, Vibration modes for nonrigid motion analysis in 3D images, INRIA 1994.
     """
-    asked = SignatureParameters() if parameters is None else parameters
+    asked = resolve_parameters(sequence, parameters or SignatureParameters())
     given, sequence = sequence, resolve_sequence(sequence, asked)
     chosen = resolve_template(sequence, asked, template)
     model = select_model(Fitter.of(sequence, chosen, asked), cache or TemplateCache())
@@ -94,9 +94,9 @@ def modal_signature(
     if not fit.motion_rms.any():
         notes.append("Nothing moves: every frame equals the reference.")
     return ModalSignature(
-        modes=modes.spectrum if isinstance(modes, SpringModes) else modes,
+        modes=modes.names,
         amplitudes=fit.amplitudes,
-        angular_frequencies=frequencies_on(chosen, modes, asked.wave_speed),
+        angular_frequencies=modes.frequencies_on(chosen, asked.wave_speed),
         rotations=fit.rotations,
         translations=fit.translations,
         rms_errors=fit.rms_errors,
@@ -115,7 +115,15 @@ def modal_signature(
         notes=tuple(notes),
         provenance=provenance(),
         choice=model.choice,
+        facts=given.facts,
     )
+
+
+def resolve_parameters(
+    sequence: MeshSequence, parameters: SignatureParameters
+) -> SignatureParameters:
+    """Return the parameters with what the fit reads of the sequence's facts."""
+    return parameters.with_facts(sequence.facts, sequence.topology, sequence.grid)
 
 
 def resolve_sequence(sequence: MeshSequence, parameters: SignatureParameters) -> MeshSequence:
@@ -128,6 +136,8 @@ def resolve_template(
     sequence: MeshSequence, parameters: SignatureParameters, template: Template | None = None
 ) -> Template:
     """Give the template that the parameters ask for: the one they name, or the sequence's own.
+
+    Of the sequence's facts nothing is read; `resolve_parameters` has done that before.
 
     Raises
     ------
@@ -146,7 +156,7 @@ def resolve_template(
         require_same_mesh(template, sequence)
         return template
     return make_template(
-        sequence,
+        sequence.with_facts(NO_FACTS),
         reference=parameters.reference,
         weights=parameters.weights,
         landmarks=parameters.landmarks,

@@ -11,21 +11,23 @@ from modalmotion.alignment.rigid import Rotations
 from modalmotion.choice.fitted_motion import closure_gap
 from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.choice.reason import ModelChoice
-from modalmotion.mesh.spring_modes import SpringSpectrum
-from modalmotion.modes import ModeSet
+from modalmotion.facts import NO_FACTS, Facts
+from modalmotion.modes import Modes
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.scale import root_mean_square
+from modalmotion.representation import shown
 from modalmotion.template import Landmarks
 from modalmotion.template.body_frame import Components, body_frame
 
 
+@shown("surface", "n_frames", "modes", "unit", "rms_error", "sequence_id")
 @dataclass(frozen=True, eq=False)
 class ModalSignature:
     """Amplitude trajectory of a sequence, with its error and where it comes from.
 
     Parameters
     ----------
-    modes : ModeSet or SpringSpectrum
+    modes : Modes
         In closed form; or, where the surface has no natural coordinates, of its own mesh.
     amplitudes : (frames, modes, 3) float64, `unit`
         Along the directions that `parameters.components` names.
@@ -59,9 +61,11 @@ class ModalSignature:
         Versions of the software that made it.
     choice : ModelChoice or None
         What decided on the modes, where their number was not stated.
+    facts : Facts
+        Those of the sequence.
     """
 
-    modes: ModeSet | SpringSpectrum
+    modes: Modes
     amplitudes: NDArray[np.float64]
     angular_frequencies: NDArray[np.float64]
     rotations: Rotations
@@ -82,6 +86,7 @@ class ModalSignature:
     notes: tuple[str, ...]
     provenance: dict[str, str]
     choice: ModelChoice | None = None
+    facts: Facts = NO_FACTS
 
     @property
     def topology(self) -> Topology | None:

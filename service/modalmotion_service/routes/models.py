@@ -8,14 +8,14 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Header, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from modalmotion.classify import TrainingOptions, available_models
+from modalmotion.classification import TrainingOptions, available_models
 from modalmotion.store import ModelRecord, model_to_hdf5, require_model_name
 from modalmotion.store.index.cursor import from_cursor, to_cursor
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.negotiation import HDF5, JSON, PNG, best_type
 from modalmotion_service.routes.parts.deferral import accepted
 from modalmotion_service.routes.parts.dependencies import StateDependency
-from modalmotion_service.routes.parts.idempotency import IdempotencyKey, once
+from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.schemas import (
     ModelAnswer,
@@ -26,7 +26,7 @@ from modalmotion_service.schemas import (
     TrainingRequest,
 )
 from modalmotion_service.workspace.models import ChosenModel, shipped_name
-from modalmotion_service.workspace.spool import SpooledUpload
+from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
 from modalmotion_service.workspace.training_set import look_up, write_cases
 
@@ -59,10 +59,10 @@ async def train(
         options = TrainingOptions.from_json(asked.options)
         most = state.settings.max_training_sequences
         cases = await asyncio.to_thread(look_up, state.store, asked.cases, most)
-        file = SpooledUpload(state.spool.new_path(), sha256="", n_bytes=0)
+        file = SpoolFile(state.spool.new_path())
         try:
             await asyncio.to_thread(write_cases, file, cases)
-            job = await state.jobs.start(
+            job = await state.runner.start(
                 "training",
                 {"file": file.path.name, "name": name, "options": options.as_json()},
             )
@@ -71,7 +71,8 @@ async def train(
             raise
         return accepted(job)
 
-    return await once(state.store, idempotency_key, ("POST models", asked.model_dump_json()), make)
+    fingerprint = ("POST models", asked.model_dump_json())
+    return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
 
 
 class ListQuery(BaseModel):

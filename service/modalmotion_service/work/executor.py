@@ -30,7 +30,7 @@ import pebble
 from modalmotion.errors import LimitError
 from modalmotion.store.disk.atomic import cannot_write
 from modalmotion_service.errors import ClusterError, WorkerDiedError
-from modalmotion_service.work.allocation import settle
+from modalmotion_service.work.allocation import keep_freed_memory
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -322,7 +322,7 @@ def _dispose_apart(*processes: pebble.ProcessPool) -> None:
 
 def _start_worker(memory_bytes: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-    settle(_KEPT_BYTES)
+    keep_freed_memory(_KEPT_BYTES)
     # The server decides when its workers end, not a Ctrl-C that reaches the whole group.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modalmotion.errors import LimitError, ParameterError, ShapeError, TopologyError
-from modalmotion.modes import ModeLabel, ModeSet, lowest_modes, shapes_at
+from modalmotion.modes import ModeLabel, ModeSet, lowest_modes
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import (
     CLOSED_CURVE,
@@ -31,12 +31,12 @@ def test_all_modes_solve_the_dense_eigenproblem(lattice: Lattice) -> None:
     matrix = stiffness_matrix(lattice)
     eigenvalues = np.linalg.eigh(matrix).eigenvalues
     largest = max(eigenvalues[-1], min(lattice.stiffnesses) / lattice.mass)
-    V, squared = lattice.shapes(modes), lattice.angular_frequencies(modes) ** 2
+    Phi, squared = lattice.shapes(modes), lattice.angular_frequencies(modes) ** 2
 
     assert len(modes) == lattice.n_nodes
     assert np.abs(np.sort(squared) - eigenvalues).max() <= 1e-13 * largest
-    assert np.abs(matrix @ V - V * squared).max() <= 1e-13 * largest
-    assert np.abs(V.T @ V / lattice.n_nodes - np.eye(lattice.n_nodes)).max() <= 1e-13
+    assert np.abs(matrix @ Phi - Phi * squared).max() <= 1e-13 * largest
+    assert np.abs(Phi.T @ Phi / lattice.n_nodes - np.eye(lattice.n_nodes)).max() <= 1e-13
 
 
 @pytest.mark.parametrize("lattice", LATTICES, ids=name_of)
@@ -135,7 +135,7 @@ def test_shapes_are_the_continuums_at_the_natural_coordinates(
     lattice = Lattice(topology, shape)
     modes = lattice.lowest_modes(max(1, lattice.n_nodes // 2))
     ratio = lattice.scales(modes) / np.sqrt(2.0) ** modes.n_waves
-    expected = shapes_at(modes, lattice.natural_coordinates) * ratio
+    expected = modes.shapes_at(lattice.natural_coordinates) * ratio
     assert np.abs(lattice.shapes(modes) - expected).max() <= 1e-13
 
 

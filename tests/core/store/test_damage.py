@@ -110,7 +110,7 @@ def test_another_kind_of_file_is_named() -> None:
 @pytest.mark.parametrize("version", [0, 2, 999])
 def test_a_newer_schema_is_refused_by_its_number(version: int) -> None:
     attributes: dict[str, Attribute] = {
-        "schema": "modalmotion.signature.making",
+        "schema": "modalmotion.signature",
         "schema_version": version,
     }
     image = sealed_image(attributes, {}, [json_text("notes", [])])

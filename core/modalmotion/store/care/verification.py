@@ -7,16 +7,17 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from modalmotion.classify.answer.hdf5 import read_classification
-from modalmotion.classify.model.hdf5 import read_kept_model
-from modalmotion.classify.model.record import ModelRecord, ModelReference
+from modalmotion.classification.answer.hdf5 import read_classification
+from modalmotion.classification.model.hdf5 import read_kept_model
+from modalmotion.classification.model.record import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.sealed import digest_of, load_sealed
 from modalmotion.mesh.hdf5 import read_sequence
+from modalmotion.progress import Progress
+from modalmotion.representation import shown
 from modalmotion.signature.hdf5 import read_signature
 from modalmotion.store.care.maintenance import existing_store
-from modalmotion.store.care.recovery import Progress
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder, ResultName, Scan
 from modalmotion.store.index.database import Database
@@ -27,6 +28,7 @@ from modalmotion.store.record import SequenceRecord, read_record
 from modalmotion.template.hdf5 import read_template
 
 
+@shown()
 @dataclass(frozen=True)
 class Fault:
     """One thing that is wrong.
@@ -42,6 +44,7 @@ class Fault:
     problem: str
 
 
+@shown("n_sequences", "n_results", "n_models", "n_bytes", "faults")
 @dataclass(frozen=True)
 class VerifyReport:
     """What a check of a store found.
@@ -162,10 +165,7 @@ class _Check:
             index = Index(database)
             self.rows = {record.id: record for record in index.records()}
             self.digests = index.results()
-            models = ModelIndex(database)
-            # An index of before models were kept has no such table, until the next `open`.
-            found = models.all() if models.exists else []
-            self.models = {record.reference: record for record in found}
+            self.models = {record.reference: record for record in ModelIndex(database).all()}
             self.is_clean = index.is_clean
             self.has_index = True
         except StoreError as error:

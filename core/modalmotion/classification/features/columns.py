@@ -1,0 +1,106 @@
+"""Columns of a feature table, and the table of one sequence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.representation import shown
+
+# A motion so small has no kind; its logarithm is still a number.
+_LEAST_MOTION: Final = 1e-12
+
+
+@shown()
+@dataclass(frozen=True)
+class Column:
+    """One feature.
+
+    Parameters
+    ----------
+    name : str
+    modes : tuple of int
+        Indices of the modes whose amplitudes it reads.
+    power : float
+        Power of the size of the motion that it grows with: 1/2 for a root.
+    """
+
+    name: str
+    modes: tuple[int, ...]
+    power: float = 1.0
+
+
+@shown()
+@dataclass(frozen=True, eq=False)
+class MotionFeatures:
+    """Features of one sequence.
+
+    Parameters
+    ----------
+    columns : tuple of Column
+    values : (readings, features) float64
+        One row for each way in which the motion can be read.
+    motion : float
+        RMS of the deformation about its mean over time, as a share of the surface's size.
+    smooth_share : float
+        See `smooth_share`.
+    """
+
+    columns: tuple[Column, ...]
+    values: NDArray[np.float64]
+    motion: float
+    smooth_share: float
+
+    @property
+    def kinds(self) -> NDArray[np.float64]:
+        """What the motion is like, and how large: see `kind_of`, (readings, features + 1)."""
+        return kind_of(self.values, np.array(self.motion), powers_of(self.columns))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the features."""
+        return tuple(column.name for column in self.columns)
+
+    def beside(self, other: MotionFeatures) -> MotionFeatures:
+        """Return these features followed by others, which have one reading."""
+        repeated = np.broadcast_to(other.values, (len(self.values), other.values.shape[1]))
+        values = np.concatenate([self.values, repeated], axis=1)
+        return replace(self, columns=self.columns + other.columns, values=values)
+
+
+def kind_of(
+    values: NDArray[np.float64], motions: NDArray[np.float64], powers: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Tell what motions are like from how large they are.
+
+    Two motions of one kind, one twice as large as the other, differ in the last column alone.
+
+    Parameters
+    ----------
+    values : (..., features) float64, percent of the size
+    motions : (...) float64
+        `MotionFeatures.motion` of each.
+    powers : (features,) float64
+
+    Returns
+    -------
+    (..., features + 1) float64
+        Features over the motion's size, and the logarithm of that size.
+    """
+    m = np.maximum(motions, _LEAST_MOTION)[..., None]
+    relative = values / (100.0 * m) ** powers
+    logs = np.broadcast_to(np.log(m), (*relative.shape[:-1], 1))
+    kinds: NDArray[np.float64] = np.concatenate([relative, logs], axis=-1)
+    return kinds
+
+
+@lru_cache(maxsize=64)
+def powers_of(columns: tuple[Column, ...]) -> NDArray[np.float64]:
+    """Powers of columns, (features,) float64."""
+    powers = np.array([column.power for column in columns])
+    powers.setflags(write=False)
+    return powers

@@ -1,0 +1,209 @@
+"""How a model is trained."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+
+from modalmotion.errors import ParameterError
+from modalmotion.mesh.sequence import MEAN
+from modalmotion.representation import shown
+from modalmotion.signature.making import MOST_MODES, SignatureParameters
+
+MOST_FOLDS: Final = 20
+MOST_HARMONICS: Final = 8
+
+
+class Estimator(StrEnum):
+    """What turns features into scores; `AUTO` chooses inside the training folds."""
+
+    AUTO = "auto"
+    LINEAR = "linear"
+    KERNEL = "kernel"
+    BLEND = "blend"
+    SVM = "svm"
+    FOREST = "forest"
+
+
+class ClassWeights(StrEnum):
+    """How much a case counts."""
+
+    NONE = "none"
+    BALANCED = "balanced"
+
+
+class Timing(StrEnum):
+    """What a recording is: one turn of a cycle, or a movement with a beginning and an end."""
+
+    AUTO = "auto"
+    CYCLE = "cycle"
+    COURSE = "course"
+
+
+class PoseOf(StrEnum):
+    """Whether recordings share their coordinates, or may be turned any way."""
+
+    ANY = "any"
+    FIXED = "fixed"
+
+
+class Walls(StrEnum):
+    """Whether walls are told apart by the zero of theta; `AUTO` where every case was given one."""
+
+    AUTO = "auto"
+    YES = "yes"
+    NO = "no"
+
+
+@shown()
+@dataclass(frozen=True)
+class TrainingOptions:
+    """How a model is trained; every one is text, a number or a mapping of these.
+
+    Parameters
+    ----------
+    modes : int
+        Of the signatures; see `SignatureParameters`.
+    harmonics : int
+        Of each part of the motion.
+    timing : Timing
+    pose : PoseOf
+        ANY makes the answer independent of how the recording is turned.
+    walls : Walls
+    estimator : Estimator
+    class_weights : ClassWeights or mapping of label to float
+    folds : int
+        Of the grouped cross-validation.
+    coverage : float
+        Level that the card reports class sets at; every answer may ask for another.
+    known_share : float
+        Share of cases like the training ones that the domain is to hold.
+    seed : int
+
+    Raises
+    ------
+    ParameterError
+        If one is out of range.
+    """
+
+    modes: int = 7
+    harmonics: int = 2
+    timing: Timing | str = Timing.AUTO
+    pose: PoseOf | str = PoseOf.ANY
+    walls: Walls | str = Walls.AUTO
+    estimator: Estimator | str = Estimator.AUTO
+    class_weights: ClassWeights | str | Mapping[str, float] = ClassWeights.NONE
+    folds: int = 5
+    coverage: float = 0.9
+    known_share: float = 0.995
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name, kind in (
+            ("timing", Timing),
+            ("pose", PoseOf),
+            ("walls", Walls),
+            ("estimator", Estimator),
+        ):
+            object.__setattr__(self, name, _member(kind, name, getattr(self, name)))
+        for name, least, most in (
+            ("modes", 1, MOST_MODES),
+            ("harmonics", 1, MOST_HARMONICS),
+            ("folds", 2, MOST_FOLDS),
+            ("seed", 0, 2**32 - 1),
+        ):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+                raise ParameterError(
+                    f"The option '{name}' is {value!r}.",
+                    remedy=f"Use a whole number from {least} to {most:,}.",
+                    details={"option": name, "least": least, "most": most},
+                )
+        require_coverage(self.coverage)
+        if not (_is_number(self.known_share) and 0.5 <= self.known_share < 1.0):
+            raise ParameterError(
+                f"The option 'known_share' is {self.known_share!r}.",
+                remedy="Use a share from 0.5 to below 1; 0.995 is the default.",
+            )
+        weights = self.class_weights
+        if isinstance(weights, Mapping):
+            for label, weight in weights.items():
+                if not (_is_number(weight) and np.isfinite(weight) and weight > 0):
+                    raise ParameterError(
+                        f"The weight of the class {str(label)[:80]!r} is {weight!r}.",
+                        remedy="Use finite weights above 0.",
+                    )
+            frozen = MappingProxyType({str(k): float(w) for k, w in weights.items()})
+            object.__setattr__(self, "class_weights", frozen)
+        else:
+            chosen = _member(ClassWeights, "class_weights", weights)
+            object.__setattr__(self, "class_weights", chosen)
+
+    @property
+    def signature_parameters(self) -> SignatureParameters:
+        """What the signatures of training cases are best fitted with.
+
+        From the mean shape, for the shape of one frame depends on where a recording starts.
+        """
+        return SignatureParameters(modes=self.modes, reference=MEAN)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the options as JSON-able values."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        if isinstance(self.class_weights, Mapping):
+            values["class_weights"] = dict(self.class_weights)
+        return {k: v.value if isinstance(v, StrEnum) else v for k, v in values.items()}
+
+    @staticmethod
+    def from_json(values: Mapping[str, Any]) -> TrainingOptions:
+        """Read what `as_json` gave; what is left out has its default.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such option, or one is out of range.
+        """
+        known = {f.name for f in fields(TrainingOptions)}
+        unknown = sorted(set(map(str, values)) - known)
+        if unknown:
+            raise ParameterError(
+                f"There is no training option {unknown[0][:80]!r}.",
+                remedy=f"Use: {', '.join(sorted(known))}.",
+            )
+        return TrainingOptions(**values)
+
+
+def require_coverage(coverage: float) -> None:
+    """Check the level of a class set.
+
+    Raises
+    ------
+    ParameterError
+        If it is not above 0 and below 1.
+    """
+    if not (_is_number(coverage) and 0.0 < coverage < 1.0):
+        raise ParameterError(
+            f"The coverage is {coverage!r}.",
+            remedy="Use a share above 0 and below 1, such as 0.9.",
+            details={"coverage": str(coverage)},
+        )
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _member(kind: type[StrEnum], name: str, value: object) -> StrEnum:
+    try:
+        return kind(str(value))
+    except ValueError:
+        raise ParameterError(
+            f"The option '{name}' is {str(value)[:80]!r}.",
+            remedy=f"Use one of: {', '.join(kind)}.",
+            details={"option": name},
+        ) from None
