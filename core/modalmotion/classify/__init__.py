@@ -4,9 +4,9 @@ from modalmotion.classify.answer.classification import FLAGS, Classification
 from modalmotion.classify.answer.classifier import classify
 from modalmotion.classify.answer.explanation import ModeContribution, only_modes
 from modalmotion.classify.model.card import ModelCard
+from modalmotion.classify.model.hdf5 import model_from_hdf5, model_to_hdf5
 from modalmotion.classify.model.model import Model
 from modalmotion.classify.model.shipped import DEFAULT_MODEL, available_models, load_model
-from modalmotion.classify.model.text import model_from_bytes, model_to_bytes
 from modalmotion.classify.options import TrainingOptions
 from modalmotion.classify.training.cases import CaseFile, TrainingCase
 from modalmotion.classify.training.evaluation import Evaluation, evaluate
@@ -27,8 +27,8 @@ __all__ = [
     "classify",
     "evaluate",
     "load_model",
-    "model_from_bytes",
-    "model_to_bytes",
+    "model_from_hdf5",
+    "model_to_hdf5",
     "only_modes",
     "train",
 ]
