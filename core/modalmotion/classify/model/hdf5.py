@@ -168,7 +168,7 @@ def model_from_hdf5(source: bytes | Path) -> Model:
         model = _model(kept, contents)
     if model.id != kept.record.id:
         raise CorruptFileError(
-            f"The file of the model {kept.record.reference} holds another model than it says: its "
+            f"{contents.name} holds another model than {kept.record.reference}, as it says: its "
             f"sha256 is {model.id[:12]}…, not {kept.record.id[:12]}….",
             remedy="Restore it from a copy, or delete this version and train it again.",
         )
