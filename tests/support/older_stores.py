@@ -15,7 +15,7 @@ import numpy as np
 from sealed_files import sealed
 
 from modalmotion.choice.parameters import parameters_as_json
-from modalmotion.classify import Classification, Model
+from modalmotion.classification import Classification, Model
 
 INTENDED_USE = "Description of surface motion."
 

@@ -14,20 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.choice.parameters import parameters_from_json
-from modalmotion.classify.answer.classification import Classification
-from modalmotion.classify.answer.hdf5 import classification_to_hdf5
-from modalmotion.classify.estimators.scorer import Blend, Scorer
-from modalmotion.classify.features import Column, FeatureReader
-from modalmotion.classify.model.card import ModelCard
-from modalmotion.classify.model.conformal import Calibration
-from modalmotion.classify.model.domain import Domain
-from modalmotion.classify.model.hdf5 import (
+from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer.hdf5 import classification_to_hdf5
+from modalmotion.classification.estimators.scorer import Blend, Scorer
+from modalmotion.classification.features import Column, FeatureReader
+from modalmotion.classification.model.card import ModelCard
+from modalmotion.classification.model.conformal import Calibration
+from modalmotion.classification.model.domain import Domain
+from modalmotion.classification.model.hdf5 import (
     kept_model,
     model_from_hdf5,
     model_to_hdf5,
     numbered,
 )
-from modalmotion.classify.model.model import Model, Readable
+from modalmotion.classification.model.model import Model, Readable
 from modalmotion.errors import ModalMotionError, StoreError
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form, form_of

@@ -20,7 +20,7 @@ from store_samples import (
     tree,
 )
 
-from modalmotion.classify.model.hdf5 import kept_model, model_to_hdf5, numbered
+from modalmotion.classification.model.hdf5 import kept_model, model_to_hdf5, numbered
 from modalmotion.cli.store_commands import store as commands
 from modalmotion.errors import CorruptFileError, OlderFileError
 from modalmotion.store import ResultStore, classification_from_hdf5, rebuild, verify
