@@ -20,7 +20,6 @@ from modalmotion.classification.model.model import Model
 from modalmotion.classification.model.shipped import load_model
 from modalmotion.classification.options import require_coverage
 from modalmotion.mesh.sequence import MEAN, MeshSequence
-from modalmotion.modes import ModeSet
 from modalmotion.signature.making import ModalSignature, modal_signature, provenance
 
 _REFERENCE_NOTE = (
@@ -144,7 +143,7 @@ def _unreadable(signature: ModalSignature, model: Model) -> tuple[str, str] | No
             f"{' or '.join(known.topologies)}, this one's is {signature.surface}. State the "
             "topology if it is wrong."
         )
-    if not isinstance(modes, ModeSet) and modes.connectivity_id != known.connectivity_id:
+    if modes.connectivity_id != known.connectivity_id:
         return OUT_OF_DOMAIN, (
             "No class: the model reads recordings of one mesh only, and this is another: spring "
             "modes do not compare between meshes."

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.features import Column
 from modalmotion.errors import ParameterError
-from modalmotion.mesh.spring_modes import SpringSpectrum
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 
@@ -151,10 +150,11 @@ class _Players(NamedTuple):
 
 
 @lru_cache(maxsize=32)
-def _players(columns: tuple[Column, ...], modes: ModeSet | SpringSpectrum) -> _Players:
+def _players(columns: tuple[Column, ...], modes: Modes) -> _Players:
     # Features of many modes belong to none of them.
     groups = [g for g in dict.fromkeys(column.modes for column in columns) if len(g) <= 2]
-    pairs = [g for g in groups if len(g) == 2 and _is_pair(modes, g)] if groups else []
+    # Cosine and sine of one wave vector.
+    pairs = [g for g in groups if len(g) == 2 and len({modes.labels[k][0] for k in g}) == 1]
     paired = {k for g in pairs for k in g}
     singles = [(k,) for k in range(len(modes)) if k not in paired] if groups else []
     found = []
@@ -164,9 +164,3 @@ def _players(columns: tuple[Column, ...], modes: ModeSet | SpringSpectrum) -> _P
             found.append((group, tuple(str(modes.labels[k]) for k in group), member))
     chosen, labels, members = zip(*found, strict=True) if found else ((), (), ())
     return _Players(chosen, labels, np.array(members, dtype=np.bool_))
-
-
-def _is_pair(modes: ModeSet | SpringSpectrum, group: tuple[int, ...]) -> bool:
-    labels = [modes.labels[k] for k in group]
-    names = [getattr(label, "wavenumbers", label) for label in labels]
-    return len(set(names)) == 1

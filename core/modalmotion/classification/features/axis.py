@@ -23,7 +23,7 @@ from modalmotion.classification.features.temporal import (
     smooth_share,
 )
 from modalmotion.errors import ParameterError
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes
 from modalmotion.signature.making import ModalSignature
 
 Vectors = NDArray[np.float64]
@@ -218,7 +218,7 @@ def _by_part(z: Spectrum) -> Vectors:
 
 
 @lru_cache(maxsize=64)
-def _layout(modes: ModeSet, n_signed: int, n_sized: int, walls: bool) -> _Layout:
+def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
     parts = parts_of(modes)
     return _Layout(
         columns=_columns(parts, n_signed, n_sized, walls),

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.features.columns import Column
 from modalmotion.errors import ModeCountError, ParameterError, ShapeError, TopologyError
-from modalmotion.mesh.spring_modes import SpringSpectrum
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes
 from modalmotion.modes.topology import CLOSED
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template.body_frame import Components
@@ -42,7 +41,7 @@ class Parts(NamedTuple):
 
 
 @lru_cache(maxsize=32)
-def parts_of(modes: ModeSet) -> Parts:
+def parts_of(modes: Modes) -> Parts:
     """Find the parts in a set of modes of a surface with an axis."""
     rows = list(zip(modes.wavenumbers.tolist(), modes.is_sine.tolist(), strict=True))
     index = {(p, turns, sine): i for i, ((p, turns), sine) in enumerate(rows)}
@@ -84,10 +83,10 @@ def has_axis(signature: ModalSignature) -> bool:
     return True
 
 
-def readable_modes(signature: ModalSignature) -> ModeSet:
+def readable_modes(signature: ModalSignature) -> Modes:
     """Modes of a signature from which a motion about an axis can be read; see `axis_features`."""
-    modes = signature.modes
-    if isinstance(modes, SpringSpectrum):
+    modes, topology = signature.modes, signature.topology
+    if topology is None:
         raise TopologyError(
             "The motion is given in the spring modes of one mesh, which say nothing of others.",
             remedy="Send a cup, a cylinder or a sphere.",
@@ -98,7 +97,6 @@ def readable_modes(signature: ModalSignature) -> ModeSet:
             "ones, and find these directions themselves.",
             remedy="Fit with components = cartesian.",
         )
-    topology = modes.topology
     if topology.n_axes != 2 or topology.ends[1] != CLOSED or topology.ends[0] == CLOSED:
         raise TopologyError(
             f"The motion of a {topology} has no axis to be read about.",

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.features.columns import Column
-from modalmotion.mesh.spring_modes import SpringSpectrum
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes, wave_pairs
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +42,10 @@ class Waves:
 
 
 @lru_cache(maxsize=32)
-def waves_of(modes: ModeSet | SpringSpectrum, *, theta_is_free: bool) -> Waves:
+def waves_of(modes: Modes, *, theta_is_free: bool) -> Waves:
     """Group modes into waves: each by itself, but pairs together where theta is free."""
-    if isinstance(modes, SpringSpectrum) or not theta_is_free:
+    topology = modes.topology
+    if topology is None or not theta_is_free:
         n = len(modes)
         return Waves(
             tuple(map(str, modes.labels)),
@@ -53,13 +53,10 @@ def waves_of(modes: ModeSet | SpringSpectrum, *, theta_is_free: bool) -> Waves:
             np.full(n, -1),
             np.zeros((n, 1), dtype=np.int64),
         )
-    index = {label: k for k, label in enumerate(modes.labels)}
-    cosines = [k for k, sine in enumerate(modes.is_sine) if not sine]
-    sines = [index.get(modes.labels[k]._replace(part="sin"), -1) for k in cosines]
-    closed = list(modes.topology.closed_axes)
-    names = tuple(f"({', '.join(map(str, modes.labels[k].wavenumbers))})" for k in cosines)
-    turns = modes.wavenumbers[cosines][:, closed]
-    return Waves(names, np.array(cosines), np.array(sines), turns)
+    cosines, sines = wave_pairs(modes)
+    wavenumbers = modes.wavenumbers[cosines]
+    names = tuple(f"({', '.join(map(str, p))})" for p in wavenumbers.tolist())
+    return Waves(names, cosines, sines, wavenumbers[:, list(topology.closed_axes)])
 
 
 def invariants(

@@ -25,8 +25,7 @@ from modalmotion.classification.features.temporal import (
     one_turn,
     smooth_share,
 )
-from modalmotion.mesh.spring_modes import SpringSpectrum
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 
@@ -181,16 +180,9 @@ def surface_size(signature: ModalSignature) -> float:
     The geometric mean of the lengths along the coordinates. A mesh with spring modes has none:
     there it is the root mean square edge times a constant of the mesh, from the frequencies.
     """
-    if isinstance(signature.modes, ModeSet):
-        lengths = np.array(signature.lengths)
-        if len(lengths) and (lengths > 0).all():
-            return float(np.exp(np.log(lengths).mean()))
-        return 1.0
-    # w^2 = 4 c^2 lambda / (z a^2), so c sqrt(lambda) / w is a sqrt(z) / 2.
-    w, root = signature.angular_frequencies, np.sqrt(signature.modes.eigenvalues)
-    if not len(w) or not w[-1] > 0:
-        return 1.0
-    return float(signature.parameters.wave_speed * root[-1] / w[-1])
+    return signature.modes.length_of(
+        signature.lengths, signature.angular_frequencies, signature.parameters.wave_speed
+    )
 
 
 def _flat(terms: NDArray[np.complex128], *, is_cycle: bool) -> NDArray[np.float64]:
@@ -199,7 +191,7 @@ def _flat(terms: NDArray[np.complex128], *, is_cycle: bool) -> NDArray[np.float6
 
 @lru_cache(maxsize=32)
 def _columns(
-    modes: ModeSet | SpringSpectrum,
+    modes: Modes,
     waves: Waves,
     n_terms: int,
     *,
@@ -215,7 +207,7 @@ def _columns(
     return tuple(replace(column, power=0.0) for column in found)
 
 
-def _term_columns(modes: ModeSet | SpringSpectrum, n_terms: int, *, is_cycle: bool) -> list[Column]:
+def _term_columns(modes: Modes, n_terms: int, *, is_cycle: bool) -> list[Column]:
     parts = [f"cos {h + 1}" for h in range(n_terms)]
     if is_cycle:
         parts += [f"sin {h + 1}" for h in range(n_terms)]

@@ -12,8 +12,7 @@ from modalmotion.classification.training.case_row import CaseRow, case_row
 from modalmotion.classification.training.cases import CaseFile, TrainingCase
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MEAN
-from modalmotion.mesh.spring_modes import SpringSpectrum
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 
 # Cases that are read in one piece of work: some 0.1 s of it.
@@ -29,7 +28,7 @@ class ReadCase:
     row : CaseRow
     surface : str
     parameters : SignatureParameters
-    modes : ModeSet or SpringSpectrum
+    modes : Modes
     signature : ModalSignature or None
         Of the first case only.
     """
@@ -37,7 +36,7 @@ class ReadCase:
     row: CaseRow
     surface: str
     parameters: SignatureParameters
-    modes: ModeSet | SpringSpectrum
+    modes: Modes
     signature: ModalSignature | None
 
 
@@ -126,17 +125,15 @@ def require_alike(read: ReadCase, example: ReadCase, number: int) -> None:
         and a.components == b.components
         and (a.reference == MEAN) == (b.reference == MEAN)
         and len(read.modes) == len(example.modes)
-        and isinstance(read.modes, SpringSpectrum) == isinstance(example.modes, SpringSpectrum)
+        and (read.modes.topology is None) == (example.modes.topology is None)
     )
-    if same and isinstance(read.modes, SpringSpectrum):
-        assert isinstance(example.modes, SpringSpectrum)  # noqa: S101 (just compared)
-        if read.modes.connectivity_id != example.modes.connectivity_id:
-            raise ParameterError(
-                f"The training case {number} is of another mesh than the first, and spring modes "
-                "compare within one mesh only.",
-                remedy="Give recordings of one mesh, or of surfaces with natural coordinates.",
-                details={"case": number, "sequence_id": read.row.sequence_id},
-            )
+    if same and read.modes.connectivity_id != example.modes.connectivity_id:
+        raise ParameterError(
+            f"The training case {number} is of another mesh than the first, and spring modes "
+            "compare within one mesh only.",
+            remedy="Give recordings of one mesh, or of surfaces with natural coordinates.",
+            details={"case": number, "sequence_id": read.row.sequence_id},
+        )
     if not same:
         raise ParameterError(
             f"The training cases differ in their modes: case {number} has {len(read.modes)} "

@@ -28,7 +28,6 @@ from modalmotion.classification.training.cases import CaseFile, TrainingCase
 from modalmotion.classification.training.feature_choices import feature_choices, tells_walls
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MEAN
-from modalmotion.mesh.spring_modes import SpringSpectrum
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template import GivenLandmarks
 
@@ -222,13 +221,12 @@ def _table(
         grid=None,
         reference=MEAN if reference == MEAN else 0,
     )
-    modes = example.modes
     return CaseTable(
         example=example,
         readable=Readable(
             topologies=tuple(sorted(topologies)),
             n_modes=len(example.modes),
-            connectivity_id=modes.connectivity_id if isinstance(modes, SpringSpectrum) else "",
+            connectivity_id=example.modes.connectivity_id,
             parameters=parameters,
         ),
         readers=readers,

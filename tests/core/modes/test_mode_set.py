@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modalmotion.errors import ModeCountError, ParameterError
-from modalmotion.modes import ModeLabel, ModeSet, all_modes, lowest_modes, shapes_at, wavenumbers_on
+from modalmotion.modes import ModeLabel, ModeSet, all_modes, lowest_modes
 from modalmotion.modes.topology import (
     CLOSED,
     CLOSED_CURVE,
@@ -61,7 +61,7 @@ def test_shapes_are_orthonormal_in_the_mean(topology: Topology) -> None:
     # Few enough that the midpoint rule is exact.
     n = {1: 256, 2: 48, 3: 16}[topology.n_axes]
     modes = lowest_modes(topology, 25)
-    V = shapes_at(modes, fine_grid(topology, n))
+    V = modes.shapes_at(fine_grid(topology, n))
     assert np.abs(V.T @ V / len(V) - np.eye(len(modes))).max() <= 1e-13
 
 
@@ -70,7 +70,7 @@ def test_at_a_pole_every_mode_that_turns_is_zero(topology: Topology) -> None:
     modes = lowest_modes(topology, 60)
     theta = np.linspace(0, 1, 7)
     for s in (0.0,) if topology is CUP else (0.0, 1.0):
-        V = shapes_at(modes, np.column_stack([np.full(7, s), theta]))
+        V = modes.shapes_at(np.column_stack([np.full(7, s), theta]))
         turns = modes.wavenumbers[:, 1] != 0
         assert (V[:, turns] == 0.0).all()
         assert (np.ptp(V[:, ~turns], axis=0) == 0.0).all()
@@ -81,7 +81,7 @@ def test_at_a_pole_every_mode_that_turns_is_zero(topology: Topology) -> None:
 def test_even_waves_pass_the_pole_and_odd_ones_vanish_there(topology: Topology) -> None:
     # The factor is a smooth function through the pole only if it takes the sign of p'.
     modes = lowest_modes(topology, 40)
-    near = shapes_at(modes, np.array([[1e-9, 0.1], [1e-9, 0.6]]))
+    near = modes.shapes_at(np.array([[1e-9, 0.1], [1e-9, 0.6]]))
     odd = modes.wavenumbers[:, 1] % 2 == 1
     assert np.abs(near[:, odd]).max() <= 1e-6
     assert near[0] == pytest.approx(near[1], abs=1e-6)
@@ -93,9 +93,9 @@ def test_a_start_angle_only_turns_each_pair(phi: float, seed: int) -> None:
     for topology in (CLOSED_CURVE, CYLINDER, CUP, SPHERE):
         modes = lowest_modes(topology, 37)
         x = rng.uniform(0.05, 0.95, (50, topology.n_axes))
-        here = shapes_at(modes, x)
+        here = modes.shapes_at(x)
         closed = topology.closed_axes[0]
-        there = shapes_at(modes, x + phi * (np.arange(topology.n_axes) == closed))
+        there = modes.shapes_at(x + phi * (np.arange(topology.n_axes) == closed))
         turn = 2 * np.pi * modes.wavenumbers[:, closed] * phi
         for i in np.flatnonzero(modes.is_sine):
             c, s = np.cos(turn[i]), np.sin(turn[i])
@@ -112,10 +112,10 @@ def test_wavenumbers_are_those_of_the_laplacian(topology: Topology) -> None:
     laplacian, h = np.zeros((5, 12)), 1e-4
     for axis, length in enumerate(lengths):
         e = h * (np.arange(topology.n_axes) == axis)
-        second = shapes_at(modes, x + e) - 2 * shapes_at(modes, x) + shapes_at(modes, x - e)
+        second = modes.shapes_at(x + e) - 2 * modes.shapes_at(x) + modes.shapes_at(x - e)
         laplacian += second / (h * length) ** 2
-    k = wavenumbers_on(modes, lengths)
-    assert -laplacian == pytest.approx(k**2 * shapes_at(modes, x), abs=1e-4 * k.max() ** 2)
+    k = modes.wavenumbers_on(lengths)
+    assert -laplacian == pytest.approx(k**2 * modes.shapes_at(x), abs=1e-4 * k.max() ** 2)
 
 
 @pytest.mark.parametrize("topology", TOPOLOGIES, ids=str)
@@ -131,7 +131,7 @@ def test_terms_add_up_to_the_waves(topology: Topology) -> None:
             angle = h * x[axis] * (2 * np.pi if ends == CLOSED else np.pi / 2)
             value *= np.sin(angle) if sine else np.cos(angle)
         total[mode] += value
-    expected = shapes_at(modes, x[None])[0] / np.sqrt(2.0) ** modes.n_waves
+    expected = modes.shapes_at(x[None])[0] / np.sqrt(2.0) ** modes.n_waves
     assert total == pytest.approx(expected, abs=1e-13)
 
 
