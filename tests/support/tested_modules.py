@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -11,6 +12,7 @@ from project import ROOT
 from rooms import ROOTS, imports_of, modules_of
 
 import modalmotion
+from modalmotion.cli.commands import COMMANDS
 
 TESTS = ROOT / "tests"
 SIDES = {"core": "modalmotion", "service": "modalmotion_service"}
@@ -29,12 +31,19 @@ def sources() -> dict[str, Path]:
 
 @cache
 def graph() -> dict[str, set[str]]:
-    """What each module imports or names; the lazy public list is no import."""
+    """What each module imports or names; the lazy public list is no import, a command is one."""
     modules = sources()
-    return {
+    imported = {
         name: set() if name == "modalmotion" else imports_of(path, modules)
         for name, path in modules.items()
     }
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    added = project["entry-points"]["modalmotion.commands"].values()
+    imported["modalmotion.cli.commands"] |= {
+        *(f"modalmotion.cli.{module}" for module, _ in COMMANDS.values()),
+        *(entry.partition(":")[0] for entry in added),
+    }
+    return imported
 
 
 def needing_tests() -> Iterator[str]:
