@@ -10,6 +10,8 @@ from typing import Any
 
 import click
 
+from modalmotion.cli.stated_facts import fact_options, stated_facts
+from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.formats import Format, ReadOptions, read_sequence
 from modalmotion.formats.raw import RAW_TYPES
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
@@ -80,7 +82,7 @@ def sequence_argument(command: Callable[..., Any]) -> Callable[..., Any]:
         type=click.Path(path_type=Path),
         callback=_one_path,
     )
-    for decorate in (dtype, n_vertices, interval, form, unit, source):
+    for decorate in (fact_options, dtype, n_vertices, interval, form, unit, source):
         command = decorate(command)
     return command
 
@@ -107,12 +109,14 @@ def read(
     dtype: str = "float32",
     grid: tuple[int, ...] | None = None,
     topology: str | None = None,
+    facts: Facts = NO_FACTS,
     quiet: bool = False,
+    **stated: Any,
 ) -> MeshSequence:
     """Read a sequence: a file, a folder of frames, or a pattern of their names.
 
     Frames that are files of their own show a bar; what was not used or guessed is said, unless
-    this is one file of many (`quiet`).
+    this is one file of many (`quiet`). Options that state facts go over `facts`.
     """
     options = ReadOptions(
         format=None if form is None else Format(form),
@@ -122,6 +126,7 @@ def read(
         dtype=dtype,
         grid=grid,
         topology=topology,
+        facts=stated_facts(stated).over(facts),
     )
     if quiet:
         return read_sequence(source, options).sequence

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 import numpy as np
@@ -23,6 +23,9 @@ from modalmotion.simulate import (
 )
 from modalmotion.simulate import simulate_cohort as cohort
 from modalmotion.store import write_atomic
+
+_STATED: Final = ("tracking", "handedness", "period", "cavity", "modality")
+"""Facts that the simulator knows."""
 
 
 def _parameter_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -81,7 +84,7 @@ def simulate(
     "--output",
     required=True,
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder to write: files, and cases.csv with path, label and subject.",
+    help="Folder to write: files, and cases.csv with path, label, subject and facts.",
 )
 @click.option(
     "--per-class",
@@ -97,13 +100,14 @@ def simulate_cohort(output: Path, per_class: int, noise: float, seed: int) -> No
     output.mkdir(parents=True, exist_ok=True)
     table = io.StringIO()
     rows = csv.writer(table, lineterminator="\n")
-    rows.writerow(["path", "label", "subject"])
+    rows.writerow(["path", "label", "subject", *_STATED])
     total = per_class * len(MotionClass)
     cases = cohort(per_class, rng=np.random.default_rng(seed), noise=noise)
     with click.progressbar(cases, length=total, label="ventricles", file=sys.stderr) as bar:
         for number, case in enumerate(bar):
             name = f"ventricle-{seed}-{number:04d}"
             write_atomic(output / f"{name}.npz", write_npz(case.sequence))
-            rows.writerow([f"{name}.npz", case.label, name])
+            facts = [getattr(case.sequence.facts, fact) for fact in _STATED]
+            rows.writerow([f"{name}.npz", case.label, name, *facts])
     write_atomic(output / "cases.csv", table.getvalue().encode())
     click.echo(f"{total} ventricles of {len(MotionClass)} classes: {output / 'cases.csv'}")
