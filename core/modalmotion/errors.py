@@ -16,6 +16,7 @@
     └── StoreError                      results that cannot be kept or read back
         ├── NotFoundError               nothing is kept under that id
         ├── CorruptFileError            a result file that does not read as written
+        ├── OlderFileError              a file that an older version wrote; `store rebuild` takes it
         └── ModelNotReproducedError     a model that no longer answers as when it was made
 """
 
@@ -151,6 +152,12 @@ class CorruptFileError(StoreError):
     """A result file does not read as it was written."""
 
     code = "corrupt_file"
+
+
+class OlderFileError(StoreError):
+    """A file was written by an older version, and `store rebuild` has not rewritten it."""
+
+    code = "older_file"
 
 
 class ModelNotReproducedError(StoreError):

@@ -229,8 +229,8 @@ def parameters_as_json(parameters: SignatureParameters) -> dict[str, Any]:
 
 def parameters_from_json(values: dict[str, Any]) -> SignatureParameters:
     """Read what `parameters_as_json` gave."""
-    # JSON knows no tuples and no enumerations; fields that came later keep their defaults.
-    grid = values.get("grid")
+    # JSON has neither tuples nor enumerations.
+    grid = values["grid"]
     return SignatureParameters(
         **{
             **values,
@@ -238,7 +238,7 @@ def parameters_from_json(values: dict[str, Any]) -> SignatureParameters:
             "weights": Weights(values["weights"]),
             "components": Components(values["components"]),
             "landmarks": GivenLandmarks.from_json(values["landmarks"]),
-            "tolerance_of": ErrorKind(values.get("tolerance_of", ErrorKind.RMS)),
-            "order": ModeOrder(values.get("order", ModeOrder.FIXED)),
+            "tolerance_of": ErrorKind(values["tolerance_of"]),
+            "order": ModeOrder(values["order"]),
         }
     )

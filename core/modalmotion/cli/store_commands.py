@@ -28,7 +28,10 @@ def store() -> None:
 @_FOLDER
 @_OWNER
 def rebuild(folder: Path, owner: str | None) -> None:
-    """Build the index of each store in FOLDER anew from its files."""
+    """Build the index of each store in FOLDER anew from its files.
+
+    Files that an older version of modalmotion wrote are rewritten first.
+    """
     for name, root in _stores_of(folder, owner):
         _rebuild(name, root)
 
@@ -42,6 +45,11 @@ def _rebuild(name: str, root: Path) -> None:
         f"{name}{found.n_sequences} sequences, {found.n_results} results, {found.n_models} models "
         "are in the index"
     )
+    for kind, number in sorted(found.rewritten.items()):
+        what = f"{kind} file{'s' * (number > 1)}"
+        click.echo(f"{name}{number} {what} of an older version rewritten")
+    for file, why in sorted(found.refused.items()):
+        click.echo(f"{name}{file}: of an older version, and could not be taken: {why}")
     for what, number in (
         ("deletions finished", found.n_deletions),
         ("unfinished files removed", found.n_temporaries),

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from modalmotion.hdf5.contents import Contents, read_contents
-from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, sealed_image
+from modalmotion.hdf5.contents import Contents
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import UNKNOWN, Dataset
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
-KIND: Final = "sequence"
-SCHEMA_VERSION: Final = 1
+FORM: Final = Form("sequence", 1)
 
 
 def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
@@ -25,18 +25,7 @@ def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
     bytes
         The same for the same sequence.
     """
-    unit = sequence.unit or "unknown"
-    attributes: dict[str, Attribute] = {
-        "schema": f"modalmotion.{KIND}",
-        "schema_version": SCHEMA_VERSION,
-        "kind": KIND,
-        "intended_use": INTENDED_USE,
-        "unit": unit,
-    }
-    if sequence.topology is not None:
-        attributes["topology"] = sequence.topology.name
-    if sequence.grid is not None:
-        attributes["grid"] = sequence.grid
+    unit = sequence.unit or UNKNOWN
     vertices = sequence.vertices.astype(sequence.vertices.dtype.newbyteorder("<"), copy=False)
     datasets = [
         Dataset("vertices", vertices, unit, "frame, vertex, direction"),
@@ -44,7 +33,13 @@ def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
     ]
     if sequence.times is not None:
         datasets.append(Dataset("times", sequence.times, "s", "frame"))
-    return sealed_image(attributes, {"sequence_id": sequence.id}, datasets)
+    return FORM.image(
+        {"sequence_id": sequence.id},
+        datasets,
+        unit=unit,
+        topology=None if sequence.topology is None else sequence.topology.name,
+        grid=sequence.grid,
+    )
 
 
 def sequence_from_hdf5(source: bytes | Path) -> MeshSequence:
@@ -66,14 +61,13 @@ def sequence_from_hdf5(source: bytes | Path) -> MeshSequence:
 
 def read_sequence(source: bytes | Path) -> tuple[MeshSequence, Contents]:
     """Read a mesh sequence together with the contents of its file."""
-    with read_contents(source, KIND, SCHEMA_VERSION) as contents:
-        unit = contents.text("unit")
+    with FORM.read(source) as contents:
         sequence = mesh_sequence(
             contents.array("vertices", (None, None, 3)),
             contents.array("faces", (None, 3)),
             grid=contents.attributes.get("grid"),
             topology=contents.optional_text("topology"),
             times=contents.arrays.get("times"),
-            unit=None if unit == "unknown" else unit,
+            unit=contents.unit,
         )
     return sequence, contents

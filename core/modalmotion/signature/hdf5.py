@@ -9,21 +9,18 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.alignment.rigid import Rotations
-from modalmotion.choice.parameters import (
-    parameters_as_json,
-    parameters_from_json,
-)
+from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
 from modalmotion.choice.reason import ModelChoice
-from modalmotion.hdf5.contents import Contents, read_contents
-from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, json_text, sealed_image
+from modalmotion.hdf5.contents import Contents
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
 from modalmotion.mesh.spring_modes import SpringSpectrum
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 
-KIND: Final = "signature"
-SCHEMA_VERSION: Final = 1
+FORM: Final = Form("signature", 1)
 
 
 def signature_to_hdf5(signature: ModalSignature) -> bytes:
@@ -43,15 +40,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
     StoreError
         If the unit is no text that HDF5 can hold.
     """
-    unit = signature.unit or "unknown"
-    attributes: dict[str, Attribute] = {
-        "schema": f"modalmotion.{KIND}",
-        "schema_version": SCHEMA_VERSION,
-        "kind": KIND,
-        "intended_use": INTENDED_USE,
-        "topology": signature.surface,
-        "unit": unit,
-    }
+    unit = signature.unit or UNKNOWN
     ids = {
         "sequence_id": signature.sequence_id,
         "template_id": signature.template_id,
@@ -91,7 +80,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
         datasets += landmark_datasets(signature.landmarks, unit)
     if signature.times is not None:
         datasets.append(Dataset("times", signature.times, "s", "frame"))
-    return sealed_image(attributes, ids, datasets)
+    return FORM.image(ids, datasets, topology=signature.surface, unit=unit)
 
 
 def signature_from_hdf5(source: bytes | Path) -> ModalSignature:
@@ -113,12 +102,11 @@ def signature_from_hdf5(source: bytes | Path) -> ModalSignature:
 
 def read_signature(source: bytes | Path) -> tuple[ModalSignature, Contents]:
     """Read a signature together with the contents of its file."""
-    with read_contents(source, KIND, SCHEMA_VERSION) as contents:
+    with FORM.read(source) as contents:
         return _signature(contents), contents
 
 
 def _signature(contents: Contents) -> ModalSignature:
-    unit = contents.text("unit")
     amplitudes = contents.array("amplitudes", (None, None, 3))
     n_frames, n_modes, _ = amplitudes.shape
 
@@ -139,7 +127,7 @@ def _signature(contents: Contents) -> ModalSignature:
         max_errors=per_frame("max_errors"),
         motion_rms=per_frame("motion_rms"),
         times=per_frame("times") if "times" in contents.arrays else None,
-        unit=None if unit == "unknown" else unit,
+        unit=contents.unit,
         n_vertices=contents.number("n_vertices"),
         lengths=tuple(contents.array("lengths", (None,)).tolist()),
         landmarks=landmarks_from(contents),

@@ -28,7 +28,6 @@ from modalmotion.store.index.database import Database
 from modalmotion.store.index.idempotency import IdempotencyKeys
 from modalmotion.store.index.index import Index
 from modalmotion.store.index.jobs import Jobs
-from modalmotion.store.index.model_index import ModelIndex
 from modalmotion.store.index.traces import Traces
 
 _N_STRIPES: Final = 64
@@ -75,7 +74,6 @@ class Opening:
             database = Database(self._folder.index)
             try:
                 index = Index(database)
-                ModelIndex(database).prepare()
                 Traces(database).prepare()
                 if not index.is_clean:
                     reconcile(self._folder, index, thorough=False)

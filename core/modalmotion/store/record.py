@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import unicodedata
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from modalmotion.errors import CorruptFileError, ParameterError, StoreError
-from modalmotion.hdf5.sealed import read_file
+from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
+from modalmotion.store.disk.sealed_json import JsonForm
 
-SCHEMA: Final = "modalmotion.sequence-record"
-SCHEMA_VERSION: Final = 1
+FORM: Final = JsonForm(
+    "sequence-record",
+    1,
+    "Run `modalmotion store rebuild`, which writes it anew from what else is known.",
+)
 LONGEST_NAME: Final = 200
 
 
@@ -84,8 +85,7 @@ def record_of(
 
 def record_to_json(record: SequenceRecord) -> bytes:
     """Write a record as JSON that ends with the sha256 of what stands before."""
-    content = {"schema": SCHEMA, "schema_version": SCHEMA_VERSION, "record": asdict(record)}
-    return json.dumps({**content, "sha256": _digest(content)}, indent=1).encode()
+    return FORM.write(asdict(record))
 
 
 def read_record(path: Path) -> SequenceRecord:
@@ -98,24 +98,9 @@ def read_record(path: Path) -> SequenceRecord:
     CorruptFileError
         If it is damaged.
     StoreError
-        If it was written by a newer version.
+        If it was written by another version.
     """
-    try:
-        content: dict[str, Any] = json.loads(read_file(path))
-        is_whole = content.pop("sha256") == _digest(content)
-        schema, version = content["schema"], content["schema_version"]
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise _damaged(path, str(error)) from error
-    if not is_whole:
-        raise _damaged(path, "its fields do not have the sha256 that it states")
-    # Not called damaged from here on, for what is damaged may be written anew.
-    if (schema, version) != (SCHEMA, SCHEMA_VERSION):
-        raise StoreError(
-            f"'{path.name}' has the schema {str(schema)[:40]!r}, version {str(version)[:10]}, "
-            f"not {SCHEMA!r}, version {SCHEMA_VERSION}.",
-            remedy="Read it with the modalmotion that wrote it, or a newer one.",
-        )
-    fields = content["record"]
+    fields = FORM.read(path)
     grid = fields["grid"]
     return SequenceRecord(**{**fields, "grid": None if grid is None else tuple(grid)})
 
@@ -142,14 +127,3 @@ def require_name(name: str, text: str | None) -> str | None:
             remedy="Use letters, digits, signs and spaces.",
         )
     return text
-
-
-def _damaged(path: Path, reason: str) -> CorruptFileError:
-    return CorruptFileError(
-        f"The record '{path.name}' is damaged ({reason[:100]}).",
-        remedy="Run `modalmotion store rebuild`, which writes it anew from what else is known.",
-    )
-
-
-def _digest(content: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

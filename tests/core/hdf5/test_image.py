@@ -23,7 +23,6 @@ from modalmotion.hdf5.image import (
     Attribute,
     Dataset,
     Layout,
-    json_text,
     sealed_image,
     write_image,
 )
@@ -292,24 +291,3 @@ def test_a_text_that_no_attribute_can_hold_is_refused_before_it_is_written() -> 
     for model in ("a\x00b", "a\nb", "\ud800", "x" * 20_000):
         with pytest.raises(StoreError, match="model"):
             classification_to_hdf5(replace(sample_classification("1" * 64), model=model))
-
-
-def test_a_classification_of_before_there_were_class_sets_rules_nothing_out() -> None:
-    found = sample_classification("0" * 64)
-    attributes: dict[str, Attribute] = {
-        "schema": "modalmotion.classification",
-        "schema_version": 1,
-        "kind": "classification",
-        "intended_use": INTENDED_USE,
-        "model": found.model,
-    }
-    ids = {"sequence_id": found.sequence_id, "model_id": found.model_id}
-    datasets = [
-        Dataset("probabilities", found.probabilities, "1", "class"),
-        *(json_text(name, getattr(found, name)) for name in ("classes", "label", "notes")),
-        json_text("provenance", found.provenance),
-    ]
-    old = classification_from_hdf5(sealed_image(attributes, ids, datasets))
-    assert (old.class_set, old.coverage) == (found.classes, 1.0)
-    assert (old.flags, old.explanation) == ((), ())
-    assert (old.label, old.notes) == (found.label, found.notes)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import shutil
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -192,20 +191,6 @@ def test_an_index_built_anew_knows_the_same_models(root: Path) -> None:
     report = verify(root)
     assert (report.faults, report.unfinished, report.orphans) == ((), (), ())
     assert report.n_models == 3
-
-
-def test_an_index_of_before_there_were_models_is_brought_up_to_date(root: Path) -> None:
-    import sqlite3
-
-    shutil.rmtree(root / "models")
-    connection = sqlite3.connect(root / "index.sqlite")
-    connection.execute("DROP TABLE models")
-    connection.commit()
-    connection.close()
-    assert verify(root).is_sound
-    with ResultStore(root) as store:
-        assert store.models() == ()
-        assert store.put_model(sample_model(1)).version == 1
 
 
 def crashed(root: Path, change: Callable[[ResultStore], object]) -> None:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import hashlib
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from modalmotion.classify.answer.classification import Classification
 from modalmotion.classify.answer.explanation import ModeContribution
-from modalmotion.hdf5.contents import Contents, read_contents
-from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, json_text, sealed_image
+from modalmotion.hdf5.contents import Contents
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.signature.making import SignatureParameters
 
-KIND: Final = "classification"
-SCHEMA_VERSION: Final = 2
+FORM: Final = Form("classification", 2)
 
 
 def classification_key(parameters: SignatureParameters, coverage: float) -> str:
@@ -43,13 +43,6 @@ def classification_to_hdf5(
     StoreError
         If the name of the model is no text that HDF5 can hold.
     """
-    attributes: dict[str, Attribute] = {
-        "schema": f"modalmotion.{KIND}",
-        "schema_version": SCHEMA_VERSION,
-        "kind": KIND,
-        "intended_use": INTENDED_USE,
-        "model": classification.model,
-    }
     ids = {"sequence_id": classification.sequence_id, "model_id": classification.model_id}
     if parameters_key is not None:
         ids["parameters_key"] = parameters_key
@@ -64,7 +57,7 @@ def classification_to_hdf5(
         json_text("notes", classification.notes),
         json_text("provenance", classification.provenance),
     ]
-    return sealed_image(attributes, ids, datasets)
+    return FORM.image(ids, datasets, model=classification.model)
 
 
 def classification_from_hdf5(source: bytes | Path) -> Classification:
@@ -86,7 +79,7 @@ def classification_from_hdf5(source: bytes | Path) -> Classification:
 
 def read_classification(source: bytes | Path) -> tuple[Classification, Contents]:
     """Read a classification together with the contents of its file."""
-    with read_contents(source, KIND, SCHEMA_VERSION) as contents:
+    with FORM.read(source) as contents:
         classes = tuple(contents.json("classes", list))
         label = contents.json("label", object)
         if label not in (None, *classes):
@@ -100,21 +93,12 @@ def read_classification(source: bytes | Path) -> tuple[Classification, Contents]
             probabilities=contents.array("probabilities", (len(classes),)),
             notes=tuple(contents.json("notes", list)),
             provenance=contents.json("provenance", dict),
-            **_since_version_2(contents, classes),
+            class_set=tuple(contents.json("class_set", list)),
+            coverage=float(contents.json("coverage", float)),
+            flags=tuple(contents.json("flags", list)),
+            explanation=tuple(
+                ModeContribution(**{**part, "modes": tuple(part["modes"])})
+                for part in contents.json("explanation", list)
+            ),
         )
     return classification, contents
-
-
-def _since_version_2(contents: Contents, classes: tuple[str, ...]) -> dict[str, Any]:
-    if contents.attributes["schema_version"] == 1:
-        # Nothing was ruled out then: the set of all classes, which is always right.
-        return {"class_set": classes, "coverage": 1.0, "flags": (), "explanation": ()}
-    return {
-        "class_set": tuple(contents.json("class_set", list)),
-        "coverage": float(contents.json("coverage", float)),
-        "flags": tuple(contents.json("flags", list)),
-        "explanation": tuple(
-            ModeContribution(**{**part, "modes": tuple(part["modes"])})
-            for part in contents.json("explanation", list)
-        ),
-    }

@@ -13,12 +13,12 @@ from modalmotion.classify.model.model import Model
 from modalmotion.classify.model.record import ModelRecord, require_model_name
 from modalmotion.classify.model.text import model_from_bytes, model_to_bytes
 from modalmotion.errors import CorruptFileError, ModelNotReproducedError
-from modalmotion.hdf5.contents import Contents, read_contents
-from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, json_text, sealed_image
+from modalmotion.hdf5.contents import Contents
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.representation import shown
 
-KIND: Final = "model"
-SCHEMA_VERSION: Final = 1
+FORM: Final = Form("model", 1)
 
 
 @shown("record.name", "record.version", "data")
@@ -81,14 +81,6 @@ def model_to_hdf5(model: Model | KeptModel) -> bytes:
     """
     kept = kept_model(model) if isinstance(model, Model) else model
     record = kept.record
-    attributes: dict[str, Attribute] = {
-        "schema": f"modalmotion.{KIND}",
-        "schema_version": SCHEMA_VERSION,
-        "kind": KIND,
-        "intended_use": INTENDED_USE,
-        "model": require_model_name(record.name),
-        "version": record.version,
-    }
     datasets = [
         Dataset("contents", np.frombuffer(kept.data, dtype=np.uint8), "none", "byte"),
         json_text("classes", record.classes),
@@ -96,7 +88,8 @@ def model_to_hdf5(model: Model | KeptModel) -> bytes:
         json_text("card", kept.card),
         json_text("origin", {"created": record.created, "training": record.training}),
     ]
-    return sealed_image(attributes, {"model_id": record.id}, datasets)
+    name = require_model_name(record.name)
+    return FORM.image({"model_id": record.id}, datasets, model=name, version=record.version)
 
 
 def model_from_hdf5(source: bytes | Path) -> Model:
@@ -137,7 +130,7 @@ def model_from_hdf5(source: bytes | Path) -> Model:
 
 def read_kept_model(source: bytes | Path) -> tuple[KeptModel, Contents]:
     """Read a model's file without interpreting the model in it."""
-    with read_contents(source, KIND, SCHEMA_VERSION) as contents:
+    with FORM.read(source) as contents:
         origin = contents.json("origin", dict)
         number = contents.attributes["version"]
         if not isinstance(number, int):

@@ -7,22 +7,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
+from modalmotion.errors import CorruptFileError, NotFoundError, OlderFileError, StoreError
 from modalmotion.progress import Progress
+from modalmotion.store.care.older_forms import rewrite_older
 from modalmotion.store.care.recovery import Reconciliation, reconcile
 from modalmotion.store.disk.atomic import remove_durably
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder
-from modalmotion.store.index.database import Database
+from modalmotion.store.index.database import Database, renew
 from modalmotion.store.index.index import Index
-from modalmotion.store.index.model_index import ModelIndex
 
 
 def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
     """Build the index of a store anew from its files, whose seals are all checked.
 
     Sequences with subject, label and time, and all results, come from the files. Jobs and
-    idempotency keys are in the index alone: they are kept if it can be read.
+    idempotency keys are in the index alone: they are kept if it can be read. Files that an older
+    version wrote are rewritten first.
 
     Parameters
     ----------
@@ -38,15 +39,22 @@ def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
     """
     folder = existing_store(root)
     with folder_lock(folder.lock):
+        # Before the index, which says by its version whether the files are today's.
+        older = rewrite_older(folder)
         database, jobs_lost = _usable(folder)
         try:
             index = Index(database)
-            ModelIndex(database).prepare()
             found = reconcile(folder, index, thorough=True, progress=progress)
             index.set_clean(True)
         finally:
             database.close()
-    return replace(found, jobs_lost=jobs_lost)
+    return replace(
+        found,
+        jobs_lost=jobs_lost,
+        rewritten=older.rewritten,
+        refused=older.refused,
+        damaged=tuple(file for file in found.damaged if file not in older.refused),
+    )
 
 
 def existing_store(root: Path) -> Folder:
@@ -70,7 +78,11 @@ def _usable(folder: Folder) -> tuple[Database, bool]:
     """Index to write to, and whether jobs were lost with a damaged one."""
     kept: dict[str, list[Any]] = {}
     try:
-        database = Database(folder.index)
+        try:
+            database = Database(folder.index)
+        except OlderFileError:
+            renew(folder.index)
+            database = Database(folder.index)
     except CorruptFileError:
         jobs_lost = True
     else:

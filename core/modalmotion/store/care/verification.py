@@ -165,10 +165,7 @@ class _Check:
             index = Index(database)
             self.rows = {record.id: record for record in index.records()}
             self.digests = index.results()
-            models = ModelIndex(database)
-            # An index of before models were kept has no such table, until the next `open`.
-            found = models.all() if models.exists else []
-            self.models = {record.reference: record for record in found}
+            self.models = {record.reference: record for record in ModelIndex(database).all()}
             self.is_clean = index.is_clean
             self.has_index = True
         except StoreError as error:

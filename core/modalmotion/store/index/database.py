@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sqlite3
 import threading
 from collections.abc import Iterator, Sequence
@@ -9,9 +10,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.errors import CorruptFileError, StoreError
+from modalmotion.errors import CorruptFileError, OlderFileError, StoreError
 
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
 
 _TABLES: Final = (
     """CREATE TABLE state (
@@ -32,6 +33,11 @@ _TABLES: Final = (
         model_id TEXT NOT NULL, key TEXT NOT NULL, sha256 TEXT NOT NULL,
         PRIMARY KEY (sequence_id, kind, model_id, key)
     ) WITHOUT ROWID""",
+    """CREATE TABLE models (
+        name TEXT NOT NULL, version INTEGER NOT NULL, id TEXT NOT NULL, classes TEXT NOT NULL,
+        parameters TEXT NOT NULL, created TEXT NOT NULL, training TEXT, deleted TEXT,
+        PRIMARY KEY (name, version)
+    ) WITHOUT ROWID""",
     """CREATE TABLE jobs (
         id TEXT PRIMARY KEY, kind TEXT NOT NULL, state TEXT NOT NULL, progress REAL NOT NULL,
         request TEXT NOT NULL, result TEXT, error TEXT, created TEXT NOT NULL,
@@ -46,7 +52,10 @@ _TABLES: Final = (
     "CREATE INDEX idempotency_by_time ON idempotency (created)",
 )
 
-_REBUILD = "Run `modalmotion store rebuild` on the folder."
+# What an index of version 1 lacks; its rows stay.
+_SINCE_1: Final[tuple[str, ...]] = ()
+
+_REBUILD = "Run `modalmotion store rebuild FOLDER`."
 
 
 class Database:
@@ -129,6 +138,13 @@ class Database:
         if version == SCHEMA_VERSION:
             return
         (n_tables,) = self._writer.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        if 0 < version < SCHEMA_VERSION:
+            raise OlderFileError(
+                f"The index has version {version} of its schema; this program knows "
+                f"{SCHEMA_VERSION}.",
+                remedy=f"{_REBUILD[:-1]}, which keeps all that is in it.",
+                details={"schema_version": version, "known": SCHEMA_VERSION},
+            )
         if version != 0 or n_tables:
             raise StoreError(
                 f"The index has version {version} of its schema; this program knows "
@@ -142,6 +158,24 @@ class Database:
             self._writer.execute(statement)
         self._writer.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         self._writer.execute("COMMIT")
+
+
+def renew(path: Path) -> None:
+    """Bring an index that an older version wrote up to today's schema.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is damaged.
+    StoreError
+        If it cannot be written; it is as it was.
+    """
+    with _explained(), contextlib.closing(_connect(path)) as connection:
+        connection.execute("BEGIN IMMEDIATE")
+        for statement in _SINCE_1:
+            connection.execute(statement)
+        connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        connection.execute("COMMIT")
 
 
 def _connect(path: Path) -> sqlite3.Connection:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sqlite3
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import h5py
@@ -18,7 +19,7 @@ from modalmotion.errors import CorruptFileError
 from modalmotion.exports.signature_pack import export
 from modalmotion.store import ResultStore, rebuild, template_to_hdf5, verify
 from modalmotion.store.folder import Folder, ResultName
-from modalmotion.store.record import read_record, record_to_json
+from modalmotion.store.record import FORM, read_record
 from modalmotion.template import make_template
 
 
@@ -212,17 +213,12 @@ def test_the_commands_say_what_they_found(root: Path, tmp_path: Path) -> None:
     assert f"{KEY}.h5: damaged" in text
 
 
-def test_a_record_of_a_newer_version_is_not_overwritten(
-    root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_record_of_a_newer_version_is_not_overwritten(root: Path) -> None:
     folder, name = Folder(root), sample_sequence(1).id
     path = folder.record(name)
     with ResultStore(root) as store:
         record = store.sequence_record(name)
-    with monkeypatch.context() as patch:
-        patch.setattr("modalmotion.store.record.SCHEMA_VERSION", 2)
-        patch.setattr("modalmotion.store.record.asdict", lambda _: {"unheard": "of"})
-        newer = record_to_json(record)
+    newer = replace(FORM, version=FORM.version + 1).write({**asdict(record), "unheard": "of"})
     path.write_bytes(newer)
     assert [fault.file for fault in verify(root).faults] == [folder.short(path)]
     assert rebuild(root).damaged == (folder.short(path),)

@@ -165,7 +165,7 @@ def test_an_index_that_is_none_asks_for_a_rebuild(content: bytes, tmp_path: Path
         ResultStore(tmp_path).open()
 
 
-@pytest.mark.parametrize("version", [SCHEMA_VERSION + 1, 99])
+@pytest.mark.parametrize("version", [SCHEMA_VERSION - 1, SCHEMA_VERSION + 1, 99])
 def test_an_index_of_another_version_is_not_touched(version: int, tmp_path: Path) -> None:
     ResultStore(tmp_path).open().close()
     connection = sqlite3.connect(tmp_path / "index.sqlite")
