@@ -25,7 +25,8 @@ from modalmotion.store.index.idempotency import IdempotencyKeys, IdempotentReque
 from modalmotion.store.index.index import SequencePage
 from modalmotion.store.index.jobs import UNSET, Job, JobPage, Jobs, JobState, Unset
 from modalmotion.store.record import SequenceRecord, record_of, record_to_json
-from modalmotion.store.results import ResultStore
+from modalmotion.store.results import ResultStore, signature_image
+from modalmotion.store.sequences import upload_image
 from modalmotion.store.staging import StagedSignature
 from modalmotion.template.hdf5 import template_from_hdf5, template_to_hdf5
 
@@ -66,9 +67,11 @@ __all__ = [
     "sequence_from_hdf5",
     "sequence_to_hdf5",
     "signature_from_hdf5",
+    "signature_image",
     "signature_to_hdf5",
     "template_from_hdf5",
     "template_to_hdf5",
+    "upload_image",
     "verify",
     "write_atomic",
 ]
