@@ -1,5 +1,6 @@
 """What goes over the wire, as pydantic models."""
 
+from modalmotion_service.schemas.facts import FactsAnswer
 from modalmotion_service.schemas.fields import (
     GRID,
     GRID_PATTERN,
@@ -38,7 +39,7 @@ from modalmotion_service.schemas.results import (
 from modalmotion_service.schemas.sequences import (
     ReadingAnswer,
     ReadingQuery,
-    SequenceNames,
+    SequenceChange,
     SequencePageAnswer,
     SequenceSummary,
     UploadQuery,
@@ -66,6 +67,7 @@ __all__ = [
     "DistanceAnswer",
     "EncodedAnswer",
     "EncodingTarget",
+    "FactsAnswer",
     "FrameErrors",
     "Health",
     "JobAnswer",
@@ -85,8 +87,8 @@ __all__ = [
     "ReadingAnswer",
     "ReadingQuery",
     "ReadoutsAnswer",
+    "SequenceChange",
     "SequenceId",
-    "SequenceNames",
     "SequencePageAnswer",
     "SequenceSummary",
     "SignatureAnswer",
