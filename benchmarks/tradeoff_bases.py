@@ -14,7 +14,7 @@ from templates import beltrami_modes
 from modalmotion.fit.fit import displacement_blocks
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.spring_modes import spring_modes
-from modalmotion.modes import lowest_modes, shapes_at, whole_count
+from modalmotion.modes import lowest_modes, whole_count
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.template import make_template
 
@@ -64,7 +64,7 @@ def fronts(sequence: MeshSequence, most: int = MOST_MODES) -> dict[str, Front]:
     counts = sorted({whole_count(template.topology, k, sequence.grid) for k in range(1, most + 1)})
     n_frames, weights = len(u), template.weights
     motion = float(np.sqrt(np.einsum("n,fnd->f", weights, u * u).mean()))
-    closed = left_by(shapes_at(modes, template.coordinates), u, weights)
+    closed = left_by(modes.shapes_on(template), u, weights)
     found = {CLOSED: _front(closed, np.array(counts), n_frames, motion)}
     ranks = np.arange(1, most + 1)
     if len(template.faces):

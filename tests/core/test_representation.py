@@ -12,8 +12,8 @@ import pytest
 from reachable_values import reachable_values
 
 import modalmotion as mm
-from modalmotion.classify import TrainingCase, TrainingOptions, classify, load_model
-from modalmotion.classify.features import axis_features
+from modalmotion.classification import TrainingCase, TrainingOptions, classify, load_model
+from modalmotion.classification.features import axis_features
 from modalmotion.codec import encode, inspect
 from modalmotion.dynamics import HarmonicPotential, Oscillators, State, exact_step, polarised_waves
 from modalmotion.formats import read_npz, write_npz

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classify.answer.classification import Classification
+from modalmotion.classification.answer.classification import Classification
 from modalmotion.mesh.sequence import MeshSequence
 
 INTENDED_USE = "Description of surface motion."

@@ -11,8 +11,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from modalmotion.classify.answer.classification import Classification
-from modalmotion.classify.answer.explanation import ModeContribution
+from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer.explanation import ModeContribution
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature

@@ -16,8 +16,7 @@ from modalmotion.fit.basis import Basis, make_basis
 from modalmotion.fit.fit import Fit, fit_sequence
 from modalmotion.fit.superposition import Superposition, measured
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.mesh.spring_modes import SpringModes
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes
 from modalmotion.numeric.scale import root_mean_square
 from modalmotion.template import Template
 
@@ -28,7 +27,7 @@ class Model:
 
     Parameters
     ----------
-    modes : ModeSet or SpringModes
+    modes : Modes
     fit : Fit
         Its errors are those of these amplitudes.
     condition : float
@@ -37,7 +36,7 @@ class Model:
     notes : tuple of str
     """
 
-    modes: ModeSet | SpringModes
+    modes: Modes
     fit: Fit
     condition: float
     choice: ModelChoice | None = None
@@ -53,7 +52,7 @@ class Model:
 def fit_model(
     sequence: MeshSequence,
     template: Template,
-    modes: ModeSet | SpringModes,
+    modes: Modes,
     asked: SignatureParameters,
     *,
     normal: tuple[float, float, float] | None = None,
@@ -65,7 +64,7 @@ def fit_model(
     ----------
     sequence : MeshSequence
     template : Template
-    modes : ModeSet or SpringModes
+    modes : Modes
     asked : SignatureParameters
     normal : tuple of float, optional
         Direction that is left out of all amplitudes, which must be along x, y, z.
@@ -123,7 +122,7 @@ def remeasured(
 def static_model(
     sequence: MeshSequence,
     template: Template,
-    modes: ModeSet | SpringModes,
+    modes: Modes,
     static: LinearMotion,
     asked: SignatureParameters,
 ) -> Model:

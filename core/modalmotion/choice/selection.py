@@ -24,8 +24,7 @@ from modalmotion.choice.smallest_set import smallest_within
 from modalmotion.errors import ModeCountError
 from modalmotion.fit.cache import TemplateCache
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.mesh.spring_modes import SpringModes
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes
 from modalmotion.template import Template, choose_modes
 from modalmotion.template.body_frame import Components
 
@@ -107,7 +106,7 @@ def _until_noise(
     sequence: MeshSequence,
     template: Template,
     asked: SignatureParameters,
-    smallest: ModeSet | SpringModes,
+    smallest: Modes,
     scene: Scene,
 ) -> Model:
     noise = measure_noise(sequence, template, asked)

@@ -16,7 +16,7 @@ from modalmotion.errors import InputError, MalformedFileError, ModalMotionError,
 from modalmotion.facts import NO_FACTS, Facts, column_of, facts_from_texts, is_fact
 
 if TYPE_CHECKING:
-    from modalmotion.classify import TrainingCase
+    from modalmotion.classification import TrainingCase
     from modalmotion.signature.making import SignatureParameters
 
 _COLUMNS: Final = ("path", "label", "subject")
@@ -55,16 +55,16 @@ def labelled_files(sources: Sequence[Path]) -> list[LabelledFile]:
         If a row or a file is missing, has no class, or is named twice; it says which.
     """
     if len(sources) == 1 and sources[0].suffix.lower() in (".csv", ".tsv"):
-        found = read_manifest(sources[0])
+        files = read_manifest(sources[0])
     else:
-        found = [_by_folder(path) for path in sources]
-    repeated = [path for path, n in Counter(file.path for file in found).items() if n > 1]
-    if repeated:
+        files = [_by_folder(path) for path in sources]
+    path, n = Counter(file.path for file in files).most_common(1)[0] if files else (None, 0)
+    if n > 1:
         raise ParameterError(
-            f"'{repeated[0]}' is named {Counter(file.path for file in found)[repeated[0]]} times.",
+            f"'{path}' is named {n} times.",
             remedy="Name each file once: repeated, it would stand on both sides of a split.",
         )
-    return found
+    return files
 
 
 def read_manifest(manifest: Path) -> list[LabelledFile]:
@@ -106,7 +106,7 @@ def read_manifest(manifest: Path) -> list[LabelledFile]:
 
 
 def training_cases(
-    files: Sequence[LabelledFile], parameters: SignatureParameters, said: dict[str, Any]
+    files: Sequence[LabelledFile], parameters: SignatureParameters, stated: dict[str, Any]
 ) -> Iterator[TrainingCase]:
     """Read and fit files one by one, with a bar.
 
@@ -114,7 +114,7 @@ def training_cases(
     ----------
     files : sequence of LabelledFile
     parameters : SignatureParameters
-    said : dict
+    stated : dict
         Of all files, over what they say themselves; see `files.read`.
 
     Raises
@@ -122,16 +122,15 @@ def training_cases(
     InputError
         If a file cannot be used; it names the file.
     """
-    from modalmotion.classify import TrainingCase
+    from modalmotion.classification import TrainingCase
     from modalmotion.cli.files import read
     from modalmotion.signature.making import modal_signature
 
     with click.progressbar(files, label="signatures", file=sys.stderr) as bar:
         for file in bar:
             try:
-                signature = modal_signature(
-                    read(file.path, facts=file.facts, quiet=True, **said), parameters
-                )
+                sequence = read(file.path, quiet=True, facts=file.facts, **stated)
+                signature = modal_signature(sequence, parameters)
                 yield TrainingCase(signature, file.label, file.subject)
             except ModalMotionError as error:
                 raise _of_file(error, file.path) from error

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import click
 
+from modalmotion.cli.options import example
+
 _FOLDER = click.argument(
     "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="FOLDER"
 )
@@ -24,7 +26,7 @@ def store() -> None:
     """
 
 
-@store.command()
+@store.command(epilog=example("store rebuild results"))
 @_FOLDER
 @_OWNER
 def rebuild(folder: Path, owner: str | None) -> None:
@@ -67,7 +69,7 @@ def _rebuild(name: str, root: Path) -> None:
         click.echo(f"{name}The index was damaged: jobs and idempotency keys are lost.")
 
 
-@store.command()
+@store.command(epilog=example("store verify results"))
 @_FOLDER
 @_OWNER
 def verify(folder: Path, owner: str | None) -> None:
@@ -98,7 +100,7 @@ def _verify(name: str, root: Path) -> bool:
     return report.is_sound
 
 
-@store.command()
+@store.command(epilog=example("store export results signatures.h5"))
 @_FOLDER
 @click.argument("out", type=click.Path(dir_okay=False, path_type=Path), metavar="OUT.h5")
 @_OWNER
@@ -111,7 +113,7 @@ def export(folder: Path, out: Path, owner: str | None) -> None:
     click.echo(f"{n_signatures} signatures written: {out}")
 
 
-@store.command()
+@store.command(epilog=example("store backup results copy"))
 @_FOLDER
 @click.argument("copy", type=click.Path(file_okay=False, path_type=Path), metavar="COPY")
 def backup(folder: Path, copy: Path) -> None:

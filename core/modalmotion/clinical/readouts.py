@@ -12,7 +12,7 @@ from modalmotion.alignment.reference import reference_positions
 from modalmotion.clinical.affine_superposition import superposed_positions
 from modalmotion.clinical.volume_curve import VolumeCurve
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.fit.basis import basis_of
+from modalmotion.fit.basis import make_basis
 from modalmotion.mesh import Cavity, cavity_of
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topology import PLANE
@@ -144,7 +144,7 @@ def clinical_readouts(
     may add; those of derived figures follow by interval arithmetic.
     """
     used = fitted_on(signature, sequence, template)
-    basis = basis_of(signature.modes, used)
+    basis = make_basis(used, signature.modes)
     if signature.n_frames != sequence.n_frames:
         raise ParameterError(
             f"The signature has {signature.n_frames} frames, its sequence {sequence.n_frames}: "

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.form import Form
-from modalmotion.mesh.spring_modes import SpringSpectrum
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes
 from modalmotion.progress import Progress
 from modalmotion.signature.hdf5 import mode_datasets
 from modalmotion.signature.making import ModalSignature
@@ -69,7 +68,7 @@ class _Kind(NamedTuple):
     """What signatures of one group have in common."""
 
     key: str
-    modes: ModeSet | SpringSpectrum
+    modes: Modes
     unit: str
 
 

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.mesh.sequence import MeshSequence, Reference
-from modalmotion.mesh.spring_modes import SpringSpectrum, spring_modes
-from modalmotion.modes import ModeSet, shapes_at
 from modalmotion.numeric.quantile import weighted_quantile
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, from_local, local_frames
@@ -150,10 +148,3 @@ def distances(
     mean = np.einsum("fn,n->f", squares, template.weights)
     p95 = weighted_quantile(squares, template.weights, 0.95)
     return scale * np.sqrt(mean), scale * np.sqrt(p95), scale * np.sqrt(squares.max(axis=1))
-
-
-def mode_shapes(modes: ModeSet | SpringSpectrum, template: Template) -> NDArray[np.float64]:
-    """Shapes of a signature's modes on its template, (vertices, modes) float64."""
-    if isinstance(modes, ModeSet):
-        return shapes_at(modes, template.coordinates)
-    return spring_modes(template.faces, template.n_vertices, len(modes)).shapes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-from modalmotion.classify.answer.classification import Classification
+from modalmotion.classification.answer.classification import Classification
 from modalmotion.numerals import numeral
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classify.model.card import ModelCard
+from modalmotion.classification.model.card import ModelCard
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,13 +15,21 @@ from modalmotion.facts import facts_as_json, facts_from_json
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
-from modalmotion.mesh.spring_modes import SpringSpectrum
-from modalmotion.modes import ModeSet
+from modalmotion.mesh.spring_modes import SpringModes
+from modalmotion.modes import Modes, ModeSet
 from modalmotion.modes.topology import Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 
 FORM: Final = Form("signature", 1)
+
+# Unit and axes of what names modes.
+_OF_MODES: Final = {
+    "wavenumbers": ("1", "mode, axis"),
+    "is_sine": ("1", "mode"),
+    "spring_eigenvalues": ("1", "mode"),
+    "connectivity_id": ("none", ""),
+}
 
 
 def signature_to_hdf5(signature: ModalSignature) -> bytes:
@@ -150,24 +158,15 @@ def _signature(contents: Contents) -> ModalSignature:
     )
 
 
-def mode_datasets(modes: ModeSet | SpringSpectrum) -> list[Dataset]:
+def mode_datasets(modes: Modes) -> list[Dataset]:
     """Datasets that hold the names of modes."""
-    if isinstance(modes, SpringSpectrum):
-        identity = np.array(modes.connectivity_id.encode(), dtype="S64")
-        return [
-            Dataset("spring_eigenvalues", modes.eigenvalues, "1", "mode"),
-            Dataset("connectivity_id", identity, "none", ""),
-        ]
-    return [
-        Dataset("wavenumbers", modes.wavenumbers, "1", "mode, axis"),
-        Dataset("is_sine", modes.is_sine.astype(np.uint8), "1", "mode"),
-    ]
+    return [Dataset(name, array, *_OF_MODES[name]) for name, array in modes.arrays.items()]
 
 
-def _modes(contents: Contents, n_modes: int) -> ModeSet | SpringSpectrum:
+def _modes(contents: Contents, n_modes: int) -> Modes:
     if contents.text("topology") == "mesh":
         identity = bytes(contents.arrays["connectivity_id"][()]).decode()
-        return SpringSpectrum(contents.array("spring_eigenvalues", (n_modes,)), identity)
+        return SpringModes(contents.array("spring_eigenvalues", (n_modes,)), identity)
     topology = Topology.parse(contents.text("topology"))
     return ModeSet(
         topology,

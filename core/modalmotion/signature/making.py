@@ -17,13 +17,11 @@ from modalmotion.fit.cache import TemplateCache
 from modalmotion.fit.strays import notes_on_strays
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence, Reference
-from modalmotion.mesh.spring_modes import SpringModes
 from modalmotion.modes.topology import Topology
 from modalmotion.numerals import counted
 from modalmotion.signature.value import ModalSignature
 from modalmotion.template import (
     Template,
-    frequencies_on,
     make_template,
     require_same_mesh,
 )
@@ -95,9 +93,9 @@ def modal_signature(
     if not fit.motion_rms.any():
         notes.append("Nothing moves: every frame equals the reference.")
     return ModalSignature(
-        modes=modes.spectrum if isinstance(modes, SpringModes) else modes,
+        modes=modes.names,
         amplitudes=fit.amplitudes,
-        angular_frequencies=frequencies_on(chosen, modes, asked.wave_speed),
+        angular_frequencies=modes.frequencies_on(chosen, asked.wave_speed),
         rotations=fit.rotations,
         translations=fit.translations,
         rms_errors=fit.rms_errors,

@@ -1,12 +1,17 @@
 """Results kept in files: written wholly or not at all, found again, checked."""
 
-from modalmotion.classify.answer.hdf5 import (
+from modalmotion.classification.answer.hdf5 import (
     classification_from_hdf5,
     classification_key,
     classification_to_hdf5,
 )
-from modalmotion.classify.model.hdf5 import KeptModel, kept_model, model_from_hdf5, model_to_hdf5
-from modalmotion.classify.model.record import (
+from modalmotion.classification.model.hdf5 import (
+    KeptModel,
+    kept_model,
+    model_from_hdf5,
+    model_to_hdf5,
+)
+from modalmotion.classification.model.record import (
     NAME_PATTERN,
     VERSION_PATTERN,
     ModelRecord,

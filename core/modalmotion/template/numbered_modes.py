@@ -1,15 +1,11 @@
-"""Which modes a surface is described by, and at what frequencies they would swing."""
+"""Which modes a surface is described by."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from modalmotion.mesh import connectivity_of
-from modalmotion.mesh.spring_modes import SpringModes, spring_modes
-from modalmotion.modes import ModeSet, lowest_modes, wavenumbers_on, whole_count
+from modalmotion.mesh.spring_modes import spring_modes
+from modalmotion.modes import Modes, lowest_modes, whole_count
 from modalmotion.template.template import Template
 
 
@@ -19,13 +15,13 @@ class ModeChoice:
 
     Parameters
     ----------
-    modes : ModeSet or SpringModes
+    modes : Modes
         In closed form where the surface has natural coordinates.
     notes : tuple of str
         Why there are more than were asked for, or that they belong to one mesh only.
     """
 
-    modes: ModeSet | SpringModes
+    modes: Modes
     notes: tuple[str, ...]
 
 
@@ -62,31 +58,3 @@ def choose_modes(
         f"({3 * n_whole} amplitudes a frame)."
     )
     return ModeChoice(chosen, (note,))
-
-
-def frequencies_on(
-    template: Template, modes: ModeSet | SpringModes, wave_speed: float
-) -> NDArray[np.float64]:
-    """Angular frequencies in the limit of long waves, w = c k.
-
-    Parameters
-    ----------
-    template : Template
-    modes : ModeSet or SpringModes
-    wave_speed : float, length unit per s
-
-    Returns
-    -------
-    (modes,) float64, rad per s
-    """
-    if isinstance(modes, SpringModes):
-        edges = connectivity_of(template.faces, template.n_vertices).edges
-        steps = template.vertices[edges[:, 0]] - template.vertices[edges[:, 1]]
-        largest = float(np.abs(steps).max(initial=0.0)) or 1.0
-        edge_length = largest * float(np.sqrt(((steps / largest) ** 2).sum(axis=1).mean()))
-        if not edge_length > 0:
-            return np.zeros(len(modes))
-        return modes.angular_frequencies(wave_speed, edge_length)
-    finite = tuple(length if length > 0 else np.inf for length in template.lengths)
-    frequencies: NDArray[np.float64] = wave_speed * wavenumbers_on(modes, finite)
-    return frequencies

@@ -8,7 +8,7 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Header, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from modalmotion.classify import TrainingOptions, available_models
+from modalmotion.classification import TrainingOptions, available_models
 from modalmotion.store import ModelRecord, model_to_hdf5, require_model_name
 from modalmotion.store.index.cursor import from_cursor, to_cursor
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from modalmotion.classify import DEFAULT_MODEL, FLAGS, Classification
+from modalmotion.classification import DEFAULT_MODEL, FLAGS, Classification
 from modalmotion.codec import Effort, Encoded
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.store import Job, JobState

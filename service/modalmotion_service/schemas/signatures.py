@@ -8,7 +8,6 @@ from pydantic import BaseModel, ConfigDict, FailFast, Field
 
 from modalmotion.choice.parameters import ErrorKind, ModeOrder
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.mesh.spring_modes import SpringLabel
 from modalmotion.modes import ModeLabel
 from modalmotion.signature.making import MOST_MODES, ModalSignature, SignatureParameters
 from modalmotion.template import GivenLandmarks, Landmarks, Weights
@@ -138,10 +137,8 @@ class Label(BaseModel):
     part: Literal["cos", "sin", "spring"]
 
     @staticmethod
-    def of(label: ModeLabel | SpringLabel) -> Label:
+    def of(label: ModeLabel) -> Label:
         """Write a label out."""
-        if isinstance(label, SpringLabel):
-            return Label(wavenumbers=[label.rank], part="spring")
         return Label(wavenumbers=list(label.wavenumbers), part=label.part)
 
 

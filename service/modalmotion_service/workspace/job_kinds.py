@@ -6,7 +6,7 @@ import asyncio
 from typing import Any, Final
 from urllib.parse import urlencode
 
-from modalmotion.classify import TrainingOptions
+from modalmotion.classification import TrainingOptions
 from modalmotion.facts import facts_from_json
 from modalmotion.store import ResultStore
 from modalmotion_service.http.negotiation import HDF5, NPZ, STREAM

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, ParamSpec, TypeVar
 
-from modalmotion.classify import Classification, available_models, load_model
+from modalmotion.classification import Classification, available_models, load_model
 from modalmotion.errors import NotFoundError
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import (

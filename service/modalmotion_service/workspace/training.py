@@ -11,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.classify import TrainingOptions
+from modalmotion.classification import TrainingOptions
 from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore

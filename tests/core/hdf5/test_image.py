@@ -16,7 +16,7 @@ from hypothesis.extra import numpy as hnp
 from store_samples import assert_same, sample_classification, sample_sequence, sample_signature
 
 from modalmotion.alignment.rigid import Rotations
-from modalmotion.classify.answer.classification import Classification
+from modalmotion.classification.answer.classification import Classification
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.image import (
     INTENDED_USE,
@@ -28,8 +28,8 @@ from modalmotion.hdf5.image import (
 )
 from modalmotion.hdf5.sealed import SEAL_LENGTH
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
-from modalmotion.mesh.spring_modes import SpringSpectrum
-from modalmotion.modes import ModeSet, lowest_modes
+from modalmotion.mesh.spring_modes import SpringModes
+from modalmotion.modes import Modes, lowest_modes
 from modalmotion.modes.topology import CLOSED_CURVE, CUP, SPHERE, TORUS, Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.store import (
@@ -63,8 +63,8 @@ def arrays(draw: Any, *shape: int) -> Any:
 def signatures(draw: st.DrawFn) -> ModalSignature:
     topology: Topology = draw(st.sampled_from([CLOSED_CURVE, CUP, SPHERE, TORUS]))
     n_modes = draw(st.integers(1, 9))
-    springs = SpringSpectrum(arrays(draw, n_modes), draw(IDS))
-    modes: ModeSet | SpringSpectrum = lowest_modes(topology, n_modes)
+    springs = SpringModes(arrays(draw, n_modes), draw(IDS))
+    modes: Modes = lowest_modes(topology, n_modes)
     if draw(st.booleans()):
         modes = springs
     n_frames = draw(st.integers(1, 4))
@@ -191,7 +191,7 @@ def test_every_field_has_a_place_in_the_file() -> None:
     assert len(fields(SignatureParameters)) == 18
     assert len(fields(Landmarks)) == 8
     assert len(fields(GivenLandmarks)) == 4
-    assert len(fields(SpringSpectrum)) == 2
+    assert len(fields(SpringModes)) == 2
     assert len(fields(Rotations)) == 2
     assert len(fields(MeshSequence)) == 6
     assert len(fields(Classification)) == 12

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from store_samples import KEY, sample_classification, sample_model, sample_sequence, tree
 
-from modalmotion.classify import Model, load_model, model_to_bytes
-from modalmotion.classify.model.hdf5 import read_kept_model
+from modalmotion.classification import Model, load_model, model_to_bytes
+from modalmotion.classification.model.hdf5 import read_kept_model
 from modalmotion.errors import (
     CorruptFileError,
     ModelNotReproducedError,

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from modalmotion.classify.answer.classification import Classification
-from modalmotion.classify.answer.hdf5 import classification_to_hdf5
+from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer.hdf5 import classification_to_hdf5
 from modalmotion.errors import ModalMotionError, StoreError
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form, form_of

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from modalmotion.classify.answer import hdf5 as classification_hdf5
-from modalmotion.classify.model.hdf5 import read_kept_model
-from modalmotion.classify.model.record import ModelRecord
+from modalmotion.classification.answer import hdf5 as classification_hdf5
+from modalmotion.classification.model.hdf5 import read_kept_model
+from modalmotion.classification.model.record import ModelRecord
 from modalmotion.errors import CorruptFileError, NotFoundError, OlderFileError, StoreError
 from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.form import Form

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from modalmotion.classify.answer.hdf5 import read_classification
-from modalmotion.classify.model.hdf5 import read_kept_model
-from modalmotion.classify.model.record import ModelRecord, ModelReference
+from modalmotion.classification.answer.hdf5 import read_classification
+from modalmotion.classification.model.hdf5 import read_kept_model
+from modalmotion.classification.model.record import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.sealed import digest_of, load_sealed
