@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Final
 
 import click
 
+from modalmotion.cli.options import several
 from modalmotion.facts import WORDS, Facts, facts_from_texts
 from modalmotion.facts.facts import stated_twice
 
@@ -20,35 +20,28 @@ _HELP: Final = {
 _MANY: Final = ("landmark", "covariate")
 
 
-def fact_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that state facts, over the file's own; `stated_facts` reads them."""
-    options = [
-        *(
-            click.option(
-                f"--{name}", type=click.Choice(words, case_sensitive=False), help=_HELP[name]
-            )
-            for name, words in WORDS.items()
-        ),
-        click.option("--period", type=float, help="Of a cycle, in seconds."),
-        click.option("--modality", help="How it was recorded: MR, CT, US, simulated."),
-        click.option(
-            "--landmark",
-            metavar="NAME=PLACE",
-            multiple=True,
-            help="A vertex's number or a point x,y,z; again for more. apex, base and theta_zero "
-            "place the natural coordinates.",
-        ),
-        click.option(
-            "--covariate",
-            metavar="NAME=VALUE",
-            multiple=True,
-            help="A number or a word, such as age=61; again for more.",
-        ),
-    ]
-    for option in reversed(options):
-        command = option(command)
-    return command
-
+fact_options = several(
+    *(
+        click.option(f"--{name}", type=click.Choice(words, case_sensitive=False), help=_HELP[name])
+        for name, words in WORDS.items()
+    ),
+    click.option("--period", type=float, help="Of a cycle, in seconds."),
+    click.option("--modality", help="How it was recorded: MR, CT, US, simulated."),
+    click.option(
+        "--landmark",
+        metavar="NAME=PLACE",
+        multiple=True,
+        help="A vertex's number or a point x,y,z; again for more. apex, base and theta_zero "
+        "place the natural coordinates.",
+    ),
+    click.option(
+        "--covariate",
+        metavar="NAME=VALUE",
+        multiple=True,
+        help="A number or a word, such as age=61; again for more.",
+    ),
+)
+"""Facts, over the file's own; `stated_facts` reads them."""
 
 FACT_OPTIONS: Final = (*WORDS, "period", "modality", *_MANY)
 """Names of these options."""

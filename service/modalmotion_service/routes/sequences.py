@@ -23,8 +23,8 @@ from modalmotion_service.routes.parts.dependencies import (
 from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import (
-    SequenceChange,
     SequenceId,
+    SequenceNames,
     SequencePageAnswer,
     SequenceSummary,
     UploadQuery,
@@ -120,7 +120,7 @@ def summary(sequence_id: SequenceId, store: StoreDependency, request: Request) -
 
 @router.patch("/{sequence_id}", response_model=SequenceSummary)
 def change(
-    sequence_id: SequenceId, body: SequenceChange, store: StoreDependency, request: Request
+    sequence_id: SequenceId, body: SequenceNames, store: StoreDependency, request: Request
 ) -> Response:
     """Change subject, label and facts: what is left out stays, null takes it away.
 

@@ -39,7 +39,7 @@ from modalmotion_service.schemas.results import (
 from modalmotion_service.schemas.sequences import (
     ReadingAnswer,
     ReadingQuery,
-    SequenceChange,
+    SequenceNames,
     SequencePageAnswer,
     SequenceSummary,
     UploadQuery,
@@ -87,8 +87,8 @@ __all__ = [
     "ReadingAnswer",
     "ReadingQuery",
     "ReadoutsAnswer",
-    "SequenceChange",
     "SequenceId",
+    "SequenceNames",
     "SequencePageAnswer",
     "SequenceSummary",
     "SignatureAnswer",

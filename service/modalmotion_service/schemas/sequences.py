@@ -137,7 +137,7 @@ class SequencePageAnswer(BaseModel):
     cursor: str | None = Field(description="For the next page; null on the last.")
 
 
-class SequenceChange(JsonBody):
+class SequenceNames(JsonBody):
     """What people say of a sequence: what is left out stays, null takes it away."""
 
     subject: str | None = Field(None, max_length=200, description="Whose surface it is.")
