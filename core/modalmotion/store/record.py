@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import unicodedata
 from dataclasses import dataclass, fields
+from enum import Enum
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,6 +21,15 @@ FORM: Final = JsonForm(
 )
 """Version 1 had neither facts nor the span of times."""
 LONGEST_NAME: Final = 200
+
+
+class Unset(Enum):
+    """An argument that was left out, where None has a meaning of its own."""
+
+    UNSET = "unset"
+
+
+UNSET: Final = Unset.UNSET
 
 
 @shown("n_frames", "n_vertices", "n_faces", "topology", "unit", "subject", "label", "id")

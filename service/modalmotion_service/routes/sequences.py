@@ -10,7 +10,7 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_patched
-from modalmotion.store import UNSET, Job
+from modalmotion.store import UNSET
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_facts
 from modalmotion_service.routes.parts.deferral import accepted, result_or_job
@@ -31,6 +31,7 @@ from modalmotion_service.schemas import (
 )
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.erasure import erase
+from modalmotion_service.workspace.jobs import Job
 
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=PROBLEMS)
 
@@ -82,7 +83,7 @@ async def upload(
             query.model_dump_json(),
             json.dumps(form_facts),
         )
-        return await idempotent_answer(state.store, idempotency_key, fingerprint, make)
+        return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
     finally:
         if not is_left_to_job:
             file.remove()
