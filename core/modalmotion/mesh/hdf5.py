@@ -54,10 +54,8 @@ def sequence_from_hdf5(source: bytes | Path) -> MeshSequence:
 
     Raises
     ------
-    NotFoundError
-        If there is no such file.
-    CorruptFileError
-        If it is damaged, foreign, or written by a newer version.
+    StoreError
+        As `Form.read` says.
     """
     return read_sequence(source)[0]
 

@@ -104,10 +104,8 @@ def signature_from_hdf5(source: bytes | Path) -> ModalSignature:
 
     Raises
     ------
-    NotFoundError
-        If there is no such file.
-    CorruptFileError
-        If it is damaged, foreign, or written by a newer version.
+    StoreError
+        As `Form.read` says.
     """
     return read_signature(source)[0]
 
