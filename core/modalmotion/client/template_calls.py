@@ -11,7 +11,7 @@ from modalmotion.client.answers import (
     value_of,
 )
 from modalmotion.client.bodies import Source, body_of
-from modalmotion.client.calls import PNG, Calls, save
+from modalmotion.client.calls import HDF5, NPZ, PNG, Calls, require_suffix, save
 from modalmotion.client.connection import Call
 from modalmotion.client.errors import understood
 from modalmotion.client.query import Option, segment
