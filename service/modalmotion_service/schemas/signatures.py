@@ -13,6 +13,7 @@ from modalmotion.signature.making import MOST_MODES, ModalSignature, SignaturePa
 from modalmotion.template import GivenLandmarks, Landmarks, Weights
 from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import price_of
+from modalmotion_service.schemas.facts import FactsAnswer
 from modalmotion_service.schemas.fields import (
     GRID,
     PLACE,
@@ -220,8 +221,11 @@ class SignatureAnswer(BaseModel):
     choice: dict[str, object] | None = Field(
         description="Limit, noise and simple kinds of motion, where a tolerance or auto decided."
     )
+    facts: FactsAnswer
     notes: list[str]
-    parameters: dict[str, object] = Field(description="As asked for.")
+    parameters: dict[str, object] = Field(
+        description="As asked for, with the landmarks that the facts state."
+    )
     provenance: dict[str, str]
     intended_use: str = INTENDED_USE
     file: str | None = Field(
@@ -269,6 +273,7 @@ class SignatureAnswer(BaseModel):
             condition=signature.condition,
             price=PriceAnswer.of(price_of(signature)),
             choice=None if signature.choice is None else signature.choice.as_json(),
+            facts=FactsAnswer.of(signature.facts),
             notes=list(signature.notes),
             parameters={
                 "modes": asked.modes,

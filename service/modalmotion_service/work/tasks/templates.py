@@ -7,7 +7,11 @@ from typing import Final
 
 from modalmotion.errors import LimitError
 from modalmotion.exports.vibration_modes import modes_to_hdf5, modes_to_npz
-from modalmotion.signature.making import SignatureParameters, resolve_template
+from modalmotion.signature.making import (
+    SignatureParameters,
+    resolve_parameters,
+    resolve_template,
+)
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import template_from_hdf5, template_to_hdf5
 from modalmotion.template.vibration_modes import surface_modes
@@ -29,7 +33,7 @@ def make_template(
     with watch.stage("read"):
         sequence = upload.read().sequence
     with watch.stage("template"):
-        template = resolve_template(sequence, parameters)
+        template = resolve_template(sequence, resolve_parameters(sequence, parameters))
     with watch.stage("image"):
         write_whole(image, template_to_hdf5(template))
     return TemplateAnswer.of(template), watch.milliseconds
