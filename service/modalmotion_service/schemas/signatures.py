@@ -37,7 +37,7 @@ class SignatureQuery(BaseModel):
         ge=1,
         le=MOST_MODES,
         description="Number of modes, three amplitudes a frame each; rounded up where a "
-        "cosine-sine pair would be split. 7 if nothing else is asked for.",
+        "cosine-sine pair would be split, unless split_pairs. 7 if nothing else is asked for.",
     )
     amplitudes: int | None = Field(
         None, ge=1, le=3 * MOST_MODES, description="In place of modes: amplitudes a frame."
@@ -63,6 +63,11 @@ class SignatureQuery(BaseModel):
     )
     harmonics: int | None = Field(
         None, ge=0, le=10_000, description="Limit each amplitude's path over time to these."
+    )
+    split_pairs: bool = Field(
+        False,
+        description="Take the stated number exactly: the amplitudes of a cosine without its sine "
+        "depend on where theta is zero.",
     )
     topology: str | None = TOPOLOGY
     grid: str | None = GRID
@@ -103,6 +108,7 @@ class SignatureQuery(BaseModel):
             order=self.order,
             most_modes=self.most_modes,
             harmonics=self.harmonics,
+            split_pairs=self.split_pairs,
             topology=self.topology,
             grid=parse_grid(self.grid),
             reference=self.reference,
@@ -294,6 +300,7 @@ class SignatureAnswer(BaseModel):
                 "order": asked.order.value,
                 "most_modes": asked.most_modes,
                 "harmonics": asked.harmonics,
+                "split_pairs": asked.split_pairs,
             },
             provenance=signature.provenance,
             file=file,
