@@ -47,19 +47,19 @@ class StagedSignature:
         if not is_id(self.record.id) or not is_key(self.key):
             raise StoreError(
                 f"A signature of {self.record.id[:12]!r} with the key {self.key[:16]!r} cannot be "
-                "kept: these are no digests.",
+                "kept: these are not digests.",
                 remedy="Use the sequence's own id and the key of the signature's parameters.",
             )
 
 
 class Transfer:
-    """What a store takes of staged signatures: files to move, and rows for its index.
+    """Transfer of staged signatures to a store: files to move, and rows for its index.
 
     Parameters
     ----------
     folder : Folder
     index : Index
-        As they are; changes to these sequences are kept out.
+        As they are; no other changes to these sequences are possible.
     """
 
     def __init__(self, folder: Folder, index: Index) -> None:
@@ -75,7 +75,7 @@ class Transfer:
         return self._records.values()
 
     def add(self, one: StagedSignature) -> bool:
-        """Take what the store does not have of a signature; tell whether its sequence is new.
+        """Take the files of a signature that the store lacks; tell whether its sequence is new.
 
         Raises
         ------

@@ -33,7 +33,7 @@ def from_cursor(cursor: str | None) -> tuple[str, str]:
     Raises
     ------
     ParameterError
-        If no list gave this cursor.
+        If it does not come from a list.
     """
     if cursor is None:
         return "~", ""
@@ -42,7 +42,7 @@ def from_cursor(cursor: str | None) -> tuple[str, str]:
         created, row_id = base64.b64decode(padded, altchars=b"-_", validate=True).decode().split()
     except (binascii.Error, ValueError):
         raise ParameterError(
-            f"{cursor[:40]!r} is no cursor.",
+            f"{cursor[:40]!r} is not a cursor.",
             remedy="Use the cursor of the page before, unchanged, or none for the first page.",
         ) from None
     return created, row_id
@@ -58,7 +58,7 @@ def require_limit(limit: int) -> int:
     """
     if not 1 <= limit <= LARGEST_PAGE:
         raise ParameterError(
-            f"A page of {limit} was asked for; one has 1 to {LARGEST_PAGE}.",
+            f"A page of {limit} was requested; a page has 1 to {LARGEST_PAGE}.",
             remedy=f"Ask for 1 to {LARGEST_PAGE}, and for further pages by cursor.",
             details={"limit": limit, "largest": LARGEST_PAGE},
         )

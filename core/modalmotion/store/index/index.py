@@ -1,4 +1,4 @@
-"""The index of sequences and results: what is kept, found without reading files."""
+"""The index of sequences and results: look-ups without reading files."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Index:
         Raises
         ------
         ParameterError
-            If the limit is out of range or the cursor is none.
+            If the limit is out of range or the cursor is not valid.
         """
         # By value and not by count: what is put meanwhile is newer, lies before the cursor,
         # and moves nothing behind it.
