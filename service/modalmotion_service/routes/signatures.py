@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Header, Query, Request, Response
 from pydantic import Field
-from starlette.background import BackgroundTask
 from starlette.responses import FileResponse
 
 from modalmotion.errors import LimitError
@@ -18,6 +16,7 @@ from modalmotion_service.http.negotiation import GLB, HDF5, JSON, NPZ, PNG, VTKH
 from modalmotion_service.routes.parts.deferral import accepted, result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
+from modalmotion_service.routes.parts.temporary_file import temporary_file
 from modalmotion_service.schemas import (
     DistanceAnswer,
     ManySignatures,
@@ -137,9 +136,7 @@ async def reconstruction(
         sequence_id, query.parameters(), surface_format, times, query.max_targets
     )
     name = f"{sequence_id[:12]}-reconstruction{suffix}"
-    return FileResponse(
-        path, media_type=media_type, filename=name, background=BackgroundTask(_remove, path)
-    )
+    return temporary_file(path, media_type, filename=name)
 
 
 @router.post(
@@ -175,14 +172,5 @@ async def signatures(
     found = await result_or_job(state, preference, "signatures", request, work)
     if isinstance(found, Job):
         return accepted(found)
-    return packed(found, media_type, BackgroundTask(_remove, found))
-
-
-def packed(path: Path, media_type: str, background: BackgroundTask | None = None) -> FileResponse:
-    """Answer with a file of packed signatures."""
     name = "signatures.h5" if media_type == HDF5 else "signatures.npz"
-    return FileResponse(path, media_type=media_type, filename=name, background=background)
-
-
-def _remove(path: Path) -> None:
-    path.unlink(missing_ok=True)
+    return temporary_file(found, media_type, filename=name)
