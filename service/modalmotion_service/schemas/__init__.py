@@ -2,13 +2,8 @@
 
 from modalmotion_service.schemas.fields import (
     GRID,
-    GRID_PATTERN,
-    PLACE,
-    TOPOLOGY,
     JobId,
     SequenceId,
-    parse_grid,
-    parse_place,
     parse_times,
 )
 from modalmotion_service.schemas.general import (
@@ -46,19 +41,15 @@ from modalmotion_service.schemas.signatures import (
     DistanceAnswer,
     FrameErrors,
     Label,
-    LandmarksAnswer,
     ManySignatures,
     SignatureAnswer,
     SignatureQuery,
 )
 from modalmotion_service.schemas.templates import TemplateAnswer, TemplateList
-from modalmotion_service.schemas.tradeoff import PriceAnswer, TradeoffAnswer
+from modalmotion_service.schemas.tradeoff import TradeoffAnswer
 
 __all__ = [
     "GRID",
-    "GRID_PATTERN",
-    "PLACE",
-    "TOPOLOGY",
     "ClassificationAnswer",
     "ClassificationList",
     "ClassificationRequest",
@@ -73,14 +64,12 @@ __all__ = [
     "JobState",
     "Label",
     "LabelledSequence",
-    "LandmarksAnswer",
     "ManySignatures",
     "ModelAnswer",
     "ModelName",
     "ModelPageAnswer",
     "ModelSummary",
     "ModelVersion",
-    "PriceAnswer",
     "Problem",
     "ReadingAnswer",
     "ReadingQuery",
@@ -97,7 +86,5 @@ __all__ = [
     "TrainingRequest",
     "UploadClassificationAnswer",
     "UploadQuery",
-    "parse_grid",
-    "parse_place",
     "parse_times",
 ]
