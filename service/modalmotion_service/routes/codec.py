@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion.errors import ParameterError
 from modalmotion_service.http.negotiation import NPZ, RAW, STREAM, VTKHDF, best_type
-from modalmotion_service.routes.parts.deferral import accepted, result_or_job
+from modalmotion_service.routes.parts.deferral import result_or_job
 from modalmotion_service.routes.parts.dependencies import (
     FileDependency,
     PreferenceDependency,
@@ -20,7 +20,6 @@ from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PRO
 from modalmotion_service.routes.parts.temporary_file import temporary_file
 from modalmotion_service.schemas import EncodedAnswer, EncodingTarget, ReadingQuery, SequenceId
 from modalmotion_service.work.upload import Upload
-from modalmotion_service.workspace.jobs import Job
 
 router = APIRouter(prefix="/v1", tags=["codec"], responses=PROBLEMS)
 
@@ -108,7 +107,7 @@ async def encoded(
     request = {"sequence_id": sequence_id, "target": target.model_dump(mode="json")}
     work = state.analysis.encoded(sequence_id, target)
     found = await result_or_job(state, preference, "encoding", request, work)
-    return accepted(found) if isinstance(found, Job) else _stream(*found)
+    return found if isinstance(found, Response) else _stream(*found)
 
 
 def _stream(path: Path, answer: EncodedAnswer) -> Response:

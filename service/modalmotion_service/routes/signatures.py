@@ -13,7 +13,7 @@ from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_ids
 from modalmotion_service.http.negotiation import GLB, HDF5, JSON, NPZ, PNG, VTKHDF, ZIP, best_type
-from modalmotion_service.routes.parts.deferral import accepted, result_or_job
+from modalmotion_service.routes.parts.deferral import result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.routes.parts.temporary_file import temporary_file
@@ -25,7 +25,6 @@ from modalmotion_service.schemas import (
     SignatureQuery,
     parse_times,
 )
-from modalmotion_service.workspace.jobs import Job
 
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 
@@ -58,8 +57,8 @@ async def signature(
     found = await result_or_job(
         state, preference, "signature", asked, state.analysis.signature(sequence_id, parameters)
     )
-    if isinstance(found, Job):
-        return accepted(found)
+    if isinstance(found, Response):
+        return found
     headers = {"ETag": tag, "Vary": "Accept"}
     if media_type == HDF5:
         name = f"{sequence_id[:12]}-signature.h5"
@@ -170,7 +169,7 @@ async def signatures(
     request = {**asked.model_dump(mode="json"), "as_hdf5": media_type == HDF5}
     work = state.analysis.pack(asked.ids, asked.parameters(), media_type == HDF5)
     found = await result_or_job(state, preference, "signatures", request, work)
-    if isinstance(found, Job):
-        return accepted(found)
+    if isinstance(found, Response):
+        return found
     name = "signatures.h5" if media_type == HDF5 else "signatures.npz"
     return temporary_file(found, media_type, filename=name)

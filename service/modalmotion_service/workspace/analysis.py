@@ -127,10 +127,9 @@ class Analysis:
 
     async def draw_signature(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
         """Draw a signature beside its sequence, as PNG."""
-        path = await self.signature(sequence_id, parameters)
-        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        sequence, signature = await self._with_sequence(sequence_id, parameters)
         with stage("draw"):
-            return await self.work(signatures.draw_signature, sequence, path)
+            return await self.work(signatures.draw_signature, sequence, signature)
 
     async def template(
         self, upload: Upload, parameters: SignatureParameters
@@ -158,8 +157,7 @@ class Analysis:
         self, sequence_id: str, parameters: SignatureParameters, *, as_picture: bool
     ) -> bytes:
         """Read volume and ejection fraction from a signature, as JSON or as PNG."""
-        signature = await self.signature(sequence_id, parameters)
-        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        sequence, signature = await self._with_sequence(sequence_id, parameters)
         template = self._template_path(parameters)
         with stage("readouts"):
             return await self.work(derived.read_out, sequence, signature, template, as_picture)
@@ -173,8 +171,7 @@ class Analysis:
         max_targets: int | None,
     ) -> Path:
         """Superpose a signature's surfaces into a file, which the caller removes."""
-        signature = await self.signature(sequence_id, parameters)
-        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        sequence, signature = await self._with_sequence(sequence_id, parameters)
         with self._output() as output, stage("superpose"):
             await self.work(
                 derived.superpose,
@@ -238,6 +235,12 @@ class Analysis:
         with self._output() as output, stage("decode"):
             await self.work(codec.decode_upload, stream, limits, frames, media_type, output)
         return output
+
+    async def _with_sequence(
+        self, sequence_id: str, parameters: SignatureParameters
+    ) -> tuple[Path, Path]:
+        signature = await self.signature(sequence_id, parameters)
+        return await asyncio.to_thread(self._store.sequence_path, sequence_id), signature
 
     def _template_path(self, parameters: SignatureParameters) -> Path | None:
         if parameters.template is None:
