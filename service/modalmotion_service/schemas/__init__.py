@@ -1,5 +1,6 @@
 """What goes over the wire, as pydantic models."""
 
+from modalmotion_service.schemas.facts import FactsAnswer
 from modalmotion_service.schemas.fields import (
     GRID,
     JobId,
@@ -56,6 +57,7 @@ __all__ = [
     "DistanceAnswer",
     "EncodedAnswer",
     "EncodingTarget",
+    "FactsAnswer",
     "FrameErrors",
     "Health",
     "JobAnswer",
