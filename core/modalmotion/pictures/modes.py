@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.errors import needs_extra
 from modalmotion.modes.topology import CLOSED
 from modalmotion.numerals import counted, numeral
 from modalmotion.pictures.cube import fill_cube
@@ -42,9 +43,10 @@ def modes_figure(template: Template, modes: VibrationModes) -> Figure:
     matplotlib.figure.Figure
     """
     # Imported here: only pictures need it. A bare Figure has no window and no global state.
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
+    with needs_extra("plot"):
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+        from matplotlib.figure import Figure
 
     n = min(len(modes), _MOST_PANELS)
     rows = math.ceil(n / _MOST_COLUMNS)

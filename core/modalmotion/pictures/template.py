@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import TopologyError
+from modalmotion.errors import TopologyError, needs_extra
 from modalmotion.modes.topology import CLOSED
 from modalmotion.pictures.cube import fill_cube
 from modalmotion.pictures.view import faces_viewer, size_of, tilted, upright
@@ -42,7 +42,8 @@ def template_figure(template: Template) -> Figure:
         If it has no triangles, or no natural coordinates.
     """
     # Imported here: only pictures need it. A bare Figure has no window and no global state.
-    from matplotlib.figure import Figure
+    with needs_extra("plot"):
+        from matplotlib.figure import Figure
 
     topology = template.topology
     if not len(template.faces):

@@ -46,8 +46,12 @@ from modalmotion_service.schemas.signatures import (
     SignatureAnswer,
     SignatureQuery,
 )
-from modalmotion_service.schemas.templates import TemplateAnswer, TemplateList
-from modalmotion_service.schemas.tradeoff import TradeoffAnswer
+from modalmotion_service.schemas.templates import (
+    ModesAnswer,
+    ModesQuery,
+    TemplateAnswer,
+    TemplateList,
+)
 
 __all__ = [
     "GRID",
@@ -72,6 +76,8 @@ __all__ = [
     "ModelPageAnswer",
     "ModelSummary",
     "ModelVersion",
+    "ModesAnswer",
+    "ModesQuery",
     "Problem",
     "ReadingAnswer",
     "ReadingQuery",
