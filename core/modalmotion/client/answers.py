@@ -241,7 +241,7 @@ def readouts_of(answer: Any) -> Readouts:
     BrokenAnswerError
         If a member is not there.
     """
-    with understood("description of volumes"):
+    with understood("a description of volumes"):
         own, mesh, times = answer["from_signature"], answer["of_mesh"], answer["times"]
         ejected = own["ejection_fraction"]
         high = ejected["high"]
@@ -280,7 +280,7 @@ def compressed_of(answer: Answer) -> CompressedSequence:
 def pack_of(answer: Answer) -> list[SignatureArrays]:
     """Read many signatures from one .npz archive."""
     with (
-        understood("archive of signatures"),
+        understood("an archive of signatures"),
         np.load(io.BytesIO(answer.content), allow_pickle=False) as pack,
     ):
         labels = pack["labels"]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.model.card import ModelCard
+from modalmotion.pictures.figure import hide_spines, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,13 +66,9 @@ def measured_figure(
     -------
     matplotlib.figure.Figure
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     n = max(len(classes), 1)
     side = min(max(3.6, 0.62 * n + 1.6), 9.0)
-    figure = Figure(figsize=(side + 6.2, side + 0.9), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(side + 6.2, side + 0.9, dpi=110)
     left, right = figure.subplots(1, 2, width_ratios=[side, 4.2])
     _draw_confusion(left, classes, confusion)
     _draw_calibration(right, curve, calibration_error)
@@ -168,8 +165,7 @@ def _draw_calibration(
     axes.set_ylabel("share that was right", color=_INK)
     axes.legend(loc="lower right", fontsize=8, frameon=False)
     axes.grid(alpha=0.25)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    hide_spines(axes, "top", "right")
 
 
 def _wilson(

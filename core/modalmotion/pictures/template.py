@@ -11,6 +11,7 @@ from modalmotion.errors import TopologyError
 from modalmotion.mesh import face_normals, oriented_faces
 from modalmotion.modes.topology import CLOSED
 from modalmotion.pictures.cube import fill_cube
+from modalmotion.pictures.figure import new_figure
 from modalmotion.template.coordinates.axis import corner_steps
 from modalmotion.template.template import Template
 
@@ -44,9 +45,6 @@ def template_figure(template: Template) -> Figure:
     TopologyError
         If it has no triangles, or no natural coordinates.
     """
-    # Imported here: only pictures need it. A bare Figure has no window and no global state.
-    from matplotlib.figure import Figure
-
     topology = template.topology
     if not len(template.faces):
         raise TopologyError(
@@ -55,7 +53,7 @@ def template_figure(template: Template) -> Figure:
         )
     view = _view(template)
     names = _names(topology.n_axes, len(topology.closed_axes))
-    figure = Figure(figsize=(13.0, 3.8), dpi=120, layout="constrained")
+    figure = new_figure(13.0, 3.8)
     for axis in range(topology.n_axes):
         closed = topology.ends[axis] == CLOSED
         scale: Any = None

@@ -103,11 +103,6 @@ class Model:
         """Parameters of the signatures it reads."""
         return self.readable.parameters
 
-    @property
-    def feature_names(self) -> tuple[str, ...]:
-        """Names of the features."""
-        return tuple(column.name for column in self.columns)
-
     def log_shares(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """Log probabilities but for a constant, (cases, classes), of features (cases, features)."""
         if self.machine:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frames.frame import Frame, space_in
 from modalmotion.formats.ply.ply_body import Element, Property, read_elements
-from modalmotion.formats.polygons import offsets_of, triangulate
+from modalmotion.formats.polygons import triangulate_sizes
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.checks import FloatArray
 
@@ -95,7 +95,7 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         raise _malformed("The PLY file's faces have no vertex_indices.")
     none = np.zeros(0, dtype=np.int64)
     sizes, corners = (none, none) if name is None else lists["face", name]
-    polygons = triangulate(offsets_of(sizes), corners)
+    polygons = triangulate_sizes(sizes, corners)
     used = {("vertex", axis) for axis in "xyz"} | {("face", name)}
     return Frame(
         positions.astype(np.float32) if is_single else positions.astype(np.float64),
