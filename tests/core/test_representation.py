@@ -80,8 +80,6 @@ def values_of_a_store(folder: Path, beat: bytes, signature: mm.ModalSignature) -
         sequence = read_npz(beat).sequence
         yield store.put_sequence(sequence)
         yield store.list_sequences()
-        yield store.jobs.create("signature", {"sequence": sequence.id})
-        yield store.jobs.list()
     yield backup(folder / "store", folder / "backup")
     yield verify(folder / "store")
 

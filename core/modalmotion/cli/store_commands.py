@@ -65,7 +65,7 @@ def _rebuild(name: str, root: Path) -> None:
     ):
         for file in files:
             click.echo(f"{name}{file}: {what}")
-    if found.jobs_lost:
+    if found.guests_lost:
         click.echo(f"{name}The index was damaged: jobs and idempotency keys are lost.")
 
 

@@ -26,10 +26,8 @@ from modalmotion.store.care.maintenance import rebuild
 from modalmotion.store.care.recovery import Reconciliation
 from modalmotion.store.care.verification import Fault, VerifyReport, verify
 from modalmotion.store.disk.atomic import write_atomic
-from modalmotion.store.index.idempotency import IdempotencyKeys, IdempotentRequest
 from modalmotion.store.index.index import SequencePage
-from modalmotion.store.index.jobs import UNSET, Job, JobPage, Jobs, JobState, Unset
-from modalmotion.store.record import SequenceRecord, record_of, record_to_json
+from modalmotion.store.record import UNSET, SequenceRecord, Unset, record_of, record_to_json
 from modalmotion.store.results import ResultStore
 from modalmotion.store.staging import StagedSignature
 from modalmotion.template.hdf5 import template_from_hdf5, template_to_hdf5
@@ -40,12 +38,6 @@ __all__ = [
     "VERSION_PATTERN",
     "BackupReport",
     "Fault",
-    "IdempotencyKeys",
-    "IdempotentRequest",
-    "Job",
-    "JobPage",
-    "JobState",
-    "Jobs",
     "KeptModel",
     "ModelRecord",
     "ModelReference",

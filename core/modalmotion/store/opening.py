@@ -24,10 +24,7 @@ from modalmotion.store.disk.group_commit import move_files, sync_paths
 from modalmotion.store.disk.lock import FolderLock
 from modalmotion.store.folder import Folder
 from modalmotion.store.index.database import Database
-from modalmotion.store.index.idempotency import IdempotencyKeys
 from modalmotion.store.index.index import Index
-from modalmotion.store.index.jobs import Jobs
-from modalmotion.store.index.traces import Traces
 
 _N_STRIPES: Final = 64
 
@@ -73,7 +70,6 @@ class Opening:
             database = Database(self._folder.index)
             try:
                 index = Index(database)
-                Traces(database).prepare()
                 if not index.is_clean:
                     reconcile(self._folder, index, thorough=False)
                 index.set_clean(False)
@@ -110,19 +106,9 @@ class Opening:
         self.close()
 
     @property
-    def jobs(self) -> Jobs:
-        """The jobs' table."""
-        return Jobs(self._open_index().database)
-
-    @property
-    def idempotency(self) -> IdempotencyKeys:
-        """The table of idempotency keys."""
-        return IdempotencyKeys(self._open_index().database)
-
-    @property
-    def traces(self) -> Traces:
-        """What both of them tell of a sequence."""
-        return Traces(self._open_index().database)
+    def database(self) -> Database:
+        """The index's file, for whoever keeps tables of its own in it: see `Database.extend`."""
+        return self._open_index().database
 
     def _open_index(self) -> Index:
         index, lock = self._index, self._lock

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import unicodedata
 from dataclasses import asdict, dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +19,15 @@ FORM: Final = JsonForm(
     "Run `modalmotion store rebuild`, which writes it anew from what else is known.",
 )
 LONGEST_NAME: Final = 200
+
+
+class Unset(Enum):
+    """An argument that was left out, where None has a meaning of its own."""
+
+    UNSET = "unset"
+
+
+UNSET: Final = Unset.UNSET
 
 
 @shown("n_frames", "n_vertices", "n_faces", "topology", "unit", "subject", "label", "id")

@@ -15,9 +15,15 @@ from modalmotion.store.deletion import begin_deletion, finish_deletion
 from modalmotion.store.folder import is_id
 from modalmotion.store.index.cursor import now
 from modalmotion.store.index.index import SequencePage
-from modalmotion.store.index.jobs import UNSET, Unset
 from modalmotion.store.opening import Opening, unknown_sequence
-from modalmotion.store.record import SequenceRecord, record_of, record_to_json, require_name
+from modalmotion.store.record import (
+    UNSET,
+    SequenceRecord,
+    Unset,
+    record_of,
+    record_to_json,
+    require_name,
+)
 
 
 class SequenceStore(Opening):

@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from modalmotion.store import UNSET, Job
+from modalmotion.store import UNSET
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.routes.parts.deferral import accepted, result_or_job
 from modalmotion_service.routes.parts.dependencies import (
@@ -28,6 +28,7 @@ from modalmotion_service.schemas import (
 )
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.erasure import erase
+from modalmotion_service.workspace.jobs import Job
 
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=PROBLEMS)
 
@@ -69,7 +70,7 @@ async def upload(
 
     try:
         fingerprint = ("POST /v1/sequences", file.sha256, query.model_dump_json())
-        return await idempotent_answer(state.store, idempotency_key, fingerprint, make)
+        return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
     finally:
         if not is_left_to_job:
             file.remove()

@@ -12,7 +12,6 @@ from starlette.responses import FileResponse
 
 from modalmotion.errors import LimitError
 from modalmotion.exports.surfaces import SurfaceFormat
-from modalmotion.store import Job
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_ids
 from modalmotion_service.http.negotiation import GLB, HDF5, JSON, NPZ, PNG, VTKHDF, ZIP, best_type
@@ -27,6 +26,7 @@ from modalmotion_service.schemas import (
     SignatureQuery,
     parse_times,
 )
+from modalmotion_service.workspace.jobs import Job
 
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 

@@ -15,6 +15,7 @@ from modalmotion_service.schemas.general import (
     Health,
     Problem,
 )
+from modalmotion_service.schemas.jobs import JobAnswer, JobPageAnswer, JobState
 from modalmotion_service.schemas.models import (
     LabelledSequence,
     ModelAnswer,
@@ -31,8 +32,6 @@ from modalmotion_service.schemas.results import (
     ClassificationRequest,
     EncodedAnswer,
     EncodingTarget,
-    JobAnswer,
-    JobPageAnswer,
     UploadClassificationAnswer,
 )
 from modalmotion_service.schemas.sequences import (
@@ -71,6 +70,7 @@ __all__ = [
     "JobAnswer",
     "JobId",
     "JobPageAnswer",
+    "JobState",
     "Label",
     "LabelledSequence",
     "LandmarksAnswer",

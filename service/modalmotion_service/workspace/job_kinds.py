@@ -7,7 +7,6 @@ from typing import Any, Final
 from urllib.parse import urlencode
 
 from modalmotion.classification import TrainingOptions
-from modalmotion.store import ResultStore
 from modalmotion_service.http.negotiation import HDF5, NPZ, STREAM
 from modalmotion_service.schemas import (
     EncodingTarget,
@@ -19,7 +18,8 @@ from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.jobs import JobRunner, Report
+from modalmotion_service.workspace.job_runner import JobRunner, Report
+from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.training import Trainer
@@ -36,7 +36,7 @@ def trainings_at_once(settings: Settings) -> int:
 
 def make_runner(
     settings: Settings,
-    store: ResultStore,
+    jobs: Jobs,
     spool: Spool,
     analysis: Analysis,
     models: Models,
@@ -90,7 +90,7 @@ def make_runner(
         return {"link": f"/v1/models/{made.name}/versions/{made.version}"}
 
     return JobRunner(
-        store,
+        jobs,
         {
             "upload": upload,
             "signature": signature,

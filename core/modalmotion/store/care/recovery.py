@@ -52,8 +52,9 @@ class Reconciliation:
         Files that do not read, left where they are; such results are not in the index.
     orphans : tuple of str
         Results of no sequence, and files that are none of the store's.
-    jobs_lost : bool
-        Whether the index was so damaged that jobs and idempotency keys are lost.
+    guests_lost : bool
+        Whether the index was so damaged that tables of others in it, a service's jobs and
+        idempotency keys, are lost.
     n_models : int
         Versions of models in the index now, without deleted ones.
     rewritten : dict of str to int
@@ -69,7 +70,7 @@ class Reconciliation:
     restored: tuple[str, ...]
     damaged: tuple[str, ...]
     orphans: tuple[str, ...]
-    jobs_lost: bool = False
+    guests_lost: bool = False
     n_models: int = 0
     rewritten: dict[str, int] = field(default_factory=dict)
     refused: dict[str, str] = field(default_factory=dict)

@@ -1,12 +1,13 @@
-"""The SQLite file of a store: its tables, and who may use it when."""
+"""The SQLite file of a store: its tables, those of its guests, and who may use it when."""
 
 from __future__ import annotations
 
 import contextlib
 import sqlite3
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -38,24 +39,30 @@ _TABLES: Final = (
         parameters TEXT NOT NULL, created TEXT NOT NULL, training TEXT, deleted TEXT,
         PRIMARY KEY (name, version)
     ) WITHOUT ROWID""",
-    """CREATE TABLE jobs (
-        id TEXT PRIMARY KEY, kind TEXT NOT NULL, state TEXT NOT NULL, progress REAL NOT NULL,
-        request TEXT NOT NULL, result TEXT, error TEXT, created TEXT NOT NULL,
-        updated TEXT NOT NULL
-    ) WITHOUT ROWID""",
-    "CREATE INDEX jobs_by_time ON jobs (created, id)",
-    "CREATE INDEX jobs_by_state ON jobs (state, created, id)",
-    """CREATE TABLE idempotency (
-        key TEXT PRIMARY KEY, fingerprint TEXT NOT NULL, status INTEGER, response TEXT,
-        created TEXT NOT NULL
-    ) WITHOUT ROWID""",
-    "CREATE INDEX idempotency_by_time ON idempotency (created)",
 )
+_OWN_TABLES: Final = ("state", "sequences", "results", "models")
 
 # What an index of version 1 lacks; its rows stay.
 _SINCE_1: Final[tuple[str, ...]] = ()
 
 _REBUILD = "Run `modalmotion store rebuild FOLDER`."
+
+
+@dataclass(frozen=True)
+class GuestTable:
+    """A table of the file that is not the store's own.
+
+    Parameters
+    ----------
+    name : str
+    statement : str
+        That makes it.
+    rows : list of tuple
+    """
+
+    name: str
+    statement: str
+    rows: list[tuple[Any, ...]]
 
 
 class Database:
@@ -116,6 +123,44 @@ class Database:
                 if self._writer.in_transaction:
                     self._writer.execute("ROLLBACK")
                 raise
+
+    def extend(self, statements: Iterable[str]) -> None:
+        """Make tables of another owner in the file, such as a service's jobs.
+
+        They are written to as the store's own, are in every backup of it, and stay when the
+        index is built anew.
+
+        Parameters
+        ----------
+        statements : iterable of str
+            `CREATE TABLE IF NOT EXISTS ...` and `CREATE INDEX IF NOT EXISTS ...`.
+        """
+        with self.write() as connection:
+            for statement in statements:
+                connection.execute(statement)
+
+    def guests(self) -> list[GuestTable]:
+        """Read the tables that `extend` has made, to put them into a new index."""
+        names = ", ".join("?" * len(_OWN_TABLES))
+        tables = self.read(
+            "SELECT name, sql FROM sqlite_master "  # noqa: S608 (of constants)
+            f"WHERE type = 'table' AND name NOT LIKE 'sqlite_%' AND name NOT IN ({names})",
+            _OWN_TABLES,
+        )
+        return [
+            GuestTable(name, sql, self.read(f'SELECT * FROM "{name}"'))  # noqa: S608 (own schema)
+            for name, sql in tables
+        ]
+
+    def receive(self, guests: Iterable[GuestTable]) -> None:
+        """Make tables that `guests` has read, with their rows."""
+        with self.write() as connection:
+            for guest in guests:
+                connection.execute(guest.statement)
+                for row in guest.rows:
+                    places = ", ".join("?" * len(row))
+                    statement = f'INSERT INTO "{guest.name}" VALUES ({places})'  # noqa: S608
+                    connection.execute(statement, row)
 
     def close(self) -> None:
         """Close both connections; the write-ahead log is merged into the file."""

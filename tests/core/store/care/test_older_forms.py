@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from damaged_stores import N, four_kept
+from guest_table import visits
 from older_stores import header, old_classification, old_file, set_index_version
 from store_samples import (
     KEY,
@@ -69,10 +70,10 @@ def test_an_older_file_is_refused_by_its_reader(root: Path) -> None:
 def test_rebuild_takes_a_store_of_older_files(root: Path) -> None:
     found = rebuild(root)
     assert found.rewritten == {"classification": N}
-    assert (found.refused, found.damaged, found.jobs_lost) == ({}, (), False)
+    assert (found.refused, found.damaged, found.guests_lost) == ({}, (), False)
     assert verify(root).is_sound
     with ResultStore(root) as store:
-        assert [job.kind for job in store.jobs.unfinished()] == ["signature"]
+        assert visits(store) == {1}
         for number in range(N):
             sequence = sample_sequence(number)
             expected = sample_classification(sequence.id)

@@ -1,13 +1,25 @@
-"""Idempotency keys: a request that is sent twice is done once."""
+"""The table of idempotency keys, in the file of the store's index."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from modalmotion.store.index.cursor import now
 from modalmotion.store.index.database import Database
+
+_TABLES: Final = (
+    """CREATE TABLE IF NOT EXISTS idempotency (
+        key TEXT PRIMARY KEY, fingerprint TEXT NOT NULL, status INTEGER, response TEXT,
+        created TEXT NOT NULL
+    ) WITHOUT ROWID""",
+    "CREATE INDEX IF NOT EXISTS idempotency_by_time ON idempotency (created)",
+    (
+        "CREATE INDEX IF NOT EXISTS idempotency_by_place "
+        "ON idempotency (json_extract(response, '$.headers.location'))"
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -41,10 +53,12 @@ class IdempotencyKeys:
     Parameters
     ----------
     database : Database
+        Of the store; the table is made in it where it is missing.
     """
 
     def __init__(self, database: Database) -> None:
         self._database = database
+        database.extend(_TABLES)
 
     def claim(self, key: str, fingerprint: str) -> IdempotentRequest | None:
         """Take a key for a request that is about to be done.
@@ -92,6 +106,32 @@ class IdempotencyKeys:
         with self._database.write() as connection:
             return connection.execute(
                 "DELETE FROM idempotency WHERE created < ?", (created,)
+            ).rowcount
+
+    def replace_answers(self, place: str, status: int, response: Any) -> int:
+        """Have requests that made what lies at or below a place be answered otherwise.
+
+        Parameters
+        ----------
+        place : str
+            The `location` among the headers of the answers that are kept.
+        status : int
+        response : JSON value
+
+        Returns
+        -------
+        int
+            Answers replaced. Their keys stay taken: what was deleted is not to come back by a
+            request that is sent again.
+        """
+        location = "json_extract(response, '$.headers.location')"
+        # Below a place lies what comes between "/" and the character after it.
+        below = (f"{place}/", f"{place}0")
+        with self._database.write() as connection:
+            return connection.execute(
+                f"UPDATE idempotency SET status = ?, response = ? "  # noqa: S608 (of constants)
+                f"WHERE {location} = ? OR ({location} >= ? AND {location} < ?)",
+                (status, json.dumps(response), place, *below),
             ).rowcount
 
 
