@@ -1,4 +1,4 @@
-"""What the service says, as values."""
+"""Answers of the service as values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ T = TypeVar("T")
 @shown("n_frames", "n_vertices", "n_faces", "topology", "unit", "subject", "label", "id")
 @dataclass(frozen=True)
 class SequenceInfo:
-    """What is known of a kept sequence.
+    """Description of a stored sequence.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Which format bytes are in, by what they hold and not by what they are called."""
+"""Recognition of formats by content, not by name."""
 
 from __future__ import annotations
 

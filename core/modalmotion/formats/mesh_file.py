@@ -42,7 +42,7 @@ def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame
     ----------
     data : bytes
     stated : Format or None
-        Told from the content where it is None.
+        Recognised from the content where it is None.
     parser : Parser
         For the formats that need one; its limits hold for all.
 

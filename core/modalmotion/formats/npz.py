@@ -49,7 +49,7 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     Raises
     ------
     MalformedFileError
-        If the bytes are no such archive, are cut or damaged, or hold pickled objects.
+        If the bytes are not such an archive, are cut or damaged, or hold pickled objects.
     LimitError
         If it declares more than `limits` accept.
     InputError
@@ -61,7 +61,7 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
         archive = zipfile.ZipFile(io.BytesIO(data))
     except UNREADABLE as error:
         raise _malformed(
-            f"These {len(data)} bytes are no readable .npz archive (the file may be cut short)."
+            f"These {len(data)} bytes are not a readable .npz archive (the file may be cut short)."
         ) from error
     with archive:
         members: dict[str, zipfile.ZipInfo] = {}

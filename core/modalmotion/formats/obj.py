@@ -165,4 +165,4 @@ def _positions(rows: list[list[bytes]]) -> NDArray[np.float64]:
     try:
         return parse_points(rows)
     except ValueError as error:
-        raise _malformed(f"A vertex of the OBJ file is none ({str(error)[:60]}).") from error
+        raise _malformed(f"A vertex of the OBJ file is not a point ({str(error)[:60]}).") from error

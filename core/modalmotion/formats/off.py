@@ -45,7 +45,7 @@ def read_off(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     Raises
     ------
     MalformedFileError
-        If the bytes are no OFF text, or hold fewer or more than they declare.
+        If the bytes are not OFF text, or hold fewer or more than they declare.
     LimitError
         If it declares more than `limits` accept.
     """
@@ -100,7 +100,9 @@ def _read_vertices(lines: Iterator[bytes], n_vertices: int) -> NDArray[np.float6
         try:
             block = parse_points(rows)
         except ValueError as error:
-            raise _malformed(f"A vertex of the OFF file is none ({str(error)[:60]}).") from error
+            raise _malformed(
+                f"A vertex of the OFF file is not a point ({str(error)[:60]})."
+            ) from error
         if not rows:
             raise _malformed(
                 f"The OFF file declares {n_vertices} vertices but ends after {n_read}."

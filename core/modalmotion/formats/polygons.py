@@ -1,4 +1,4 @@
-"""Polygons made triangles, the same way every time."""
+"""Triangulation of polygons, always the same way."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading a sequence from a file of any format that is understood."""
+"""Reading a sequence from a file of any known format."""
 
 from __future__ import annotations
 

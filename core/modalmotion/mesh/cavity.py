@@ -1,4 +1,4 @@
-"""What a surface encloses once its openings are closed."""
+"""Cavities: what a surface encloses once its openings are closed."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ class Connectivity:
     edges : (edges, 2) int64
         Each once, the smaller vertex first, in increasing order.
     faces_at_edge : (edges,) int64
-        Triangles that share it: 1 on a boundary, 2 inside, more where the mesh is no surface.
+        Triangles that share it: 1 on a boundary, 2 inside, more where the mesh is not a surface.
     loops : tuple of (edges, 2) int64
         Boundary edges, grouped by connection.
     isolated : (n,) int64

@@ -1,4 +1,4 @@
-"""Which topology a mesh has: told by its connectivity, and by where its openings lie."""
+"""Recognition of a mesh's topology from its connectivity and its openings."""
 
 from __future__ import annotations
 

@@ -152,7 +152,7 @@ def test_a_cohort_is_signed_and_failures_are_told(
     assert "0 signatures made" in again.output
     assert "12 signatures packed" in again.output
     refused = CliRunner().invoke(cohort, [*arguments, "--pack", str(manifest)])
-    assert (refused.exit_code, "is no pack" in refused.output) == (2, True)
+    assert (refused.exit_code, "is not a pack" in refused.output) == (2, True)
     assert "12 known" in again.output
     paths[0].write_bytes(paths[3].read_bytes())
     manifest.write_text(manifest.read_text().replace("P 1,rest", "P 1,stress"))

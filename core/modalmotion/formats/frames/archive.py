@@ -45,7 +45,7 @@ def read_zip(data: bytes, parser: Parser, progress: Progress | None = None) -> R
     Raises
     ------
     MalformedFileError
-        If it is no readable archive, or holds links or names that lead out of it.
+        If it is not a readable archive, or holds links or names that lead out of it.
     LimitError
         If its members declare more than is accepted.
     InputError
@@ -55,7 +55,7 @@ def read_zip(data: bytes, parser: Parser, progress: Progress | None = None) -> R
         archive = zipfile.ZipFile(io.BytesIO(data))
     except UNREADABLE as error:
         raise MalformedFileError(
-            f"These {len(data)} bytes are no readable .zip (the file may be cut short).",
+            f"These {len(data)} bytes are not a readable .zip (the file may be cut short).",
             remedy=_REMEDY,
         ) from error
     with archive:

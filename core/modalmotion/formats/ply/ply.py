@@ -66,7 +66,7 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     Raises
     ------
     MalformedFileError
-        If the bytes are no PLY file, or fewer or more than its header declares.
+        If the bytes are not a PLY file, or fewer or more than its header declares.
     LimitError
         If it declares more than `limits` accept.
     """

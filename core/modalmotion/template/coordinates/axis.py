@@ -190,7 +190,7 @@ def degree(surface: Surface, coordinates: NDArray[np.float64], topology: Topolog
     """How many times the coordinates cover their rectangle, folds counted backwards.
 
     1 where every place has its own pair of coordinates; less where theta turns back on itself
-    or the axis meets the surface at places that are no poles.
+    or the axis meets the surface at places that are not poles.
     """
     faces = oriented_faces(surface.faces, len(surface.vertices))
     if faces is None:
