@@ -117,15 +117,15 @@ def measure_front(
     InputError
         If not even the sequence's own topology can be measured.
     """
-    asked = SignatureParameters() if parameters is None else parameters
-    own = resolve_sequence(sequence, asked)
-    used = resolve_template(own, resolve_parameters(own, asked), template)
-    branches, motion = _branches(own, used, asked, most_modes, components)
-    for topology in other_topologies(own, used, asked):
+    parameters = SignatureParameters() if parameters is None else parameters
+    own = resolve_sequence(sequence, parameters)
+    used = resolve_template(own, resolve_parameters(own, parameters), template)
+    branches, motion = _branches(own, used, parameters, most_modes, components)
+    for topology in other_topologies(own, used, parameters):
         try:
             other = own.with_topology(topology, None)
-            found = resolve_template(other, resolve_parameters(other, asked))
-            more, _ = _branches(other, found, asked, most_modes, components)
+            other_template = resolve_template(other, resolve_parameters(other, parameters))
+            more, _ = _branches(other, other_template, parameters, most_modes, components)
         except InputError:
             # A surface may be laid out in one way only; the others are not part of the front.
             continue
@@ -134,11 +134,11 @@ def measure_front(
 
 
 def other_topologies(
-    sequence: MeshSequence, template: Template, asked: SignatureParameters
+    sequence: MeshSequence, template: Template, parameters: SignatureParameters
 ) -> tuple[Topology, ...]:
     """Topologies besides a template's own that may fit its surface."""
     own = template.surface
-    if asked.topology is not None or asked.template is not None or own is None:
+    if parameters.topology is not None or parameters.template is not None or own is None:
         return ()
     others = {CUP: (CYLINDER,), CYLINDER: (CUP,), PLANE: (CUP,)}.get(own, ())
     if sequence.grid is not None:
@@ -155,21 +155,21 @@ def _is_cup(grid: tuple[int, ...]) -> bool:
 def _branches(
     sequence: MeshSequence,
     template: Template,
-    asked: SignatureParameters,
+    parameters: SignatureParameters,
     most_modes: int,
     components: tuple[Components, ...] | None,
 ) -> tuple[list[Branch], float]:
     """Branches of one topology, and the RMS motion."""
-    wanted = components or tuple(sorted(Components, key=lambda one: one != asked.components))
+    wanted = components or tuple(sorted(Components, key=lambda one: one != parameters.components))
     ladder = ladder_of(template, most_modes, sequence.grid)
     functions = harmonics_of(sequence.n_frames, sequence.times)
     branches, motion = [], 0.0
     for one in wanted:
         if one != Components.CARTESIAN and template.landmarks is None and components is None:
             continue
-        fit = fit_with(sequence, template, ladder.basis, replace(asked, components=one))
+        fit = fit_with(sequence, template, ladder.basis, replace(parameters, components=one))
         ordered = ladder
-        if asked.order == ModeOrder.ENERGY:
+        if parameters.order == ModeOrder.ENERGY:
             ordered, fit = by_energy(ladder, fit)
         energies = energies_of(ordered.basis, fit)
         branches.append(

@@ -46,10 +46,10 @@ class Container:
         is_place = isinstance(index, int) and not isinstance(index, bool)
         if not (is_place and isinstance(listed, list) and 0 <= index < len(listed)):
             raise malformed(f"The GLB file names {kind}[{str(index)[:20]}], which is not there.")
-        found = listed[index]
-        if not isinstance(found, dict):
+        member = listed[index]
+        if not isinstance(member, dict):
             raise malformed(f"The GLB file's {kind}[{index}] is not an object.")
-        return found
+        return member
 
 
 def read_container(data: bytes) -> Container:

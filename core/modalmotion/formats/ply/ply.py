@@ -158,7 +158,7 @@ def _read_header(data: bytes) -> _Header:
     newline = head.find(b"\n", end)
     if not head.startswith(b"ply") or end < 0 or newline < 0:
         raise _malformed(f"These {len(data)} bytes have no PLY header (the file may be cut short).")
-    found: dict[str, str | None] = {}
+    orders: list[str | None] = []
     elements: list[Element] = []
     statements = list(space_in(head[:end]))
     for line in head[:end].splitlines()[1:]:
@@ -169,16 +169,16 @@ def _read_header(data: bytes) -> _Header:
                     name, _, value = line[len(_OURS) :].decode().strip().partition(" ")
                     statements.append((name, value))
             elif words[0] == b"format":
-                found["order"] = _ORDERS[words[1]]
+                orders.append(_ORDERS[words[1]])
             elif words[0] == b"element":
                 elements.append(_element(words))
             else:
                 elements[-1] = elements[-1].with_property(_property(words))
         except (KeyError, IndexError, ValueError):
             raise _malformed(f"The PLY header has a line {line[:60]!r}.") from None
-    if "order" not in found:
+    if not orders:
         raise _malformed("The PLY header states no format.")
-    return _Header(found["order"], tuple(elements), tuple(statements), newline + 1)
+    return _Header(orders[-1], tuple(elements), tuple(statements), newline + 1)
 
 
 def _element(words: list[bytes]) -> Element:
