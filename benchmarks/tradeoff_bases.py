@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from displaced import displaced
 from numpy.typing import NDArray
 from templates import beltrami_modes
 
-from modalmotion.fit.fit import displacement_blocks
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.spring_modes import spring_modes
 from modalmotion.modes import lowest_modes, whole_count
@@ -56,8 +56,7 @@ class Front:
 def fronts(sequence: MeshSequence, most: int = MOST_MODES) -> dict[str, Front]:
     """Measure every basis that a sequence has, against the same displacements and weights."""
     template = make_template(sequence)
-    parts = displacement_blocks(sequence, template.weights, reference=0, remove_rotation=True)
-    u = np.concatenate([block * scale for block, _, scale in parts])
+    u = displaced(sequence, template.weights)
     most = min(most, sequence.n_vertices // 4)
     whole = whole_count(template.topology, most, sequence.grid)
     modes = lowest_modes(template.topology, whole, sequence.grid)

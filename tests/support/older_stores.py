@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
-import hashlib
 import io
 import json
 import sqlite3
@@ -12,8 +12,10 @@ from typing import Any
 
 import h5py
 import numpy as np
+from sealed_files import sealed
 
-from modalmotion.classification.answer.classification import Classification
+from modalmotion.choice.parameters import parameters_as_json
+from modalmotion.classification import Classification, Model
 
 INTENDED_USE = "Description of surface motion."
 
@@ -27,14 +29,13 @@ def old_file(attributes: dict[str, str | int], datasets: dict[str, Any]) -> byte
         for name, value in datasets.items():
             is_array = isinstance(value, np.ndarray)
             file[name] = value if is_array else np.bytes_(json.dumps(value))
-    image = buffer.getvalue()
-    return image + f"\nmodalmotion sha256 {hashlib.sha256(image).hexdigest()}\n".encode()
+    return sealed(buffer.getvalue())
 
 
-def header(kind: str, version: int, **more: str | int) -> dict[str, str | int]:
+def header(kind: str, schema_version: int, /, **more: str | int) -> dict[str, str | int]:
     return {
         "schema": f"modalmotion.{kind}",
-        "schema_version": version,
+        "schema_version": schema_version,
         "kind": kind,
         "intended_use": INTENDED_USE,
         **more,
@@ -53,6 +54,58 @@ def old_classification(found: Classification, key: str) -> bytes:
     )
     texts = {name: getattr(found, name) for name in ("classes", "label", "notes", "provenance")}
     return old_file(attributes, {"probabilities": found.probabilities, **texts})
+
+
+def old_model(model: Model, version: int, *, machine: bytes = b"", training: str = "t") -> bytes:
+    """Version 1: JSON text, with arrays in base64, in a dataset of bytes."""
+    blend, domain, reader = model.blend, model.domain, model.reader
+    stored = {
+        "schema": 4,
+        "id": model.id,
+        "name": model.name,
+        "classes": list(model.classes),
+        "topologies": list(model.readable.topologies),
+        "n_modes": model.readable.n_modes,
+        "connectivity_id": model.readable.connectivity_id,
+        "parameters": model.signature_parameters.as_plain(),
+        "reader": {
+            **{name: getattr(reader, name) for name in reader.__dataclass_fields__},
+            "typical": None
+            if reader.typical is None
+            else _packed(np.stack([reader.typical.real, reader.typical.imag])),
+        },
+        "columns": [[c.name, list(c.modes), c.power] for c in model.columns],
+        "centre": _packed(blend.centre),
+        "scale": _packed(blend.scale),
+        "scorers": [_plain(scorer) for scorer in blend.scorers],
+        "temperature": blend.temperature,
+        "machine": base64.b64encode(machine).decode(),
+        "domain": _plain(domain),
+        "calibration": [_packed(scores) for scores in model.calibration.scores],
+        "golden_features": _packed(model.golden_features),
+        "golden_probabilities": _packed(model.golden_probabilities),
+        "notes": model.notes,
+        "card": model.card.as_json(),
+    }
+    attributes = header("model", 1, model=model.name, version=version, model_id=model.id)
+    datasets = {
+        "contents": np.frombuffer(json.dumps(stored).encode(), dtype=np.uint8),
+        "classes": model.classes,
+        "parameters": parameters_as_json(model.signature_parameters),
+        "card": stored["card"],
+        "origin": {"created": "2026-01-02T03:04:05.000006Z", "training": training},
+    }
+    return old_file(attributes, datasets)
+
+
+def _packed(array: np.ndarray[Any, Any]) -> dict[str, Any]:
+    data = np.ascontiguousarray(array, dtype="<f8").tobytes()
+    return {"shape": list(array.shape), "float64": base64.b64encode(data).decode()}
+
+
+def _plain(value: Any) -> dict[str, Any]:
+    fields = {name: getattr(value, name) for name in value.__dataclass_fields__}
+    return {k: _packed(v) if isinstance(v, np.ndarray) else v for k, v in fields.items()}
 
 
 def set_index_version(root: Path, version: int) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.choice.harmonics import Harmonics, n_functions
-from modalmotion.fit.fit import Basis, Fit
+from modalmotion.fit.basis import Basis
+from modalmotion.fit.fit import Fit
 from modalmotion.numeric.products import product
 
 _CEILING: Final = 2.0**1000

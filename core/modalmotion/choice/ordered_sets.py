@@ -7,26 +7,27 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.choice.fitted_motion import fit_with
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.nested_sets import Ladder, ladder_of
 from modalmotion.choice.parameters import ModeOrder, SignatureParameters
 from modalmotion.fit.basis import Basis
 from modalmotion.fit.fit import Fit
-from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.qr import tall_qr
-from modalmotion.template import Template
 
 ENERGY_POOL: Final = 200
 """Modes among which those with most energy are looked for, unless `most_modes` says."""
 
 
-def sorted_ladder(
-    sequence: MeshSequence, template: Template, asked: SignatureParameters, n_modes: int
-) -> tuple[Ladder, Fit]:
+def sorted_ladder(fitter: Fitter, n_modes: int) -> tuple[Ladder, Fit]:
     """Give modes in the order asked for, lowest or with most energy first, and their fit."""
-    ladder = ladder_of(template, n_modes, sequence.grid)
-    fit = fit_with(sequence, template, ladder.basis, asked)
-    return by_energy(ladder, fit) if asked.order == ModeOrder.ENERGY else (ladder, fit)
+    ladder = ladder_of(fitter.template, n_modes, fitter.sequence.grid)
+    return in_order(fitter, ladder)
+
+
+def in_order(fitter: Fitter, ladder: Ladder) -> tuple[Ladder, Fit]:
+    """Fit a ladder's largest set, and order it as the parameters ask."""
+    fit = fitter.fit(ladder.basis)
+    return by_energy(ladder, fit) if fitter.parameters.order == ModeOrder.ENERGY else (ladder, fit)
 
 
 def notes_on(ladder: Ladder, asked: SignatureParameters) -> tuple[str, ...]:

@@ -4,9 +4,9 @@ from modalmotion.classification.answer.classification import FLAGS, Classificati
 from modalmotion.classification.answer.classifier import classify
 from modalmotion.classification.answer.explanation import ModeContribution, only_modes
 from modalmotion.classification.model.card import ModelCard
+from modalmotion.classification.model.hdf5 import model_from_hdf5, model_to_hdf5
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.model.shipped import DEFAULT_MODEL, available_models, load_model
-from modalmotion.classification.model.text import model_from_bytes, model_to_bytes
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.cases import CaseFile, TrainingCase
 from modalmotion.classification.training.evaluation import Evaluation, evaluate
@@ -27,8 +27,8 @@ __all__ = [
     "classify",
     "evaluate",
     "load_model",
-    "model_from_bytes",
-    "model_to_bytes",
+    "model_from_hdf5",
+    "model_to_hdf5",
     "only_modes",
     "train",
 ]

@@ -6,13 +6,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from modalmotion.errors import CorruptFileError, ModalMotionError, OlderFileError, StoreError
 from modalmotion.hdf5.contents import Contents, contents_of, header_of
 from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, sealed_image
 from modalmotion.hdf5.sealed import digest_of, load_sealed
 
-REBUILD = "Run `modalmotion store rebuild FOLDER` on the folder of its store"
+REBUILD: Final = "Run `modalmotion store rebuild FOLDER` on the folder of its store"
 
 
 @dataclass(frozen=True)
@@ -143,10 +144,22 @@ def _explained(name: str, kind: str) -> Iterator[None]:
         yield
     except StoreError:
         raise
-    except (KeyError, IndexError, TypeError, ValueError, OSError, RuntimeError) as error:
+    except _UNREADABLE as error:
         # The seal is right, so the file was not damaged: it was written like this.
         reason = error.message if isinstance(error, ModalMotionError) else str(error)
         raise CorruptFileError(
             f"{name} does not hold a {kind} as modalmotion writes it ({reason[:200]}).",
             remedy="Name an HDF5 file written by modalmotion.",
         ) from error
+
+
+# What h5py, JSON and our own readers raise on files that were written by others.
+_UNREADABLE: Final = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)

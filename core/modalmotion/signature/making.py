@@ -9,6 +9,7 @@ from importlib.metadata import version
 import numpy as np
 
 from modalmotion.alignment.reference import reference_positions
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.parameters import MOST_MODES, SignatureParameters
 from modalmotion.choice.selection import select_model
 from modalmotion.errors import ParameterError
@@ -80,7 +81,7 @@ def modal_signature(
     asked = resolve_parameters(sequence, parameters or SignatureParameters())
     given, sequence = sequence, resolve_sequence(sequence, asked)
     chosen = resolve_template(sequence, asked, template)
-    model = select_model(sequence, chosen, asked, cache or TemplateCache())
+    model = select_model(Fitter.of(sequence, chosen, asked), cache or TemplateCache())
     modes, fit = model.modes, model.fit
     notes = [*_notes_on_sequence(sequence, asked.reference), *chosen.notes, *model.notes]
     undetermined = np.flatnonzero(~fit.rotations.is_determined)

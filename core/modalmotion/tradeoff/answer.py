@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.choice.fitted_motion import fit_with
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.harmonics import harmonics_of, require_harmonics
 from modalmotion.choice.limit import limit_of, require_unit
 from modalmotion.choice.noise import Noise
@@ -115,37 +115,37 @@ def measure_tradeoff(
     ParameterError
         If a tolerance is in mm and the unit of the sequence unknown.
     """
-    parameters = SignatureParameters() if parameters is None else parameters
-    require_unit(parameters, sequence)
+    asked = SignatureParameters() if parameters is None else parameters
+    require_unit(asked, sequence)
     watch = Stopwatch()
-    own = resolve_sequence(sequence, parameters)
-    if parameters.harmonics is not None:
-        require_harmonics(parameters.harmonics, harmonics_of(own.n_frames, own.times))
+    own = resolve_sequence(sequence, asked)
+    if asked.harmonics is not None:
+        require_harmonics(asked.harmonics, harmonics_of(own.n_frames, own.times))
     with watch.stage("template"):
-        used = resolve_template(own, resolve_parameters(own, parameters), template)
+        used = resolve_template(own, resolve_parameters(own, asked), template)
     with watch.stage("front"):
         front = measure_front(
-            sequence, parameters, most_modes=most_modes, components=components, template=template
+            sequence, asked, most_modes=most_modes, components=components, template=template
         )
     with watch.stage("scene"):
-        smallest = make_basis(used, choose_modes(used, 1, own.grid).modes)
-        first = fit_with(own, used, smallest, parameters)
-        scene = scene_of(own, used, first.rotations, reference=parameters.reference)
+        fitter = Fitter.of(own, used, asked)
+        first = fitter.fit(make_basis(used, choose_modes(used, 1, own.grid).modes))
+        scene = scene_of(fitter, first.rotations)
     limit = None
     with watch.stage("choice"):
-        if parameters.is_adaptive and not parameters.auto:
-            limit = limit_of(parameters, own, first.motion_rms)
-            chosen = fewest_numbers(sequence, parameters, front, scene, limit, template)
+        if asked.is_adaptive and not asked.auto:
+            limit = limit_of(asked, own, first.motion_rms)
+            chosen = fewest_numbers(sequence, asked, front, scene, limit, template)
         else:
-            chosen = of_signature(modal_signature(sequence, parameters, template=template))
+            chosen = of_signature(modal_signature(sequence, asked, template=template))
     choice = None if chosen.signature is None else chosen.signature.choice
     times: dict[int, float] = {}
     if with_times:
         with watch.stage("timing"):
-            times = _fit_milliseconds(own, used, parameters, front.branches[0])
+            times = _fit_milliseconds(fitter, front.branches[0])
     return Tradeoff(
         sequence_id=sequence.id,
-        parameters=parameters,
+        parameters=asked,
         front=front,
         scene=scene,
         limit=limit if choice is None or limit is not None else choice.limit,
@@ -156,19 +156,17 @@ def measure_tradeoff(
     )
 
 
-def _fit_milliseconds(
-    sequence: MeshSequence, template: Template, parameters: SignatureParameters, branch: Branch
-) -> dict[int, float]:
+def _fit_milliseconds(fitter: Fitter, branch: Branch) -> dict[int, float]:
     """Time the fit of the largest set and of ever smaller ones."""
     places = np.unique(len(branch.counts) // 2 ** np.arange(_TIMED) - 1)
     times = {}
     for count in branch.counts[places[places >= 0]].tolist():
-        modes = choose_modes(template, count, sequence.grid).modes
+        modes = choose_modes(fitter.template, count, fitter.sequence.grid).modes
         spent = []
         for _ in range(_REPEATS):
             watch = Stopwatch()
             with watch.stage("fit"):
-                fit_with(sequence, template, make_basis(template, modes), parameters)
+                fitter.fit(make_basis(fitter.template, modes))
             spent.append(watch.milliseconds["fit"])
         # The quickest is the one that met least other work.
         times[count] = min(spent)

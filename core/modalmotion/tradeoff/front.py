@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.choice.energies import energies_of
-from modalmotion.choice.fitted_motion import fit_with
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.harmonics import harmonics_of, n_functions
 from modalmotion.choice.nested_sets import ladder_of
-from modalmotion.choice.ordered_sets import by_energy
-from modalmotion.choice.parameters import ModeOrder, SignatureParameters
+from modalmotion.choice.ordered_sets import in_order
+from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.errors import InputError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, Topology
@@ -117,15 +117,15 @@ def measure_front(
     InputError
         If not even the sequence's own topology can be measured.
     """
-    parameters = SignatureParameters() if parameters is None else parameters
-    own = resolve_sequence(sequence, parameters)
-    used = resolve_template(own, resolve_parameters(own, parameters), template)
-    branches, motion = _branches(own, used, parameters, most_modes, components)
-    for topology in other_topologies(own, used, parameters):
+    asked = SignatureParameters() if parameters is None else parameters
+    own = resolve_sequence(sequence, asked)
+    used = resolve_template(own, resolve_parameters(own, asked), template)
+    branches, motion = _branches(Fitter.of(own, used, asked), most_modes, components)
+    for topology in other_topologies(own, used, asked):
         try:
             other = own.with_topology(topology, None)
-            other_template = resolve_template(other, resolve_parameters(other, parameters))
-            more, _ = _branches(other, other_template, parameters, most_modes, components)
+            found = resolve_template(other, resolve_parameters(other, asked))
+            more, _ = _branches(Fitter.of(other, found, asked), most_modes, components)
         except InputError:
             # A surface may be laid out in one way only; the others are not part of the front.
             continue
@@ -134,11 +134,11 @@ def measure_front(
 
 
 def other_topologies(
-    sequence: MeshSequence, template: Template, parameters: SignatureParameters
+    sequence: MeshSequence, template: Template, asked: SignatureParameters
 ) -> tuple[Topology, ...]:
     """Topologies besides a template's own that may fit its surface."""
     own = template.surface
-    if parameters.topology is not None or parameters.template is not None or own is None:
+    if asked.topology is not None or asked.template is not None or own is None:
         return ()
     others = {CUP: (CYLINDER,), CYLINDER: (CUP,), PLANE: (CUP,)}.get(own, ())
     if sequence.grid is not None:
@@ -153,24 +153,18 @@ def _is_cup(grid: tuple[int, ...]) -> bool:
 
 
 def _branches(
-    sequence: MeshSequence,
-    template: Template,
-    parameters: SignatureParameters,
-    most_modes: int,
-    components: tuple[Components, ...] | None,
+    fitter: Fitter, most_modes: int, components: tuple[Components, ...] | None
 ) -> tuple[list[Branch], float]:
     """Branches of one topology, and the RMS motion."""
-    wanted = components or tuple(sorted(Components, key=lambda one: one != parameters.components))
+    sequence, template, asked = fitter.sequence, fitter.template, fitter.parameters
+    wanted = components or tuple(sorted(Components, key=lambda one: one != asked.components))
     ladder = ladder_of(template, most_modes, sequence.grid)
     functions = harmonics_of(sequence.n_frames, sequence.times)
     branches, motion = [], 0.0
     for one in wanted:
         if one != Components.CARTESIAN and template.landmarks is None and components is None:
             continue
-        fit = fit_with(sequence, template, ladder.basis, replace(parameters, components=one))
-        ordered = ladder
-        if parameters.order == ModeOrder.ENERGY:
-            ordered, fit = by_energy(ladder, fit)
+        ordered, fit = in_order(fitter.asking(components=one), ladder)
         energies = energies_of(ordered.basis, fit)
         branches.append(
             Branch(

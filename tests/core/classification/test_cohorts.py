@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import cache
 
@@ -16,14 +15,13 @@ from modalmotion.classification import (
     TrainingCase,
     TrainingOptions,
     evaluate,
-    model_from_bytes,
-    model_to_bytes,
+    model_from_hdf5,
+    model_to_hdf5,
     train,
 )
 from modalmotion.classification.training import fold_fit
 from modalmotion.classification.training.case_groups import inner_groups
 from modalmotion.classification.training.table import collect
-from modalmotion.errors import CorruptFileError
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.signature.making import modal_signature
@@ -155,10 +153,7 @@ def test_a_class_of_one_subject_is_left_out_case_by_case() -> None:
     assert not set(found[:3].tolist()) & set(found[3:].tolist())
 
 
-def test_a_file_of_former_features_of_modes_is_refused() -> None:
-    stored = json.loads(model_to_bytes(trained(bulge)))
-    stored["schema"] = 2
-    with pytest.raises(CorruptFileError, match="schema 2"):
-        model_from_bytes(json.dumps(stored).encode())
-    again = model_from_bytes(model_to_bytes(trained(bulge)))
+def test_a_model_of_modes_comes_back_from_its_file() -> None:
+    again = model_from_hdf5(model_to_hdf5(trained(bulge)))
+    assert again.id == trained(bulge).id
     assert again.reader.is_brief == trained(bulge).reader.is_brief

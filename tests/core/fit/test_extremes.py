@@ -5,11 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from template_surfaces import Floats, Moving, cup_points, describe, make_ventricle, ventricle
+from template_surfaces import (
+    Floats,
+    Moving,
+    cup_points,
+    describe,
+    fit_sequence,
+    make_ventricle,
+    ventricle,
+)
 
 from modalmotion.errors import ModeCountError
-from modalmotion.fit.basis import LARGEST_CONDITION, factored
-from modalmotion.fit.fit import Fit, fit_sequence, make_basis
+from modalmotion.fit.basis import LARGEST_CONDITION, factored, make_basis
+from modalmotion.fit.fit import Fit
 from modalmotion.mesh import vertex_areas
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeLabel, ModeSet, lowest_modes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from modalmotion.representation import shown
@@ -81,8 +81,7 @@ class ModelCard:
     @staticmethod
     def from_json(values: Mapping[str, Any]) -> ModelCard:
         """Read what `as_json` gave."""
-        known = {f.name for f in fields(ModelCard)}
-        return ModelCard(**{k: _tuples(v) for k, v in values.items() if k in known})
+        return ModelCard(**{name: _tuples(value) for name, value in values.items()})
 
 
 def _lists(value: Any) -> Any:

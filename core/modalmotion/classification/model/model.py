@@ -93,9 +93,7 @@ class Model:
     @cached_property
     def id(self) -> str:
         """Identity: sha256 in hex of everything that an answer depends on."""
-        kept = contents(self)
-        del kept["card"]
-        text = json.dumps(kept, sort_keys=True, separators=(",", ":"))
+        text = json.dumps(_identity(self), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
 
     @property
@@ -118,8 +116,8 @@ class Model:
         return self.domain.distance(kinds)
 
 
-def contents(model: Model) -> dict[str, Any]:
-    """Everything of a model as JSON-able values."""
+def _identity(model: Model) -> dict[str, Any]:
+    """Everything of a model that an answer depends on, in the one form that is hashed."""
     reader, domain, blend = model.reader, model.domain, model.blend
     return {
         "name": model.name,
@@ -165,7 +163,6 @@ def contents(model: Model) -> dict[str, Any]:
         "golden_features": _packed(model.golden_features),
         "golden_probabilities": _packed(model.golden_probabilities),
         "notes": {label: list(texts) for label, texts in model.notes.items()},
-        "card": model.card.as_json(),
     }
 
 

@@ -7,9 +7,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
+from modalmotion.classification.model.hdf5 import model_from_hdf5
 from modalmotion.classification.model.model import Model
-from modalmotion.classification.model.text import model_from_bytes
-from modalmotion.errors import CorruptFileError, NotFoundError
+from modalmotion.errors import NotFoundError
 
 DEFAULT_MODEL: Final = "ventricle-simulated"
 
@@ -18,7 +18,7 @@ def available_models() -> tuple[str, ...]:
     """Names of the models that come with the package, sorted."""
     folder = files(__package__) / "data"
     return tuple(
-        sorted(file.name.removesuffix(".json") for file in folder.iterdir() if file.is_file())
+        sorted(file.name.removesuffix(".h5") for file in folder.iterdir() if file.is_file())
     )
 
 
@@ -29,8 +29,8 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
     ----------
     which : str or Path
         A str is the name of a model that comes with the package, and never a path, so that it
-        may come from a stranger; a Path is a file written by `model_to_bytes`, or the HDF5 file
-        of a model that was trained by a command or a service.
+        may come from a stranger; a Path is a file written by `model_to_hdf5`, as a command or a
+        service that trains a model gives it.
 
     Returns
     -------
@@ -40,29 +40,11 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
     ------
     NotFoundError
         If there is no such model.
-    CorruptFileError
-        If the file is no model, was altered, or predicts its golden batch differently here.
+    OlderFileError, CorruptFileError, ModelNotReproducedError
+        As `model_from_hdf5` does.
     """
     if isinstance(which, Path):
-        try:
-            content = which.read_bytes()
-        except OSError as error:
-            raise NotFoundError(
-                f"The model file {which.name!r} cannot be read: {error.strerror}.",
-                remedy="Name an existing file.",
-            ) from error
-        # Here, for what is shipped needs no h5py.
-        from modalmotion.classification.model.hdf5 import model_from_hdf5
-        from modalmotion.hdf5.gate import SIGNATURE
-
-        if content.startswith(SIGNATURE):
-            return model_from_hdf5(which)
-        try:
-            return model_from_bytes(content)
-        except CorruptFileError as error:
-            raise CorruptFileError(
-                f"{which.name!r}: {error.message}", remedy=error.remedy, details=error.details
-            ) from error
+        return model_from_hdf5(which)
     if which not in available_models():
         raise NotFoundError(
             f"There is no model named {which[:80]!r}.",
@@ -73,4 +55,4 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
 
 @cache
 def _load_shipped(name: str) -> Model:
-    return model_from_bytes((files(__package__) / "data" / f"{name}.json").read_bytes())
+    return model_from_hdf5((files(__package__) / "data" / f"{name}.h5").read_bytes())

@@ -10,9 +10,9 @@ from typing import Final
 
 from numpy.random import default_rng
 
+from modalmotion.classification.model.hdf5 import model_to_hdf5
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.model.shipped import DEFAULT_MODEL
-from modalmotion.classification.model.text import model_to_bytes
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.cases import TrainingCase
 from modalmotion.classification.training.evaluation import Evaluation, evaluate
@@ -106,12 +106,12 @@ def held_out_cases(n_per_class: int, seed: int = HELD_OUT_SEED) -> Iterator[Trai
 
 def main(arguments: Sequence[str]) -> None:
     """Train, test on a cohort of another seed, and write the model file."""
-    default = Path(__file__).parent / "data" / f"{DEFAULT_MODEL}.json"
+    default = Path(__file__).parents[1] / "model" / "data" / f"{DEFAULT_MODEL}.h5"
     path = Path(arguments[0]) if arguments else default
     model = shipped_model(N_TRAIN)
     found = evaluate(model, held_out_cases(N_TEST))
     model = replace(model, card=replace(model.card, extra={**model.card.extra, **_tested(found)}))
-    path.write_bytes(model_to_bytes(model))
+    path.write_bytes(model_to_hdf5(model))
     sys.stdout.write(f"{path} {model.id}\n{found}\n")
 
 

@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
+import base64
+import json
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.choice.parameters import parameters_from_json
 from modalmotion.classification.answer.classification import Classification
 from modalmotion.classification.answer.hdf5 import classification_to_hdf5
+from modalmotion.classification.estimators.scorer import Blend, Scorer
+from modalmotion.classification.features import Column, FeatureReader
+from modalmotion.classification.model.card import ModelCard
+from modalmotion.classification.model.conformal import Calibration
+from modalmotion.classification.model.domain import Domain
+from modalmotion.classification.model.hdf5 import (
+    kept_model,
+    model_from_hdf5,
+    model_to_hdf5,
+    numbered,
+)
+from modalmotion.classification.model.model import Model, Readable
 from modalmotion.errors import ModalMotionError, StoreError
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form, form_of
@@ -99,7 +117,73 @@ def _classification(contents: Contents) -> bytes:
     )
 
 
+def _model(contents: Contents) -> bytes:
+    """Take a model out of the JSON text, with arrays in base64, that version 1 was."""
+    stored = json.loads(contents.array("contents", (None,)).tobytes())
+    if stored["schema"] != 4:
+        raise ValueError(f"its model has the schema {stored['schema']!r}, not 4")
+    if stored["machine"]:
+        # skops names a class by its module, and the modules have moved.
+        raise StoreError(
+            "Its support vector machine or forest is bound to the program that trained it.",
+            remedy="Train it again.",
+        )
+    reader, domain = stored["reader"], stored["domain"]
+    if reader["typical"] is not None:
+        real, imaginary = _array(reader["typical"])
+        reader["typical"] = real + 1j * imaginary
+    scorers = tuple(
+        Scorer(
+            anchors=_array(one["anchors"]),
+            gamma=one["gamma"],
+            weights=_array(one["weights"]),
+            intercepts=_array(one["intercepts"]),
+            temperature=one["temperature"],
+        )
+        for one in stored["scorers"]
+    )
+    model = Model(
+        name=stored["name"],
+        classes=tuple(stored["classes"]),
+        readable=Readable(
+            topologies=tuple(stored["topologies"]),
+            n_modes=stored["n_modes"],
+            connectivity_id=stored["connectivity_id"],
+            parameters=parameters_from_json(contents.json("parameters", dict)),
+        ),
+        reader=FeatureReader(**reader),
+        columns=tuple(
+            Column(name, tuple(modes), power) for name, modes, power in stored["columns"]
+        ),
+        blend=Blend(
+            _array(stored["centre"]), _array(stored["scale"]), scorers, stored["temperature"]
+        ),
+        machine=b"",
+        domain=Domain(
+            **{**domain, "means": _array(domain["means"]), "whitening": _array(domain["whitening"])}
+        ),
+        calibration=Calibration(tuple(map(_array, stored["calibration"]))),
+        golden_features=_array(stored["golden_features"]),
+        golden_probabilities=_array(stored["golden_probabilities"]),
+        notes={label: tuple(texts) for label, texts in stored["notes"].items()},
+        card=ModelCard.from_json(stored["card"]),
+    )
+    origin = contents.json("origin", dict)
+    kept = kept_model(model, training=origin["training"])
+    image = model_to_hdf5(numbered(kept, contents.attributes["version"], origin["created"]))
+    # Nothing is written that does not answer as it did.
+    if model_from_hdf5(image).id != contents.text("model_id"):
+        raise ValueError("it holds another model than it says")
+    return image
+
+
+def _array(stored: dict[str, Any]) -> NDArray[np.float64]:
+    data = base64.b64decode(stored["float64"], validate=True)
+    return np.frombuffer(data, dtype="<f8").astype(np.float64).reshape(stored["shape"])
+
+
 OLDER: Final[dict[Form, Callable[[Contents], bytes]]] = {
     Form("classification", 1): _classification,
+    Form("model", 1): _model,
 }
 """How each older form is rewritten."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import subprocess
 import sys
@@ -10,11 +9,13 @@ from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from classify_samples import cohort, small_model
 from hypothesis import given
 from hypothesis import strategies as st
+from sealed_files import changed, put, sealed
 
 from modalmotion.classification import (
     DEFAULT_MODEL,
@@ -23,14 +24,19 @@ from modalmotion.classification import (
     available_models,
     classify,
     load_model,
-    model_from_bytes,
-    model_to_bytes,
+    model_from_hdf5,
+    model_to_hdf5,
     train,
 )
 from modalmotion.classification.estimators import estimator
 from modalmotion.classification.estimators.machine import ALLOWED
 from modalmotion.classification.model.conformal import Calibration
-from modalmotion.errors import CorruptFileError, NotFoundError
+from modalmotion.errors import (
+    CorruptFileError,
+    ModelNotReproducedError,
+    NotFoundError,
+    OlderFileError,
+)
 
 SIGNED = ("radial", "turning", "axial")
 
@@ -88,13 +94,13 @@ def test_probabilities_add_up_to_one_however_far_the_features_lie(values: list[f
 
 
 def test_a_model_read_back_is_the_same(small: Model, tmp_path: Path) -> None:
-    text = model_to_bytes(small)
-    again = model_from_bytes(text)
+    image = model_to_hdf5(small)
+    again = model_from_hdf5(image)
     assert again.id == small.id
-    assert model_to_bytes(again) == text
+    assert model_to_hdf5(again) == image
     assert again.card == small.card
-    path = tmp_path / "small.json"
-    path.write_bytes(text)
+    path = tmp_path / "small.h5"
+    path.write_bytes(image)
     assert load_model(path).id == small.id
     signature = cohort(6)[0].signature
     one, other = classify(signature, small), classify(signature, again)
@@ -117,41 +123,118 @@ def test_the_id_is_of_what_an_answer_depends_on(small: Model) -> None:
     assert replace(small, calibration=Calibration((np.zeros(1), np.zeros(1)))).id != small.id
 
 
-def altered(text: bytes, **changes: object) -> bytes:
-    return json.dumps({**json.loads(text), **changes}).encode()
-
-
 def test_an_altered_model_is_refused(small: Model) -> None:
-    text = model_to_bytes(small)
+    image = model_to_hdf5(small)
     with pytest.raises(CorruptFileError, match="sha256"):
-        model_from_bytes(altered(text, temperature=1e-3))
+        model_from_hdf5(changed(image, put("temperature", 1e-3)))
     wrong = replace(small, golden_probabilities=small.golden_probabilities + 1e-6)
-    with pytest.raises(CorruptFileError, match="golden"):
-        model_from_bytes(model_to_bytes(wrong))
-    with pytest.raises(CorruptFileError, match="schema"):
-        model_from_bytes(altered(text, schema=99))
+    with pytest.raises(ModelNotReproducedError, match="golden"):
+        model_from_hdf5(model_to_hdf5(wrong))
+    later = changed(image, lambda file: file.attrs.__setitem__("schema_version", 99))
+    with pytest.raises(CorruptFileError, match="version 99"):
+        model_from_hdf5(later)
+    earlier = changed(image, lambda file: file.attrs.__setitem__("schema_version", 1))
+    with pytest.raises(OlderFileError, match="version 1"):
+        model_from_hdf5(earlier)
 
 
-@pytest.mark.parametrize("text", [b"", b"[]", b"not json", b'{"schema": 2}', b"\xff\xfe"])
-def test_what_is_no_model_is_refused(text: bytes) -> None:
-    with pytest.raises(CorruptFileError):
-        model_from_bytes(text)
+@pytest.mark.parametrize(
+    "data", [b"", b"[]", b"not HDF5", sealed(b"\x89HDF\r\n\x1a\n" + b"x" * 99)]
+)
+def test_what_is_no_model_is_refused(data: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "mine.h5"
+    path.write_bytes(data)
+    with pytest.raises(CorruptFileError, match=r"mine\.h5"):
+        load_model(path)
 
 
 def test_half_a_model_is_refused(small: Model) -> None:
-    text = model_to_bytes(small)
+    image = model_to_hdf5(small)
     with pytest.raises(CorruptFileError):
-        model_from_bytes(text[: len(text) // 2])
-    short = {"shape": [2], "float64": base64.b64encode(np.ones(2).tobytes()).decode()}
+        model_from_hdf5(image[: len(image) // 2])
     with pytest.raises(CorruptFileError):
-        model_from_bytes(altered(text, centre=short))
-    with pytest.raises(CorruptFileError):
-        model_from_bytes(altered(text, scorers="many"))
+        model_from_hdf5(sealed(image[: len(image) // 2]))
+
+
+def text(value: object) -> np.bytes_:
+    return np.bytes_(json.dumps(value))
+
+
+HOSTILE: dict[str, tuple[str, object]] = {
+    "an array that is too short": ("centre", np.ones(2)),
+    "an array of another shape": ("means", np.ones(7)),
+    "fewer than no anchors": ("n_anchors", np.array([-1, 7])),
+    "more anchors than there are": ("n_anchors", np.array([10**15, 10**15])),
+    "anchors whose number overflows": ("n_anchors", np.full(4, 2**62)),
+    "scores of no class": ("n_scores", np.array([1])),
+    "texts where numbers belong": ("limits", text([1, 2, 3])),
+    "a list where a table belongs": ("reader", text([])),
+    "text that is not JSON": ("columns", np.bytes_("{")),
+    "JSON in itself": ("notes", np.bytes_("[" * 5000)),
+    "an infinite number of modes": ("readable", np.bytes_('{"n_modes": Infinity}')),
+    "columns of no modes": ("columns", text([["a", [999], 1.0]])),
+    "parameters that are not known": ("parameters", text({"modes": 7, "unheard": 1})),
+    "a card of something else": ("card", text({"of": "cards"})),
+    "one class": ("classes", text(["a"])),
+    "a machine beside scorers": ("machine", np.ones(9, dtype=np.uint8)),
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_a_hostile_model_with_a_right_seal_is_refused_by_name(
+    what: str, small: Model, tmp_path: Path
+) -> None:
+    path = tmp_path / "foreign.h5"
+    path.write_bytes(changed(model_to_hdf5(small), put(*HOSTILE[what])))
+    with pytest.raises(CorruptFileError, match="foreign") as caught:
+        load_model(path)
+    assert caught.value.remedy
+
+
+def reader_of(small: Model, **changes: object) -> Model:
+    return replace(small, reader=replace(small.reader, **changes))  # type: ignore[arg-type]
+
+
+def test_a_model_that_would_read_without_end_is_refused(small: Model) -> None:
+    with pytest.raises(CorruptFileError, match="harmonics"):
+        model_from_hdf5(model_to_hdf5(reader_of(small, n_harmonics=10**9)))
+
+
+def test_one_dataset_under_many_names_fills_no_memory(small: Model) -> None:
+    def link(file: h5py.File) -> None:
+        for number in range(1000):
+            file[f"again_{number}"] = file["whitening"]
+
+    with pytest.raises(CorruptFileError, match="on one another"):
+        model_from_hdf5(changed(model_to_hdf5(small), link))
+
+
+def test_a_link_out_of_the_file_is_not_followed(small: Model) -> None:
+    for link in (h5py.ExternalLink("/etc/passwd", "/"), h5py.SoftLink("/means")):
+        with pytest.raises(CorruptFileError, match="link"):
+            model_from_hdf5(changed(model_to_hdf5(small), put("scale", link)))
+
+
+def test_a_file_that_is_too_large_is_not_read(
+    small: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "large.h5"
+    path.write_bytes(model_to_hdf5(small))
+    monkeypatch.setattr("modalmotion.classification.model.hdf5._LARGEST", 1000)
+    for source in (path, path.read_bytes()):
+        with pytest.raises(CorruptFileError, match="at most 1000"):
+            model_from_hdf5(source)
+
+
+def test_what_is_not_a_number_does_not_reproduce(small: Model) -> None:
+    blend = replace(small.blend, temperature=0.0)
+    with pytest.raises(ModelNotReproducedError):
+        model_from_hdf5(model_to_hdf5(replace(small, blend=blend)))
 
 
 def test_an_estimator_that_is_no_arrays_is_kept_without_pickle(forest: Model) -> None:
     assert forest.machine
-    again = model_from_bytes(model_to_bytes(forest))
+    again = model_from_hdf5(model_to_hdf5(forest))
     assert again.id == forest.id
     signature = cohort(6)[1].signature
     assert classify(signature, again).label == classify(signature, forest).label
@@ -165,12 +248,14 @@ def test_a_type_that_is_not_allowed_is_refused(forest: Model) -> None:
     foreign = replace(forest, machine=dumps(Fraction(1, 2)))
     with pytest.raises(CorruptFileError, match="Fraction"):
         foreign.probabilities(forest.golden_features)
+    with pytest.raises(ModelNotReproducedError, match="Fraction"):
+        model_from_hdf5(model_to_hdf5(foreign))
     plain = replace(forest, machine=dumps([1, 2, 3]))
     with pytest.raises(CorruptFileError, match="no motion classifier"):
         plain.probabilities(forest.golden_features)
 
 
-@pytest.mark.parametrize("name", ["none", "../data/ventricle-simulated", "/model.json", ""])
+@pytest.mark.parametrize("name", ["none", "../data/ventricle-simulated", "/model.h5", ""])
 def test_a_name_is_never_a_path(name: str) -> None:
     with pytest.raises(NotFoundError) as caught:
         load_model(name)
@@ -179,13 +264,14 @@ def test_a_name_is_never_a_path(name: str) -> None:
 
 def test_a_missing_file_is_not_found(tmp_path: Path) -> None:
     with pytest.raises(NotFoundError):
-        load_model(tmp_path / "none.json")
+        load_model(tmp_path / "none.h5")
 
 
 def test_the_shipped_model_is_small_whole_and_honest() -> None:
     assert available_models() == (DEFAULT_MODEL,)
     model = load_model()
-    assert len(model_to_bytes(model)) < 500_000
+    assert len(model_to_hdf5(model)) < 500_000
+    assert model.id.startswith("5f19d80a0337")
     assert model.card.extra["has_seen_patients"] is False
     assert any("no patient" in note for note in model.notes[""])
     assert model.card.accuracy is not None

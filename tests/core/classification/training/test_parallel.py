@@ -22,7 +22,7 @@ from modalmotion.classification import (
     Model,
     TrainingCase,
     TrainingOptions,
-    model_to_bytes,
+    model_to_hdf5,
     train,
 )
 from modalmotion.classification.training.parallel import joblib_backend
@@ -84,7 +84,7 @@ QUICK = TrainingOptions(folds=3, estimator="linear")
 
 
 def trained(cases: Iterable[TrainingCase | CaseFile], options: TrainingOptions = QUICK) -> bytes:
-    return model_to_bytes(train(cases, "anywhere", options))
+    return model_to_hdf5(train(cases, "anywhere", options))
 
 
 @pytest.mark.parametrize(

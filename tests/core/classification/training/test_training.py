@@ -15,7 +15,7 @@ from modalmotion.classification import (
     TrainingOptions,
     classify,
     evaluate,
-    model_to_bytes,
+    model_to_hdf5,
     only_modes,
     train,
 )
@@ -29,7 +29,7 @@ QUICK = TrainingOptions(estimator="linear")
 
 
 def test_training_again_gives_the_same_model_to_the_byte() -> None:
-    assert model_to_bytes(train(cohort(6), "small")) == model_to_bytes(small_model())
+    assert model_to_hdf5(train(cohort(6), "small")) == model_to_hdf5(small_model())
     first, other = (train(cases, "small", QUICK) for cases in (cohort(6), cohort(6)[1:]))
     assert first.id != other.id
 

@@ -6,10 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from classify_samples import small_model
 from click.testing import CliRunner
 from damaged_stores import N, four_kept
 from guest_table import visits
-from older_stores import header, old_classification, old_file, set_index_version
+from older_stores import header, old_classification, old_file, old_model, set_index_version
 from store_samples import (
     KEY,
     MODEL,
@@ -20,6 +21,7 @@ from store_samples import (
     tree,
 )
 
+from modalmotion.classification.model.hdf5 import kept_model, model_to_hdf5, numbered
 from modalmotion.cli.store_commands import store as commands
 from modalmotion.errors import CorruptFileError, OlderFileError
 from modalmotion.store import ResultStore, classification_from_hdf5, rebuild, verify
@@ -133,6 +135,42 @@ def test_a_rewriting_that_stops_half_way_goes_on(
         ResultStore(root).open()
     assert rebuild(root).rewritten == {"classification": N - 1}
     assert verify(root).is_sound
+
+
+def models_of(root: Path) -> Path:
+    return root / "models" / "small"
+
+
+def test_rebuild_takes_models_that_were_text(root: Path) -> None:
+    model = small_model()
+    models_of(root).mkdir()
+    (models_of(root) / "2.h5").write_bytes(old_model(model, 2))
+    assert rebuild(root).rewritten == {"classification": N, "model": 1}
+    assert verify(root).is_sound
+    with ResultStore(root) as store:
+        record = store.model_record("small")
+        assert (record.version, record.id, record.training) == (2, model.id, "t")
+        assert record.created == "2026-01-02T03:04:05.000006Z"
+        again = store.model("small")
+    assert again.card == model.card
+    # The same file as a store of today's would hold.
+    expected = numbered(kept_model(model, training="t"), 2, record.created)
+    assert (models_of(root) / "2.h5").read_bytes() == model_to_hdf5(expected)
+
+
+def test_a_model_that_cannot_be_taken_keeps_its_number(root: Path) -> None:
+    models_of(root).mkdir()
+    model = small_model()
+    other = replace(model, golden_probabilities=model.golden_probabilities + 1e-3)
+    (models_of(root) / "1.h5").write_bytes(old_model(model, 1, machine=b"skops"))
+    (models_of(root) / "2.h5").write_bytes(old_model(other, 2))
+    found = rebuild(root)
+    assert set(found.refused) == {"models/small/1.h5", "models/small/2.h5"}
+    assert "Train it again" in found.refused["models/small/1.h5"]
+    assert "golden batch" in found.refused["models/small/2.h5"]
+    assert found.damaged == ()
+    with ResultStore(root) as store:
+        assert store.put_model(model).version == 3
 
 
 def test_a_file_of_a_newer_version_is_not_older(root: Path) -> None:
