@@ -12,20 +12,28 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 from sealed_files import sealed
 
 from modalmotion.choice.parameters import parameters_as_json
 from modalmotion.classification import Classification, Model
+from modalmotion.mesh.sequence import MeshSequence
 
 INTENDED_USE = "Description of surface motion."
 
 
-def old_file(attributes: dict[str, str | int], datasets: dict[str, Any]) -> bytes:
+def old_file(
+    attributes: dict[str, str | int],
+    datasets: dict[str, Any],
+    lists: dict[str, NDArray[np.int64]] | None = None,
+) -> bytes:
     """Sealed HDF5 image: text as fixed-length strings, anything but an array as JSON."""
     buffer = io.BytesIO()
     with h5py.File(buffer, "w") as file:
         for name, value in attributes.items():
             file.attrs[name] = np.bytes_(value) if isinstance(value, str) else np.int64(value)
+        for name, numbers in (lists or {}).items():
+            file.attrs[name] = numbers
         for name, value in datasets.items():
             is_array = isinstance(value, np.ndarray)
             file[name] = value if is_array else np.bytes_(json.dumps(value))
@@ -54,6 +62,21 @@ def old_classification(found: Classification, key: str) -> bytes:
     )
     texts = {name: getattr(found, name) for name in ("classes", "label", "notes", "provenance")}
     return old_file(attributes, {"probabilities": found.probabilities, **texts})
+
+
+def old_sequence(sequence: MeshSequence) -> bytes:
+    """Version 1: without facts. A lattice with times and a unit."""
+    assert sequence.topology is not None
+    attributes = header(
+        "sequence",
+        1,
+        unit=str(sequence.unit),
+        topology=sequence.topology.name,
+        sequence_id=sequence.id,
+    )
+    grid = np.array(sequence.grid)
+    arrays = {name: getattr(sequence, name) for name in ("vertices", "faces", "times")}
+    return old_file(attributes, arrays, {"grid": grid})
 
 
 def old_model(model: Model, version: int, *, machine: bytes = b"", training: str = "t") -> bytes:
@@ -111,4 +134,6 @@ def _plain(value: Any) -> dict[str, Any]:
 def set_index_version(root: Path, version: int) -> None:
     """Let the index of a store say that it is of another version."""
     with contextlib.closing(sqlite3.connect(root / "index.sqlite")) as connection:
+        for column in ("facts", "span"):
+            connection.execute(f"ALTER TABLE sequences DROP COLUMN {column}")
         connection.execute(f"PRAGMA user_version = {version}")

@@ -84,7 +84,9 @@ def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
     asked = fitter.parameters
     n = asked.modes or 1
     if asked.order == ModeOrder.FIXED:
-        choice, basis = cache.basis(fitter.template, n, fitter.sequence.grid)
+        choice, basis = cache.basis(
+            fitter.template, n, fitter.sequence.grid, split_pairs=asked.split_pairs
+        )
         found = fit_model(fitter, choice.modes, basis=basis)
         return replace(found, notes=choice.notes)
     ladder, _ = sorted_ladder(fitter, asked.most_modes or max(ENERGY_POOL, n))

@@ -26,6 +26,7 @@ from modalmotion.cli.options import (
     weights_option,
 )
 from modalmotion.cli.readouts_command import volume_lines
+from modalmotion.facts import facts_as_json
 from modalmotion.numerals import counted, numeral
 from modalmotion.signature.making import ModalSignature, modal_signature
 from modalmotion.stopwatch import Stopwatch
@@ -105,6 +106,7 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
         "modes": len(result.modes),
         "amplitudes_per_frame": 3 * len(result.modes),
         "unit": result.unit,
+        "facts": facts_as_json(result.facts),
         "rms_error": result.rms_error,
         "p95_error": float(result.p95_errors.max()),
         "max_error": result.max_error,
@@ -129,6 +131,7 @@ def _lines(result: ModalSignature, price: Price) -> str:
             f"{result.surface}, {counted(result.n_frames, 'frame')}, "
             f"{counted(result.n_vertices, 'vertex', 'vertices')}"
         ),
+        *([f"facts: {repr(result.facts)[6:-1]}"] if result.facts.stated else []),
         f"{counted(count, 'mode')} x 3 directions = {3 * count} amplitudes a frame",
         (
             f"compression {result.compression:.0f}:1 a frame, "

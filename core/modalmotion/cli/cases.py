@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from modalmotion.errors import InputError, MalformedFileError, ModalMotionError, ParameterError
+from modalmotion.facts import NO_FACTS, Facts, column_of, facts_from_texts, is_fact
 
 if TYPE_CHECKING:
     from modalmotion.classification import TrainingCase
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 _COLUMNS: Final = ("path", "label", "subject")
 
 _HOW: Final = (
-    "Give a table with the columns path, label and, where it is known, subject; or files that "
-    "lie in folders named by their class."
+    "Give a table with the columns path, label and, where they are known, subject and facts; or "
+    "files that lie in folders named by their class."
 )
 
 
@@ -35,11 +36,14 @@ class LabelledFile:
     path : Path
     label : str
     subject : str or None
+    facts : Facts
+        Over those that the file states.
     """
 
     path: Path
     label: str
     subject: str | None
+    facts: Facts = NO_FACTS
 
 
 def labelled_files(sources: Sequence[Path]) -> list[LabelledFile]:
@@ -66,6 +70,8 @@ def labelled_files(sources: Sequence[Path]) -> list[LabelledFile]:
 def read_manifest(manifest: Path) -> list[LabelledFile]:
     """Read a table of files: path, label, subject; paths are relative to the table's folder.
 
+    Further columns may state facts, by their names or as landmark:apex and covariate:age.
+
     Raises
     ------
     MalformedFileError
@@ -81,13 +87,19 @@ def read_manifest(manifest: Path) -> list[LabelledFile]:
     first = lines[0] if lines else ""
     delimiter = max(",;\t", key=first.count)
     rows = csv.DictReader(lines, delimiter=delimiter, skipinitialspace=True)
-    names = [(name or "").strip().lower() for name in rows.fieldnames or []]
+    names = [column_of(name or "") for name in rows.fieldnames or []]
     missing = [name for name in _COLUMNS[:2] if name not in names]
     if missing:
         raise MalformedFileError(
             f"The manifest '{manifest}' has no column {' and no column '.join(missing)}; its "
             f"first line is {first[:80]!r}.",
             remedy=_HOW,
+        )
+    twice = [name for name, n in Counter(names).items() if n > 1 and is_fact(name)]
+    if twice:
+        raise MalformedFileError(
+            f"The manifest '{manifest}' has {names.count(twice[0])} columns '{twice[0][:80]}'.",
+            remedy="Keep one of them.",
         )
     rows.fieldnames = names
     return [_row(manifest, rows.line_num, row) for row in rows]
@@ -117,7 +129,8 @@ def training_cases(
     with click.progressbar(files, label="signatures", file=sys.stderr) as bar:
         for file in bar:
             try:
-                signature = modal_signature(read(file.path, quiet=True, **stated), parameters)
+                sequence = read(file.path, quiet=True, facts=file.facts, **stated)
+                signature = modal_signature(sequence, parameters)
                 yield TrainingCase(signature, file.label, file.subject)
             except ModalMotionError as error:
                 raise _of_file(error, file.path) from error
@@ -147,7 +160,15 @@ def _row(manifest: Path, line: int, row: dict[str, Any]) -> LabelledFile:
             remedy="Paths are relative to the folder that the manifest lies in.",
             details={"line": line},
         )
-    return LabelledFile(path, values["label"], values["subject"] or None)
+    try:
+        facts = facts_from_texts({name: row[name] for name in row if name and is_fact(name)})
+    except ParameterError as error:
+        raise MalformedFileError(
+            f"Line {line} of '{manifest.name}': {error.message}",
+            remedy=error.remedy,
+            details={**error.details, "line": line},
+        ) from error
+    return LabelledFile(path, values["label"], values["subject"] or None, facts)
 
 
 def _of_file(error: ModalMotionError, path: Path) -> InputError:

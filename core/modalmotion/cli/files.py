@@ -10,6 +10,8 @@ from typing import Any
 import click
 
 from modalmotion.cli.options import Member, several
+from modalmotion.cli.stated_facts import fact_options, stated_facts
+from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.formats import Format, ReadOptions, read_sequence
 from modalmotion.formats.raw import RAW_TYPES
 from modalmotion.mesh.sequence import MeshSequence
@@ -49,11 +51,14 @@ sequence_argument = several(
         show_default=True,
         help="Of raw numbers, little-endian.",
     ),
+    fact_options,
 )
 """FILE, as `source`, and what can be stated about it, under the names of `ReadOptions`."""
 
 
-def read(source: Path, *, quiet: bool = False, **stated: Any) -> MeshSequence:
+def read(
+    source: Path, *, quiet: bool = False, facts: Facts = NO_FACTS, **stated: Any
+) -> MeshSequence:
     """Read a sequence: a file, a folder of frames, or a pattern of their names.
 
     Frames that are files of their own show a progress bar; unused content and assumptions are
@@ -63,10 +68,12 @@ def read(source: Path, *, quiet: bool = False, **stated: Any) -> MeshSequence:
     ----------
     source : Path
     quiet : bool
+    facts : Facts
+        Over those of the file; options that state facts go over them.
     **stated
-        Fields of `ReadOptions`.
+        Other fields of `ReadOptions`, and options that state facts.
     """
-    options = ReadOptions(**stated)
+    options = ReadOptions(facts=stated_facts(stated).over(facts), **stated)
     if quiet:
         return read_sequence(source, options).sequence
     with _FrameBar() as bar:

@@ -83,6 +83,12 @@ def output_option(text: str, **settings: Any) -> Decorator:
 mode_options = several(
     click.option("--modes", type=int, help="Modes, 3 amplitudes a frame each.  [default: 7]"),
     click.option("--amplitudes", type=int, help="In place of modes: amplitudes a frame."),
+    click.option(
+        "--split-pairs",
+        is_flag=True,
+        help="Not to round up to whole cosine-sine pairs: the last one then depends on where "
+        "theta is zero.",
+    ),
     click.option("--tolerance", type=float, help="Largest error, in mm."),
     click.option(
         "--tolerance-of",

@@ -24,6 +24,9 @@ from modalmotion.simulate import (
 from modalmotion.simulate import simulate_cohort as cohort
 from modalmotion.store import write_atomic
 
+_STATED: Final = ("tracking", "handedness", "period", "cavity", "modality")
+"""Facts that the simulator knows."""
+
 _HELP: Final = {
     "length": "Of the cavity from apex to base at end diastole, mm.",
     "radius": "Of the widest short-axis section at end diastole, mm.",
@@ -100,7 +103,7 @@ def simulate(
 
 @click.command("simulate-cohort", epilog=example("simulate-cohort -o cohort --per-class 50"))
 @output_option(
-    "Folder to write: files, and cases.csv with path, label and subject.",
+    "Folder to write: files, and cases.csv with path, label, subject and facts.",
     type=click.Path(file_okay=False, path_type=Path),
 )
 @click.option(
@@ -119,13 +122,14 @@ def simulate_cohort(output: Path, per_class: int, noise: float, seed: int) -> No
     output.mkdir(parents=True, exist_ok=True)
     table = io.StringIO()
     rows = csv.writer(table, lineterminator="\n")
-    rows.writerow(["path", "label", "subject"])
+    rows.writerow(["path", "label", "subject", *_STATED])
     total = per_class * len(MotionClass)
     cases = cohort(per_class, rng=np.random.default_rng(seed), noise=noise)
     with click.progressbar(cases, length=total, label="ventricles", file=sys.stderr) as bar:
         for number, case in enumerate(bar):
             name = f"ventricle-{seed}-{number:04d}"
             write_atomic(output / f"{name}.npz", write_npz(case.sequence))
-            rows.writerow([f"{name}.npz", case.label, name])
+            facts = [getattr(case.sequence.facts, fact) for fact in _STATED]
+            rows.writerow([f"{name}.npz", case.label, name, *facts])
     write_atomic(output / "cases.csv", table.getvalue().encode())
     click.echo(f"{total} ventricles of {len(MotionClass)} classes: {output / 'cases.csv'}")

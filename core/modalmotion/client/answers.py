@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from modalmotion.client.connection import Answer
 from modalmotion.client.errors import BrokenAnswerError, understood
+from modalmotion.errors import ParameterError
+from modalmotion.facts import Facts, facts_from_json
 from modalmotion.representation import shown
 
 T = TypeVar("T")
@@ -31,6 +33,8 @@ class SequenceInfo:
     subject, label : str or None
     created : str
         When it was first received, ISO 8601 in UTC.
+    facts : Facts
+        What is stated of it.
     answer : dict
         All that the service says of it.
     """
@@ -44,6 +48,7 @@ class SequenceInfo:
     subject: str | None
     label: str | None
     created: str
+    facts: Facts
     answer: dict[str, Any] = field(repr=False, compare=False)
 
 
@@ -225,8 +230,11 @@ def value_of(kind: Callable[..., T], answer: Any) -> T:
     """
     names = [name for name in kind.__annotations__ if name != "answer"]
     try:
-        return kind(**{name: answer[name] for name in names}, answer=answer)
-    except (KeyError, TypeError) as error:
+        members = {name: answer[name] for name in names}
+        if "facts" in members:
+            members["facts"] = facts_from_json(members["facts"])
+        return kind(**members, answer=answer)
+    except (KeyError, TypeError, ParameterError) as error:
         raise BrokenAnswerError(
             f"The answer is not what is understood here: {error} is not there.",
             remedy="Check the address, and the versions of service and client.",

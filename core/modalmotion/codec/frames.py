@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.codec.bits.entropy import LARGEST_MAGNITUDE
 from modalmotion.codec.bits.guard import Guards, find_guards
 from modalmotion.codec.bits.mixed_matrix import MOST_MIXED
 from modalmotion.codec.block import MOST_QUANTA, Block, positions_of, write_block
@@ -180,6 +181,9 @@ def _finish(frames: _Frames, choice: Choice, trial: Trial, width: int = 0) -> En
     block = trial.block(len(frames.vertices), frames.exponent, frames.origin, width)
     scaled = block.scaled(choice.modes)
     if not np.abs(scaled).max() < MOST_QUANTA / 4:
+        return None
+    # Many orthonormal modes can need more than any coordinate does.
+    if max(np.abs(n).max(initial=0) for n in (block.basis, block.coefficients)) > LARGEST_MAGNITUDE:
         return None
     uncertainty = _uncertainty(block, choice, scaled)
     if uncertainty > MOST_UNCERTAIN:

@@ -26,6 +26,10 @@ class Temporal(IntEnum):
     TRAJECTORY = 3
 
 
+# Components are taken as dependent beyond this reciprocal condition: whole numbers of a coarse
+# step are parallel to the last bit, or far from it.
+_ALIKE: Final = 1e-8
+
 CLOSED_FORM: Final = (Temporal.DCT, Temporal.FOURIER)
 
 
@@ -74,10 +78,12 @@ class TimeBasis:
         constant: Floats = mean * np.sqrt(self.n_frames)
         if not self.learned.shape[-1]:
             return constant
-        # Learned components are orthonormal up to their rounding: fitted, not projected.
+        # Learned components are orthonormal up to their rounding: fitted, not projected. A coarse
+        # step rounds some to the same component, and what only their difference could tell would
+        # be huge numbers of opposite signs: such components share what they describe.
         basis = self.learned.reshape(-1, self.learned.shape[-1])
         moving = (motion - mean).reshape(len(basis), -1)
-        fitted, *_ = linalg.lstsq(basis, moving, lapack_driver="gelsy")
+        fitted, *_ = linalg.lstsq(basis, moving, cond=_ALIKE, lapack_driver="gelsy")
         return np.concatenate([constant, fitted.reshape(-1, n)])
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
+from modalmotion.facts import facts_as_json, facts_from_json
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import UNKNOWN, Dataset
+from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
-FORM: Final = Form("sequence", 1)
+FORM: Final = Form("sequence", 2)
+"""Version 1 had no facts."""
 
 
 def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
@@ -30,6 +32,7 @@ def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
     datasets = [
         Dataset("vertices", vertices, unit, "frame, vertex, direction"),
         Dataset("faces", sequence.faces.astype("<i8", copy=False), "1", "face, corner"),
+        json_text("facts", facts_as_json(sequence.facts)),
     ]
     if sequence.times is not None:
         datasets.append(Dataset("times", sequence.times, "s", "frame"))
@@ -51,10 +54,8 @@ def sequence_from_hdf5(source: bytes | Path) -> MeshSequence:
 
     Raises
     ------
-    NotFoundError
-        If there is no such file.
-    CorruptFileError
-        If it is damaged, foreign, or written by a newer version.
+    StoreError
+        As `Form.read` says.
     """
     return read_sequence(source)[0]
 
@@ -62,12 +63,17 @@ def sequence_from_hdf5(source: bytes | Path) -> MeshSequence:
 def read_sequence(source: bytes | Path) -> tuple[MeshSequence, Contents]:
     """Read a mesh sequence together with the contents of its file."""
     with FORM.read(source) as contents:
-        sequence = mesh_sequence(
-            contents.array("vertices", (None, None, 3)),
-            contents.array("faces", (None, 3)),
-            grid=contents.attributes.get("grid"),
-            topology=contents.optional_text("topology"),
-            times=contents.arrays.get("times"),
-            unit=contents.unit,
-        )
-    return sequence, contents
+        facts = facts_from_json(contents.json("facts", dict))
+        return sequence_in(contents).with_facts(facts), contents
+
+
+def sequence_in(contents: Contents) -> MeshSequence:
+    """Sequence that a file holds, without its facts: as files of version 1 do, too."""
+    return mesh_sequence(
+        contents.array("vertices", (None, None, 3)),
+        contents.array("faces", (None, 3)),
+        grid=contents.attributes.get("grid"),
+        topology=contents.optional_text("topology"),
+        times=contents.arrays.get("times"),
+        unit=contents.unit,
+    )

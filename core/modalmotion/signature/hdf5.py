@@ -11,6 +11,7 @@ import numpy as np
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
 from modalmotion.choice.reason import ModelChoice
+from modalmotion.facts import facts_as_json, facts_from_json
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
@@ -82,6 +83,9 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
         json_text("notes", signature.notes),
         json_text("provenance", signature.provenance),
     ]
+    # Kept signatures have none, for facts may change: the answer is what adds them.
+    if signature.facts.stated:
+        datasets.append(json_text("facts", facts_as_json(signature.facts)))
     if signature.choice is not None:
         datasets.append(json_text("choice", signature.choice.as_json()))
     if signature.landmarks is not None:
@@ -100,10 +104,8 @@ def signature_from_hdf5(source: bytes | Path) -> ModalSignature:
 
     Raises
     ------
-    NotFoundError
-        If there is no such file.
-    CorruptFileError
-        If it is damaged, foreign, or written by a newer version.
+    StoreError
+        As `Form.read` says.
     """
     return read_signature(source)[0]
 
@@ -150,6 +152,7 @@ def _signature(contents: Contents) -> ModalSignature:
             if "choice" in contents.arrays
             else None
         ),
+        facts=facts_from_json(contents.json("facts", dict) if "facts" in contents.arrays else {}),
     )
 
 

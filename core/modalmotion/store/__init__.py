@@ -28,7 +28,8 @@ from modalmotion.store.care.verification import Fault, VerifyReport, verify
 from modalmotion.store.disk.atomic import write_atomic
 from modalmotion.store.index.index import SequencePage
 from modalmotion.store.record import UNSET, SequenceRecord, Unset, record_of, record_to_json
-from modalmotion.store.results import ResultStore
+from modalmotion.store.results import ResultStore, signature_image
+from modalmotion.store.sequences import upload_image
 from modalmotion.store.staging import StagedSignature
 from modalmotion.template.hdf5 import template_from_hdf5, template_to_hdf5
 
@@ -63,9 +64,11 @@ __all__ = [
     "sequence_from_hdf5",
     "sequence_to_hdf5",
     "signature_from_hdf5",
+    "signature_image",
     "signature_to_hdf5",
     "template_from_hdf5",
     "template_to_hdf5",
+    "upload_image",
     "verify",
     "write_atomic",
 ]

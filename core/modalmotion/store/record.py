@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import unicodedata
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from enum import Enum
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from modalmotion.errors import ParameterError
+from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_from_json
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
 from modalmotion.store.disk.sealed_json import JsonForm
 
 FORM: Final = JsonForm(
     "sequence-record",
-    1,
+    2,
     "Run `modalmotion store rebuild`, which writes it anew from what else is known.",
 )
+"""Version 1 had neither facts nor the span of times."""
 LONGEST_NAME: Final = 200
 
 
@@ -52,6 +54,11 @@ class SequenceRecord:
         When it was first put, UTC, ISO 8601 with microseconds.
     has_upload : bool
         Whether the vertices are kept.
+    facts : Facts
+        What is stated of it now. They are kept here alone: the file of its vertices has none, so
+        that a correction, or taking away what says who a person is, leaves nothing behind.
+    span : float or None, s
+        From the first time to the last; None where times are unknown.
     """
 
     id: str
@@ -66,6 +73,8 @@ class SequenceRecord:
     label: str | None
     created: str
     has_upload: bool
+    facts: Facts = NO_FACTS
+    span: float | None = None
 
 
 def record_of(
@@ -90,12 +99,20 @@ def record_of(
         label=label,
         created=created,
         has_upload=has_upload,
+        facts=sequence.facts,
+        span=sequence.span,
     )
 
 
 def record_to_json(record: SequenceRecord) -> bytes:
     """Write a record as JSON that ends with the sha256 of what stands before."""
-    return FORM.write(asdict(record))
+    return FORM.write(record_values(record))
+
+
+def record_values(record: SequenceRecord) -> dict[str, Any]:
+    """Values of a record by name, facts as JSON has them."""
+    values = {field.name: getattr(record, field.name) for field in fields(record)}
+    return {**values, "facts": facts_as_json(record.facts)}
 
 
 def read_record(path: Path) -> SequenceRecord:
@@ -110,9 +127,15 @@ def read_record(path: Path) -> SequenceRecord:
     StoreError
         If it was written by another version.
     """
-    fields = FORM.read(path)
-    grid = fields["grid"]
-    return SequenceRecord(**{**fields, "grid": None if grid is None else tuple(grid)})
+    return record_from(FORM.read(path))
+
+
+def record_from(values: dict[str, Any]) -> SequenceRecord:
+    """Make a record of `record_values`, lists for tuples; without facts where there are none."""
+    grid, facts = values["grid"], facts_from_json(values.get("facts", {}))
+    return SequenceRecord(
+        **{**values, "grid": None if grid is None else tuple(grid), "facts": facts}
+    )
 
 
 def require_name(name: str, text: str | None) -> str | None:

@@ -53,10 +53,8 @@ def template_from_hdf5(source: bytes | Path) -> Template:
 
     Raises
     ------
-    NotFoundError
-        If there is no such file.
-    CorruptFileError
-        If it is damaged, foreign, or written by a newer version.
+    StoreError
+        As `Form.read` says.
     """
     return read_template(source)[0]
 

@@ -18,7 +18,8 @@ class ModeChoice:
     modes : Modes
         In closed form where the surface has natural coordinates.
     notes : tuple of str
-        Why there are more than were asked for, or that they belong to one mesh only.
+        Why there are more than were asked for, what a split pair costs, or that they belong to
+        one mesh only.
     """
 
     modes: Modes
@@ -26,7 +27,11 @@ class ModeChoice:
 
 
 def choose_modes(
-    template: Template, n_modes: int, grid: tuple[int, ...] | None = None
+    template: Template,
+    n_modes: int,
+    grid: tuple[int, ...] | None = None,
+    *,
+    split_pairs: bool = False,
 ) -> ModeChoice:
     """Lowest modes of a template, rounded up so that no cosine-sine pair is split.
 
@@ -36,6 +41,8 @@ def choose_modes(
     n_modes : int
     grid : tuple of int, optional
         Nodes along each axis of a lattice, which has no modes beyond its own number.
+    split_pairs : bool
+        Not to round up.
 
     Raises
     ------
@@ -50,9 +57,15 @@ def choose_modes(
         )
         return ModeChoice(springs, (note,))
     n_whole = whole_count(template.surface, n_modes, grid)
-    chosen = lowest_modes(template.surface, n_whole, grid)
+    chosen = lowest_modes(template.surface, n_modes if split_pairs else n_whole, grid)
     if n_whole == n_modes:
         return ModeChoice(chosen, ())
+    if split_pairs:
+        note = (
+            f"Mode {chosen.labels[-1]} was fitted without its sine: its amplitudes depend on where "
+            "theta is zero, and compare only with those of surfaces whose zero is the same."
+        )
+        return ModeChoice(chosen, (note,))
     note = (
         f"{n_modes} modes would split a cosine-sine pair; {n_whole} were fitted "
         f"({3 * n_whole} amplitudes a frame)."

@@ -47,7 +47,7 @@ async def encode(
     """Compress a sequence at an error you choose; nothing is stored."""
     target = EncodingTarget(**query.model_dump(include=set(EncodingTarget.model_fields)))
     with file:
-        sent = Upload(file.path, query.options(state.settings.read_limits))
+        sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
         path, answer = await state.analysis.encoded(sent, target)
     return _stream(path, answer)
 

@@ -42,7 +42,7 @@ async def make(
     A cohort whose vertices correspond names it (`?template=`) and pays for it once.
     """
     with file:
-        sent = Upload(file.path, query.options(state.settings.read_limits))
+        sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
         answer, is_new = await state.analysis.template(sent, query.parameters())
     return Response(
         answer.model_dump_json(),

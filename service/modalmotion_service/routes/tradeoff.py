@@ -39,10 +39,11 @@ async def tradeoff(
     """
     media_type = best_type(accept, (JSON, PNG))
     parameters = query.parameters()
-    state.store.sequence_record(sequence_id)
+    landmarks = state.store.sequence_record(sequence_id).facts.landmarks
     only = "" if query.components is None else query.components.value
     # Times differ from one answer to the next, so that the tag is a weak one.
-    tag = tag_of(sequence_id, parameters.key, media_type, str(query.front_modes), only)
+    read = (repr(landmarks),) if landmarks else ()
+    tag = tag_of(sequence_id, parameters.key, media_type, str(query.front_modes), only, *read)
     if is_known(request, tag):
         return not_modified(f"W/{tag}")
     asked = {

@@ -1,5 +1,6 @@
 """What goes over the wire, as pydantic models."""
 
+from modalmotion_service.schemas.facts import FactsAnswer
 from modalmotion_service.schemas.fields import (
     GRID,
     GRID_PATTERN,
@@ -65,6 +66,7 @@ __all__ = [
     "DistanceAnswer",
     "EncodedAnswer",
     "EncodingTarget",
+    "FactsAnswer",
     "FrameErrors",
     "Health",
     "JobAnswer",

@@ -7,6 +7,7 @@ from typing import Any, Final
 from urllib.parse import urlencode
 
 from modalmotion.classification import TrainingOptions
+from modalmotion.facts import facts_from_json
 from modalmotion_service.http.negotiation import HDF5, NPZ, STREAM
 from modalmotion_service.schemas import (
     EncodingTarget,
@@ -46,7 +47,8 @@ def make_runner(
 
     async def upload(request: Any, _: Report) -> Any:
         query = UploadQuery(**request["query"])
-        sent = Upload(spool.at(request["file"]), query.options(settings.read_limits))
+        facts = facts_from_json(request["facts"])
+        sent = Upload(spool.at(request["file"]), query.options(settings.read_limits, facts))
         kept = await analysis.keep(sent, subject=query.subject, label=query.label)
         return {"link": f"/v1/sequences/{kept.record.id}"}
 

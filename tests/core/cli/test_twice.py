@@ -13,16 +13,19 @@ from modalmotion.cli import main
 
 COMMANDS = main.list_commands(click.Context(main))
 
-# What each does at little cost; `serve` and `worker` run until they are ended.
+# What each does at little cost. These run until they are ended, or cost a training.
+LONG = {"serve", "worker", "train", "evaluate"}
 CHEAP = {
-    "audit": "check --data-dir {store}",
-    "cohort": "{folder} --data-dir {store}",
+    "audit": "verify --data-dir {store}",
+    "cohort": "{folder} -o {store}",
     "keys": "list --data-dir {store}",
     "owners": "list --data-dir {store}",
     "store": "verify {store}",
+    "animate": "cup --mode 1,1,cos=0.1 -o {out}.glb",
     "classify": "{beat}",
     "decode": "{stream} -o {out}.npz",
     "encode": "{beat} -o {out}.stream --max-error 1",
+    "modes": "{beat}",
     "readouts": "{beat}",
     "reconstruct": "{beat} -o {out}.npz",
     "signature": "{beat} -o {out}.h5",
@@ -56,9 +59,15 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "out": folder / "out",
     }
     run("encode", str(places["beat"]), "-o", str(places["stream"]), "--max-error", "1")
-    run("cohort", str(places["folder"]), "--data-dir", str(places["store"]))
-    run("keys", "make", "someone", "--data-dir", str(places["store"]))
+    run("cohort", str(places["folder"]), "-o", str(places["store"]))
+    run(
+        "keys", "create", "--owner", "local", "--scopes", "read", "--data-dir", str(places["store"])
+    )
     return places
+
+
+def test_no_command_is_forgotten() -> None:
+    assert CHEAP.keys() | LONG == set(COMMANDS)
 
 
 @pytest.mark.parametrize("name", sorted(CHEAP))

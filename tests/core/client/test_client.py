@@ -242,8 +242,8 @@ def test_streams_hold_their_bound(remote: Client, sequence: mm.MeshSequence) -> 
 def test_sequences_are_listed_page_by_page_named_and_deleted(remote: Client) -> None:
     ids = [remote.upload(small(100 + k), subject="listed").id for k in range(5)]
     assert [info.id for info in remote.sequences(subject="listed", page=2)] == ids[::-1]
-    assert remote.rename(ids[0], label="normal").subject == "listed"
-    assert remote.rename(ids[0], subject=None).label == "normal"
+    assert remote.update(ids[0], label="normal").subject == "listed"
+    assert remote.update(ids[0], subject=None).label == "normal"
     assert remote.sequence(ids[0]).subject is None
     remote.delete(ids[0])
     with pytest.raises(mm.NotFoundError) as caught:

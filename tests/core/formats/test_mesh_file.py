@@ -192,7 +192,11 @@ def test_a_stated_coordinate_system_is_found(name: str, data: bytes) -> None:
         ("stl", stl_text(VERTICES[0]).rpartition(b"facet normal")[0], "cut short"),
         ("stl", stl_text(VERTICES[0]).replace(b"endfacet", b"", 1), "Facet 0"),
         ("stl", stl_text(VERTICES[0]).replace(b"loop\nvertex", b"loop\nvertex 1", 3), "Facet 0"),
-        ("stl", stl_text(VERTICES[0]).replace(b"solid vertex", b"facet vertex", 1), "not a complete"),
+        (
+            "stl",
+            stl_text(VERTICES[0]).replace(b"solid vertex", b"facet vertex", 1),
+            "not a complete",
+        ),
         ("stl", stl_text(VERTICES[0]).replace(b"endsolid", b"solid"), "Facet 12"),
         ("stl", stl_text(VERTICES[0] * 0).replace(b"vertex 0.0", b"vertex a", 1), "not a number"),
         ("off", off(VERTICES[0]).replace(b"12 12", b"12 13"), "fewer"),

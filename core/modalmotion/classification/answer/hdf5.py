@@ -69,10 +69,8 @@ def classification_from_hdf5(source: bytes | Path) -> Classification:
 
     Raises
     ------
-    NotFoundError
-        If there is no such file.
-    CorruptFileError
-        If it is damaged, foreign, or written by a newer version.
+    StoreError
+        As `Form.read` says.
     """
     return read_classification(source)[0]
 

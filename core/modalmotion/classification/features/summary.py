@@ -10,20 +10,7 @@ from modalmotion.classification.features.invariants import Waves, signed_root, s
 
 
 def summary(motion: NDArray[np.complex128], waves: Waves, *, is_cycle: bool) -> NDArray[np.float64]:
-    """Values of the columns of `summary_columns`.
-
-    Parameters
-    ----------
-    motion : (terms, modes, 3) complex128
-        Harmonics of a cycle; of a course cosine terms, which are real.
-    waves : Waves
-    is_cycle : bool
-
-    Returns
-    -------
-    (features,) float64
-        All in the unit of the motion: roots of squares and of products.
-    """
+    """Values of the columns of `summary_columns`, (features,) float64; see `invariants`."""
     z = stacked(motion, waves)
     squares = np.abs(z) ** 2
     # Over terms, or over everything else.

@@ -153,12 +153,8 @@ def model_from_hdf5(source: bytes | Path) -> Model:
 
     Raises
     ------
-    NotFoundError
-        If there is no such file.
-    OlderFileError
-        If it was written by an older version.
-    CorruptFileError
-        If it is damaged, foreign, or written by a newer version.
+    StoreError
+        As `Form.read` says.
     ModelNotReproducedError
         If the file is whole, and the model in it does not answer here as where it was made.
     """

@@ -23,6 +23,8 @@ ESCAPE: Final = 15
 
 N_SYMBOLS: Final = 16
 N_CLASSES: Final = 40
+LARGEST_MAGNITUDE: Final = (1 << N_CLASSES) + ESCAPE - 2
+"""Of the last class: larger ones cannot be coded."""
 
 
 def _constriction() -> Any:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,8 +32,12 @@ from modalmotion.classification.model.model import Model, Readable
 from modalmotion.errors import ModalMotionError, StoreError
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form, form_of
+from modalmotion.mesh.hdf5 import sequence_from_hdf5, sequence_in, sequence_to_hdf5
 from modalmotion.store.disk.atomic import write_atomic
+from modalmotion.store.disk.sealed_json import JsonForm
 from modalmotion.store.folder import Folder
+from modalmotion.store.record import FORM as RECORD
+from modalmotion.store.record import record_from, record_to_json
 
 
 @dataclass(frozen=True)
@@ -83,6 +88,13 @@ def rewrite_older(folder: Folder) -> Rewriting:
         else:
             write_atomic(path, image)
             rewritten[form.kind] += 1
+    for sequence_id in sorted(folder.scan().records):
+        try:
+            data = _record(folder, sequence_id)
+        except StoreError:
+            continue
+        write_atomic(folder.record(sequence_id), data)
+        rewritten["record"] += 1
     return Rewriting(dict(rewritten), refused)
 
 
@@ -92,6 +104,27 @@ def _files(folder: Folder) -> Iterator[Path]:
     yield from map(folder.template, sorted(scan.templates))
     yield from map(folder.result, sorted(scan.results))
     yield from map(folder.model, sorted(scan.models - scan.deleted_models))
+
+
+def _record(folder: Folder, sequence_id: str) -> bytes:
+    """Add what a record of version 1 did not say, for which vertices are looked at.
+
+    Raises
+    ------
+    StoreError
+        If it is not such a record.
+    """
+    record = record_from(OLD_RECORD.read(folder.record(sequence_id)))
+    span = None
+    if record.has_times and record.has_upload:
+        with contextlib.suppress(StoreError):
+            span = sequence_from_hdf5(folder.upload(sequence_id)).span
+    return record_to_json(replace(record, span=span))
+
+
+def _sequence(contents: Contents) -> bytes:
+    """Version 1 had no facts: nothing is known of them."""
+    return sequence_to_hdf5(sequence_in(contents))
 
 
 def _classification(contents: Contents) -> bytes:
@@ -184,6 +217,10 @@ def _array(stored: dict[str, Any]) -> NDArray[np.float64]:
 
 OLDER: Final[dict[Form, Callable[[Contents], bytes]]] = {
     Form("classification", 1): _classification,
+    Form("sequence", 1): _sequence,
     Form("model", 1): _model,
 }
 """How each older form is rewritten."""
+
+OLD_RECORD: Final = JsonForm(RECORD.kind, 1, RECORD.remedy)
+"""Form of the records of sequences that are rewritten."""

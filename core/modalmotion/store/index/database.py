@@ -23,7 +23,7 @@ _TABLES: Final = (
         id TEXT PRIMARY KEY, n_frames INTEGER NOT NULL, n_vertices INTEGER NOT NULL,
         n_faces INTEGER NOT NULL, topology TEXT, grid TEXT, unit TEXT,
         has_times INTEGER NOT NULL, subject TEXT, label TEXT, created TEXT NOT NULL,
-        has_upload INTEGER NOT NULL
+        has_upload INTEGER NOT NULL, facts TEXT NOT NULL DEFAULT '{}', span REAL
     ) WITHOUT ROWID""",
     "CREATE INDEX sequences_by_time ON sequences (created, id)",
     "CREATE INDEX sequences_by_subject ON sequences (subject, created, id)",
@@ -43,7 +43,10 @@ _TABLES: Final = (
 _OWN_TABLES: Final = ("state", "sequences", "results", "models")
 
 # What an index of version 1 lacks; its rows stay.
-_SINCE_1: Final[tuple[str, ...]] = ()
+_SINCE_1: Final = (
+    "ALTER TABLE sequences ADD COLUMN facts TEXT NOT NULL DEFAULT '{}'",
+    "ALTER TABLE sequences ADD COLUMN span REAL",
+)
 
 _REBUILD = "Run `modalmotion store rebuild FOLDER`."
 

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from modalmotion.signature.making import SignatureParameters, resolve_template
+from modalmotion.signature.making import (
+    SignatureParameters,
+    resolve_parameters,
+    resolve_template,
+)
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import template_from_hdf5, template_to_hdf5
 from modalmotion_service.schemas import TemplateAnswer
@@ -20,7 +24,7 @@ def make_template(
     with watch.stage("read"):
         sequence = upload.read().sequence
     with watch.stage("template"):
-        template = resolve_template(sequence, parameters)
+        template = resolve_template(sequence, resolve_parameters(sequence, parameters))
     with watch.stage("image"):
         write_whole(image, template_to_hdf5(template))
     return TemplateAnswer.of(template), watch.milliseconds

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sqlite3
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -20,7 +20,7 @@ from modalmotion.errors import CorruptFileError
 from modalmotion.exports.signature_pack import export
 from modalmotion.store import ResultStore, rebuild, template_to_hdf5, verify
 from modalmotion.store.folder import Folder, ResultName
-from modalmotion.store.record import FORM, read_record
+from modalmotion.store.record import FORM, read_record, record_values
 from modalmotion.template import make_template
 
 
@@ -217,7 +217,9 @@ def test_a_record_of_a_newer_version_is_not_overwritten(root: Path) -> None:
     path = folder.record(name)
     with ResultStore(root) as store:
         record = store.sequence_record(name)
-    newer = replace(FORM, version=FORM.version + 1).write({**asdict(record), "unheard": "of"})
+    newer = replace(FORM, version=FORM.version + 1).write(
+        {**record_values(record), "unheard": "of"}
+    )
     path.write_bytes(newer)
     assert [fault.file for fault in verify(root).faults] == [folder.short(path)]
     assert rebuild(root).damaged == (folder.short(path),)

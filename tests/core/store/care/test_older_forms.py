@@ -5,12 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from classify_samples import small_model
 from click.testing import CliRunner
 from damaged_stores import N, four_kept
 from guest_table import visits
-from older_stores import header, old_classification, old_file, old_model, set_index_version
+from older_stores import (
+    header,
+    old_classification,
+    old_file,
+    old_model,
+    old_sequence,
+    set_index_version,
+)
 from store_samples import (
     KEY,
     MODEL,
@@ -24,8 +32,11 @@ from store_samples import (
 from modalmotion.classification.model.hdf5 import kept_model, model_to_hdf5, numbered
 from modalmotion.cli.store_commands import store as commands
 from modalmotion.errors import CorruptFileError, OlderFileError
+from modalmotion.facts import NO_FACTS
 from modalmotion.store import ResultStore, classification_from_hdf5, rebuild, verify
+from modalmotion.store.care.older_forms import OLD_RECORD
 from modalmotion.store.folder import Folder, ResultName
+from modalmotion.store.record import record_values
 
 
 def classification_of(root: Path, number: int) -> Path:
@@ -179,3 +190,25 @@ def test_a_file_of_a_newer_version_is_not_older(root: Path) -> None:
     with pytest.raises(CorruptFileError, match="version 99"):
         classification_from_hdf5(path)
     assert rebuild(root).damaged == (Folder(root).short(path),)
+
+
+def test_sequences_and_their_records_get_facts_that_are_unknown(tmp_path: Path) -> None:
+    sequence = replace(sample_sequence(0), times=np.array([0.0, 0.5, 0.75, 2.0]))
+    root = tmp_path / "store"
+    with ResultStore(root) as store:
+        store.put_sequence(sequence, subject="P 1")
+        record = store.sequence_record(sequence.id)
+    folder = Folder(root)
+    values = {n: v for n, v in record_values(record).items() if n not in ("facts", "span")}
+    folder.record(sequence.id).write_bytes(OLD_RECORD.write(values))
+    folder.upload(sequence.id).write_bytes(old_sequence(sequence))
+    set_index_version(root, 1)
+    with pytest.raises(OlderFileError):
+        ResultStore(root).open()
+    assert rebuild(root).rewritten == {"sequence": 1, "record": 1}
+    assert verify(root).is_sound
+    with ResultStore(root) as store:
+        assert store.sequence_record(sequence.id) == record
+        assert record.span == 2.0
+        assert store.sequence(sequence.id).facts == NO_FACTS
+        assert store.sequence(sequence.id).id == sequence.id
