@@ -13,6 +13,7 @@
     │   ├── ParameterError              an option outside its range
     │   ├── ToleranceError              an error that no number of modes holds
     │   └── LimitError                  larger than a stated limit
+    ├── MissingExtraError (ModuleNotFoundError)  a package that an extra installs is absent
     └── StoreError                      results that cannot be kept or read back
         ├── NotFoundError               nothing is kept under that id
         ├── CorruptFileError            a result file that does not read as written
@@ -22,6 +23,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import ClassVar
 
 
@@ -134,6 +137,25 @@ class LimitError(InputError):
     """The input is larger than a stated limit."""
 
     code = "limit_exceeded"
+
+
+class MissingExtraError(ModalMotionError, ModuleNotFoundError):
+    """A package that an extra installs is absent."""
+
+    code = "missing_extra"
+
+
+@contextmanager
+def needs_extra(extra: str) -> Iterator[None]:
+    """Answer an import that fails in the block with the command that installs what is absent."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(
+            f"This needs the package {error.name}, which is not installed.",
+            remedy=f"Install it: pip install 'modalmotion[{extra}]'.",
+            details={"package": error.name, "extra": extra},
+        ) from error
 
 
 class StoreError(ModalMotionError):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.alignment.rigid import RANK_TOLERANCE
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.products import weighted_sum
+from modalmotion.numeric.scale import power_of_two
 
 # Relative rounding of sums over thousands of vertices.
 _ROUNDING: Final = 1e-13
@@ -111,7 +112,7 @@ def _scale(
     largest = max(high - float(centre.min()), float(centre.max()) - low)
     if largest == 0.0 or _SMALLEST < largest < _LARGEST:
         return 1.0
-    return float(2.0 ** np.clip(np.frexp(largest)[1], -1000, 1000))
+    return power_of_two(largest)
 
 
 def _rank_tolerance(

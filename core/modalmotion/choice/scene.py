@@ -14,6 +14,7 @@ from modalmotion.choice.fitter import Fitter
 from modalmotion.fit.superposition import distances
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.products import weighted_sum
+from modalmotion.numeric.scale import root_mean_square
 from modalmotion.representation import shown
 from modalmotion.template import Template
 
@@ -224,9 +225,8 @@ def _over_frames(
     found: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
 ) -> SceneError:
     rms, p95, largest = (np.concatenate(part) for part in zip(*found, strict=True))
-    scale = float(rms.max(initial=0.0)) or 1.0
     return SceneError(
-        rms=scale * float(np.sqrt(((rms / scale) ** 2).mean())),
+        rms=root_mean_square(rms),
         p95=float(p95.max()),
         max=float(largest.max()),
     )

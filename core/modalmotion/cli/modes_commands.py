@@ -27,6 +27,11 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.naming import parse_label
 from modalmotion.modes.topology import Topology
 from modalmotion.numerals import counted, numeral
+from modalmotion.signature.making import (
+    SignatureParameters,
+    resolve_parameters,
+    resolve_template,
+)
 from modalmotion.template import Template, make_template
 from modalmotion.template.directions import Direction, directions_on
 from modalmotion.template.vibration_modes import (
@@ -184,7 +189,8 @@ def _surface(
                 return _Surface(lattice, None, None)
             return _Surface(lattice, make_template(standard_surface(lattice)), None)
     sequence = read(source, grid=grid, topology=topology, **said)
-    return _Surface(None, make_template(sequence), sequence.unit)
+    parameters = resolve_parameters(sequence, SignatureParameters())
+    return _Surface(None, resolve_template(sequence, parameters), sequence.unit)
 
 
 def _template(surface: _Surface) -> Template:

@@ -197,6 +197,24 @@ class SignatureArrays:
     times: NDArray[np.float64] | None
 
 
+@shown()
+@dataclass(frozen=True)
+class TemplateModes:
+    """Vibration modes of a surface.
+
+    Parameters
+    ----------
+    labels : tuple of str
+    angular_frequencies : (modes,) float64, rad per s
+    shapes : (vertices, modes) float64
+        Each with mean square 1 over the surface.
+    """
+
+    labels: tuple[str, ...]
+    angular_frequencies: NDArray[np.float64]
+    shapes: NDArray[np.float64]
+
+
 @shown("data", "rms", "max_error", "kg_error", "transform")
 @dataclass(frozen=True)
 class CompressedSequence:
@@ -283,6 +301,17 @@ def compressed_of(answer: Answer) -> CompressedSequence:
             "The answer does not say what was measured on the stream.",
             remedy="Check that nothing on the way takes headers off.",
         ) from error
+
+
+def template_modes_of(answer: Answer) -> TemplateModes:
+    """Read vibration modes from .npz."""
+    with (
+        understood("modes of a template"),
+        np.load(io.BytesIO(answer.content), allow_pickle=False) as arrays,
+    ):
+        return TemplateModes(
+            tuple(map(str, arrays["modes"])), arrays["angular_frequencies"], arrays["shapes"]
+        )
 
 
 def pack_of(answer: Answer) -> list[SignatureArrays]:

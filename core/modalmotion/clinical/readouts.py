@@ -17,6 +17,7 @@ from modalmotion.mesh import Cavity, cavity_of
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topology import PLANE
 from modalmotion.numerals import counted, numeral
+from modalmotion.numeric.scale import power_of_two
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
@@ -217,7 +218,7 @@ def _size(offsets: NDArray[np.float64]) -> float:
             f"The surface is {size:.1g} in size; its volume is no number of double precision.",
             remedy="State lengths in another unit.",
         )
-    return float(2.0 ** np.frexp(size)[1])
+    return power_of_two(size)
 
 
 def _measured(

@@ -18,6 +18,7 @@ from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.products import product
+from modalmotion.representation import shown
 from modalmotion.template import Template
 from modalmotion.template.vibration_modes import VibrationModes
 
@@ -29,6 +30,7 @@ _SECONDS_OF_EACH: Final = 1.0
 _REACH: Final = 0.15
 
 
+@shown("names", "amplitudes", "reference", "unit")
 @dataclass(frozen=True, eq=False)
 class Swing:
     """A surface moved by modes along one direction: x(t) = X + (Phi a(t)) d.

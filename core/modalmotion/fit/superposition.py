@@ -12,6 +12,7 @@ from modalmotion.alignment.reference import reference_positions
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.numeric.quantile import weighted_quantile
+from modalmotion.numeric.scale import power_of_two
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, from_local, local_frames
 
@@ -141,8 +142,7 @@ def distances(
     if largest == 0.0:
         zeros = np.zeros(len(offsets))
         return zeros, zeros, zeros
-    # A power of two, so that scaling costs no digit.
-    scale = float(2.0 ** np.clip(np.frexp(largest)[1], -1000, 1000))
+    scale = power_of_two(largest)
     squares = ((offsets / scale) ** 2).sum(axis=2)
     squares[:, template.isolated] = 0.0
     mean = np.einsum("fn,n->f", squares, template.weights)

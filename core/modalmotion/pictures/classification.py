@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 from modalmotion.classification.answer.classification import Classification
+from modalmotion.errors import needs_extra
 from modalmotion.numerals import numeral
-from modalmotion.pictures.figure import hide_spines, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,11 +33,16 @@ def answer_figure(result: Classification) -> Figure:
     -------
     matplotlib.figure.Figure
     """
+    with needs_extra("plot"):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
     n_classes = min(len(result.classes), _MOST_CLASSES)
     n_modes = min(len(result.explanation), _MOST_MODES)
     n_panels = 1 + bool(n_modes)
     height = 1.6 + 0.34 * max(n_classes, n_modes, 3)
-    figure = new_figure(5.6 * n_panels + 0.6, height, dpi=110)
+    figure = Figure(figsize=(5.6 * n_panels + 0.6, height), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
     panels = figure.subplots(1, n_panels, squeeze=False)[0]
     _draw_classes(panels[0], result)
     if n_modes:
@@ -85,4 +90,5 @@ def _plain(axes: Any) -> None:
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="x", alpha=0.25)
     axes.set_axisbelow(True)
-    hide_spines(axes, "top", "right", "left")
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.model.card import ModelCard
-from modalmotion.pictures.figure import hide_spines, new_figure
+from modalmotion.errors import needs_extra
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,9 +66,14 @@ def measured_figure(
     -------
     matplotlib.figure.Figure
     """
+    with needs_extra("plot"):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
     n = max(len(classes), 1)
     side = min(max(3.6, 0.62 * n + 1.6), 9.0)
-    figure = new_figure(side + 6.2, side + 0.9, dpi=110)
+    figure = Figure(figsize=(side + 6.2, side + 0.9), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, width_ratios=[side, 4.2])
     _draw_confusion(left, classes, confusion)
     _draw_calibration(right, curve, calibration_error)
@@ -165,7 +170,8 @@ def _draw_calibration(
     axes.set_ylabel("share that was right", color=_INK)
     axes.legend(loc="lower right", fontsize=8, frameon=False)
     axes.grid(alpha=0.25)
-    hide_spines(axes, "top", "right")
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
 
 
 def _wilson(

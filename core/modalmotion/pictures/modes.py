@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.errors import needs_extra
 from modalmotion.modes.topology import CLOSED
 from modalmotion.numerals import counted, numeral
 from modalmotion.pictures.cube import fill_cube
-from modalmotion.pictures.figure import new_figure
 from modalmotion.pictures.view import faces_viewer, size_of, tilted, upright
 from modalmotion.template.template import Template
 from modalmotion.template.vibration_modes import VibrationModes
@@ -43,13 +43,15 @@ def modes_figure(template: Template, modes: VibrationModes) -> Figure:
     matplotlib.figure.Figure
     """
     # Imported here: only pictures need it. A bare Figure has no window and no global state.
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
+    with needs_extra("plot"):
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+        from matplotlib.figure import Figure
 
     n = min(len(modes), _MOST_PANELS)
     rows = math.ceil(n / _MOST_COLUMNS)
     columns = math.ceil(n / rows)
-    figure = new_figure(2.3 * columns + 1.0, 2.6 * rows + 0.7)
+    figure = Figure(figsize=(2.3 * columns + 1.0, 2.6 * rows + 0.7), dpi=120, layout="constrained")
     is_surface = len(template.faces) > 0
     largest = float(np.abs(modes.shapes[:, :n]).max())
     scale = ScalarMappable(Normalize(-largest, largest), COLOURS)

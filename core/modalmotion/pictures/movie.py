@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals
 from modalmotion.modes.topology import CLOSED_CURVE
 from modalmotion.numeric.scale import lengths
@@ -48,8 +49,9 @@ def draw_frames(
     ------
     (height, width, 3) uint8
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    with needs_extra("plot"):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
 
     figure = Figure(figsize=(_INCHES, _INCHES), dpi=_DPI)
     canvas = FigureCanvasAgg(figure)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from modalmotion.clinical.readouts import ClinicalReadouts
+from modalmotion.errors import needs_extra
 from modalmotion.numerals import numeral
-from modalmotion.pictures.figure import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,12 +28,16 @@ def volume_figure(readouts: ClinicalReadouts) -> Figure:
     -------
     matplotlib.figure.Figure
     """
+    # Imported here: only pictures need it. A bare Figure has no window and no global state.
+    with needs_extra("plot"):
+        from matplotlib.figure import Figure
+
     factor, unit = readouts.shown_in, readouts.volume_unit
     curve, mesh = readouts.curve, readouts.mesh_curve
     v, b = curve.volumes * factor, curve.bounds * factor
     times = readouts.times
     at = np.arange(len(v), dtype=np.float64) if times is None else times
-    figure = new_figure(7.2, 4.2)
+    figure = Figure(figsize=(7.2, 4.2), dpi=120, layout="constrained")
     axes = figure.add_subplot()
     axes.fill_between(at, v - b, v + b, color=_SIGNATURE, alpha=0.22, lw=0, label="its bound")
     axes.plot(

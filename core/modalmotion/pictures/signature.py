@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.alignment.reference import reference_positions
+from modalmotion.errors import needs_extra
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.numerals import counted, numeral
 from modalmotion.pictures.cube import fill_cube
-from modalmotion.pictures.figure import new_figure
 from modalmotion.pictures.trajectory import draw_errors, draw_spectrum, draw_trajectories
 from modalmotion.pictures.unit import ShownUnit, shown_unit
 from modalmotion.signature.making import ModalSignature, resolve_sequence
@@ -41,7 +41,11 @@ def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figur
     -------
     matplotlib.figure.Figure
     """
-    figure = new_figure(14.0, 8.4)
+    # Imported here: only pictures need it. A bare Figure has no window and no global state.
+    with needs_extra("plot"):
+        from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(14.0, 8.4), dpi=120, layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(1.15, 1.0), squeeze=False)[:, 0]
     largest = max(float(signature.motion_rms.max()), signature.max_error)
     shown = shown_unit(largest, signature.unit)

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import TopologyError
+from modalmotion.errors import TopologyError, needs_extra
 from modalmotion.modes.topology import CLOSED
 from modalmotion.pictures.cube import fill_cube
-from modalmotion.pictures.figure import new_figure
 from modalmotion.pictures.view import faces_viewer, size_of, tilted, upright
 from modalmotion.template.coordinates.axis import corner_steps
 from modalmotion.template.template import Template
@@ -42,6 +41,10 @@ def template_figure(template: Template) -> Figure:
     TopologyError
         If it has no triangles, or no natural coordinates.
     """
+    # Imported here: only pictures need it. A bare Figure has no window and no global state.
+    with needs_extra("plot"):
+        from matplotlib.figure import Figure
+
     topology = template.topology
     if not len(template.faces):
         raise TopologyError(
@@ -50,7 +53,7 @@ def template_figure(template: Template) -> Figure:
         )
     view = upright(template)
     names = _names(topology.n_axes, len(topology.closed_axes))
-    figure = new_figure(13.0, 3.8)
+    figure = Figure(figsize=(13.0, 3.8), dpi=120, layout="constrained")
     for axis in range(topology.n_axes):
         closed = topology.ends[axis] == CLOSED
         scale: Any = None

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.choice.harmonics import n_functions
+from modalmotion.errors import needs_extra
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.pictures.figure import new_figure
 from modalmotion.pictures.unit import ShownUnit, shown_unit
 from modalmotion.tradeoff.answer import Tradeoff
 from modalmotion.tradeoff.front import Front
@@ -38,13 +38,17 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     -------
     matplotlib.figure.Figure
     """
+    # Imported here: only pictures need it. A bare Figure has no window and no global state.
+    with needs_extra("plot"):
+        from matplotlib.figure import Figure
+
     front = tradeoff.front
     factor = 1.0 if front.unit is None else MM_PER_UNIT[front.unit]
     shown = shown_unit(factor * front.motion_rms, None if front.unit is None else "mm")
     unit = shown.name
     factor /= shown.size
     has_times = bool(tradeoff.fit_milliseconds)
-    figure = new_figure(14.0 if has_times else 10.0, 4.6)
+    figure = Figure(figsize=(14.0 if has_times else 10.0, 4.6), dpi=120, layout="constrained")
     panels: list[Any] = [figure.add_subplot(1, 3 if has_times else 2, 1)]
     panels.append(figure.add_subplot(1, 3 if has_times else 2, 2, sharey=panels[0]))
     for number, branch in enumerate(front.branches):

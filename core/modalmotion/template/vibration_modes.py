@@ -13,10 +13,12 @@ from modalmotion.mesh.spring_modes import spring_modes
 from modalmotion.modes import ModeLabel, Modes, ModeSet
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.naming import modes_named
+from modalmotion.representation import shown
 from modalmotion.template.numbered_modes import choose_modes
 from modalmotion.template.template import Template
 
 
+@shown("surface", "labels", "angular_frequencies", "shapes")
 @dataclass(frozen=True, eq=False)
 class VibrationModes:
     """Some modes of one surface, in order.
@@ -43,9 +45,6 @@ class VibrationModes:
 
     def __len__(self) -> int:
         return len(self.labels)
-
-    def __repr__(self) -> str:
-        return f"VibrationModes({len(self)} of a {self.surface}, {len(self.shapes)} vertices)"
 
 
 def lattice_modes(lattice: Lattice, n_modes: int) -> VibrationModes:

@@ -52,7 +52,12 @@ from modalmotion_service.schemas.signatures import (
     SignatureAnswer,
     SignatureQuery,
 )
-from modalmotion_service.schemas.templates import TemplateAnswer, TemplateList
+from modalmotion_service.schemas.templates import (
+    ModesAnswer,
+    ModesQuery,
+    TemplateAnswer,
+    TemplateList,
+)
 from modalmotion_service.schemas.tradeoff import PriceAnswer, TradeoffAnswer
 
 __all__ = [
@@ -82,6 +87,8 @@ __all__ = [
     "ModelPageAnswer",
     "ModelSummary",
     "ModelVersion",
+    "ModesAnswer",
+    "ModesQuery",
     "PriceAnswer",
     "Problem",
     "ReadingAnswer",

@@ -17,7 +17,13 @@ from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ResultStore, SequenceRecord
 from modalmotion.template.body_frame import Components
 from modalmotion_service.http.timing import add_milliseconds, stage
-from modalmotion_service.schemas import EncodedAnswer, EncodingTarget, ReadingAnswer, TemplateAnswer
+from modalmotion_service.schemas import (
+    EncodedAnswer,
+    EncodingTarget,
+    ModesQuery,
+    ReadingAnswer,
+    TemplateAnswer,
+)
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import codec, derived, sequences, signatures, templates
@@ -186,6 +192,12 @@ class Analysis:
         """Draw the natural coordinates of a kept template, as PNG."""
         path = await asyncio.to_thread(self._store.template_path, template_id)
         return await self._work(templates.draw_template, path)
+
+    async def template_modes(self, template_id: str, query: ModesQuery, media_type: str) -> bytes:
+        """Give the vibration modes of a kept template as the media type."""
+        path = await asyncio.to_thread(self._store.template_path, template_id)
+        with stage("modes"):
+            return await self._work(templates.modes_of_template, path, query, media_type)
 
     async def readouts(
         self, sequence_id: str, parameters: SignatureParameters, *, as_picture: bool

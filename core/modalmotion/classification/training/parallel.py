@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from modalmotion.errors import ParameterError
+from modalmotion.errors import ParameterError, needs_extra
 
 
 @contextmanager
@@ -36,7 +36,9 @@ def joblib_backend(
     Raises
     ------
     ParameterError
-        If there is no such scheduler, it has no workers, or `distributed` is missing.
+        If there is no such scheduler, or it has no workers.
+    MissingExtraError
+        If `distributed` is not installed.
     """
     import joblib
 
@@ -44,13 +46,8 @@ def joblib_backend(
         with joblib.parallel_config("threading" if threads else "loky", n_jobs=n_jobs):
             yield
         return
-    try:
+    with needs_extra("cluster"):
         from distributed import Client
-    except ImportError as error:
-        raise ParameterError(
-            "A scheduler is named, and `distributed` is not installed.",
-            remedy="Install modalmotion[cluster], or leave the scheduler out.",
-        ) from error
     try:
         client = Client(scheduler, set_as_default=False, timeout=connect_seconds)
     except (OSError, ValueError) as error:

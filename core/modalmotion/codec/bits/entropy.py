@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.codec.bits.varint import read_varint, write_varint
-from modalmotion.errors import MalformedFileError
+from modalmotion.errors import MalformedFileError, needs_extra
 
 Ints = NDArray[np.int64]
 
@@ -29,7 +29,8 @@ LARGEST_MAGNITUDE: Final = (1 << N_CLASSES) + ESCAPE - 2
 
 def _constriction() -> Any:
     # Imported where it is used: the library itself needs numpy and scipy only.
-    return import_module("constriction").stream
+    with needs_extra("codec"):
+        return import_module("constriction").stream
 
 
 class Coder(Protocol):
