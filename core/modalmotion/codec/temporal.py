@@ -26,10 +26,6 @@ class Temporal(IntEnum):
     TRAJECTORY = 3
 
 
-# Components are taken as dependent beyond this reciprocal condition: whole numbers of a coarse
-# step are parallel to the last bit, or far from it.
-_ALIKE: Final = 1e-8
-
 CLOSED_FORM: Final = (Temporal.DCT, Temporal.FOURIER)
 
 
@@ -67,8 +63,16 @@ class TimeBasis:
         total: Floats = moving.reshape(self.n_frames, 3, -1) + constant
         return total
 
-    def project(self, motion: Floats) -> Floats:
-        """Coefficients that leave the least error, (frames, 3, n) to (rows, n)."""
+    def project(self, motion: Floats, alike: float | None = None) -> Floats:
+        """Coefficients that leave the least error, (frames, 3, n) to (rows, n).
+
+        Parameters
+        ----------
+        motion : (frames, 3, n) float64
+        alike : float, optional
+            Reciprocal condition beyond which learned components are taken as dependent; that of
+            rounding by default.
+        """
         n = motion.shape[2]
         if self.kind == Temporal.DCT:
             return np.asarray(fft.dct(motion, type=2, norm="ortho", axis=0)).reshape(-1, n)
@@ -78,12 +82,10 @@ class TimeBasis:
         constant: Floats = mean * np.sqrt(self.n_frames)
         if not self.learned.shape[-1]:
             return constant
-        # Learned components are orthonormal up to their rounding: fitted, not projected. A coarse
-        # step rounds some to the same component, and what only their difference could tell would
-        # be huge numbers of opposite signs: such components share what they describe.
+        # Learned components are orthonormal up to their rounding: fitted, not projected.
         basis = self.learned.reshape(-1, self.learned.shape[-1])
         moving = (motion - mean).reshape(len(basis), -1)
-        fitted, *_ = linalg.lstsq(basis, moving, cond=_ALIKE, lapack_driver="gelsy")
+        fitted, *_ = linalg.lstsq(basis, moving, cond=alike, lapack_driver="gelsy")
         return np.concatenate([constant, fitted.reshape(-1, n)])
 
 
