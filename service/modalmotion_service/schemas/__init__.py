@@ -52,6 +52,7 @@ from modalmotion_service.schemas.templates import (
     TemplateAnswer,
     TemplateList,
 )
+from modalmotion_service.schemas.tradeoff import TradeoffAnswer
 
 __all__ = [
     "GRID",

@@ -196,7 +196,7 @@ class Analysis:
         """Give the vibration modes of a kept template as the media type."""
         path = await asyncio.to_thread(self._store.template_path, template_id)
         with stage("modes"):
-            return await self._work(templates.modes_of_template, path, query, media_type)
+            return await self.work(templates.modes_of_template, path, query, media_type)
 
     async def readouts(
         self, sequence_id: str, parameters: SignatureParameters, *, as_picture: bool
