@@ -1,4 +1,4 @@
-"""Records: all about a sequence but its vertices, in a small file of its own."""
+"""Records: small files that describe sequences without their vertices."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class _Layout(NamedTuple):
     signs : (readings, features) float64
         Changes of sign in each reading against the first.
     deforming : (n,) int64
-        All modes but the translation of the whole.
+        Modes that do not translate the whole.
     """
 
     columns: tuple[Column, ...]

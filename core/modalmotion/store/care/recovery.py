@@ -1,4 +1,4 @@
-"""Bringing index and folder together: after a crash, and when the index is built anew."""
+"""Reconciliation of index and folder: after a crash, and when the index is rebuilt."""
 
 from __future__ import annotations
 
