@@ -19,7 +19,7 @@ DATA_DIR = click.option(
 
 
 def folder_of(data_dir: Path | None) -> Path:
-    """Give the folder that was named, or that of the settings."""
+    """Give the stated folder, or that of the settings."""
     return read_settings().data_dir if data_dir is None else data_dir
 
 

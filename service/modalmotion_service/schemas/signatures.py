@@ -28,7 +28,7 @@ from modalmotion_service.schemas.tradeoff import PriceAnswer
 
 
 class SignatureQuery(BaseModel):
-    """Which signature is asked for."""
+    """Query parameters of a signature."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -37,7 +37,7 @@ class SignatureQuery(BaseModel):
         ge=1,
         le=MOST_MODES,
         description="Number of modes, three amplitudes a frame each; rounded up where a "
-        "cosine-sine pair would be split, unless split_pairs. 7 if nothing else is asked for.",
+        "cosine-sine pair would be split, unless split_pairs. 7 if nothing else is requested.",
     )
     amplitudes: int | None = Field(
         None, ge=1, le=3 * MOST_MODES, description="In place of modes: amplitudes a frame."
@@ -59,7 +59,7 @@ class SignatureQuery(BaseModel):
         ModeOrder.FIXED, description="Which modes come first: in fixed order, or by energy."
     )
     most_modes: int | None = Field(
-        None, ge=1, le=MOST_MODES, description="That tolerance, auto and energy may reach to."
+        None, ge=1, le=MOST_MODES, description="Upper limit for tolerance, auto and energy."
     )
     harmonics: int | None = Field(
         None, ge=0, le=10_000, description="Limit each amplitude's path over time to these."
@@ -73,8 +73,8 @@ class SignatureQuery(BaseModel):
     grid: str | None = GRID
     reference: ReferenceShape = Field(
         0,
-        description="What displacements are measured from: a frame, or the mean shape, which does "
-        "not depend on the frame that a recording starts with.",
+        description="Shape that displacements are measured from: a frame, or the mean shape, which "
+        "does not depend on where the recording starts.",
     )
     weights: Weights = Field(
         Weights.AREA, description="How much each vertex counts: its area, or all alike."
@@ -127,7 +127,7 @@ class SignatureQuery(BaseModel):
 
 
 class ManySignatures(JsonBody, SignatureQuery):
-    """Which signatures are asked for in one answer."""
+    """Query parameters of many signatures in one answer."""
 
     ids: Annotated[list[SequenceId], FailFast()] = Field(
         min_length=1, description="Of the sequences, in order."
@@ -157,9 +157,9 @@ class LandmarksAnswer(BaseModel):
     apex: list[float]
     base: list[float]
     strengths: dict[str, float] = Field(
-        description="0 where the shape could as well say another, 1 where there is no doubt."
+        description="0 where the shape does not decide, 1 where there is no doubt."
     )
-    given: list[str] = Field(description="Which ones the sender stated.")
+    given: list[str] = Field(description="Those that the sender stated.")
 
     @staticmethod
     def of(landmarks: Landmarks) -> LandmarksAnswer:
@@ -230,18 +230,18 @@ class SignatureAnswer(BaseModel):
     facts: FactsAnswer
     notes: list[str]
     parameters: dict[str, object] = Field(
-        description="As asked for, with the landmarks that the facts state."
+        description="As requested, with the landmarks that the facts state."
     )
     provenance: dict[str, str]
     intended_use: str = INTENDED_USE
     file: str | None = Field(
-        description="HDF5 file of this result, within the data folder; null where none is kept."
+        description="HDF5 file of this result, within the data folder; null if not stored."
     )
 
     @staticmethod
     def of(signature: ModalSignature, file: str | None) -> SignatureAnswer:
         """Write a signature out as lists."""
-        asked = signature.parameters
+        parameters = signature.parameters
         return SignatureAnswer(
             sequence_id=signature.sequence_id,
             template_id=signature.template_id,
@@ -253,13 +253,13 @@ class SignatureAnswer(BaseModel):
             modes=[Label.of(label) for label in signature.modes.labels],
             shape=signature.amplitudes.shape,
             amplitudes=signature.amplitudes.tolist(),
-            components=asked.components,
+            components=parameters.components,
             landmarks=(
                 None if signature.landmarks is None else LandmarksAnswer.of(signature.landmarks)
             ),
             translations=signature.translations.tolist(),
             angular_frequencies=signature.angular_frequencies.tolist(),
-            wave_speed=asked.wave_speed,
+            wave_speed=parameters.wave_speed,
             lengths=list(signature.lengths),
             rotations=signature.rotations.matrices.tolist(),
             rotation_determined=signature.rotations.is_determined.tolist(),
@@ -282,25 +282,25 @@ class SignatureAnswer(BaseModel):
             facts=FactsAnswer.of(signature.facts),
             notes=list(signature.notes),
             parameters={
-                "modes": asked.modes,
-                "topology": asked.topology,
-                "grid": None if asked.grid is None else list(asked.grid),
-                "reference": asked.reference,
-                "weights": asked.weights.value,
-                "remove_rotation": asked.remove_rotation,
-                "wave_speed": asked.wave_speed,
-                "components": asked.components.value,
-                "landmarks": asked.landmarks.as_json(),
-                "closed_form": asked.closed_form,
-                "template": asked.template,
-                "tolerance": asked.tolerance,
-                "tolerance_of": asked.tolerance_of.value,
-                "tolerance_share": asked.tolerance_share,
-                "auto": asked.auto,
-                "order": asked.order.value,
-                "most_modes": asked.most_modes,
-                "harmonics": asked.harmonics,
-                "split_pairs": asked.split_pairs,
+                "modes": parameters.modes,
+                "topology": parameters.topology,
+                "grid": None if parameters.grid is None else list(parameters.grid),
+                "reference": parameters.reference,
+                "weights": parameters.weights.value,
+                "remove_rotation": parameters.remove_rotation,
+                "wave_speed": parameters.wave_speed,
+                "components": parameters.components.value,
+                "landmarks": parameters.landmarks.as_json(),
+                "closed_form": parameters.closed_form,
+                "template": parameters.template,
+                "tolerance": parameters.tolerance,
+                "tolerance_of": parameters.tolerance_of.value,
+                "tolerance_share": parameters.tolerance_share,
+                "auto": parameters.auto,
+                "order": parameters.order.value,
+                "most_modes": parameters.most_modes,
+                "harmonics": parameters.harmonics,
+                "split_pairs": parameters.split_pairs,
             },
             provenance=signature.provenance,
             file=file,
