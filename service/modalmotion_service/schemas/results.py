@@ -39,14 +39,7 @@ class EncodedAnswer(BaseModel):
     @staticmethod
     def of(stream: Encoded) -> EncodedAnswer:
         """Write the measurements out."""
-        return EncodedAnswer(
-            n_bytes=stream.n_bytes,
-            bits_per_vertex_and_frame=stream.bits_per_vertex_and_frame,
-            rms=stream.rms,
-            max_error=stream.max_error,
-            kg_error=stream.kg_error,
-            transform=stream.transform,
-        )
+        return EncodedAnswer.model_validate(stream, from_attributes=True)
 
     @property
     def headers(self) -> dict[str, str]:
@@ -123,12 +116,7 @@ class ClassificationAnswer(BaseModel):
             coverage=result.coverage,
             flags=list(result.flags),
             explanation=[
-                ContributionAnswer(
-                    modes=list(part.modes),
-                    score=part.score,
-                    amplitude=part.amplitude,
-                    unit=part.unit,
-                )
+                ContributionAnswer.model_validate(part, from_attributes=True)
                 for part in result.explanation
             ],
             notes=list(result.notes),
