@@ -22,6 +22,7 @@ from modalmotion.errors import (
 
 if TYPE_CHECKING:
     from modalmotion.clinical import ClinicalReadouts, clinical_readouts
+    from modalmotion.facts import Facts
     from modalmotion.formats import ReadLimits, read_npz, write_npz
     from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
     from modalmotion.modes import ModeLabel, ModeSet, lowest_modes, whole_count
@@ -56,6 +57,7 @@ __all__ = [
     "ConnectivityError",
     "CorruptFileError",
     "End",
+    "Facts",
     "InputError",
     "Lattice",
     "LimitError",
@@ -102,6 +104,7 @@ _HOMES = {
         "ClinicalReadouts",
         "clinical_readouts",
     ),
+    "modalmotion.facts": ("Facts",),
     "modalmotion.formats": (
         "ReadLimits",
         "read_npz",

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from modalmotion.errors import LimitError
+from modalmotion.representation import shown
 
 
+@shown()
 @dataclass(frozen=True)
 class ReadLimits:
     """Largest input that a reader accepts.

@@ -19,7 +19,7 @@ from modalmotion_service.http.admission import BodyLimits, Concurrency, WholeAns
 from modalmotion_service.http.api_version import API_VERSION
 from modalmotion_service.http.gate import Access, Gate, require_judged
 from modalmotion_service.http.observation import Observation
-from modalmotion_service.http.request_head import PlainRequests
+from modalmotion_service.http.request_head import RequestHeadCheck
 from modalmotion_service.http.security_headers import SecurityHeaders
 from modalmotion_service.monitoring.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
 from modalmotion_service.routes import (
@@ -129,7 +129,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         chosen.max_failures_per_minute,
     )
     app.add_middleware(Gate, require_keys=chosen.require_keys, rates=rates)
-    app.add_middleware(PlainRequests)
+    app.add_middleware(RequestHeadCheck)
     app.add_middleware(Meter, metrics=metrics)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(Observation)

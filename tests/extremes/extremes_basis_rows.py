@@ -33,11 +33,11 @@ def dense_errors() -> tuple[float, float, float]:
         matrix, modes = stiffness_matrix(lattice), lattice.all_modes()
         eigenvalues = np.linalg.eigvalsh(matrix)
         largest = max(eigenvalues[-1], min(lattice.stiffnesses) / lattice.mass)
-        V, squared = lattice.shapes(modes), lattice.angular_frequencies(modes) ** 2
-        gram = V.T @ V / lattice.n_nodes
+        Phi, squared = lattice.shapes(modes), lattice.angular_frequencies(modes) ** 2
+        gram = Phi.T @ Phi / lattice.n_nodes
         errors = (
             np.abs(np.sort(squared) - eigenvalues).max() / largest,
-            np.abs(matrix @ V - V * squared).max() / largest,
+            np.abs(matrix @ Phi - Phi * squared).max() / largest,
             np.abs(gram - np.eye(lattice.n_nodes)).max(),
         )
         worst = np.maximum(worst, errors)
@@ -117,14 +117,14 @@ ROWS: Final[list[Row]] = [
     ),
     (
         "any N, N', all topologies, small sizes: residual",
-        "K V = V L, relative to the largest eigenvalue",
+        "K Phi = M Phi Omega^2, relative to the largest eigenvalue",
         lambda: dense_errors()[1],
         2e-15,
         None,
     ),
     (
         "any N, N', all topologies, small sizes: orthonormality",
-        "V'V is the number of nodes times the identity, relative",
+        "Phi'Phi is the number of nodes times the identity, relative",
         lambda: dense_errors()[2],
         4e-15,
         None,

@@ -76,8 +76,8 @@ def undropped_sine_error() -> float:
     """Orthonormality of a basis that keeps the sine of p = N / 2 and scales by sqrt 2."""
     n, x = 8, np.arange(1, 9) / 8
     waves = [wave(2 * np.pi * p * x) for p in range(1, 5) for wave in (np.cos, np.sin)]
-    V = np.stack([np.ones(n), *(np.sqrt(2) * wave for wave in waves)], axis=1)
-    return float(np.abs(V.T @ V / n - np.eye(V.shape[1])).max())
+    Phi = np.stack([np.ones(n), *(np.sqrt(2) * wave for wave in waves)], axis=1)
+    return float(np.abs(Phi.T @ Phi / n - np.eye(Phi.shape[1])).max())
 
 
 def torus_count_error() -> float:

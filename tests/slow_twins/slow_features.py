@@ -7,7 +7,7 @@ import cmath
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classify.features import Reading
+from modalmotion.classify.features import AxisReading
 from modalmotion.modes import ModeSet
 from modalmotion.signature.making import ModalSignature
 
@@ -27,7 +27,7 @@ def harmonic(signal: Array, angle: Array, count: int, h: int) -> complex:
 
 
 def slow_axis_features(
-    signature: ModalSignature, reading: Reading, n_signed: int, n_sized: int, *, walls: bool
+    signature: ModalSignature, reading: AxisReading, n_signed: int, n_sized: int, *, walls: bool
 ) -> dict[str, float]:
     """Features by name of one reading."""
     a = 100.0 * signature.amplitudes / np.sqrt(np.prod(signature.lengths))

@@ -13,6 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.representation import shown
+
 # Relative to the largest singular value of the covariance: below this a direction is not
 # spanned by the points, and the rotation about it is not determined by them. Singular values
 # are squares of extents, so this is a thickness of a millionth.
@@ -22,6 +24,7 @@ RANK_TOLERANCE: Final = 1e-12
 _PULL: Final = 1e-9
 
 
+@shown()
 @dataclass(frozen=True)
 class Rotations:
     """Rotations that carry the reference onto each frame.

@@ -14,6 +14,7 @@ from modalmotion.alignment.reference import displacement_blocks
 from modalmotion.choice.nested_sets import Ladder
 from modalmotion.fit.fit import Fit
 from modalmotion.mesh.sequence import MeshSequence, Reference
+from modalmotion.representation import shown
 from modalmotion.template import Template
 
 # Modes that are taken out of the motion first, and the share of the vertices they may be.
@@ -28,6 +29,7 @@ _MOST_FRAMES: Final = 400
 FEW_FRAMES: Final = 6
 
 
+@shown()
 @dataclass(frozen=True)
 class Noise:
     """Noise of each coordinate of each vertex in each frame.

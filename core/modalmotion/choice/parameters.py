@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import InitVar, asdict, dataclass, field, fields
+from dataclasses import InitVar, asdict, dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import Any, Final
@@ -12,9 +12,13 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.errors import ModeCountError, ParameterError
+from modalmotion.facts import Facts
 from modalmotion.mesh.sequence import Reference
+from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
 from modalmotion.template import GivenLandmarks, Weights
 from modalmotion.template.body_frame import Components
+from modalmotion.template.landmarks import landmarks_in
 
 # Above this a signature is no longer compact, and a typing error is more likely.
 MOST_MODES: Final = 2000
@@ -40,6 +44,7 @@ class ModeOrder(StrEnum):
     ENERGY = "energy"
 
 
+@shown("modes", "tolerance", "tolerance_of", "auto", "topology", "reference", "components", "key")
 @dataclass(frozen=True)
 class SignatureParameters:
     """What a signature is asked for.
@@ -149,6 +154,34 @@ class SignatureParameters:
     def is_adaptive(self) -> bool:
         """Whether the number of modes follows from the data."""
         return self.modes is None
+
+    def with_facts(
+        self, facts: Facts, topology: Topology | str | None, grid: tuple[int, ...] | None
+    ) -> SignatureParameters:
+        """Return the parameters with the facts that the fit reads: landmarks of the template.
+
+        So a fact that is read is part of the key, and one that is not read is no part of it.
+
+        Parameters
+        ----------
+        facts : Facts
+            Of the sequence; landmarks that the parameters state go over its own.
+        topology : Topology, str or None
+            As the sequence states it.
+        grid : tuple of int or None
+            Of the sequence.
+        """
+        if self.template is not None or not self.closed_form or not facts.landmarks:
+            return self
+        known = topology if self.topology is None else self.topology
+        landmarks = landmarks_in(
+            facts,
+            self.landmarks,
+            Topology.parse(known) if isinstance(known, str) else known,
+            is_lattice=(grid if self.grid is None else self.grid) is not None,
+        )
+        # `amplitudes` is no field: replacing leaves `modes` as it is.
+        return self if landmarks == self.landmarks else replace(self, landmarks=landmarks)
 
     def as_plain(self) -> dict[str, Any]:
         """Give the parameters as values that JSON knows."""

@@ -8,8 +8,10 @@ from typing import Any
 from modalmotion.choice.noise import Noise
 from modalmotion.choice.parameters import ErrorKind
 from modalmotion.choice.scene import SceneError, SceneKind
+from modalmotion.representation import shown
 
 
+@shown("asked", "limit", "limit_of", "scene", "noise.sigma")
 @dataclass(frozen=True)
 class ModelChoice:
     """Why a signature has the modes it has.

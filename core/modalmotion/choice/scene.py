@@ -15,6 +15,7 @@ from modalmotion.alignment.rigid import Rotations
 from modalmotion.fit.superposition import distances
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.numeric.products import weighted_sum
+from modalmotion.representation import shown
 from modalmotion.template import Template
 
 _BLOCK: Final = 500_000
@@ -53,6 +54,7 @@ class SceneError:
     max: float
 
 
+@shown("kind", "error.rms", "error.max")
 @dataclass(frozen=True, eq=False)
 class LinearMotion:
     """Positions A (x - c) + c + t of a reference's positions x and its centroid c.
@@ -94,6 +96,7 @@ class LinearMotion:
         return x
 
 
+@shown()
 @dataclass(frozen=True)
 class PlanarMotion:
     """Displacements without their component off a plane, rotation removed.
@@ -110,6 +113,7 @@ class PlanarMotion:
     error: SceneError
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A motion measured against each simple kind.

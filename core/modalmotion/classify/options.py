@@ -12,6 +12,7 @@ import numpy as np
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MEAN
+from modalmotion.representation import shown
 from modalmotion.signature.making import MOST_MODES, SignatureParameters
 
 MOST_FOLDS: Final = 20
@@ -59,6 +60,7 @@ class Walls(StrEnum):
     NO = "no"
 
 
+@shown()
 @dataclass(frozen=True)
 class TrainingOptions:
     """How a model is trained; every one is text, a number or a mapping of these.

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from modalmotion.client.connection import Answer
 from modalmotion.client.errors import BrokenAnswerError, understood
+from modalmotion.representation import shown
 
 T = TypeVar("T")
 
 
+@shown("n_frames", "n_vertices", "n_faces", "topology", "unit", "subject", "label", "id")
 @dataclass(frozen=True)
 class SequenceInfo:
     """What is known of a kept sequence.
@@ -45,6 +47,7 @@ class SequenceInfo:
     answer: dict[str, Any] = field(repr=False, compare=False)
 
 
+@shown("topology", "n_vertices", "n_faces", "notes", "id")
 @dataclass(frozen=True)
 class TemplateInfo:
     """Natural coordinates of a surface.
@@ -69,6 +72,7 @@ class TemplateInfo:
     answer: dict[str, Any] = field(repr=False, compare=False)
 
 
+@shown("label", "probability", "probabilities", "model")
 @dataclass(frozen=True)
 class ClassAnswer:
     """What a model says of one sequence.
@@ -97,6 +101,7 @@ class ClassAnswer:
     answer: dict[str, Any] = field(repr=False, compare=False)
 
 
+@shown("name", "version", "classes", "origin", "id")
 @dataclass(frozen=True)
 class ModelInfo:
     """A version of a model.
@@ -125,6 +130,7 @@ class ModelInfo:
     answer: dict[str, Any] = field(repr=False, compare=False)
 
 
+@shown("ejection_fraction", "ejection_fraction_range", "volume_unit", "volumes")
 @dataclass(frozen=True, eq=False)
 class Readouts:
     """Volume over time and ejection fraction.
@@ -158,6 +164,7 @@ class Readouts:
     answer: dict[str, Any] = field(repr=False)
 
 
+@shown("label", "amplitudes", "rms_errors", "id")
 @dataclass(frozen=True, eq=False)
 class SignatureArrays:
     """The trajectory of one of many signatures.
@@ -185,6 +192,7 @@ class SignatureArrays:
     times: NDArray[np.float64] | None
 
 
+@shown("data", "rms", "max_error", "kg_error", "transform")
 @dataclass(frozen=True)
 class CompressedSequence:
     """A compressed stream, and what the service measured on it after decoding it.

@@ -15,9 +15,7 @@ import numpy as np
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.npz import npz_arrays
 from modalmotion.mesh.sequence import MeshSequence
-
-Progress = Callable[[int, int], None]
-"""Called with the bytes sent so far and those to send in all."""
+from modalmotion.progress import Progress
 
 Source = str | Path | bytes | bytearray | memoryview | MeshSequence
 """What can be sent: a file by its path, the bytes of one, or a sequence."""

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from modalmotion.client.bodies import Progress
 from modalmotion.client.connection import Answer, Call, Connection
 from modalmotion.client.errors import BrokenAnswerError, understood
 from modalmotion.client.jobs import Job, JobStatus, awaited
@@ -14,6 +13,7 @@ from modalmotion.client.query import Option
 from modalmotion.errors import ParameterError, StoreError
 from modalmotion.formats.npz import read_npz
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.progress import Progress
 
 T = TypeVar("T")
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from modalmotion.client.answers import CompressedSequence, compressed_of
-from modalmotion.client.bodies import Progress, Source, body_of
+from modalmotion.client.bodies import Source, body_of
 from modalmotion.client.calls import NPZ, STREAM, Calls, sequence_of
 from modalmotion.client.connection import Call
 from modalmotion.client.query import Option, segment
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.progress import Progress
 
 
 class CodecCalls(Calls):

@@ -14,7 +14,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
-from modalmotion.client.bodies import Body, Progress
+from modalmotion.client.bodies import Body
 from modalmotion.client.errors import (
     BrokenAnswerError,
     RemoteError,
@@ -25,6 +25,8 @@ from modalmotion.client.errors import (
 from modalmotion.client.query import Option, query_of
 from modalmotion.client.retries import Retries, is_passing, retry_after
 from modalmotion.errors import ParameterError
+from modalmotion.progress import Progress
+from modalmotion.representation import shown
 
 if TYPE_CHECKING:
     import httpx2
@@ -77,6 +79,7 @@ class Call:
         return replace(self, headers={**(self.headers or {}), **named})
 
 
+@shown("status", "content")
 @dataclass(frozen=True)
 class Answer:
     """What the service answered with, read to the end.

@@ -17,6 +17,7 @@ from modalmotion.client.errors import (
 )
 from modalmotion.client.query import segment
 from modalmotion.client.retries import retry_after
+from modalmotion.representation import shown
 
 T = TypeVar("T")
 
@@ -25,6 +26,7 @@ _FIRST_LOOK: Final = 0.05
 _LONGEST_LOOK: Final = 2.0
 
 
+@shown("kind", "state", "progress", "result", "id")
 @dataclass(frozen=True)
 class JobStatus:
     """How far a job is.

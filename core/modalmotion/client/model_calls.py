@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.client.answers import ClassAnswer, ModelInfo, value_of
-from modalmotion.client.bodies import Progress, Source, body_of, json_body
+from modalmotion.client.bodies import Source, body_of, json_body
 from modalmotion.client.calls import HDF5, PNG, Calls, require_suffix, save
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.errors import understood
 from modalmotion.client.jobs import Job
 from modalmotion.client.query import Option, plain, segment
+from modalmotion.progress import Progress
 
 MODEL_FILES: Final = {".h5": HDF5, ".hdf5": HDF5, ".png": PNG}
 """What a model is saved as, by suffix; a picture shows its confusion and its calibration."""

@@ -10,11 +10,13 @@ from typing import Final
 import numpy as np
 
 from modalmotion.errors import ParameterError
+from modalmotion.representation import shown
 
 # The service is busy, restarting, or something before it lost it.
 _PASSING: Final = frozenset({408, 425, 429, 502, 503, 504})
 
 
+@shown("attempts", "first_wait", "longest_wait", "deadline")
 @dataclass(frozen=True)
 class Retries:
     """How often a request is sent again, and after how long.

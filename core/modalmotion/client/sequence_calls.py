@@ -7,12 +7,13 @@ from enum import Enum
 from typing import Any
 
 from modalmotion.client.answers import SequenceInfo, value_of
-from modalmotion.client.bodies import Progress, Source, body_of, json_body
+from modalmotion.client.bodies import Source, body_of, json_body
 from modalmotion.client.calls import Calls
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.jobs import Job, awaited
 from modalmotion.client.query import Option, segment
 from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.progress import Progress
 
 
 class Unchanged(Enum):

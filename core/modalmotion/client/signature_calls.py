@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.client.answers import SignatureArrays, pack_of
-from modalmotion.client.bodies import Progress, Source, body_of, json_body
+from modalmotion.client.bodies import Source, body_of, json_body
 from modalmotion.client.calls import HDF5, NPZ, Calls, require_suffix, save, sequence_of
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.errors import understood
 from modalmotion.client.jobs import Job
 from modalmotion.client.query import Option, plain, segment
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.progress import Progress
 from modalmotion.signature.comparison import Comparison
 from modalmotion.signature.making import ModalSignature
 

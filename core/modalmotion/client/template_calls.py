@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalmotion.client.answers import TemplateInfo, value_of
-from modalmotion.client.bodies import Progress, Source, body_of
+from modalmotion.client.bodies import Source, body_of
 from modalmotion.client.calls import PNG, Calls, save
 from modalmotion.client.connection import Call
 from modalmotion.client.errors import understood
 from modalmotion.client.query import Option, segment
+from modalmotion.progress import Progress
 
 
 class TemplateCalls(Calls):

@@ -17,6 +17,7 @@ from modalmotion.mesh import Cavity, cavity_of
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topology import PLANE
 from modalmotion.numerals import counted, numeral
+from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Template
@@ -36,6 +37,14 @@ _ELEPHANT: Final = 2e4
 _ROUNDING: Final = 64.0
 
 
+@shown(
+    "curve.ejection_fraction",
+    "curve.stroke_volume",
+    "unit",
+    "n_amplitudes",
+    "n_openings",
+    "sequence_id",
+)
 @dataclass(frozen=True, eq=False)
 class ClinicalReadouts:
     """What is read from a cavity's volume over time.

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.representation import shown
 
+
+@shown("ejection_fraction", "ejection_fraction_bound", "volumes")
 @dataclass(frozen=True, eq=False)
 class VolumeCurve:
     """Volume enclosed in each frame, and how far it can be off.

@@ -27,7 +27,7 @@ PRICE: Final = 0.13
 
 
 @dataclass(eq=False)
-class Motion:
+class ModalBlock:
     """Modal coefficients of some frames, and what has been derived from them.
 
     Parameters
@@ -96,12 +96,12 @@ class Trial:
         )
 
 
-def attempt(motion: Motion, kind: Temporal, step: float, price: float = PRICE) -> Trial:
+def attempt(motion: ModalBlock, kind: Temporal, step: float, price: float = PRICE) -> Trial:
     """Quantise some frames at one step.
 
     Parameters
     ----------
-    motion : Motion
+    motion : ModalBlock
     kind : Temporal
     step : float, quanta
     price : float, squared steps per bit
@@ -121,7 +121,7 @@ def attempt(motion: Motion, kind: Temporal, step: float, price: float = PRICE) -
     return _attempt_learned(motion, kind, step, price)
 
 
-def _attempt_learned(motion: Motion, kind: Temporal, step: float, price: float) -> Trial:
+def _attempt_learned(motion: ModalBlock, kind: Temporal, step: float, price: float) -> Trial:
     n_frames = len(motion.amplitudes)
     each = 1 if kind == Temporal.TRAJECTORY else 3
     exact_basis = motion.components(kind)

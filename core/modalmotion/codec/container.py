@@ -15,6 +15,7 @@ from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology
+from modalmotion.representation import shown
 
 LARGEST_BLOCK: Final = 2**26
 """Coordinates of the largest block, unless a single frame has more."""
@@ -28,6 +29,7 @@ _DTYPES: Final = (np.dtype(np.float32), np.dtype(np.float64))
 _CUT: Final = "The stream is cut or damaged: send it again."
 
 
+@shown("n_frames", "n_vertices", "n_faces", "topology", "unit", "rms", "max_error", "kg_error")
 @dataclass(frozen=True)
 class Header:
     """What a stream says of itself before anything is decoded.

@@ -13,11 +13,12 @@ from modalmotion.codec.decoder import store_positions
 from modalmotion.codec.frames import EncodedBlock, encode_frames
 from modalmotion.codec.measure import Encoded, Errors, measure
 from modalmotion.codec.modes.modes_section import STORED, write_modes
-from modalmotion.codec.progress import Progress, part_of, silent
+from modalmotion.codec.progress import part_of, silent
 from modalmotion.codec.target import Effort, Measure, Target, require_target
 from modalmotion.codec.transforms import Choice, choose
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.progress import ShareReport
 
 LONGEST_BLOCK: Final = 512
 MOST_ROUNDS: Final = 14
@@ -34,7 +35,7 @@ def encode(
     n_bytes: int | None = None,
     effort: Effort | str = Effort.BALANCED,
     keep_face_order: bool = False,
-    progress: Progress | None = None,
+    progress: ShareReport | None = None,
 ) -> Encoded:
     """Encode a mesh sequence at one of three targets.
 
@@ -89,7 +90,7 @@ def encode(
 
 
 def _at_error(
-    sequence: MeshSequence, choice: Choice, faces: bytes, target: Target, report: Progress
+    sequence: MeshSequence, choice: Choice, faces: bytes, target: Target, report: ShareReport
 ) -> Encoded:
     # Finer than float64 tells positions apart, or than its squares: only the numbers themselves do.
     finest = float(np.finfo(np.float64).eps) * float(np.abs(sequence.vertices).max())
@@ -134,7 +135,7 @@ def _store(sequence: MeshSequence, faces: bytes) -> Encoded:
 
 
 def _within_bytes(
-    sequence: MeshSequence, choice: Choice, faces: bytes, n_bytes: int, report: Progress
+    sequence: MeshSequence, choice: Choice, faces: bytes, n_bytes: int, report: ShareReport
 ) -> Encoded:
     """Search the error whose stream just fits."""
     stored = _store(sequence, faces)

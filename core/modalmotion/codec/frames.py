@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 from modalmotion.codec.bits.guard import Guards, find_guards
 from modalmotion.codec.bits.mixed_matrix import MOST_MIXED
 from modalmotion.codec.block import MOST_QUANTA, Block, positions_of, write_block
-from modalmotion.codec.blocking import Motion, Trial, attempt
+from modalmotion.codec.blocking import ModalBlock, Trial, attempt
 from modalmotion.codec.measure import measure
 from modalmotion.codec.modes.patch_modes import SpringModes
-from modalmotion.codec.progress import Progress, part_of, silent
+from modalmotion.codec.progress import part_of, silent
 from modalmotion.codec.search import coarsest, least
 from modalmotion.codec.target import Effort, Measure, Target
 from modalmotion.codec.temporal import Temporal
 from modalmotion.codec.transforms import Choice
 from modalmotion.mesh.checks import FloatArray
+from modalmotion.progress import ShareReport
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -70,18 +71,18 @@ class _Frames:
     exponent : int
     origin : (3,) int64, quanta
     offsets : (frames, 3, vertices) float64, quanta
-    motion : Motion
+    motion : ModalBlock
     """
 
     vertices: FloatArray
     exponent: int
     origin: Ints
     offsets: Floats
-    motion: Motion
+    motion: ModalBlock
 
 
 def encode_frames(
-    vertices: FloatArray, choice: Choice, target: Target, report: Progress = silent
+    vertices: FloatArray, choice: Choice, target: Target, report: ShareReport = silent
 ) -> EncodedBlock | None:
     """Encode some frames at an error.
 
@@ -113,12 +114,12 @@ def _prepare(vertices: FloatArray, choice: Choice, target: Target) -> _Frames | 
     offsets = np.ascontiguousarray(scaled - origin[:, None])
     n_frames, _, n_vertices = offsets.shape
     amplitudes = choice.modes.analyse(offsets.reshape(-1, n_vertices))
-    motion = Motion(amplitudes.reshape(n_frames, 3, n_vertices))
+    motion = ModalBlock(amplitudes.reshape(n_frames, 3, n_vertices))
     return _Frames(vertices, exponent, origin, offsets, motion)
 
 
 def _at_rms(
-    frames: _Frames, choice: Choice, target: Target, wanted: float, report: Progress
+    frames: _Frames, choice: Choice, target: Target, wanted: float, report: ShareReport
 ) -> EncodedBlock | None:
     n_frames, _, n_vertices = frames.offsets.shape
     # Rounding to whole quanta adds a twelfth to each coordinate's square.
@@ -141,7 +142,7 @@ def _at_rms(
 
 
 def _at_max_error(
-    frames: _Frames, choice: Choice, target: Target, wanted: float, report: Progress
+    frames: _Frames, choice: Choice, target: Target, wanted: float, report: ShareReport
 ) -> EncodedBlock | None:
     # Half a step of the corrections and the rounding to the type of the vertices stay within.
     largest = float(np.abs(frames.vertices).max())

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from modalmotion.mesh.checks import FloatArray
+from modalmotion.representation import shown
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ def _exponent(original: FloatArray) -> int:
     return int(np.frexp(max(float(np.abs(frame).max()) for frame in original))[1])
 
 
+@shown("n_frames", "n_vertices", "n_bytes", "rms", "max_error", "kg_error", "transform")
 @dataclass(frozen=True)
 class Encoded:
     """A stream and what was measured after decoding it.

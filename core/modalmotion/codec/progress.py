@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-Progress = Callable[[float], None]
+from modalmotion.progress import ShareReport
 
 
 def silent(_: float) -> None:
     """Tell nobody."""
 
 
-def part_of(report: Progress, start: float, stop: float) -> Progress:
+def part_of(report: ShareReport, start: float, stop: float) -> ShareReport:
     """Tell the share of a part as that of the whole."""
 
     def inside(share: float) -> None:

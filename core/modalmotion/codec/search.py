@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.blocking import PRICE, Motion, Trial, attempt
+from modalmotion.codec.blocking import PRICE, ModalBlock, Trial, attempt
 from modalmotion.codec.temporal import Temporal
 
 Floats = NDArray[np.float64]
@@ -18,13 +18,13 @@ MOST_ATTEMPTS: Final = 12
 
 
 def coarsest(
-    motion: Motion, kind: Temporal, squared_error: float, start: float, price: float = PRICE
+    motion: ModalBlock, kind: Temporal, squared_error: float, start: float, price: float = PRICE
 ) -> Trial | None:
     """Find the coarsest step whose squared error is within what is allowed.
 
     Parameters
     ----------
-    motion : Motion
+    motion : ModalBlock
     kind : Temporal
     squared_error : float, quanta squared
         Summed over frames and vertices.

@@ -1,4 +1,4 @@
-"""Dynamics of modes: oscillators advanced exactly (eq. 3), and phonons, waves on lattices."""
+"""Dynamics of modes: oscillators (3) advanced exactly, and phonons, waves on lattices."""
 
 from modalmotion.dynamics.animation import animate, animate_along, directional_mode, vibrate
 from modalmotion.dynamics.damping import nodal_damping, rayleigh_damping

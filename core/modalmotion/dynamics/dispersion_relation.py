@@ -73,7 +73,7 @@ def first_zone(lattice: Lattice, k: Array, spacing: Spacing = 1.0) -> Array:
 
 
 def dispersion(lattice: Lattice, k: Array, spacing: Spacing = 1.0) -> Array:
-    """Angular frequency of waves on a lattice, eq. 7 summed over the axes.
+    """Angular frequency of waves on a lattice, the dispersion relation (7) summed over the axes.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def group_velocity(lattice: Lattice, k: Array, spacing: Spacing = 1.0) -> Array:
 
 
 def _frequencies_along(lattice: Lattice, k: Array, a: Array) -> Array:
-    """w_i = 2 sqrt(K_i / M) sin(k_i a_i / 2), signed."""
+    """(7) w_i = 2 sqrt(K_i / M) sin(k_i a_i / 2) along each axis, signed."""
     return np.asarray(2.0 * _rates(lattice) * np.sin(0.5 * k * a))
 
 

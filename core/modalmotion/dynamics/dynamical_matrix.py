@@ -1,8 +1,8 @@
 """The dynamical matrix D(k) of a harmonic potential, and its three polarisations.
 
 With directions coupled the 3 N modes of a lattice still need no large eigenproblem: one of
-3 x 3 for each wave vector. Nastar (1994), eq. 4-5; Born and Huang, Dynamical Theory of Crystal
-Lattices, 1954.
+3 x 3 for each wave vector: waves e exp(i(k n - w t)) in the forces (5) leave (6) w^2 e = D(k) e.
+Nastar (1994); Born and Huang, Dynamical Theory of Crystal Lattices, 1954.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from modalmotion.dynamics.potential import HarmonicPotential
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.modes.trigonometry import cos_pi, sin_pi
+from modalmotion.representation import shown
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -24,6 +25,7 @@ ComplexArray = NDArray[np.complex128]
 _ROUNDING: Final = 64.0
 
 
+@shown("angular_frequencies", "polarisations")
 class PolarisedWaves(NamedTuple):
     """The three waves of each wave vector, slow ones first.
 
@@ -33,7 +35,7 @@ class PolarisedWaves(NamedTuple):
         Good to some eps of the fastest branch in w^2: a branch slower by 1e-8 is rounding.
     polarisations : (waves, 3, 3) complex128
         Unit vectors e[wave, direction, branch]; the displacement is Re[e exp(i(k n - w t))].
-        Real where Phi(l) is symmetric. The first of the largest entries is real and positive;
+        Real where K(l) is symmetric. The first of the largest entries is real and positive;
         branches of equal frequency are some orthonormal basis of their space.
     """
 
@@ -44,7 +46,7 @@ class PolarisedWaves(NamedTuple):
 def dynamical_matrices(
     potential: HarmonicPotential, wavenumbers: NDArray[np.int64]
 ) -> ComplexArray:
-    """Dynamical matrix of each wave vector, D(k) = sum Phi(l) exp(i k l) / M.
+    """Dynamical matrix of each wave vector, D(k) = sum K(l) exp(i k l) / M.
 
     Parameters
     ----------
@@ -87,7 +89,7 @@ def polarised_waves(potential: HarmonicPotential, wavenumbers: NDArray[np.int64]
         If the potential has no minimum along a wave (w^2 < 0), which it names.
     """
     D, size = _matrices(potential, wavenumbers)
-    # w^2 e = D(k) e
+    # (6) w^2 e = D(k) e
     w_squared, e = np.linalg.eigh(D)
     least = -_ROUNDING * float(np.finfo(np.float64).eps) * size
     unstable = np.flatnonzero((w_squared < least[:, None]).any(axis=1))
@@ -148,22 +150,20 @@ def _matrices(
     for axis, n in enumerate(potential.shape):
         offsets = potential.offsets[:, axis] % n
         parts = (parts + np.multiply.outer(p[:, axis] % n, offsets) % n * (turn // n)) % turn
-    # l and -l together: -(Phi + Phi') (1 - cos k l) + i (Phi - Phi') sin k l, and Phi(0), minus
-    # the sum of all, is in the 1. 1 - cos as 2 sin^2, which long waves need.
+    # l and -l together: -(K + K') (1 - cos k l) + i (K - K') sin k l, and K(0), minus the sum
+    # of all, is in the 1. 1 - cos as 2 sin^2, which long waves need.
     even = 2.0 * sin_pi(parts, turn) ** 2 / potential.mass
     odd = sin_pi(2 * parts, turn) / potential.mass
-    phi, phi_t = potential.constants, potential.constants.transpose(0, 2, 1)
-    D = np.einsum("kl,lij->kij", even, -(phi + phi_t)) + 1j * np.einsum(
-        "kl,lij->kij", odd, phi - phi_t
-    )
+    K, K_t = potential.constants, potential.constants.transpose(0, 2, 1)
+    D = np.einsum("kl,lij->kij", even, -(K + K_t)) + 1j * np.einsum("kl,lij->kij", odd, K - K_t)
     strength = 2.0 * np.abs(potential.constants).max(axis=(1, 2), initial=0.0)
     return D, 3.0 * (even + np.abs(odd) * _is_coupled(potential)) @ strength
 
 
 def _is_coupled(potential: HarmonicPotential) -> NDArray[np.bool_]:
     """Which force constants are not symmetric."""
-    phi = potential.constants
-    return np.asarray((phi != phi.transpose(0, 2, 1)).any(axis=(1, 2)))
+    K = potential.constants
+    return np.asarray((K.transpose(0, 2, 1) != K).any(axis=(1, 2)))
 
 
 def _fixed_phase(e: ComplexArray) -> ComplexArray:

@@ -14,7 +14,7 @@ from modalmotion.numeric.products import product
 def modal_forces(
     shapes: NDArray[np.float64], forces: NDArray[np.float64], mass: float = 1.0
 ) -> NDArray[np.float64]:
-    """Force on each mode per unit modal mass, f = Phi' F of Nastar (1994), eq. 3.
+    """Force on each mode per unit modal mass, the f = Phi' F of Nastar (1994), (3).
 
     On a lattice `modalmotion.modes.transform.project` does the same faster: f = project(F) / M.
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from modalmotion.dynamics import twofold
 from modalmotion.dynamics.twofold import Twofold
+from modalmotion.representation import shown
 
 Array = NDArray[np.float64]
 
@@ -32,6 +33,7 @@ _SERIES_BELOW: Final = 1.0
 _N_TERMS: Final = 20
 
 
+@shown("impulse", "step", "ramp")
 class Responses(NamedTuple):
     """Responses after a time h, all of one shape.
 

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.representation import shown
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class State:
     """Where oscillators are and how fast they move.
@@ -31,9 +33,13 @@ class State:
     velocity_rests: NDArray[np.float64] | float = 0.0
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Oscillators:
-    """Independent oscillators u'' + c u' + w^2 u = f: Nastar (1994), eq. 3 mode by mode.
+    """Independent oscillators (3) u'' + c u' + w^2 u = f, one for each mode.
+
+    What the equations of motion (1) M U'' + C U' + K U = F are in modes, U = Phi u by (2), where
+    the damping C leaves them uncoupled. Equation numbers are those of Nastar (1994).
 
     Parameters
     ----------

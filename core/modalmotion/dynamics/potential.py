@@ -15,6 +15,7 @@ from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
 
 Array = NDArray[np.float64]
 Offset = tuple[int, ...]
@@ -22,12 +23,14 @@ Offset = tuple[int, ...]
 _TOLERANCE: Final = 1e-12
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class HarmonicPotential:
-    """Harmonic potential of a lattice on closed axes, Nastar (1994), eq. 4-5.
+    """Harmonic potential of a lattice on closed axes, Nastar (1994), (4) and (5).
 
-    V = 1/2 sum u_n' Phi(l) u_(n + l) over all nodes n and offsets l, so the force on node n is
-    -sum Phi(l) u_(n + l). A spring K to a neighbour has Phi = -K there.
+    (4) V = 1/2 sum u_n' K(l) u_(n + l) over all nodes n and offsets l, so the force on node n is
+    (5) f_n = -sum K(l) u_(n + l). The K(l) are the blocks of the stiffness matrix K of (1); a
+    spring K to a neighbour has K(l) = -K there.
 
     Parameters
     ----------
@@ -36,8 +39,8 @@ class HarmonicPotential:
     shape : tuple of int
         Nodes along each axis.
     force_constants : mapping of offset to (3, 3) float64, force per length
-        Phi(l) for each offset l, a tuple of int, one for each axis. Phi(-l) is the transpose
-        of Phi(l) and may be left out. Phi(0) is minus the sum of all others and may be left
+        K(l) for each offset l, a tuple of int, one for each axis. K(-l) is the transpose
+        of K(l) and may be left out. K(0) is minus the sum of all others and may be left
         out: a potential does not feel where the whole lattice lies.
     mass : float
         M of one node.
@@ -47,8 +50,8 @@ class HarmonicPotential:
     TopologyError
         If an axis is not closed.
     ParameterError
-        If an offset or a matrix has the wrong shape or is not finite, Phi(-l) is not the
-        transpose of Phi(l), Phi(0) does not balance the others, or the mass is not positive.
+        If an offset or a matrix has the wrong shape or is not finite, K(-l) is not the
+        transpose of K(l), K(0) does not balance the others, or the mass is not positive.
     """
 
     topology: Topology
@@ -112,24 +115,24 @@ class HarmonicPotential:
 
 
 def _completed(given: Mapping[Offset, Array], n_axes: int) -> dict[Offset, Array]:
-    """All force constants, Phi(-l) and Phi(0) included."""
+    """All force constants, K(-l) and K(0) included."""
     constants: dict[Offset, Array] = {}
     for offset, matrix in given.items():
         n = tuple(int(entry) for entry in offset)
-        phi = np.array(matrix, dtype=np.float64)
-        if len(n) != n_axes or phi.shape != (3, 3) or not np.isfinite(phi).all():
+        K = np.array(matrix, dtype=np.float64)
+        if len(n) != n_axes or K.shape != (3, 3) or not np.isfinite(K).all():
             raise ParameterError(
-                f"The force constants at offset {offset} have the shape {phi.shape} and the "
-                f"values {phi.tolist()}.",
+                f"The force constants at offset {offset} have the shape {K.shape} and the "
+                f"values {K.tolist()}.",
                 remedy=f"Give a finite (3, 3) matrix for each offset of {n_axes} integers.",
             )
-        constants[n] = phi
-    scale = float(sum(np.abs(phi).max() for phi in constants.values()))
+        constants[n] = K
+    scale = float(sum(np.abs(K).max() for K in constants.values()))
     zero = (0,) * n_axes
     own = constants.pop(zero, None)
-    for n, phi in list(constants.items()):
-        opposite = constants.setdefault(_opposite(n), phi.T.copy())
-        if np.abs(opposite - phi.T).max() > _TOLERANCE * scale:
+    for n, K in list(constants.items()):
+        opposite = constants.setdefault(_opposite(n), K.T.copy())
+        if np.abs(opposite - K.T).max() > _TOLERANCE * scale:
             raise ParameterError(
                 f"The force constants at {_opposite(n)} are not the transpose of those at {n}: "
                 "such forces derive from no potential, and action is not reaction.",
@@ -144,8 +147,8 @@ def _completed(given: Mapping[Offset, Array], n_axes: int) -> dict[Offset, Array
             remedy="Leave them out, and they are filled in.",
         )
     constants[zero] = balance
-    for phi in constants.values():
-        phi.setflags(write=False)
+    for K in constants.values():
+        K.setflags(write=False)
     return constants
 
 

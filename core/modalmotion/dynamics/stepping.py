@@ -14,10 +14,12 @@ from modalmotion.dynamics.kernel import responses
 from modalmotion.dynamics.oscillators import Oscillators, State, per_mode, require_state
 from modalmotion.dynamics.twofold import Twofold
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
+from modalmotion.representation import shown
 
 Array = NDArray[np.float64]
 
 
+@shown("duration", "kept_whole")
 @dataclass(frozen=True, eq=False)
 class ExactStep:
     """Coefficients of one exact step, of any length: make it with `exact_step`.

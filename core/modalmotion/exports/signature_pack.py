@@ -16,10 +16,10 @@ from modalmotion.errors import StoreError
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.spring_modes import SpringSpectrum
 from modalmotion.modes import ModeSet
+from modalmotion.progress import Progress
 from modalmotion.signature.hdf5 import mode_datasets
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store.care.maintenance import existing_store
-from modalmotion.store.care.recovery import Progress
 from modalmotion.store.disk.atomic import cannot_write, sync_folder, temporary_beside
 from modalmotion.store.record import SequenceRecord
 from modalmotion.store.results import ResultStore

@@ -1,1 +1,1 @@
-"""Least-squares fit of modes to a sequence, and superposition back (eq. 2)."""
+"""Least-squares fit of modes to a sequence, (2) inverted, and superposition back, (2)."""

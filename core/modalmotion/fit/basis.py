@@ -28,6 +28,7 @@ class Basis:
     ----------
     modes : ModeSet or SpringModes
     shapes : (vertices, modes) float64
+        Phi.
     projector : (modes, vertices) float64
         amplitudes = projector @ displacements: the weighted least-squares solution.
     triangle : (modes, modes) float64

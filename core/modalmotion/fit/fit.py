@@ -1,6 +1,7 @@
 """Weighted least-squares fit of modal amplitudes to displacements.
 
-By QR of the weighted shapes, never by normal equations, whose condition is the square.
+Modal superposition (2) u = Phi a of Nastar (1994), inverted: a = argmin |u - Phi a|_W. By
+QR of the weighted shapes, never by normal equations, whose condition is the square.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from modalmotion.fit.basis import LARGEST_CONDITION, Basis, factored, make_basis
 from modalmotion.fit.block_fit import BlockFit, PositionFit, fit_displacements
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.numeric.products import product
+from modalmotion.representation import shown
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, local_frames, to_local
 
@@ -33,6 +35,7 @@ __all__ = [
 ]
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Amplitudes of every frame, and what they leave.

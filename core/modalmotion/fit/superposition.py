@@ -1,4 +1,4 @@
-"""Modal superposition: eq. 2 of Nastar 1994 on a reference shape, rotation put back."""
+"""Modal superposition, (2) of Nastar (1994), on a reference shape, rotation put back."""
 
 from __future__ import annotations
 

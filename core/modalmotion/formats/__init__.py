@@ -2,7 +2,6 @@
 
 from modalmotion.formats.detect import Format, detect_format
 from modalmotion.formats.frames.archive import write_ply_zip
-from modalmotion.formats.frames.frames import Progress
 from modalmotion.formats.gltf import MorphAnimation, write_glb
 from modalmotion.formats.npz import read_npz, write_npz
 from modalmotion.formats.options import ReadOptions
@@ -11,9 +10,10 @@ from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.parser.registry import ParserHere
 from modalmotion.formats.raw import write_raw
 from modalmotion.formats.reading import read_sequence
-from modalmotion.formats.result import ReadResult
+from modalmotion.formats.result import Reading
 from modalmotion.formats.vtk.vtkhdf_writing import write_vtkhdf
 from modalmotion.limits import DEFAULT_LIMITS, NO_LIMITS, ReadLimits
+from modalmotion.progress import Progress
 
 __all__ = [
     "DEFAULT_LIMITS",
@@ -26,7 +26,7 @@ __all__ = [
     "Progress",
     "ReadLimits",
     "ReadOptions",
-    "ReadResult",
+    "Reading",
     "detect_format",
     "read_npz",
     "read_sequence",

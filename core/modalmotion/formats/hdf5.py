@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from modalmotion.facts import facts_from_json
 from modalmotion.formats.parser.answer import Answer, Parser
 from modalmotion.formats.parser.process import ParserProcess
-from modalmotion.formats.result import ReadResult, Source
+from modalmotion.formats.result import Reading, Source
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
@@ -14,7 +15,7 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
 def read_hdf5(
     data: bytes, limits: ReadLimits = DEFAULT_LIMITS, parser: Parser | None = None
-) -> ReadResult:
+) -> Reading:
     """Read a sequence from an HDF5 file: VTKHDF PolyData, or one of the store's.
 
     The file is parsed in a process of its own, behind the gate of `hdf5_gate`.
@@ -41,7 +42,7 @@ def read_hdf5(
     return _result(parser.parse("hdf5", data))
 
 
-def _result(answer: Answer) -> ReadResult:
+def _result(answer: Answer) -> Reading:
     info, arrays = answer.info, answer.arrays
     vertices, times, notes = arrays["vertices"], arrays.get("times"), tuple[str, ...]()
     if times is not None and vertices.ndim == 3:
@@ -53,9 +54,10 @@ def _result(answer: Answer) -> ReadResult:
         topology=info["topology"],
         times=times,
         unit=info["unit"],
+        facts=facts_from_json(info.get("facts", {})),
     )
     stated: Source = "file"
-    return ReadResult(
+    return Reading(
         sequence,
         ignored=tuple(info["ignored"]),
         format=str(info["format"]),

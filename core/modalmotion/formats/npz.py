@@ -1,13 +1,16 @@
 """Mesh sequences as NumPy .npz archives.
 
 Arrays: ``vertices`` (frames, vertices, 3); optional ``faces`` (faces, 3), ``grid`` (axes),
-``topology`` (text), ``times`` (frames) in s or ``times_ms``, ``unit`` (text). Others are
-ignored and named. Nothing is ever unpickled.
+``topology`` (text), ``times`` (frames) in s or ``times_ms``, ``unit`` (text); and facts:
+``tracking``, ``handedness``, ``coordinates``, ``cavity``, ``modality`` (text), ``period`` (s),
+``landmarks`` and ``covariates`` (JSON text). Others are ignored and named. Nothing is ever
+unpickled.
 """
 
 from __future__ import annotations
 
 import io
+import json
 import lzma
 import re
 import struct
@@ -19,17 +22,20 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.errors import MalformedFileError, ShapeError
-from modalmotion.formats.result import ReadResult
+from modalmotion.facts import NAMES, Facts, facts_as_json, facts_from_texts
+from modalmotion.formats.result import Reading
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
-_KNOWN: Final = ("vertices", "faces", "grid", "topology", "times", "times_ms", "unit")
+_ARRAYS: Final = ("vertices", "faces", "grid", "topology", "times", "times_ms", "unit")
+_KNOWN: Final = (*_ARRAYS, *NAMES)
+_TEXTS: Final = ("topology", "unit", *(name for name in NAMES if name != "period"))
 
 _REMEDY: Final = "Write the file with numpy.savez, holding at least 'vertices'."
 
 
-def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> ReadResult:
+def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     """Read a mesh sequence from the bytes of an .npz archive.
 
     Sizes are taken from the headers and checked before any array is read.
@@ -93,8 +99,9 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> ReadResult:
         topology=_text(arrays, "topology"),
         times=times,
         unit=_text(arrays, "unit"),
+        facts=_facts(arrays),
     )
-    return ReadResult(
+    return Reading(
         sequence,
         ignored=tuple(name for name in members if name not in _KNOWN),
         format="npz",
@@ -110,7 +117,7 @@ def write_npz(sequence: MeshSequence) -> bytes:
     Returns
     -------
     bytes
-        What `read_npz` reads back with the same id.
+        What `read_npz` reads back with the same id and the same facts.
     """
     buffer = io.BytesIO()
     np.savez(buffer, **npz_arrays(sequence))
@@ -128,6 +135,10 @@ def npz_arrays(sequence: MeshSequence) -> dict[str, Any]:
         arrays["times"] = sequence.times
     if sequence.unit is not None:
         arrays["unit"] = np.array(sequence.unit)
+    stated = facts_as_json(sequence.facts)
+    for name in sequence.facts.stated:
+        value = stated[name]
+        arrays[name] = np.array(json.dumps(value) if isinstance(value, dict) else value)
     return arrays
 
 
@@ -185,7 +196,7 @@ def _read_header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Header:
 
 
 def _plain_dtype(name: str, descr: str) -> np.dtype[Any]:
-    kinds = "fiuU" if name in ("topology", "unit") else "fiu"
+    kinds = "fiuU" if name in _TEXTS else "fiu"
     if descr[2:3] == "O":
         raise MalformedFileError(
             f"The array {name!r} holds pickled Python objects, which are never loaded.",
@@ -199,7 +210,7 @@ def _plain_dtype(name: str, descr: str) -> np.dtype[Any]:
         raise ShapeError(
             f"The array {name!r} holds {descr[:20]}, which is not understood there.",
             remedy="Store plain numbers (float32, float64, int32, int64), and text only for "
-            "'topology' and 'unit'.",
+            f"{', '.join(_TEXTS)}.",
             details={"array": name, "dtype": descr[:20]},
         )
     return dtype
@@ -243,6 +254,19 @@ def _text(arrays: dict[str, np.ndarray[Any, Any]], name: str) -> str | None:
             details={"array": name},
         )
     return str(array.reshape(())[()]) or None
+
+
+def _facts(arrays: dict[str, np.ndarray[Any, Any]]) -> Facts:
+    texts: dict[str, Any] = {name: _text(arrays, name) for name in NAMES if name != "period"}
+    if "period" in arrays:
+        if arrays["period"].size != 1:
+            raise ShapeError(
+                f"The array 'period' has the shape {arrays['period'].shape}, not one number.",
+                remedy="Store it as numpy.array(0.8), in s, or leave 'period' out.",
+                details={"array": "period"},
+            )
+        texts["period"] = arrays["period"].item()
+    return facts_from_texts(texts)
 
 
 def _listing(names: list[str]) -> str:

@@ -7,14 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from modalmotion.errors import ParameterError
+from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.formats.detect import Format
-from modalmotion.formats.result import ReadResult
+from modalmotion.formats.result import Reading
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
 
 
+@shown()
 @dataclass(frozen=True)
 class ReadOptions:
     """How to read a file, and what to take for true whatever it says.
@@ -39,6 +42,8 @@ class ReadOptions:
         Of raw numbers: "float32" or "float64", little-endian.
     animation : str, optional
         Of GLB: name of the animation; the first by default.
+    facts : Facts
+        What is stated besides, over what the file states: landmarks and covariates by name.
     """
 
     format: Format | None = None
@@ -51,6 +56,7 @@ class ReadOptions:
     n_vertices: int | None = None
     dtype: str = "float32"
     animation: str | None = None
+    facts: Facts = NO_FACTS
 
     def __post_init__(self) -> None:
         if self.times is not None and self.frame_interval is not None:
@@ -64,7 +70,7 @@ class ReadOptions:
                 remedy="Use a finite time above zero.",
             )
 
-    def apply(self, result: ReadResult) -> ReadResult:
+    def apply(self, result: Reading) -> Reading:
         """Return what was read with everything stated here put over it.
 
         Raises
@@ -96,8 +102,13 @@ class ReadOptions:
             result = replace(
                 result, sequence=replace(result.sequence, times=times), times_from="caller"
             )
-        return result
+        sequence = result.sequence
+        facts = self.facts.over(sequence.facts)
+        for name in self.facts.stated:
+            if name in sequence.facts.stated and name in facts.changed(sequence.facts):
+                result = _noted(result, f"The file states another {name}; it was taken as stated.")
+        return replace(result, sequence=sequence.with_facts(facts))
 
 
-def _noted(result: ReadResult, note: str) -> ReadResult:
+def _noted(result: Reading, note: str) -> Reading:
     return replace(result, notes=(*result.notes, note))

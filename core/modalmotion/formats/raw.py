@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from modalmotion.errors import MalformedFileError, NonFiniteError, ParameterError
-from modalmotion.formats.result import ReadResult
+from modalmotion.formats.result import Reading
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
@@ -24,7 +24,7 @@ def read_raw(
     grid: tuple[int, ...] | None = None,
     dtype: str = "float32",
     limits: ReadLimits = DEFAULT_LIMITS,
-) -> ReadResult:
+) -> Reading:
     """Read positions from bytes that are nothing but numbers.
 
     Parameters
@@ -82,7 +82,7 @@ def read_raw(
             "frame if they are."
         )
         raise
-    return ReadResult(sequence, format="raw")
+    return Reading(sequence, format="raw")
 
 
 def write_raw(sequence: MeshSequence, dtype: str = "float32") -> bytes:

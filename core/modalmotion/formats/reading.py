@@ -9,7 +9,6 @@ from modalmotion.formats.detect import Format, detect_format, unknown_format
 from modalmotion.formats.frames.archive import read_zip
 from modalmotion.formats.frames.folder import is_pattern, read_folder
 from modalmotion.formats.frames.frame_stack import FrameStack
-from modalmotion.formats.frames.frames import Progress
 from modalmotion.formats.gltf.reading import read_glb
 from modalmotion.formats.hdf5 import read_hdf5
 from modalmotion.formats.mesh_file import read_mesh
@@ -18,7 +17,8 @@ from modalmotion.formats.options import ReadOptions
 from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.raw import read_raw
-from modalmotion.formats.result import ReadResult
+from modalmotion.formats.result import Reading
+from modalmotion.progress import Progress
 
 
 def read_sequence(
@@ -27,7 +27,7 @@ def read_sequence(
     *,
     progress: Progress | None = None,
     parser: Parser | None = None,
-) -> ReadResult:
+) -> Reading:
     """Read a mesh sequence, telling its format from its content.
 
     Parameters
@@ -43,7 +43,7 @@ def read_sequence(
 
     Returns
     -------
-    ReadResult
+    Reading
 
     Raises
     ------
@@ -59,7 +59,7 @@ def read_sequence(
 
 def _read(
     source: bytes | Path, asked: ReadOptions, parser: Parser, progress: Progress | None
-) -> ReadResult:
+) -> Reading:
     if isinstance(source, bytes):
         return _read_bytes(source, asked, parser, progress)
     if source.is_dir() or (is_pattern(source) and not source.exists()):
@@ -76,7 +76,7 @@ def _read(
 
 def _read_bytes(
     data: bytes, asked: ReadOptions, parser: Parser, progress: Progress | None
-) -> ReadResult:
+) -> Reading:
     limits = parser.limits
     found = asked.format or detect_format(data)
     if found is None and asked.n_vertices is not None:

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.representation import shown
 
 Source = Literal["file", "format", "caller"]
 """Who says so: this file, the definition of its format, or whoever asked for it to be read."""
 
 
+@shown("sequence.n_frames", "sequence.n_vertices", "format", "sequence.unit", "ignored", "notes")
 @dataclass(frozen=True)
-class ReadResult:
+class Reading:
     """A sequence and what its file held besides.
 
     Parameters

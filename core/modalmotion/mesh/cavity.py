@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh.connectivity import connectivity_of, grouped_edges, oriented_faces
+from modalmotion.representation import shown
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Cavity:
     """What the triangles of a surface enclose, its openings closed by fans.

@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from modalmotion.representation import shown
 
+
+@shown()
 @dataclass(frozen=True, eq=False)
 class Connectivity:
     """Counts and loops found from the faces alone.

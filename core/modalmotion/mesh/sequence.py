@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.mesh.checks import FloatArray, require_faces, require_times, require_vertices
 from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
 
 MM_PER_UNIT: Final[dict[str, float]] = {
     "m": 1e3,
@@ -32,6 +34,7 @@ Reference: TypeAlias = int | Literal["mean"]
 """What displacements are measured from: a frame, or `MEAN`, the mean shape."""
 
 
+@shown("n_frames", "n_vertices", "faces", "topology", "unit")
 @dataclass(frozen=True, eq=False)
 class MeshSequence:
     """A surface that moves: the same vertices and faces in every frame.
@@ -51,6 +54,8 @@ class MeshSequence:
     times : (frames,) float64, s, optional
     unit : str, optional
         Length unit: m, cm, mm, um or nm; None where it is unknown.
+    facts : Facts
+        What the sender states besides; no part of the id.
     """
 
     vertices: FloatArray
@@ -59,18 +64,12 @@ class MeshSequence:
     topology: Topology | None = None
     times: NDArray[np.float64] | None = None
     unit: str | None = None
+    facts: Facts = NO_FACTS
 
     def __post_init__(self) -> None:
         for array in (self.vertices, self.faces, self.times):
             if array is not None:
                 array.setflags(write=False)
-
-    def __repr__(self) -> str:
-        surface = "no topology" if self.topology is None else self.topology.name
-        return (
-            f"MeshSequence({self.n_frames} frames, {self.n_vertices} vertices, "
-            f"{len(self.faces)} faces, {surface}, unit {self.unit})"
-        )
 
     @property
     def n_frames(self) -> int:
@@ -82,12 +81,18 @@ class MeshSequence:
         """Number of vertices."""
         return int(self.vertices.shape[1])
 
+    @property
+    def span(self) -> float | None:
+        """From the first time to the last, in s; None where times are unknown."""
+        return None if self.times is None else float(self.times[-1] - self.times[0])
+
     @cached_property
     def id(self) -> str:
         """Identity of the content: sha256 in hex.
 
-        Over the canonical arrays, unit, times and topology. Positions that float32 holds
-        exactly count as float32, so the same numbers have the same id in either type.
+        Over the canonical arrays, unit, times and topology, and not over facts. Positions that
+        float32 holds exactly count as float32, so the same numbers have the same id in either
+        type.
         """
         vertices = self.vertices
         if vertices.dtype != np.float32:
@@ -143,6 +148,17 @@ class MeshSequence:
         _require_unit(unit)
         return replace(self, unit=unit)
 
+    def with_facts(self, facts: Facts) -> MeshSequence:
+        """Return the same sequence, of which these facts are stated; it has the same id.
+
+        Raises
+        ------
+        ParameterError
+            If they contradict its vertices or times.
+        """
+        facts.require_fit(self.n_vertices, self.span)
+        return replace(self, facts=facts)
+
     def with_topology(
         self, topology: Topology | None, grid: tuple[int, ...] | None
     ) -> MeshSequence:
@@ -163,6 +179,7 @@ def mesh_sequence(
     topology: Topology | str | None = None,
     times: Any = None,
     unit: str | None = None,
+    facts: Facts | None = None,
 ) -> MeshSequence:
     """Make a mesh sequence from arrays, checking all of them.
 
@@ -177,6 +194,8 @@ def mesh_sequence(
     times : (frames,) array_like, s, optional
     unit : str, optional
         m, cm, mm, um or nm.
+    facts : Facts, optional
+        What is stated besides; all unknown by default.
 
     Raises
     ------
@@ -198,7 +217,7 @@ def mesh_sequence(
     _require_grid(grid, topology, n_vertices)
     if unit is not None:
         _require_unit(unit)
-    return MeshSequence(
+    sequence = MeshSequence(
         vertices=positions,
         faces=require_faces([] if faces is None else faces, n_vertices, n_frames),
         grid=grid,
@@ -206,6 +225,7 @@ def mesh_sequence(
         times=None if times is None else require_times(times, n_frames),
         unit=unit,
     )
+    return sequence if facts is None else sequence.with_facts(facts)
 
 
 def _require_unit(unit: str) -> None:

@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from modalmotion.mesh import connectivity_of, graph_laplacian
 from modalmotion.numeric.eigenpairs import lowest_eigenpairs
+from modalmotion.representation import shown
 
 
 class SpringLabel(NamedTuple):
@@ -29,6 +30,7 @@ class SpringLabel(NamedTuple):
         return f"(spring {self.rank})"
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class SpringSpectrum:
     """Names and eigenvalues of spring modes, without their shapes.
@@ -70,6 +72,7 @@ class SpringSpectrum:
         return tuple(SpringLabel(rank) for rank in range(len(self)))
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class SpringModes:
     """Lowest modes of equal masses at the vertices and equal springs along the edges.

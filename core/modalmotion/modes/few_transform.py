@@ -25,7 +25,7 @@ _KEPT: Final = 1 << 16
 
 
 def project(lattice: Lattice, modes: ModeSet, displacements: NDArray[Any]) -> NDArray[np.float64]:
-    """Amplitudes of modes in displacements, eq. 2 inverted: a = V'u / nodes.
+    """Amplitudes of modes in displacements, (2) inverted: a = Phi'u / nodes.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def superpose(
     *,
     out: NDArray[Any] | None = None,
 ) -> NDArray[np.float64]:
-    """Displacements of modes with the given amplitudes, eq. 2: u = V a.
+    """Displacements of modes with these amplitudes, modal superposition (2) u = Phi a.
 
     Parameters
     ----------

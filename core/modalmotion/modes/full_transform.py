@@ -23,7 +23,7 @@ from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN
 def project_all(
     lattice: Lattice, displacements: NDArray[Any], *, out: NDArray[Any] | None = None
 ) -> NDArray[np.float64]:
-    """Amplitudes of every mode of a lattice.
+    """Amplitudes of every mode of a lattice, (2) inverted: a = Phi'u / nodes.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def project_all(
 def superpose_all(
     lattice: Lattice, amplitudes: NDArray[Any], *, out: NDArray[Any] | None = None
 ) -> NDArray[np.float64]:
-    """Displacements of every mode of a lattice with the given amplitudes.
+    """Displacements of every mode of a lattice with these amplitudes, (2) u = Phi a.
 
     Parameters
     ----------

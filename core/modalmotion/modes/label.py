@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from modalmotion.modes.separable import Separable, separate
 from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, Topology
+from modalmotion.representation import shown
 
 # A wave has mean square 1/2 along each axis, or each wave vector of closed axes together.
 _SCALES: Final = np.sqrt([1.0, 2.0, 4.0, 8.0])
@@ -35,6 +36,7 @@ class ModeLabel(NamedTuple):
         return f"({', '.join(map(str, self.wavenumbers))}, {self.part})"
 
 
+@shown("topology", "wavenumbers")
 @dataclass(frozen=True, eq=False)
 class ModeSet:
     """Modes of one topology, in order.

@@ -25,13 +25,19 @@ from modalmotion.modes.order import (
 from modalmotion.modes.spectrum_places import Places, places
 from modalmotion.modes.topology import CLOSED, Topology
 from modalmotion.modes.trigonometry import sin_pi
+from modalmotion.representation import shown
 
 
+@shown()
 @dataclass(frozen=True)
 class Lattice:
     """A lattice of equal masses joined by springs to their neighbours along each axis.
 
-    Nodes are numbered row by row: node = row * N' + column.
+    Nodes are numbered row by row: node = row * N' + column. Their displacements U move by
+    (1) M U'' + C U' + K U = F, one direction at a time: M is the mass of a node, K the stiffness
+    matrix of the springs. Its modes (6) K Phi = M Phi Omega^2 are `shapes`, Phi, and
+    `angular_frequencies`, the diagonal of Omega, both in closed form: neither K nor any other
+    matrix of the size of the lattice is ever built.
 
     Parameters
     ----------
@@ -122,7 +128,7 @@ class Lattice:
         return grid.reshape(self.n_nodes, self.topology.n_axes)
 
     def angular_frequencies(self, modes: ModeSet) -> NDArray[np.float64]:
-        """Angular frequency of each mode, eq. 7 summed over the axes.
+        """Angular frequency of each mode, the dispersion relation (7) summed over the axes.
 
         Returns
         -------
@@ -138,7 +144,7 @@ class Lattice:
         for axis, (ends, n, K) in enumerate(
             zip(self.topology.ends, self.shape, self.stiffnesses, strict=True)
         ):
-            # w^2 = (4 K / M) sin^2(k a / 2), and k a / 2 = p pi / N closed, h pi / 4N else.
+            # (7) w^2 = (4 K / M) sin^2(k a / 2), and k a / 2 = p pi / N closed, h pi / 4N else.
             # Never 2 - 2 cos(k a): at N = 1e8 that is wrong by a tenth.
             h = modes.half_periods[:, axis]
             half_angle = sin_pi(h, n if ends == CLOSED else 4 * n)
@@ -165,7 +171,7 @@ class Lattice:
         *,
         out: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
-        """Evaluate mode shapes at the nodes.
+        """Evaluate mode shapes at the nodes, the Phi of (6) K Phi = M Phi Omega^2.
 
         Parameters
         ----------
@@ -177,8 +183,8 @@ class Lattice:
         Returns
         -------
         (nodes, modes) float64
-            Each with mean square 1: V'V is the number of nodes times the identity. One mode
-            after the other in memory.
+            Phi, each column with mean square 1: Phi'Phi is the number of nodes times the
+            identity. One mode after the other in memory.
 
         Raises
         ------

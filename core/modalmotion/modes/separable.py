@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.modes.topology import CLOSED, Topology
+from modalmotion.representation import shown
 
 
+@shown("term", "mode", "product")
 class Terms(NamedTuple):
     """Some of the terms of a set of modes.
 
@@ -34,6 +36,7 @@ class Terms(NamedTuple):
     product: NDArray[np.int64]
 
 
+@shown("topology", "n_functions")
 @dataclass(frozen=True, eq=False)
 class Separable:
     """Which functions along the axes multiply and add up to which modes.

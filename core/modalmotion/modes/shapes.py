@@ -1,4 +1,8 @@
-"""Mode shapes and frequencies of a continuum, evaluated at natural coordinates."""
+"""Mode shapes and frequencies of a continuum, evaluated at natural coordinates.
+
+The limit of fine lattices: the shapes solve (6) between the nodes too, and the frequencies are
+those of (7) while waves are long. Equation numbers are those of Nastar (1994).
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ from modalmotion.modes.topology import CLOSED, End
 
 
 def shapes_at(modes: ModeSet, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Evaluate mode shapes at natural coordinates.
+    """Evaluate mode shapes Phi, the solutions of (6), at natural coordinates.
 
     Parameters
     ----------
@@ -21,9 +25,14 @@ def shapes_at(modes: ModeSet, coordinates: NDArray[np.float64]) -> NDArray[np.fl
     Returns
     -------
     (vertices, modes) float64
-        Each with mean square 1 over the natural coordinates, whatever surface they map.
+        Phi, each column with mean square 1 over the natural coordinates, whatever surface they map.
         At a pole every mode that turns about it is zero.
     """
+    # (6) phi = scale * product over the axes of
+    #     open:    cos(p pi s)
+    #     closed:  cos or sin(2 pi p theta), of all closed axes together cos or sin(a + b)
+    #     cup:     cos(r pi s) where p' is even, sin((r + 1/2) pi s) where it is odd
+    #     sphere:  cos(r pi s) where p' is even, sin((r + 1) pi s) where it is odd
     shapes = np.full((len(coordinates), len(modes)), scales_of(modes.n_waves))
     phase = np.zeros_like(shapes)
     for axis, ends in enumerate(modes.topology.ends):

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from modalmotion.modes.label import ModeSet
 from modalmotion.modes.separable import expand
 from modalmotion.modes.topology import CLOSED, Topology
+from modalmotion.representation import shown
 
 
+@shown("sines", "mode")
 class Places(NamedTuple):
     """Where one term of each of some modes stands in the spectrum.
 

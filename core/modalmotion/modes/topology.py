@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import Final
 
 from modalmotion.errors import TopologyError
+from modalmotion.representation import shown
 
 
 class End(StrEnum):
@@ -32,6 +33,7 @@ _AXIS_NAMES: Final[dict[Ends, str]] = {
 }
 
 
+@shown("name")
 @dataclass(frozen=True)
 class Topology:
     """The tuple of ends of a surface's axes: a product of chains.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.modes import ModeSet
+from modalmotion.representation import shown
 from modalmotion.signature.distance import resample_to_phase, signature_distance, theta_invariants
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template.landmarks import WEAK
@@ -15,6 +16,7 @@ N_PHASES = 64
 """Phases that trajectories are compared at."""
 
 
+@shown()
 @dataclass(frozen=True)
 class Comparison:
     """Distance of one signature from another.

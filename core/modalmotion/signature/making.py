@@ -12,6 +12,7 @@ from modalmotion.alignment.reference import reference_positions
 from modalmotion.choice.parameters import MOST_MODES, SignatureParameters
 from modalmotion.choice.selection import select_model
 from modalmotion.errors import ParameterError
+from modalmotion.facts import NO_FACTS
 from modalmotion.fit.cache import TemplateCache
 from modalmotion.fit.strays import notes_on_strays
 from modalmotion.hdf5.image import INTENDED_USE
@@ -34,6 +35,7 @@ __all__ = [
     "SignatureParameters",
     "modal_signature",
     "provenance",
+    "resolve_parameters",
     "resolve_sequence",
     "resolve_template",
 ]
@@ -77,7 +79,7 @@ def modal_signature(
     -----
     Nastar, Vibration modes for nonrigid motion analysis in 3D images, INRIA 1994.
     """
-    asked = SignatureParameters() if parameters is None else parameters
+    asked = resolve_parameters(sequence, parameters or SignatureParameters())
     given, sequence = sequence, resolve_sequence(sequence, asked)
     chosen = resolve_template(sequence, asked, template)
     model = select_model(sequence, chosen, asked, cache or TemplateCache())
@@ -114,7 +116,15 @@ def modal_signature(
         notes=tuple(notes),
         provenance=provenance(),
         choice=model.choice,
+        facts=given.facts,
     )
+
+
+def resolve_parameters(
+    sequence: MeshSequence, parameters: SignatureParameters
+) -> SignatureParameters:
+    """Return the parameters with what the fit reads of the sequence's facts."""
+    return parameters.with_facts(sequence.facts, sequence.topology, sequence.grid)
 
 
 def resolve_sequence(sequence: MeshSequence, parameters: SignatureParameters) -> MeshSequence:
@@ -127,6 +137,8 @@ def resolve_template(
     sequence: MeshSequence, parameters: SignatureParameters, template: Template | None = None
 ) -> Template:
     """Give the template that the parameters ask for: the one they name, or the sequence's own.
+
+    Of the sequence's facts nothing is read; `resolve_parameters` has done that before.
 
     Raises
     ------
@@ -145,7 +157,7 @@ def resolve_template(
         require_same_mesh(template, sequence)
         return template
     return make_template(
-        sequence,
+        sequence.with_facts(NO_FACTS),
         reference=parameters.reference,
         weights=parameters.weights,
         landmarks=parameters.landmarks,

@@ -1,4 +1,4 @@
-"""Surfaces superposed from a signature: eq. 2 of Nastar 1994, rotation put back."""
+"""Surfaces superposed from a signature: (2) of Nastar (1994), rotation put back."""
 
 from __future__ import annotations
 

@@ -11,14 +11,17 @@ from modalmotion.alignment.rigid import Rotations
 from modalmotion.choice.fitted_motion import closure_gap
 from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.choice.reason import ModelChoice
+from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.mesh.spring_modes import SpringSpectrum
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.scale import root_mean_square
+from modalmotion.representation import shown
 from modalmotion.template import Landmarks
 from modalmotion.template.body_frame import Components, body_frame
 
 
+@shown("surface", "n_frames", "modes", "unit", "rms_error", "sequence_id")
 @dataclass(frozen=True, eq=False)
 class ModalSignature:
     """Amplitude trajectory of a sequence, with its error and where it comes from.
@@ -59,6 +62,8 @@ class ModalSignature:
         Versions of the software that made it.
     choice : ModelChoice or None
         What decided on the modes, where their number was not stated.
+    facts : Facts
+        Those of the sequence.
     """
 
     modes: ModeSet | SpringSpectrum
@@ -82,6 +87,7 @@ class ModalSignature:
     notes: tuple[str, ...]
     provenance: dict[str, str]
     choice: ModelChoice | None = None
+    facts: Facts = NO_FACTS
 
     @property
     def topology(self) -> Topology | None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.representation import shown
 from modalmotion.simulate.classes import MotionClass, draw_parameters
 from modalmotion.simulate.parameters import VentricleParameters
 from modalmotion.simulate.pose import Pose, random_rotation
@@ -21,6 +22,7 @@ _TRANSLATION, _DRIFT_MM, _DRIFT_DEGREES = 100.0, 1.5, 2.0
 _CLOSED_SHARE: Final = 0.3
 
 
+@shown("label", "subject", "sequence.n_frames", "sequence.n_vertices")
 class Case(NamedTuple):
     """One labelled ventricle."""
 

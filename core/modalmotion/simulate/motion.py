@@ -37,7 +37,7 @@ _QUADRATURE: Final = np.polynomial.legendre.leggauss(8)
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MaterialPoints:
     """Material points of one ventricle with everything that moves them.
 
     Parameters

@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import Any, Final
 
 from modalmotion.errors import ParameterError
+from modalmotion.representation import shown
 from modalmotion.simulate.beat import Beat
 
 
@@ -36,6 +37,7 @@ def _between(default: float, low: float, high: float) -> Any:
     return field(default=default, metadata={"range": (low, high)})
 
 
+@shown("ejection_fraction", "length", "radius", "period", "akinesia", "delay", "septal_flash")
 @dataclass(frozen=True)
 class VentricleParameters:
     """One ventricle and its beat. The defaults are a healthy adult's.

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
+from modalmotion.representation import shown
 
 
+@shown()
 @dataclass(frozen=True)
 class Pose:
     """Position and slow rigid motion of the whole surface.

@@ -9,10 +9,12 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from modalmotion.errors import ParameterError
+from modalmotion.facts import Facts
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
-from modalmotion.simulate.motion import Motion
+from modalmotion.representation import shown
+from modalmotion.simulate.motion import MaterialPoints
 from modalmotion.simulate.parameters import VentricleParameters
 from modalmotion.simulate.pose import Pose
 from modalmotion.simulate.spheroid import Spacing, Spheroid
@@ -35,6 +37,7 @@ _N_SEARCH_TIMES: Final = 15
 _SMALLEST_EJECTION: Final = 1e-3
 
 
+@shown()
 @dataclass(frozen=True)
 class Acquisition:
     """How a ventricle is recorded.
@@ -102,7 +105,7 @@ def simulate_ventricle(
     Returns
     -------
     MeshSequence
-        mm and s, topology cup.
+        mm and s, topology cup, with its facts.
 
     Raises
     ------
@@ -139,7 +142,7 @@ def simulate_ventricle(
         points = lattice_points(spheroid, grid, spacing)
     else:
         points = triangle_points(spheroid, n_vertices, rng)
-    motion = Motion(p, points.polar_angles, points.azimuths, *fields)
+    motion = MaterialPoints(p, points.polar_angles, points.azimuths, *fields)
     radial = _radial_contraction(motion, points)
 
     n_steps = recorded.n_frames - 1 if recorded.is_closed else recorded.n_frames
@@ -156,10 +159,17 @@ def simulate_ventricle(
         topology=CUP,
         times=beats * p.period,
         unit="mm",
+        facts=Facts(
+            tracking="material",
+            handedness="right",
+            period=p.period,
+            cavity="lv",
+            modality="simulated",
+        ),
     )
 
 
-def _radial_contraction(motion: Motion, points: Points) -> float:
+def _radial_contraction(motion: MaterialPoints, points: Points) -> float:
     """Radial contraction that gives the mesh its ejection fraction."""
     p, beat = motion.parameters, motion.parameters.beat
     coarse = lattice_points(motion.spheroid, _SEARCH_GRID)
@@ -188,11 +198,11 @@ def _radial_contraction(motion: Motion, points: Points) -> float:
     return _solve(motion, cavity, time)
 
 
-def _volume(motion: Motion, cavity: Cavity, time: float, radial: float) -> float:
+def _volume(motion: MaterialPoints, cavity: Cavity, time: float, radial: float) -> float:
     return float(cavity.volume(motion.positions(time, radial)))
 
 
-def _solve(motion: Motion, cavity: Cavity, time: float) -> float:
+def _solve(motion: MaterialPoints, cavity: Cavity, time: float) -> float:
     """Radial contraction with which the volume at `time` is the end-systolic one."""
     p = motion.parameters
     full = cavity.volume(motion.positions(0.0, 0.0))

@@ -26,7 +26,7 @@ from modalmotion.store.index.index import SequencePage
 from modalmotion.store.index.jobs import UNSET, Job, JobPage, Jobs, JobState, Unset
 from modalmotion.store.record import SequenceRecord, record_of, record_to_json
 from modalmotion.store.results import ResultStore
-from modalmotion.store.staging import MadeSignature
+from modalmotion.store.staging import StagedSignature
 from modalmotion.template.hdf5 import template_from_hdf5, template_to_hdf5
 
 __all__ = [
@@ -42,13 +42,13 @@ __all__ = [
     "JobState",
     "Jobs",
     "KeptModel",
-    "MadeSignature",
     "ModelRecord",
     "ModelReference",
     "Reconciliation",
     "ResultStore",
     "SequencePage",
     "SequenceRecord",
+    "StagedSignature",
     "Unset",
     "VerifyReport",
     "backup",

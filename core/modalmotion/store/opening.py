@@ -21,7 +21,7 @@ from modalmotion.store.disk.atomic import (
     put_back,
     write_atomic,
 )
-from modalmotion.store.disk.group_commit import move_together, sync_together
+from modalmotion.store.disk.group_commit import move_files, sync_paths
 from modalmotion.store.disk.lock import FolderLock
 from modalmotion.store.folder import Folder
 from modalmotion.store.index.database import Database
@@ -179,7 +179,7 @@ class Opening:
         with _put_back_on_failure(before):
             self._make_shards(*(target.parent for _, target in moves))
             try:
-                move_together(moves)
+                move_files(moves)
             except OSError as error:
                 raise cannot_write(moves[0][1], error) from error
             note()
@@ -195,7 +195,7 @@ class Opening:
             try:
                 for shard in new:
                     shard.mkdir(exist_ok=True)
-                sync_together({shard.parent for shard in new})
+                sync_paths({shard.parent for shard in new})
             except OSError as error:
                 raise cannot_write(next(iter(new)), error) from error
             self._shards |= new

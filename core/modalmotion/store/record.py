@@ -12,12 +12,14 @@ from typing import Any, Final
 from modalmotion.errors import CorruptFileError, ParameterError, StoreError
 from modalmotion.hdf5.sealed import read_file
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.representation import shown
 
 SCHEMA: Final = "modalmotion.sequence-record"
 SCHEMA_VERSION: Final = 1
 LONGEST_NAME: Final = 200
 
 
+@shown("n_frames", "n_vertices", "n_faces", "topology", "unit", "subject", "label", "id")
 @dataclass(frozen=True)
 class SequenceRecord:
     """What the store knows of a sequence without reading its vertices.

@@ -14,7 +14,7 @@ from modalmotion.signature.hdf5 import read_signature, signature_to_hdf5
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store.folder import ResultKind, ResultName, is_id, is_key
 from modalmotion.store.models import ModelStore
-from modalmotion.store.staging import MadeSignature, Taken
+from modalmotion.store.staging import StagedSignature, Transfer
 from modalmotion.store.templates import TemplateStore
 
 
@@ -70,15 +70,15 @@ class ResultStore(TemplateStore, ModelStore):
         name = ResultName("signature", sequence_id, "", key)
         return self._put_result(name, load_sealed(image)[1])
 
-    def put_made(self, made: Sequence[MadeSignature]) -> tuple[bool, ...]:
-        """Keep signatures that other processes have made, and their sequences: all or none.
+    def put_staged(self, staged: Sequence[StagedSignature]) -> tuple[bool, ...]:
+        """Keep signatures that other processes have staged, and their sequences: all or none.
 
         One wait for the disk and one transaction serve them all. Files that the store has not
         yet are moved; the others stay where they are.
 
         Parameters
         ----------
-        made : sequence of MadeSignature
+        staged : sequence of StagedSignature
             Some may be of one sequence. Of a sequence that is known, the record that is kept
             stays, but for vertices that it had not.
 
@@ -96,14 +96,16 @@ class ResultStore(TemplateStore, ModelStore):
         CorruptFileError
             If a file has no sound seal.
         """
-        for one in made:
+        for one in staged:
             one.require_names()
         index = self._open_index()
-        with self._changing(*(one.record.id for one in made)):
-            taken = Taken(self._folder, index)
-            are_new = tuple(taken.add(one) for one in made)
-            if taken.moves:
-                self._move(taken.moves, lambda: index.put_all(taken.records, taken.results))
+        with self._changing(*(one.record.id for one in staged)):
+            transfer = Transfer(self._folder, index)
+            are_new = tuple(transfer.add(one) for one in staged)
+            if transfer.moves:
+                self._move(
+                    transfer.moves, lambda: index.put_all(transfer.records, transfer.results)
+                )
         return are_new
 
     def signature(self, sequence_id: str, key: str) -> ModalSignature:

@@ -1,4 +1,4 @@
-"""What another process has made for a store, ready to be moved into it."""
+"""Signatures that another process has written for a store, ready to be moved into it."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from pathlib import Path
 
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
+from modalmotion.representation import shown
 from modalmotion.store.disk.atomic import write_atomic
 from modalmotion.store.folder import Folder, ResultName, is_id, is_key
 from modalmotion.store.index.index import Index
 from modalmotion.store.record import SequenceRecord, record_to_json, require_name
 
 
+@shown()
 @dataclass(frozen=True)
-class MadeSignature:
+class StagedSignature:
     """A signature and its sequence, durable in files that lie on the store's own disk.
 
     Parameters
@@ -50,8 +52,8 @@ class MadeSignature:
             )
 
 
-class Taken:
-    """What of some made signatures a store takes: files to move, and rows for its index.
+class Transfer:
+    """What a store takes of staged signatures: files to move, and rows for its index.
 
     Parameters
     ----------
@@ -72,7 +74,7 @@ class Taken:
         """Records that are new or changed."""
         return self._records.values()
 
-    def add(self, one: MadeSignature) -> bool:
+    def add(self, one: StagedSignature) -> bool:
         """Take what the store does not have of a signature; tell whether its sequence is new.
 
         Raises
@@ -88,7 +90,7 @@ class Taken:
             self.moves.append((one.signature, path))
         return is_new
 
-    def _add_sequence(self, one: MadeSignature) -> bool:
+    def _add_sequence(self, one: StagedSignature) -> bool:
         sequence_id = one.record.id
         if sequence_id in self._records:
             return False

@@ -34,7 +34,7 @@ from modalmotion.template.lengths import axis_lengths
 from modalmotion.template.notes import notes_on_landmarks, notes_on_mesh
 from modalmotion.template.recognition import recognise, require_fit
 from modalmotion.template.surface import Surface, surface_of
-from modalmotion.template.template import Template, Weights, template_id
+from modalmotion.template.template import Template, Weights, landmarks_read, template_id
 
 # Below this degree the natural coordinates give one name to too many places.
 _FOLDED = 0.8
@@ -67,7 +67,7 @@ def make_template(
         Frame whose shape the coordinates and areas are taken from.
     weights : Weights
     landmarks : GivenLandmarks, optional
-        Places that are stated and not left to the shape.
+        Places that are stated and not left to the shape; over those of the sequence's facts.
     closed_form : bool
         False asks for the spring modes of the mesh, whatever its topology.
 
@@ -83,7 +83,7 @@ def make_template(
     is_stated = sequence.topology is not None or sequence.grid is not None
     if reference == MEAN and not is_stated and closed_form:
         return _recognised_in_frame_0(sequence, weights, landmarks)
-    given = GivenLandmarks() if landmarks is None else landmarks
+    given = landmarks_read(sequence, landmarks, closed_form=closed_form)
     start = reference_positions(sequence, reference)
     faces = _faces_of(sequence)
     surface, corner, scale = _normalised(start, faces)

@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
+from modalmotion.facts import Corners, Facts, Place
 from modalmotion.modes.topology import Topology
-
-Place = int | tuple[float, float, float]
-"""A vertex by its index, or a point in the coordinates of the reference frame."""
+from modalmotion.representation import shown
 
 # Below this a direction found by an integral turns by more than a few degrees when the same
 # surface is triangulated anew, and is called weak.
 WEAK = 0.01
 
 
+@shown()
 @dataclass(frozen=True)
 class GivenLandmarks:
     """What the sender states instead of leaving it to the shape; every one is optional.
@@ -40,7 +40,7 @@ class GivenLandmarks:
     apex: Place | None = None
     base: Place | None = None
     theta_zero: Place | None = None
-    corners: tuple[Place, Place, Place, Place] | None = None
+    corners: Corners | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -57,10 +57,40 @@ class GivenLandmarks:
         return GivenLandmarks(**{name: _place_from(value) for name, value in values.items()})
 
 
+def landmarks_in(
+    facts: Facts, given: GivenLandmarks, topology: Topology | None, *, is_lattice: bool
+) -> GivenLandmarks:
+    """Landmarks that a template reads: those that are given, then those that the facts state.
+
+    Parameters
+    ----------
+    facts : Facts
+    given : GivenLandmarks
+        Go over what the facts state.
+    topology : Topology or None
+        None where the connectivity has yet to tell it: then any may be read.
+    is_lattice : bool
+        Its rows and columns place its coordinates, and no landmark does.
+
+    Returns
+    -------
+    GivenLandmarks
+        Without those facts that this topology has no use for; they stand for other results.
+    """
+    names = [f.name for f in fields(GivenLandmarks)]
+    if topology is not None:
+        names = list(_USED_ON.get(topology.name, ()))
+    stated = {name: facts.landmarks[name] for name in names if name in facts.landmarks}
+    if is_lattice or not stated:
+        return given
+    return GivenLandmarks(**{**stated, **{name: getattr(given, name) for name in given.names}})
+
+
 def _place_from(value: Any) -> Any:
     return tuple(_place_from(part) for part in value) if isinstance(value, list) else value
 
 
+@shown("strengths", "given", "n_loops")
 @dataclass(frozen=True, eq=False)
 class Landmarks:
     """Where the natural coordinates sit, each found by integrals unless it was given.
@@ -189,7 +219,8 @@ def require_used(given: GivenLandmarks, topology: Topology | None, *, is_lattice
                 surface = "lattice, whose rows and columns place its coordinates"
             raise ParameterError(
                 f"The landmark '{name}' means nothing on a {surface}.",
-                remedy=f"Give {', '.join(used)}." if used else "Leave the landmarks out.",
+                remedy=(f"Give {', '.join(used)}." if used else "Leave the landmarks out.")
+                + " Where the sequence's facts state it, take it out of them.",
                 details={"landmark": name},
             )
 

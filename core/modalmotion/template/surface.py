@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh import Connectivity, connectivity_of, vertex_areas
 from modalmotion.numeric.products import weighted_sum
+from modalmotion.representation import shown
 
 
+@shown("vertices", "faces")
 @dataclass(frozen=True, eq=False)
 class Surface:
     """One frame of a mesh, scaled so that squares of its coordinates are harmless.

@@ -14,7 +14,8 @@ from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import Topology
-from modalmotion.template.landmarks import GivenLandmarks, Landmarks
+from modalmotion.representation import shown
+from modalmotion.template.landmarks import GivenLandmarks, Landmarks, landmarks_in
 
 # Changes with everything that changes coordinates, so that no old template answers for a new one.
 _SCHEMA = 2
@@ -27,6 +28,7 @@ class Weights(StrEnum):
     UNIFORM = "uniform"
 
 
+@shown("topology", "n_vertices", "lengths", "reason", "id")
 @dataclass(frozen=True, eq=False)
 class Template:
     """Natural coordinates, weights and lengths of one surface.
@@ -119,7 +121,7 @@ def template_id(
         sha256 in hex, over faces, reference vertices, topology, grid, weights and landmarks.
     """
     start = reference_positions(sequence, reference).astype("<f8")
-    given = GivenLandmarks() if landmarks is None else landmarks
+    given = landmarks_read(sequence, landmarks, closed_form=closed_form)
     header = {
         "schema": _SCHEMA,
         "topology": None if sequence.topology is None else sequence.topology.name,
@@ -133,6 +135,17 @@ def template_id(
     digest.update(np.ascontiguousarray(sequence.faces.astype("<i8")).data)
     digest.update(np.ascontiguousarray(start).data)
     return digest.hexdigest()
+
+
+def landmarks_read(
+    sequence: MeshSequence, landmarks: GivenLandmarks | None, *, closed_form: bool
+) -> GivenLandmarks:
+    """Landmarks that the template of a sequence is made with; see `landmarks_in`."""
+    given = GivenLandmarks() if landmarks is None else landmarks
+    if not closed_form:
+        return given
+    is_lattice = sequence.grid is not None
+    return landmarks_in(sequence.facts, given, sequence.topology, is_lattice=is_lattice)
 
 
 def require_same_mesh(template: Template, sequence: MeshSequence) -> None:

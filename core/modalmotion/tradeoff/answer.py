@@ -16,7 +16,13 @@ from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.choice.scene import Scene, scene_of
 from modalmotion.fit.basis import make_basis
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.signature.making import modal_signature, resolve_sequence, resolve_template
+from modalmotion.representation import shown
+from modalmotion.signature.making import (
+    modal_signature,
+    resolve_parameters,
+    resolve_sequence,
+    resolve_template,
+)
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.template import Template, choose_modes
 from modalmotion.template.body_frame import Components
@@ -28,6 +34,14 @@ _TIMED: Final = 5
 _REPEATS: Final = 2
 
 
+@shown(
+    "chosen.kind",
+    "chosen.price.rms_error",
+    "chosen.price.unit",
+    "limit",
+    "front.n_frames",
+    "sequence_id",
+)
 @dataclass(frozen=True, eq=False)
 class Tradeoff:
     """What each choice costs and loses on one sequence, and the choice that was asked for.
@@ -108,7 +122,7 @@ def measure_tradeoff(
     if asked.harmonics is not None:
         require_harmonics(asked.harmonics, harmonics_of(own.n_frames, own.times))
     with watch.stage("template"):
-        used = resolve_template(own, asked, template)
+        used = resolve_template(own, resolve_parameters(own, asked), template)
     with watch.stage("front"):
         front = measure_front(
             sequence, asked, most_modes=most_modes, components=components, template=template

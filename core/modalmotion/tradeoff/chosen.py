@@ -13,6 +13,7 @@ from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureParamet
 from modalmotion.choice.scene import NUMBERS, LinearMotion, Scene, SceneKind
 from modalmotion.errors import ToleranceError
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.representation import shown
 from modalmotion.signature.making import modal_signature
 from modalmotion.signature.value import ModalSignature
 from modalmotion.template import Template
@@ -23,6 +24,7 @@ from modalmotion.tradeoff.price import Price, price_of, priced
 _ROTATION: Final = 3
 
 
+@shown("kind", "price.rms_error", "price.unit", "price.amplitudes_per_frame", "signature")
 @dataclass(frozen=True, eq=False)
 class Chosen:
     """The point of a front that answers a request.

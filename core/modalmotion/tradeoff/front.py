@@ -16,7 +16,8 @@ from modalmotion.choice.parameters import ModeOrder, SignatureParameters
 from modalmotion.errors import InputError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, Topology
-from modalmotion.signature.making import resolve_sequence, resolve_template
+from modalmotion.representation import shown
+from modalmotion.signature.making import resolve_parameters, resolve_sequence, resolve_template
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components
 
@@ -24,6 +25,7 @@ MOST_OF_FRONT = 111
 """Modes that a front reaches to unless more are asked for."""
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Branch:
     """RMS errors of all whole sets of one topology and one choice of components.
@@ -54,6 +56,7 @@ class Branch:
     ends_because: str
 
 
+@shown("n_frames", "n_vertices", "unit", "motion_rms", "branches")
 @dataclass(frozen=True, eq=False)
 class Front:
     """What every choice of modes, harmonics, components and topology leaves.
@@ -116,12 +119,12 @@ def measure_front(
     """
     asked = SignatureParameters() if parameters is None else parameters
     own = resolve_sequence(sequence, asked)
-    used = resolve_template(own, asked, template)
+    used = resolve_template(own, resolve_parameters(own, asked), template)
     branches, motion = _branches(own, used, asked, most_modes, components)
     for topology in other_topologies(own, used, asked):
         try:
             other = own.with_topology(topology, None)
-            found = resolve_template(other, asked)
+            found = resolve_template(other, resolve_parameters(other, asked))
             more, _ = _branches(other, found, asked, most_modes, components)
         except InputError:
             # A surface may be laid out in one way only; the others are no part of the front.

@@ -7,9 +7,11 @@ from dataclasses import dataclass, field
 
 from modalmotion.choice.harmonics import n_functions
 from modalmotion.mesh.sequence import MM_PER_UNIT
+from modalmotion.representation import shown
 from modalmotion.signature.value import ModalSignature
 
 
+@shown("rms_error", "max_error", "unit", "amplitudes_per_frame", "bytes", "compression")
 @dataclass(frozen=True)
 class Price:
     """What a description of a motion costs and what it loses.

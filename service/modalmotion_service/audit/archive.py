@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 
 from modalmotion.errors import CorruptFileError, ParameterError
+from modalmotion.progress import Progress
 from modalmotion.store.disk.atomic import remove_durably, write_atomic
 from modalmotion.store.index.cursor import to_text
 from modalmotion_service.audit.check import check_audit
 from modalmotion_service.audit.entry import Place
 from modalmotion_service.audit.log import audit_folder, parts_in
 from modalmotion_service.audit.part import AuditPart
-
-Progress = Callable[[int, int], None]
 
 
 def archive_audit(

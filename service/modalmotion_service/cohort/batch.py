@@ -16,7 +16,7 @@ from modalmotion.store import (
     signature_to_hdf5,
     template_from_hdf5,
 )
-from modalmotion.store.disk.group_commit import FilesTogether
+from modalmotion.store.disk.group_commit import GroupCommit
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def sign_batch(
     # This process may be lost and is limited from outside: parsers need none of their own.
     parser = ParserHere(options.limits)
     outcomes: list[Signed | Refused] = []
-    with FilesTogether() as files:
+    with GroupCommit() as files:
         for item in items:
             try:
                 sequence = read_sequence(item.path, options, parser=parser).sequence

@@ -9,14 +9,15 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from modalmotion.errors import ModalMotionError, NotFoundError
 from modalmotion.formats import ReadOptions
+from modalmotion.progress import Progress
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.store import MadeSignature, ResultStore, write_atomic
+from modalmotion.store import ResultStore, StagedSignature, write_atomic
 from modalmotion.store.index.cursor import now
 from modalmotion_service.cohort.batch import Item, Refused, Signed, sign_batch
 from modalmotion_service.cohort.ledger import Done, Ledger, stamp_of
@@ -24,6 +25,7 @@ from modalmotion_service.cohort.manifest import Entry
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.tasks.templates import make_template
+from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.spool import Spool
 
 MOST_IN_BATCH = 16
@@ -84,9 +86,6 @@ class CohortReport:
     seconds: float
 
 
-Progress = Callable[[int, int], None]
-
-
 def sign_cohort(
     job: CohortJob,
     open_engine: Callable[[Path], Engine],
@@ -139,7 +138,7 @@ class _Run:
         self._progress = progress
         self._ledger = Ledger(store.root)
         self._template, self._parameters = self._make_template()
-        settings = repr((job.options, self._parameters.key))
+        settings = repr((astuple(job.options), self._parameters.key))
         self._settings = hashlib.sha256(settings.encode()).hexdigest()[:16]
         self.n_made = 0
         self.n_known = 0
@@ -186,13 +185,12 @@ class _Run:
         if self._job.template_from is None:
             return None, self._job.parameters
         image = self._spool.new_path()
-        source = self._job.template_from.absolute()
-        made = self._engine.submit(
-            make_template, source, self._job.options, self._job.parameters, image
-        ).result()
-        self._store.put_template_image(image, made.answer.id)
-        path = self._store.template_path(made.answer.id)
-        return path, replace(self._job.parameters, template=made.answer.id)
+        source = Upload(self._job.template_from.absolute(), self._job.options)
+        work = self._engine.submit(make_template, source, self._job.parameters, image)
+        answer, _ = work.result()
+        self._store.put_template_image(image, answer.id)
+        path = self._store.template_path(answer.id)
+        return path, replace(self._job.parameters, template=answer.id)
 
     def _is_known(self, entry: Entry) -> bool:
         try:
@@ -219,7 +217,7 @@ class _Run:
         """Have the record say what the manifest says now."""
         record = self._store.sequence_record(sequence_id)
         stated = {"subject": entry.subject, "label": entry.label}
-        changed = {
+        changed: dict[str, Any] = {
             name: text
             for name, text in stated.items()
             if text is not None and text != getattr(record, name)
@@ -296,9 +294,9 @@ class _Run:
             else:
                 signed.append((entry, item, outcome))
         key = self._parameters.key
-        are_new = self._store.put_made(
+        are_new = self._store.put_staged(
             [
-                MadeSignature(one.record, item.record_file, key, item.signature, item.vertices)
+                StagedSignature(one.record, item.record_file, key, item.signature, item.vertices)
                 for _, item, one in signed
             ]
         )

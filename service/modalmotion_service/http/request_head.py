@@ -25,7 +25,7 @@ UNKNOWN_CLIENT: Final = "unknown"
 """The client's address where a proxy that is believed gives none."""
 
 
-class PlainRequests:
+class RequestHeadCheck:
     """ASGI middleware that refuses requests which can be read in two ways.
 
     Parameters

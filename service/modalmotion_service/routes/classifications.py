@@ -9,7 +9,7 @@ from fastapi import APIRouter, Response
 from modalmotion.store import Job
 from modalmotion_service.routes.parts.deferral import accepted, result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
-from modalmotion_service.routes.parts.idempotency import IdempotencyKey, once
+from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, PROBLEMS
 from modalmotion_service.schemas import (
     ClassificationAnswer,
@@ -71,7 +71,7 @@ async def classify(
         )
 
     fingerprint = ("POST classifications", sequence_id, asked.model_dump_json())
-    return await once(state.store, idempotency_key, fingerprint, make)
+    return await idempotent_answer(state.store, idempotency_key, fingerprint, make)
 
 
 @router.get("/{sequence_id}/classifications")

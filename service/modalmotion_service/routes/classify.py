@@ -7,7 +7,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
-from modalmotion_service.routes.parts.dependencies import StateDependency, UploadDependency
+from modalmotion_service.routes.parts.dependencies import FileDependency, StateDependency
 from modalmotion_service.routes.parts.openapi_parts import PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import (
     ClassificationAnswer,
@@ -15,7 +15,7 @@ from modalmotion_service.schemas import (
     ReadingQuery,
     UploadClassificationAnswer,
 )
-from modalmotion_service.workspace.analysis import Upload
+from modalmotion_service.work.upload import Upload
 
 router = APIRouter(prefix="/v1", tags=["classifications"], responses=PROBLEMS)
 
@@ -26,14 +26,12 @@ class ClassifyQuery(ReadingQuery, ClassificationRequest):
 
 @router.post("/classify", openapi_extra=UPLOAD_BODY)
 async def classify(
-    spooled: UploadDependency, query: Annotated[ClassifyQuery, Query()], state: StateDependency
+    file: FileDependency, query: Annotated[ClassifyQuery, Query()], state: StateDependency
 ) -> UploadClassificationAnswer:
     """Ask a model for the class of a sequence's motion; nothing is stored."""
-    try:
+    with file:
         chosen = await asyncio.to_thread(state.models.choose, query.model)
-        sent = Upload(spooled, query.options(state.settings.read_limits), None, None)
+        sent = Upload(file.path, query.options(state.settings.read_limits))
         result, reading = await state.models.classify(sent, chosen, query.coverage)
-    finally:
-        spooled.remove()
     answer = ClassificationAnswer.of(result, chosen.version, None)
     return UploadClassificationAnswer(**answer.model_dump(), reading=reading)

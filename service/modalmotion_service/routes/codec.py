@@ -15,13 +15,13 @@ from modalmotion.store import Job
 from modalmotion_service.http.negotiation import NPZ, RAW, STREAM, VTKHDF, best_type
 from modalmotion_service.routes.parts.deferral import accepted, result_or_job
 from modalmotion_service.routes.parts.dependencies import (
+    FileDependency,
     PreferenceDependency,
     StateDependency,
-    UploadDependency,
 )
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import EncodedAnswer, EncodingTarget, ReadingQuery, SequenceId
-from modalmotion_service.workspace.analysis import Upload
+from modalmotion_service.work.upload import Upload
 
 router = APIRouter(prefix="/v1", tags=["codec"], responses=PROBLEMS)
 
@@ -42,15 +42,13 @@ class EncodeQuery(ReadingQuery, EncodingTarget):
     responses={200: _STREAM_ANSWER},
 )
 async def encode(
-    spooled: UploadDependency, query: Annotated[EncodeQuery, Query()], state: StateDependency
+    file: FileDependency, query: Annotated[EncodeQuery, Query()], state: StateDependency
 ) -> Response:
     """Compress a sequence at an error you choose; nothing is stored."""
     target = EncodingTarget(**query.model_dump(include=set(EncodingTarget.model_fields)))
-    try:
-        sent = Upload(spooled, query.options(state.settings.read_limits), None, None)
+    with file:
+        sent = Upload(file.path, query.options(state.settings.read_limits))
         path, answer = await state.analysis.encoded(sent, target)
-    finally:
-        spooled.remove()
     return _stream(path, answer)
 
 
@@ -75,13 +73,13 @@ class DecodeQuery(BaseModel):
     },
 )
 async def decode(
-    spooled: UploadDependency,
+    file: FileDependency,
     query: Annotated[DecodeQuery, Query()],
     state: StateDependency,
     accept: Annotated[str, Header(description=f"{NPZ}, {VTKHDF} or {RAW} (float32).")] = NPZ,
 ) -> Response:
     """Decode a stream, or some of its frames; nothing is stored."""
-    try:
+    with file:
         media_type = best_type(accept, (NPZ, VTKHDF, RAW))
         if (query.first is None) != (query.stop is None):
             raise ParameterError(
@@ -91,9 +89,7 @@ async def decode(
         if query.first is not None and query.stop is not None:
             frames = range(query.first, query.stop)
         limits = state.settings.read_limits
-        path = await state.analysis.decoded(spooled, limits, frames, media_type)
-    finally:
-        spooled.remove()
+        path = await state.analysis.decoded(file.path, limits, frames, media_type)
     return FileResponse(path, media_type=media_type, background=BackgroundTask(_remove, path))
 
 

@@ -15,7 +15,7 @@ from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.negotiation import HDF5, JSON, PNG, best_type
 from modalmotion_service.routes.parts.deferral import accepted
 from modalmotion_service.routes.parts.dependencies import StateDependency
-from modalmotion_service.routes.parts.idempotency import IdempotencyKey, once
+from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.schemas import (
     ModelAnswer,
@@ -26,7 +26,7 @@ from modalmotion_service.schemas import (
     TrainingRequest,
 )
 from modalmotion_service.workspace.models import ChosenModel, shipped_name
-from modalmotion_service.workspace.spool import SpooledUpload
+from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
 from modalmotion_service.workspace.training_set import look_up, write_cases
 
@@ -59,7 +59,7 @@ async def train(
         options = TrainingOptions.from_json(asked.options)
         most = state.settings.max_training_sequences
         cases = await asyncio.to_thread(look_up, state.store, asked.cases, most)
-        file = SpooledUpload(state.spool.new_path(), sha256="", n_bytes=0)
+        file = SpoolFile(state.spool.new_path())
         try:
             await asyncio.to_thread(write_cases, file, cases)
             job = await state.jobs.start(
@@ -71,7 +71,9 @@ async def train(
             raise
         return accepted(job)
 
-    return await once(state.store, idempotency_key, ("POST models", asked.model_dump_json()), make)
+    return await idempotent_answer(
+        state.store, idempotency_key, ("POST models", asked.model_dump_json()), make
+    )
 
 
 class ListQuery(BaseModel):

@@ -8,11 +8,11 @@ from fastapi import APIRouter, Depends, Request, Response
 
 from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, RAW, best_type
 from modalmotion_service.http.query import described, header, read_once
-from modalmotion_service.routes.parts.dependencies import StateDependency, UploadDependency
+from modalmotion_service.routes.parts.dependencies import FileDependency, StateDependency
 from modalmotion_service.routes.parts.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.routes.templates import TemplateQuery
 from modalmotion_service.schemas import SignatureAnswer
-from modalmotion_service.workspace.analysis import Upload
+from modalmotion_service.work.upload import Upload
 
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 
@@ -29,7 +29,7 @@ _PARAMETERS: Final = [*described(TemplateQuery), header("accept", JSON, ", ".joi
     responses={200: {"content": dict.fromkeys(OFFERED[1:], BINARY)}},
 )
 async def signature(
-    spooled: UploadDependency,
+    file: FileDependency,
     query: Annotated[TemplateQuery, Depends(read_once(TemplateQuery))],
     state: StateDependency,
     request: Request,
@@ -39,10 +39,8 @@ async def signature(
     As JSON, the result's HDF5 file, npz, a picture, or the amplitudes alone as little-endian
     float32 (frame by frame, mode by mode, three directions), by `Accept`.
     """
-    try:
+    with file:
         media_type = best_type(request.headers.get("accept", JSON), OFFERED)
-        sent = Upload(spooled, query.options(state.settings.read_limits), None, None)
+        sent = Upload(file.path, query.options(state.settings.read_limits))
         body = await state.analysis.signature_of_upload(sent, query.parameters(), media_type)
-    finally:
-        spooled.remove()
     return Response(body, media_type=media_type, headers={"Vary": "Accept"})

@@ -12,12 +12,12 @@ from modalmotion.store import UNSET, Job
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.routes.parts.deferral import accepted, result_or_job
 from modalmotion_service.routes.parts.dependencies import (
+    FileDependency,
     PreferenceDependency,
     StateDependency,
     StoreDependency,
-    UploadDependency,
 )
-from modalmotion_service.routes.parts.idempotency import IdempotencyKey, once
+from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import (
     SequenceId,
@@ -26,7 +26,7 @@ from modalmotion_service.schemas import (
     SequenceSummary,
     UploadQuery,
 )
-from modalmotion_service.workspace.analysis import Upload
+from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.erasure import erase
 
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=PROBLEMS)
@@ -40,7 +40,7 @@ router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=PROBLEM
     responses={200: {"model": SequenceSummary, "description": "Known already."}, **ACCEPTED},
 )
 async def upload(
-    spooled: UploadDependency,
+    file: FileDependency,
     query: Annotated[UploadQuery, Query()],
     state: StateDependency,
     preference: PreferenceDependency,
@@ -55,28 +55,24 @@ async def upload(
 
     async def make() -> Response:
         nonlocal is_left_to_job
-        options = query.options(state.settings.read_limits)
-        sent = Upload(spooled, options, query.subject, query.label)
-        request = {"file": spooled.path.name, "query": query.model_dump(mode="json")}
+        sent = Upload(file.path, query.options(state.settings.read_limits))
+        request = {"file": file.path.name, "query": query.model_dump(mode="json")}
         if preference.is_async or state.settings.wait_seconds < state.settings.task_seconds:
             # A job may be acknowledged before the bytes are read: they must outlive a crash.
-            await asyncio.to_thread(spooled.make_durable)
-        found = await result_or_job(
-            state, preference, "upload", request, state.analysis.receive(sent)
-        )
-        if isinstance(found, Job):
+            await asyncio.to_thread(file.make_durable)
+        work = state.analysis.keep(sent, subject=query.subject, label=query.label)
+        kept = await result_or_job(state, preference, "upload", request, work)
+        if isinstance(kept, Job):
             is_left_to_job = True
-            return accepted(found)
-        return _answer(
-            SequenceSummary.of(found.record, found.reading), 201 if found.is_new else 200
-        )
+            return accepted(kept)
+        return _answer(SequenceSummary.of(kept.record, kept.reading), 201 if kept.is_new else 200)
 
     try:
-        fingerprint = ("POST /v1/sequences", spooled.sha256, query.model_dump_json())
-        return await once(state.store, idempotency_key, fingerprint, make)
+        fingerprint = ("POST /v1/sequences", file.sha256, query.model_dump_json())
+        return await idempotent_answer(state.store, idempotency_key, fingerprint, make)
     finally:
         if not is_left_to_job:
-            spooled.remove()
+            file.remove()
 
 
 class ListQuery(BaseModel):

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.negotiation import JSON, PNG, best_type
-from modalmotion_service.routes.parts.dependencies import StateDependency, UploadDependency
+from modalmotion_service.routes.parts.dependencies import FileDependency, StateDependency
 from modalmotion_service.routes.parts.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import (
     ReadingQuery,
@@ -18,7 +18,7 @@ from modalmotion_service.schemas import (
     TemplateAnswer,
     TemplateList,
 )
-from modalmotion_service.workspace.analysis import Upload
+from modalmotion_service.work.upload import Upload
 
 router = APIRouter(prefix="/v1/templates", tags=["templates"], responses=PROBLEMS)
 
@@ -35,17 +35,15 @@ class TemplateQuery(ReadingQuery, SignatureQuery):
     responses={200: {"model": TemplateAnswer, "description": "Known already."}},
 )
 async def make(
-    spooled: UploadDependency, query: Annotated[TemplateQuery, Query()], state: StateDependency
+    file: FileDependency, query: Annotated[TemplateQuery, Query()], state: StateDependency
 ) -> Response:
     """Make the template of a sequence's reference frame, and keep it.
 
     A cohort whose vertices correspond names it (`?template=`) and pays for it once.
     """
-    try:
-        asked = Upload(spooled, query.options(state.settings.read_limits), None, None)
-        answer, is_new = await state.analysis.template(asked, query.parameters())
-    finally:
-        spooled.remove()
+    with file:
+        sent = Upload(file.path, query.options(state.settings.read_limits))
+        answer, is_new = await state.analysis.template(sent, query.parameters())
     return Response(
         answer.model_dump_json(),
         201 if is_new else 200,

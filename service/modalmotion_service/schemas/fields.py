@@ -17,7 +17,8 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from modalmotion.errors import ParameterError
-from modalmotion.template.landmarks import Place
+from modalmotion.facts import Place
+from modalmotion.facts.places import read_place
 
 GRID_PATTERN: Final = r"^[1-9][0-9]{0,8}(,[1-9][0-9]{0,8}){0,2}$"
 
@@ -77,12 +78,7 @@ class JsonBody(BaseModel):
 
 def parse_place(text: str | None) -> Place | None:
     """Read a landmark: the number of a vertex, or a point such as "1.5,0,-3"."""
-    if text is None:
-        return None
-    if "," not in text:
-        return int(text)
-    x, y, z = (float(part) for part in text.split(","))
-    return x, y, z
+    return None if text is None else read_place(text)
 
 
 def parse_times(text: str) -> list[float]:

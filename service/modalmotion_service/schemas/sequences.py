@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from modalmotion.formats import Format, ReadLimits, ReadOptions, ReadResult
+from modalmotion.formats import Format, Reading, ReadLimits, ReadOptions
 from modalmotion.store import SequenceRecord
 from modalmotion_service.schemas.fields import GRID, TOPOLOGY, JsonBody, parse_grid, parse_times
 
@@ -24,15 +24,15 @@ class ReadingAnswer(BaseModel):
     notes: list[str]
 
     @staticmethod
-    def of(read: ReadResult) -> ReadingAnswer:
+    def of(reading: Reading) -> ReadingAnswer:
         """Write out what was read, but for the sequence."""
         return ReadingAnswer(
-            format=read.format,
-            ignored=list(read.ignored),
-            coordinate_system=read.coordinate_system,
-            unit_from=read.unit_from,
-            times_from=read.times_from,
-            notes=list(read.notes),
+            format=reading.format,
+            ignored=list(reading.ignored),
+            coordinate_system=reading.coordinate_system,
+            unit_from=reading.unit_from,
+            times_from=reading.times_from,
+            notes=list(reading.notes),
         )
 
 

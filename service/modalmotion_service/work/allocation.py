@@ -12,7 +12,7 @@ _M_TRIM_THRESHOLD: Final = -1
 _M_MMAP_THRESHOLD: Final = -3
 
 
-def settle(kept_bytes: int) -> None:
+def keep_freed_memory(kept_bytes: int) -> None:
     """Keep some freed memory for what comes next, and never look again at what is here.
 
     Where the C library knows no such setting it stays as it is.

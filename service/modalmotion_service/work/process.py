@@ -20,7 +20,7 @@ from multiprocessing import forkserver
 from multiprocessing.connection import wait as wait_for_any
 from typing import Any, Final
 
-from modalmotion_service.work.allocation import settle
+from modalmotion_service.work.allocation import keep_freed_memory
 from modalmotion_service.work.answers import answer_of
 
 _PRELOADED: Final = [
@@ -206,7 +206,7 @@ def _end_fork_server() -> None:
 def _work(ours: socket.socket, memory_bytes: int) -> None:
     """Answer requests until the socket closes: what runs in the process."""
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-    settle(_KEPT_BYTES)
+    keep_freed_memory(_KEPT_BYTES)
     # The server decides when its workers end, not a Ctrl-C that reaches the whole group.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 from modalmotion.exports.surfaces import SurfaceFormat
-from modalmotion.formats import ReadLimits, ReadOptions
+from modalmotion.formats import ReadLimits
 from modalmotion.signature.comparison import Comparison
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ResultStore, SequenceRecord
@@ -20,33 +20,17 @@ from modalmotion_service.schemas import EncodedAnswer, EncodingTarget, ReadingAn
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import codec, derived, sequences, signatures, templates
-from modalmotion_service.workspace.shared_work import Flights
-from modalmotion_service.workspace.spool import Spool, SpooledUpload, remove_with_beside
+from modalmotion_service.work.upload import Upload
+from modalmotion_service.workspace.shared_work import SharedWork
+from modalmotion_service.workspace.spool import Spool, remove_with_beside
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Upload:
-    """An upload, and what was said of it.
-
-    Parameters
-    ----------
-    spooled : SpooledUpload
-    options : ReadOptions
-    subject, label : str or None
-    """
-
-    spooled: SpooledUpload
-    options: ReadOptions
-    subject: str | None
-    label: str | None
-
-
-@dataclass(frozen=True)
-class Received:
-    """A sequence that is kept.
+class KeptUpload:
+    """An upload whose sequence is kept.
 
     Parameters
     ----------
@@ -77,27 +61,23 @@ class Analysis:
         self._store = store
         self.engine = engine
         self._spool = spool
-        self._flights = Flights()
+        self._shared_work = SharedWork()
 
-    async def receive(self, upload: Upload) -> Received:
+    async def keep(self, upload: Upload, *, subject: str | None, label: str | None) -> KeptUpload:
         """Read an upload and keep its sequence."""
 
-        async def make() -> Received:
+        async def make() -> KeptUpload:
             with self._image() as image, stage("worker"):
-                work = self._work(sequences.ingest, upload.spooled.path, upload.options, image)
-                found = await work
-                add_milliseconds(found.milliseconds)
+                work = self._work(sequences.ingest, upload, image)
+                record, reading, milliseconds = await work
+                add_milliseconds(milliseconds)
                 with stage("store"):
                     record, is_new = await asyncio.to_thread(
-                        self._store.put_sequence_image,
-                        image,
-                        found.record,
-                        subject=upload.subject,
-                        label=upload.label,
+                        self._store.put_sequence_image, image, record, subject=subject, label=label
                     )
-            return Received(record, found.reading, is_new)
+            return KeptUpload(record, reading, is_new)
 
-        return await self._flights.join(upload.spooled.path, make)
+        return await self._shared_work.join(upload.path, make)
 
     async def signature(self, sequence_id: str, parameters: SignatureParameters) -> Path:
         """Give the file of a signature, made if it is not kept yet, or not as it was written."""
@@ -118,18 +98,15 @@ class Analysis:
         )
         if kept is not None:
             return kept
-        return await self._flights.join((sequence_id, parameters.key), make)
+        return await self._shared_work.join((sequence_id, parameters.key), make)
 
     async def signature_of_upload(
         self, upload: Upload, parameters: SignatureParameters, media_type: str
     ) -> bytes:
         """Fit an upload and give its signature as the media type; nothing is kept."""
         template = self._template_path(parameters)
-        path, options = upload.spooled.path, upload.options
         with stage("worker"):
-            work = self._work(
-                signatures.sign_upload, path, options, parameters, template, media_type
-            )
+            work = self._work(signatures.sign_upload, upload, parameters, template, media_type)
             body, milliseconds = await work
         add_milliseconds(milliseconds)
         return body
@@ -160,14 +137,12 @@ class Analysis:
     ) -> tuple[TemplateAnswer, bool]:
         """Make and keep the template of an upload; tell whether it is new."""
         with self._image() as image, stage("worker"):
-            path, options = upload.spooled.path, upload.options
-            made = await self._work(templates.make_template, path, options, parameters, image)
-            add_milliseconds(made.milliseconds)
+            work = self._work(templates.make_template, upload, parameters, image)
+            answer, milliseconds = await work
+            add_milliseconds(milliseconds)
             with stage("store"):
-                is_new = await asyncio.to_thread(
-                    self._store.put_template_image, image, made.answer.id
-                )
-        return made.answer, is_new
+                is_new = await asyncio.to_thread(self._store.put_template_image, image, answer.id)
+        return answer, is_new
 
     async def describe_template(self, template_id: str) -> TemplateAnswer:
         """Say what a kept template holds."""
@@ -251,18 +226,17 @@ class Analysis:
                     path = await asyncio.to_thread(self._store.sequence_path, source)
                     work = self._work(codec.encode_kept, path, target, output, progress)
                 else:
-                    path, options = source.spooled.path, source.options
-                    work = self._work(codec.encode_upload, path, options, target, output, progress)
+                    work = self._work(codec.encode_upload, source, target, output, progress)
                 return output, await followed(work, progress, report)
         finally:
             remove_with_beside(progress)
 
     async def decoded(
-        self, stream: SpooledUpload, limits: ReadLimits, frames: range | None, media_type: str
+        self, stream: Path, limits: ReadLimits, frames: range | None, media_type: str
     ) -> Path:
         """Decode a stream to a file that the caller removes."""
         with self._output() as output, stage("decode"):
-            await self._work(codec.decode_upload, stream.path, limits, frames, media_type, output)
+            await self._work(codec.decode_upload, stream, limits, frames, media_type, output)
         return output
 
     def _template_path(self, parameters: SignatureParameters) -> Path | None:

@@ -17,10 +17,11 @@ from modalmotion_service.schemas import (
 )
 from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
 from modalmotion_service.settings import Settings
-from modalmotion_service.workspace.analysis import Analysis, Upload
+from modalmotion_service.work.upload import Upload
+from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.jobs import JobRunner, Report
 from modalmotion_service.workspace.models import Models
-from modalmotion_service.workspace.spool import Spool, SpooledUpload
+from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.training import Trainer
 from modalmotion_service.workspace.training_set import read_cases
 
@@ -45,10 +46,9 @@ def make_runner(
 
     async def upload(request: Any, _: Report) -> Any:
         query = UploadQuery(**request["query"])
-        options = query.options(settings.read_limits)
-        sent = Upload(_spooled(spool, request), options, query.subject, query.label)
-        received = await analysis.receive(sent)
-        return {"link": f"/v1/sequences/{received.record.id}"}
+        sent = Upload(spool.at(request["file"]), query.options(settings.read_limits))
+        kept = await analysis.keep(sent, subject=query.subject, label=query.label)
+        return {"link": f"/v1/sequences/{kept.record.id}"}
 
     async def signature(request: Any, _: Report) -> Any:
         query, sequence_id = SignatureQuery(**request["query"]), request["sequence_id"]
@@ -84,7 +84,7 @@ def make_runner(
         return {"link": f"/v1/sequences/{request['sequence_id']}/classifications"}
 
     async def training(request: Any, report: Report) -> Any:
-        cases = await asyncio.to_thread(read_cases, _spooled(spool, request))
+        cases = await asyncio.to_thread(read_cases, spool.at(request["file"]))
         options = TrainingOptions.from_json(request["options"])
         made = await trainer.train(request["file"], request["name"], options, cases, report)
         return {"link": f"/v1/models/{made.name}/versions/{made.version}"}
@@ -100,12 +100,8 @@ def make_runner(
             "classification": classification,
             "training": training,
         },
-        dict.fromkeys(_WITH_FILES, lambda request: _spooled(spool, request).remove()),
+        dict.fromkeys(_WITH_FILES, lambda request: spool.remove(request["file"])),
         n_at_once=2 * analysis.engine.n_workers,
         most_unfinished=settings.max_unfinished_jobs,
         apart={"training": trainings_at_once(settings)},
     )
-
-
-def _spooled(spool: Spool, request: Any) -> SpooledUpload:
-    return SpooledUpload(spool.at(request["file"]), sha256="", n_bytes=0)

@@ -24,8 +24,9 @@ from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.timing import stage
 from modalmotion_service.schemas import ReadingAnswer
 from modalmotion_service.work.tasks import classification
-from modalmotion_service.workspace.analysis import Analysis, Upload
-from modalmotion_service.workspace.shared_work import Flights
+from modalmotion_service.work.upload import Upload
+from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.shared_work import SharedWork
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -90,7 +91,7 @@ class Models:
         self._store = store
         self._analysis = analysis
         self._executor = executor
-        self._flights = Flights()
+        self._shared_work = SharedWork()
 
     def choose(self, text: str) -> ChosenModel:
         """Find the model that a request names, as "name" or "name@3".
@@ -201,7 +202,7 @@ class Models:
             self._store.classifications, sequence_id
         )
         if is_new:
-            await self._flights.join((sequence_id, chosen.id, key), make)
+            await self._shared_work.join((sequence_id, chosen.id, key), make)
         result = await asyncio.to_thread(self._store.classification, sequence_id, chosen.id, key)
         path = self._store.classification_path(sequence_id, chosen.id, key)
         return KeptClassification(result, chosen.version, path), is_new
@@ -230,8 +231,7 @@ class Models:
         with stage("worker"):
             return await self._work(
                 classification.classify_upload,
-                upload.spooled.path,
-                upload.options,
+                upload,
                 chosen.parameters,
                 chosen.source,
                 coverage,

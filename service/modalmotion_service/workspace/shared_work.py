@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 
-class Flights:
+class SharedWork:
     """Work under way, by what it makes.
 
     Whoever asks for what is being made already waits for it. Work whose last waiter has gone

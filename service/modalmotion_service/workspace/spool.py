@@ -8,26 +8,25 @@ import secrets
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 from modalmotion.store.disk.atomic import cannot_write, make_folder, sync_folder
 from modalmotion_service.workspace.disk import require_reserve
 
 
 @dataclass(frozen=True)
-class SpooledUpload:
-    """Bytes that came in, in a file.
+class SpoolFile:
+    """A file in the spool; a `with` block removes it in the end.
 
     Parameters
     ----------
     path : Path
     sha256 : str
         Of the bytes, in hex; empty where nobody asked for it.
-    n_bytes : int
     """
 
     path: Path
-    sha256: str
-    n_bytes: int
+    sha256: str = ""
 
     def make_durable(self) -> None:
         """Make the bytes survive a crash: before they are acknowledged without being read."""
@@ -41,6 +40,12 @@ class SpooledUpload:
     def remove(self) -> None:
         """Remove the file."""
         self.path.unlink(missing_ok=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.remove()
 
 
 def remove_with_beside(path: Path) -> None:
@@ -76,7 +81,7 @@ class Spool:
         """Give the path of a file by its name, as jobs remember it."""
         return self.folder / Path(name).name
 
-    async def receive(self, chunks: AsyncIterator[bytes], *, hashed: bool = True) -> SpooledUpload:
+    async def receive(self, chunks: AsyncIterator[bytes], *, hashed: bool = True) -> SpoolFile:
         """Write what comes in to a file; nothing stays behind if it fails.
 
         Parameters
@@ -92,14 +97,13 @@ class Spool:
         """
         self.require_reserve()
         path = self.new_path()
-        digest, n_bytes = hashlib.sha256(), 0
+        digest = hashlib.sha256()
         try:
             # Pieces of some 64 KiB go to the page cache: no thread is worth its switch.
             with path.open("xb", buffering=0) as file:
                 async for chunk in chunks:
                     if hashed:
                         digest.update(chunk)
-                    n_bytes += len(chunk)
                     view = memoryview(chunk)
                     while view:
                         view = view[file.write(view) :]
@@ -109,7 +113,7 @@ class Spool:
         except BaseException:
             path.unlink(missing_ok=True)
             raise
-        return SpooledUpload(path, digest.hexdigest() if hashed else "", n_bytes)
+        return SpoolFile(path, digest.hexdigest() if hashed else "")
 
     def remove(self, name: str) -> None:
         """Remove a file by its name; it may be missing."""

@@ -6,13 +6,14 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Final
 
 from modalmotion.errors import LimitError, NotFoundError, ParameterError
 from modalmotion.store import ResultStore
 from modalmotion.store.record import require_name
 from modalmotion_service.schemas import LabelledSequence
-from modalmotion_service.workspace.spool import SpooledUpload
+from modalmotion_service.workspace.spool import SpoolFile
 
 # Of each class: one to learn from and one to test on.
 LEAST_PER_CLASS: Final = 2
@@ -116,7 +117,7 @@ def _require_classes(cases: list[Case]) -> None:
         )
 
 
-def write_cases(file: SpooledUpload, cases: list[Case]) -> None:
+def write_cases(file: SpoolFile, cases: list[Case]) -> None:
     """Note the cases of a training durably, for its job to read.
 
     Raises
@@ -128,9 +129,9 @@ def write_cases(file: SpooledUpload, cases: list[Case]) -> None:
     file.make_durable()
 
 
-def read_cases(file: SpooledUpload) -> list[Case]:
+def read_cases(file: Path) -> list[Case]:
     """Read what `write_cases` wrote."""
-    return [Case(**values) for values in json.loads(file.path.read_text())]
+    return [Case(**values) for values in json.loads(file.read_text())]
 
 
 def _count(ids: list[str], noun: str) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reachable_values import reachable_values
 from running import RunningService
 
 import modalmotion as mm
@@ -26,6 +27,7 @@ from modalmotion.client.bodies import body_of
 from modalmotion.client.errors import error_of_answer, remote_error
 from modalmotion.client.retries import retry_after
 from modalmotion.formats import read_npz
+from modalmotion.representation import LONGEST_LINE
 from modalmotion.signature.comparison import compare
 
 
@@ -73,6 +75,32 @@ def test_a_file_its_bytes_and_the_sequence_are_the_same_upload(
         info = remote.upload(source)
         assert info.id == sequence.id
         assert (info.n_frames, info.n_vertices, info.unit) == (*sequence.vertices.shape[:2], "mm")
+
+
+def test_answers_are_one_line(remote: Client, sequence: mm.MeshSequence) -> None:
+    sent = remote.upload(sequence)
+    job = remote.start_signature(sent.id, modes=7)
+    answers = [
+        sent,
+        job,
+        job.wait(),
+        remote.make_template(sequence),
+        remote.classify(sent.id),
+        remote.readouts(sent.id),
+        remote.encoded(sent.id, max_error=1.0),
+        *remote.signatures([sent.id], modes=7),
+        *remote.models(),
+        Retries(),
+    ]
+    kinds = set()
+    for value in reachable_values(answers):
+        assert len(repr(value)) <= LONGEST_LINE
+        assert "\n" not in repr(value)
+        kinds.add(type(value).__name__)
+    assert {
+        *("SequenceInfo", "TemplateInfo", "ClassAnswer", "ModelInfo", "Readouts"),
+        *("SignatureArrays", "CompressedSequence", "Job", "JobStatus"),
+    } <= kinds
 
 
 def test_progress_runs_to_the_end_and_the_pieces_are_small(

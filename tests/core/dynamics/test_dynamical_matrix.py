@@ -52,9 +52,9 @@ def dense(potential: HarmonicPotential) -> NDArray[np.float64]:
     matrix = np.zeros((n, 3, n, 3))
     for node in product(*(range(size) for size in shape)):
         here = np.ravel_multi_index(node, shape)
-        for offset, phi in potential.force_constants.items():
+        for offset, K in potential.force_constants.items():
             there = [(i + j) % size for i, j, size in zip(node, offset, shape, strict=True)]
-            matrix[here, :, np.ravel_multi_index(there, shape), :] += phi
+            matrix[here, :, np.ravel_multi_index(there, shape), :] += K
     return matrix.reshape(3 * n, 3 * n) / potential.mass
 
 
@@ -114,9 +114,9 @@ def test_dynamical_matrix_is_the_sum_over_neighbours() -> None:
     potential = POTENTIALS[4]
     p = np.array([[1, 2], [4, 5], [3, 0]])
     naive = np.zeros((3, 3, 3), dtype=complex)
-    for offset, phi in potential.force_constants.items():
+    for offset, K in potential.force_constants.items():
         phase = 2 * np.pi * (p / potential.shape) @ np.array(offset)
-        naive += np.exp(1j * phase)[:, None, None] * phi / potential.mass
+        naive += np.exp(1j * phase)[:, None, None] * K / potential.mass
     D = dynamical_matrices(potential, p)
     assert pytest.approx(naive, abs=1e-13) == D
     assert np.abs(D.imag).max() >= 0.1
@@ -168,10 +168,10 @@ def test_polarisations_have_a_fixed_phase() -> None:
 
 def test_missing_force_constants_are_filled_in() -> None:
     rng = np.random.default_rng(6)
-    phi = -np.eye(3) + 0.1 * rng.normal(size=(3, 3))
-    short = HarmonicPotential(CLOSED_CURVE, (5,), {(1,): phi})
-    own = -(phi + phi.T)
-    long = HarmonicPotential(CLOSED_CURVE, (5,), {(1,): phi, (-1,): phi.T, (0,): own})
+    K = -np.eye(3) + 0.1 * rng.normal(size=(3, 3))
+    short = HarmonicPotential(CLOSED_CURVE, (5,), {(1,): K})
+    own = -(K + K.T)
+    long = HarmonicPotential(CLOSED_CURVE, (5,), {(1,): K, (-1,): K.T, (0,): own})
     p = np.arange(5)[:, None]
     assert np.array_equal(dynamical_matrices(short, p), dynamical_matrices(long, p))
     # Acoustic sum rule: the constants of all offsets together are zero.

@@ -22,7 +22,7 @@ SURFACES = (PLANE, CYLINDER, TORUS, CUP, SPHERE)
 def naive_projection(
     lattice: Lattice, modes: ModeSet, displacements: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """V'u / nodes, every shape at every node."""
+    """Phi'u / nodes, every shape at every node."""
     sums: NDArray[np.float64] = np.einsum("nm,fnd->fmd", lattice.shapes(modes), displacements)
     return sums / lattice.n_nodes
 

@@ -18,9 +18,9 @@ from modalmotion.modes.transform import project, project_all, superpose, superpo
 
 @pytest.mark.parametrize("lattice", [*SMALL_LATTICES, *MIDDLE_LATTICES], ids=name_of)
 def test_both_are_the_products_with_the_shapes(lattice: Lattice, rng: np.random.Generator) -> None:
-    V = lattice.shapes(lattice.all_modes())
+    Phi = lattice.shapes(lattice.all_modes())
     u = rng.standard_normal((2, lattice.n_nodes, 3))
-    a = np.einsum("nm,fnd->fmd", V, u) / lattice.n_nodes
+    a = np.einsum("nm,fnd->fmd", Phi, u) / lattice.n_nodes
     assert np.abs(project_all(lattice, u) - a).max() <= 1e-13
     assert np.abs(superpose_all(lattice, a) - u).max() <= 1e-13
 

@@ -31,12 +31,12 @@ def test_all_modes_solve_the_dense_eigenproblem(lattice: Lattice) -> None:
     matrix = stiffness_matrix(lattice)
     eigenvalues = np.linalg.eigh(matrix).eigenvalues
     largest = max(eigenvalues[-1], min(lattice.stiffnesses) / lattice.mass)
-    V, squared = lattice.shapes(modes), lattice.angular_frequencies(modes) ** 2
+    Phi, squared = lattice.shapes(modes), lattice.angular_frequencies(modes) ** 2
 
     assert len(modes) == lattice.n_nodes
     assert np.abs(np.sort(squared) - eigenvalues).max() <= 1e-13 * largest
-    assert np.abs(matrix @ V - V * squared).max() <= 1e-13 * largest
-    assert np.abs(V.T @ V / lattice.n_nodes - np.eye(lattice.n_nodes)).max() <= 1e-13
+    assert np.abs(matrix @ Phi - Phi * squared).max() <= 1e-13 * largest
+    assert np.abs(Phi.T @ Phi / lattice.n_nodes - np.eye(lattice.n_nodes)).max() <= 1e-13
 
 
 @pytest.mark.parametrize("lattice", LATTICES, ids=name_of)

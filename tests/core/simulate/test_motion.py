@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from modalmotion.errors import ParameterError
 from modalmotion.simulate import Pose, Spacing, VentricleParameters
 from modalmotion.simulate.beat import Beat
-from modalmotion.simulate.motion import Motion, region_weight
+from modalmotion.simulate.motion import MaterialPoints, region_weight
 from modalmotion.simulate.parameters import TERRITORY_CENTRES, Territory
 from modalmotion.simulate.pose import random_rotation, rotation_matrix
 from modalmotion.simulate.spheroid import Spheroid, directions
@@ -30,11 +30,11 @@ def motion_of(
     nu: ArrayLike,
     theta: ArrayLike,
     *fields: SmoothField,
-) -> Motion:
+) -> MaterialPoints:
     angles = np.broadcast_arrays(np.atleast_1d(nu), np.atleast_1d(theta))
     polar, azimuth = (np.array(a, dtype=np.float64) for a in angles)
     shape, displacement, lag = fields or (STILL, STILL, STILL)
-    return Motion(parameters, polar, azimuth, shape, displacement, lag)
+    return MaterialPoints(parameters, polar, azimuth, shape, displacement, lag)
 
 
 def base_of(parameters: VentricleParameters) -> float:

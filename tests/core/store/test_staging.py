@@ -15,15 +15,15 @@ from store_samples import KEY, assert_same, sample_sequence, sample_signature, t
 
 from modalmotion.errors import CorruptFileError, ModalMotionError, ParameterError, StoreError
 from modalmotion.store import (
-    MadeSignature,
     ResultStore,
+    StagedSignature,
     record_of,
     record_to_json,
     sequence_to_hdf5,
     signature_to_hdf5,
     verify,
 )
-from modalmotion.store.disk.group_commit import FilesTogether, sync_together
+from modalmotion.store.disk.group_commit import GroupCommit, sync_paths
 from modalmotion.store.index.database import Database
 
 NUMBERS = range(1, 8)
@@ -31,7 +31,7 @@ NUMBERS = range(1, 8)
 
 def made_of(
     folder: Path, number: int, *, modes: int = 7, vertices: bool = True, subject: str | None = None
-) -> MadeSignature:
+) -> StagedSignature:
     """What a worker leaves of a sequence."""
     folder.mkdir(exist_ok=True)
     sequence = sample_sequence(number)
@@ -42,7 +42,7 @@ def made_of(
     paths[1].write_bytes(signature_to_hdf5(signature))
     paths[2].write_bytes(sequence_to_hdf5(sequence))
     kept = paths[2] if vertices else None
-    return MadeSignature(record, paths[0], signature.parameters.key, paths[1], kept)
+    return StagedSignature(record, paths[0], signature.parameters.key, paths[1], kept)
 
 
 def contents(root: Path) -> dict[str, bytes]:
@@ -73,7 +73,7 @@ def test_together_is_as_one_by_one(tmp_path: Path) -> None:
     together, alone = tmp_path / "together", tmp_path / "alone"
     with ResultStore(together) as store:
         made = [made_of(together / "spool", number, subject="P 1") for number in NUMBERS]
-        assert store.put_made(made) == (True,) * len(made)
+        assert store.put_staged(made) == (True,) * len(made)
         assert list((together / "spool").iterdir()) == []
         for number in NUMBERS:
             sequence = sample_sequence(number)
@@ -104,9 +104,9 @@ def test_many_cost_one_transaction(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     with ResultStore(tmp_path) as store:
         made = [made_of(tmp_path / "spool", number) for number in NUMBERS]
         monkeypatch.setattr(Database, "write", counting)
-        store.put_made(made)
+        store.put_staged(made)
         assert n_written == 1
-        assert store.put_made([]) == ()
+        assert store.put_staged([]) == ()
         assert n_written == 1
 
 
@@ -115,12 +115,12 @@ def test_what_is_known_stays_and_only_what_is_missing_is_taken(tmp_path: Path) -
     with ResultStore(tmp_path) as store:
         first, again = made_of(spool, 1, subject="P 1"), made_of(spool, 1, modes=4, subject="P 2")
         # Two of one sequence in one go: the first one's record is kept, and both signatures.
-        assert store.put_made([first, again]) == (True, False)
+        assert store.put_staged([first, again]) == (True, False)
         assert again.record_file.exists()
         assert store.sequence_record(first.record.id).subject == "P 1"
         assert len(store.signatures(first.record.id)) == 2
         before = contents(tmp_path)
-        assert store.put_made([made_of(spool, 1), made_of(spool, 1, modes=4)]) == (False, False)
+        assert store.put_staged([made_of(spool, 1), made_of(spool, 1, modes=4)]) == (False, False)
         assert contents(tmp_path) == before
         # A damaged file is replaced by a sound one.
         for path in (
@@ -128,7 +128,7 @@ def test_what_is_known_stays_and_only_what_is_missing_is_taken(tmp_path: Path) -
             store.signature_path(first.record.id, KEY),
         ):
             path.write_bytes(path.read_bytes()[:-1])
-        store.put_made([made_of(spool, 1)])
+        store.put_staged([made_of(spool, 1)])
         assert contents(tmp_path) == before
     assert verify(tmp_path).is_sound
 
@@ -136,9 +136,9 @@ def test_what_is_known_stays_and_only_what_is_missing_is_taken(tmp_path: Path) -
 def test_vertices_are_added_to_a_sequence_that_had_none(tmp_path: Path) -> None:
     spool, sequence = tmp_path / "spool", sample_sequence(1)
     with ResultStore(tmp_path) as store:
-        store.put_made([made_of(spool, 1, vertices=False, subject="P 1")])
+        store.put_staged([made_of(spool, 1, vertices=False, subject="P 1")])
         assert not store.sequence_record(sequence.id).has_upload
-        assert store.put_made([made_of(spool, 1, subject="P 2")]) == (False,)
+        assert store.put_staged([made_of(spool, 1, subject="P 2")]) == (False,)
         record = store.sequence_record(sequence.id)
         assert (record.subject, record.has_upload) == ("P 1", True)
         assert_same(store.sequence(sequence.id), sequence)
@@ -149,7 +149,7 @@ def test_what_is_wrong_with_one_keeps_them_all_out(tmp_path: Path) -> None:
     spool = tmp_path / "spool"
     with ResultStore(tmp_path) as store:
         sound = made_of(spool, 1)
-        wrong: list[tuple[type[ModalMotionError], MadeSignature]] = [
+        wrong: list[tuple[type[ModalMotionError], StagedSignature]] = [
             (StoreError, replace(made_of(spool, 2), key="../../x")),
             (
                 StoreError,
@@ -166,23 +166,23 @@ def test_what_is_wrong_with_one_keeps_them_all_out(tmp_path: Path) -> None:
         wrong += [(CorruptFileError, cut), (CorruptFileError, changed)]
         for error, one in wrong:
             with pytest.raises(error):
-                store.put_made([sound, one])
+                store.put_staged([sound, one])
             assert contents(tmp_path) == {}
             assert store.count() == {"sequence": 0}
-        assert store.put_made([sound]) == (True,)
+        assert store.put_staged([sound]) == (True,)
 
 
 @pytest.mark.parametrize("name", ["fsync", "replace"])
 def test_a_failing_disk_leaves_the_store_as_it_was(name: str, tmp_path: Path) -> None:
     spool = tmp_path / "spool"
     with ResultStore(tmp_path) as store:
-        store.put_made([made_of(spool, 1, vertices=False)])
+        store.put_staged([made_of(spool, 1, vertices=False)])
         before, counted = contents(tmp_path), store.count()
         for after in range(100):
             made = [made_of(spool, number) for number in (1, 2, 3)]
             try:
                 with failing(name, after, refuse):
-                    store.put_made(made)
+                    store.put_staged(made)
             except StoreError as error:
                 assert error.remedy  # noqa: PT017 (the last round raises nothing)
                 assert (contents(tmp_path), store.count()) == (before, counted)
@@ -201,7 +201,7 @@ def test_killed_at_any_step_it_is_done_again(name: str, tmp_path: Path) -> None:
         child = os.fork()
         if not child:
             with ResultStore(root) as store, failing(name, after, lambda: os._exit(9)):
-                store.put_made(made)
+                store.put_staged(made)
                 os._exit(0)
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         assert verify(root).is_sound
@@ -209,7 +209,7 @@ def test_killed_at_any_step_it_is_done_again(name: str, tmp_path: Path) -> None:
             if code == 0:
                 assert store.count() == {"sequence": 3, "signature": 3}
             again = [made_of(tmp_path / f"spool{after}", number) for number in (1, 2, 3)]
-            store.put_made(again)
+            store.put_staged(again)
             for number in (1, 2, 3):
                 sequence = sample_sequence(number)
                 assert_same(store.sequence(sequence.id), sequence)
@@ -240,7 +240,7 @@ def test_files_are_durable_before_they_have_their_names(
 
     monkeypatch.setattr(os, "fsync", noting_fsync)
     monkeypatch.setattr(os, "replace", noting_replace)
-    with FilesTogether() as files:
+    with GroupCommit() as files:
         for number in range(9):
             files.write(tmp_path / f"{number}", b"x" * number)
         assert all(path.name.endswith(".tmp") for path in tmp_path.iterdir())
@@ -251,7 +251,7 @@ def test_files_are_durable_before_they_have_their_names(
 @pytest.mark.parametrize("n_files", [1, 9])
 def test_of_files_that_cannot_be_written_nothing_is_left(n_files: int, tmp_path: Path) -> None:
     def write(then: Callable[[], object] = lambda: None) -> None:
-        with FilesTogether() as files:
+        with GroupCommit() as files:
             for number in range(n_files):
                 files.write(tmp_path / f"{number}", b"x")
             then()
@@ -262,13 +262,13 @@ def test_of_files_that_cannot_be_written_nothing_is_left(n_files: int, tmp_path:
     with failing("fsync", n_files - 1, refuse), pytest.raises(StoreError):
         write()
     assert tree(tmp_path) == {}
-    with FilesTogether() as files, pytest.raises(StoreError, match="could not be written"):
+    with GroupCommit() as files, pytest.raises(StoreError, match="could not be written"):
         files.write(tmp_path / "no folder" / "a", b"x")
 
 
 def test_each_path_is_synchronised_once_and_a_missing_one_is_told(tmp_path: Path) -> None:
     with failing("fsync", 1, refuse):
-        sync_together([tmp_path] * 3)
+        sync_paths([tmp_path] * 3)
     for n in (1, 9):
         with pytest.raises(FileNotFoundError):
-            sync_together([*(tmp_path for _ in range(n)), tmp_path / "missing"])
+            sync_paths([*(tmp_path for _ in range(n)), tmp_path / "missing"])

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classify.answer.explanation import ModeContribution
+from modalmotion.representation import shown
 
 NO_MOTION = "no motion"
 NOISE = "noise"
@@ -18,6 +19,7 @@ FLAGS = (NO_MOTION, NOISE, OUT_OF_DOMAIN, UNREADABLE)
 model reads (another topology, other modes, one frame). Where one is set, there is no label."""
 
 
+@shown("label", "probability", "class_set", "coverage", "flags", "model")
 @dataclass(frozen=True, eq=False)
 class Classification:
     """A motion class with its probability, or none where the model cannot tell.

@@ -15,12 +15,14 @@ from modalmotion.classify.features import Column
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.spring_modes import SpringSpectrum
 from modalmotion.modes import ModeSet
+from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 
 if TYPE_CHECKING:
     from modalmotion.classify.model.model import Model
 
 
+@shown()
 @dataclass(frozen=True)
 class ModeContribution:
     """What one mode, or a cosine-sine pair of them, did to a prediction.

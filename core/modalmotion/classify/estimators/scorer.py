@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classify.estimators.temperature import softmax
+from modalmotion.representation import shown
 
 # Below this a probability is rounding.
 _LEAST: float = 1e-12
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Scorer:
     """A linear or Gaussian-kernel score of each class.
@@ -52,6 +54,7 @@ class Scorer:
         return _squares(self.anchors)
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Blend:
     """Mean of the probabilities of scorers, made reliable.

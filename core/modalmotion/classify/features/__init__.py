@@ -1,18 +1,18 @@
 """Features of a motion: numbers that do not depend on pose, size, start angle or sampling."""
 
 from modalmotion.classify.features.alignment import align, mean_motion
-from modalmotion.classify.features.axis import READINGS, Reading, axis_features
+from modalmotion.classify.features.axis import READINGS, AxisReading, axis_features
 from modalmotion.classify.features.axis_parts import has_axis
 from modalmotion.classify.features.columns import Column, MotionFeatures, kind_of, powers_of
-from modalmotion.classify.features.reader import FeatureReader, Motion, motion_of, surface_size
+from modalmotion.classify.features.reader import FeatureReader, MotionTerms, motion_of, surface_size
 
 __all__ = [
     "READINGS",
+    "AxisReading",
     "Column",
     "FeatureReader",
-    "Motion",
     "MotionFeatures",
-    "Reading",
+    "MotionTerms",
     "align",
     "axis_features",
     "has_axis",

@@ -26,7 +26,7 @@ Spectrum = NDArray[np.complex128]
 Direction = tuple[float, float, float]
 
 
-class Reading(NamedTuple):
+class AxisReading(NamedTuple):
     """What the amplitudes cannot say by themselves.
 
     Parameters
@@ -41,7 +41,7 @@ class Reading(NamedTuple):
     is_inverted: bool = False
 
 
-READINGS: Final = tuple(Reading(m, i) for m in (False, True) for i in (False, True))
+READINGS: Final = tuple(AxisReading(m, i) for m in (False, True) for i in (False, True))
 """All readings; which of them holds is decided by what a model knows."""
 
 
@@ -222,7 +222,7 @@ def _layout(modes: ModeSet, n_signed: int, n_sized: int, walls: bool) -> _Layout
     )
 
 
-def _signs(parts: Parts, reading: Reading, n_signed: int, n_sized: int, walls: bool) -> Vectors:
+def _signs(parts: Parts, reading: AxisReading, n_signed: int, n_sized: int, walls: bool) -> Vectors:
     """Signs by which a reading differs from the first one.
 
     A theta that runs left-handed turns s and e3 round. Where e1 is towards the zero of theta, e2

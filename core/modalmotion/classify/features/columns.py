@@ -9,10 +9,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.representation import shown
+
 # A motion so small has no kind; its logarithm is still a number.
 _LEAST_MOTION: Final = 1e-12
 
 
+@shown()
 @dataclass(frozen=True)
 class Column:
     """One feature.
@@ -31,6 +34,7 @@ class Column:
     power: float = 1.0
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class MotionFeatures:
     """Features of one sequence.

@@ -22,6 +22,7 @@ from modalmotion.classify.features.temporal import (
 )
 from modalmotion.mesh.spring_modes import SpringSpectrum
 from modalmotion.modes import ModeSet
+from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 
 # A course holds what a cycle of twice its length holds.
@@ -31,6 +32,7 @@ TERMS_PER_HARMONIC = 2
 _LEAST_TOTAL = 1e-2
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class FeatureReader:
     """Choice of features.
@@ -90,7 +92,7 @@ class FeatureReader:
             return parts.beside(self.of(signature, motion_of(signature, self)))
         return self.of(signature, motion_of(signature, self))
 
-    def of(self, signature: ModalSignature, motion: Motion) -> MotionFeatures:
+    def of(self, signature: ModalSignature, motion: MotionTerms) -> MotionFeatures:
         """Features of a motion whose terms are known, for surfaces of any topology."""
         waves = self.waves(signature)
         columns = _columns(
@@ -104,7 +106,7 @@ class FeatureReader:
         values = self.values(waves, motion)[None]
         return MotionFeatures(columns, values, motion.size, motion.smooth_share)
 
-    def values(self, waves: Waves, motion: Motion) -> NDArray[np.float64]:
+    def values(self, waves: Waves, motion: MotionTerms) -> NDArray[np.float64]:
         """Give what `of` does without the names, (features,) float64."""
         total = float(np.linalg.norm(motion.terms))
         # How much moves is one feature; the others say what share of it moves how.
@@ -128,8 +130,9 @@ class FeatureReader:
         return waves_of(signature.modes, theta_is_free=is_free)
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MotionTerms:
     """First terms of a motion.
 
     Parameters
@@ -147,7 +150,7 @@ class Motion:
     smooth_share: float
 
 
-def motion_of(signature: ModalSignature, reader: FeatureReader) -> Motion:
+def motion_of(signature: ModalSignature, reader: FeatureReader) -> MotionTerms:
     """First terms of all amplitudes: harmonics of a cycle, cosines of a course."""
     if reader.is_cycle:
         signature = one_turn(signature)
@@ -160,7 +163,7 @@ def motion_of(signature: ModalSignature, reader: FeatureReader) -> Motion:
     else:
         n_terms = TERMS_PER_HARMONIC * reader.n_harmonics
         terms = cosines(share, flat, n_terms).astype(np.complex128)
-    return Motion(
+    return MotionTerms(
         terms=100.0 * terms.reshape(-1, n_modes, 3),
         size=float(np.sqrt((flat**2).sum(axis=1).mean())),
         smooth_share=smooth_share(share, flat, is_cycle=reader.is_cycle),

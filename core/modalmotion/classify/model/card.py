@@ -6,7 +6,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
+from modalmotion.representation import shown
 
+
+@shown("classes", "accuracy", "calibration_error", "coverage", "training_set")
 @dataclass(frozen=True)
 class ModelCard:
     """What a user should know of a model before relying on it; every field is JSON-able.

@@ -12,10 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.representation import shown
+
 # Rounding of 1 - coverage.
 _ROUNDING = 1e-9
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """Strangeness of held-out cases, 1 - (probability of the true class), by class.

@@ -9,6 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.representation import shown
+
 # Shares of the least motion and smoothness met in training below which there is none; and the
 # limits for cohorts that all move a great deal.
 _SHARE_OF_LEAST: Final = 0.5
@@ -22,6 +24,7 @@ _LEAST_SHRINKAGE: Final = 1e-2
 _MARGIN: Final = 1.5
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Domain:
     """Where the training cases lie.

@@ -15,11 +15,13 @@ from modalmotion.classify.model.text import model_from_bytes, model_to_bytes
 from modalmotion.errors import CorruptFileError, ModelNotReproducedError
 from modalmotion.hdf5.contents import Contents, read_contents
 from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, json_text, sealed_image
+from modalmotion.representation import shown
 
 KIND: Final = "model"
 SCHEMA_VERSION: Final = 1
 
 
+@shown("record.name", "record.version", "data")
 @dataclass(frozen=True)
 class KeptModel:
     """A model as a file holds it, its bytes not interpreted.

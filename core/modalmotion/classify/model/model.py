@@ -19,9 +19,11 @@ from modalmotion.classify.features import Column, FeatureReader
 from modalmotion.classify.model.card import ModelCard
 from modalmotion.classify.model.conformal import Calibration
 from modalmotion.classify.model.domain import Domain
+from modalmotion.representation import shown
 from modalmotion.signature.making import SignatureParameters
 
 
+@shown()
 @dataclass(frozen=True)
 class Readable:
     """Which signatures a model reads.
@@ -43,6 +45,7 @@ class Readable:
     parameters: SignatureParameters
 
 
+@shown("name", "classes", "readable.topologies", "readable.n_modes", "id")
 @dataclass(frozen=True, eq=False)
 class Model:
     """A classifier of motions that is trained.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from modalmotion.errors import NotFoundError, ParameterError
+from modalmotion.representation import shown
 from modalmotion.signature.making import SignatureParameters
 
 NAME_PATTERN: Final = "[a-z0-9](?:[a-z0-9._-]{0,62}[a-z0-9])?"
@@ -33,6 +34,7 @@ class ModelReference(NamedTuple):
         return self.name if self.version is None else f"{self.name}@{self.version}"
 
 
+@shown("name", "version", "classes", "created", "deleted", "id")
 @dataclass(frozen=True)
 class ModelRecord:
     """One version of a model, as the index knows it.

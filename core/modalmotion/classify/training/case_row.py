@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classify.features import FeatureReader, Motion, has_axis, motion_of
+from modalmotion.classify.features import FeatureReader, MotionTerms, has_axis, motion_of
 from modalmotion.classify.options import TrainingOptions
 from modalmotion.classify.training.cases import TrainingCase
 from modalmotion.signature.making import ModalSignature
@@ -38,7 +38,7 @@ class CaseRow:
         Whether the sender says where theta starts, and whether anything does.
     axis, walls : AxisValues or None
         Read about an axis; None where there is none, or no zero of theta.
-    cycle, course : Motion
+    cycle, course : MotionTerms
     """
 
     label: str
@@ -49,8 +49,8 @@ class CaseRow:
     zero_is_known: bool
     axis: AxisValues | None
     walls: AxisValues | None
-    cycle: Motion
-    course: Motion
+    cycle: MotionTerms
+    course: MotionTerms
 
 
 def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from modalmotion.errors import ModalMotionError
+from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 
 
+@shown("label", "subject", "signature.sequence_id")
 @dataclass(frozen=True, eq=False)
 class TrainingCase:
     """One signature with its class.
@@ -29,6 +31,7 @@ class TrainingCase:
     subject: str | None = None
 
 
+@shown()
 @dataclass(frozen=True)
 class CaseFile:
     """A training case whose signature lies in a file, and is read where it is worked on.

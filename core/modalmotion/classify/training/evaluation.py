@@ -14,8 +14,10 @@ from modalmotion.classify.model.reliability import calibration_curve, calibratio
 from modalmotion.classify.training.cases import TrainingCase
 from modalmotion.classify.training.intervals import accuracy_interval
 from modalmotion.errors import ParameterError
+from modalmotion.representation import shown
 
 
+@shown("model", "n_cases", "accuracy", "accuracy_interval", "calibration_error", "coverage")
 @dataclass(frozen=True)
 class Evaluation:
     """What a test on labelled cases found; every field is JSON-able.

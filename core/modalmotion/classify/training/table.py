@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from modalmotion.classify.features import (
     Column,
     FeatureReader,
-    Motion,
+    MotionTerms,
     kind_of,
     mean_motion,
     powers_of,
@@ -56,7 +56,7 @@ class CaseTable:
         sha256 in hex of ids, labels and subjects, in any order.
     values : (cases, readings, features) float64
         About an axis; else empty.
-    motions : mapping of bool to tuple of Motion
+    motions : mapping of bool to tuple of MotionTerms
         Where modes are read as they are: as cycles, under True, and as courses.
     about_axis : (cases, 2) float64
         Size and smooth share of each motion, about an axis; else empty.
@@ -73,7 +73,7 @@ class CaseTable:
     hash: str
     values: NDArray[np.float64]
     about_axis: NDArray[np.float64]
-    motions: Mapping[bool, tuple[Motion, ...]]
+    motions: Mapping[bool, tuple[MotionTerms, ...]]
     notes: tuple[str, ...]
     _kept: dict[FeatureReader, NDArray[np.float64]] = field(default_factory=dict, repr=False)
 

@@ -12,15 +12,16 @@ from functools import partial
 from typing import Final
 
 from modalmotion.errors import LimitError, MalformedFileError
-from modalmotion.formats.frames.frames import FrameFile, Progress, read_frames
+from modalmotion.formats.frames.frames import FrameFile, read_frames
 from modalmotion.formats.frames.listing import list_frames
 from modalmotion.formats.frames.names import require_safe_name
 from modalmotion.formats.frames.series import write_series
 from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.ply.ply import write_ply
-from modalmotion.formats.result import ReadResult
+from modalmotion.formats.result import Reading
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.progress import Progress
 
 # Beside frames an archive may hold textures, notes and the like.
 _MEMBERS_PER_FRAME: Final = 4
@@ -42,7 +43,7 @@ _UNREADABLE: Final = (
 _NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
 
 
-def read_zip(data: bytes, parser: Parser, progress: Progress | None = None) -> ReadResult:
+def read_zip(data: bytes, parser: Parser, progress: Progress | None = None) -> Reading:
     """Read a sequence from a zip of frames.
 
     Frames come in the natural order of the numbers in their names, or as one .pvd or .series

@@ -6,10 +6,11 @@ from functools import partial
 from pathlib import Path
 
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.frames.frames import FrameFile, Progress, read_frames
+from modalmotion.formats.frames.frames import FrameFile, read_frames
 from modalmotion.formats.frames.listing import list_frames
 from modalmotion.formats.parser.answer import Parser
-from modalmotion.formats.result import ReadResult
+from modalmotion.formats.result import Reading
+from modalmotion.progress import Progress
 
 _WILD = frozenset("*?[")
 
@@ -19,7 +20,7 @@ def is_pattern(path: Path) -> bool:
     return bool(_WILD & set(path.name))
 
 
-def read_folder(path: Path, parser: Parser, progress: Progress | None = None) -> ReadResult:
+def read_folder(path: Path, parser: Parser, progress: Progress | None = None) -> Reading:
     """Read a sequence from the files in a folder, or from those that fit a pattern.
 
     Frames come in the natural order of the numbers in their names, or as one .pvd or .series

@@ -12,10 +12,11 @@ from modalmotion.errors import (
     NonFiniteError,
     ShapeError,
 )
+from modalmotion.facts import facts_from_texts
 from modalmotion.formats.detect import Format
 from modalmotion.formats.frames.frame import Frame
 from modalmotion.formats.frames.merge import MergeMap, merge_corners
-from modalmotion.formats.result import ReadResult
+from modalmotion.formats.result import Reading
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.frame_order import in_time_order
@@ -89,7 +90,7 @@ class FrameStack:
         self._vertices[number] = positions
         self._times.append(frame.stated("time"))
 
-    def result(self, times: tuple[float, ...] | None) -> ReadResult:
+    def result(self, times: tuple[float, ...] | None) -> Reading:
         """Put everything together, through the validator of all sequences."""
         first = self._first
         stated = [time for time in self._times if time is not None]
@@ -106,13 +107,14 @@ class FrameStack:
             topology=first.stated("topology"),
             times=ordered,
             unit=first.stated("unit"),
+            facts=facts_from_texts({"coordinates": first.stated("coordinate_system")}),
         )
         if self._merge is not None:
             notes.append(
                 f"STL holds no vertices: {len(self._merge.vertex_of)} corners that coincide in "
                 f"frame 0 became {len(self._merge.first)} vertices in all frames."
             )
-        return ReadResult(
+        return Reading(
             sequence,
             ignored=first.ignored,
             format=self._format.value,

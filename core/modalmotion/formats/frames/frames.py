@@ -10,10 +10,8 @@ from modalmotion.errors import InputError, MalformedFileError
 from modalmotion.formats.frames.frame_stack import FrameStack
 from modalmotion.formats.mesh_file import read_mesh
 from modalmotion.formats.parser.answer import Parser
-from modalmotion.formats.result import ReadResult
-
-Progress = Callable[[int, int], None]
-"""Called with the number of frames that were read, and of all of them."""
+from modalmotion.formats.result import Reading
+from modalmotion.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ def read_frames(
     parser: Parser,
     times: tuple[float, ...] | None = None,
     progress: Progress | None = None,
-) -> ReadResult:
+) -> Reading:
     """Read frames and put them together.
 
     Parameters

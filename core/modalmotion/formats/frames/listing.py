@@ -17,7 +17,7 @@ from modalmotion.formats.frames.names import (
     natural_key,
 )
 from modalmotion.formats.frames.series import read_series
-from modalmotion.formats.result import ReadResult
+from modalmotion.formats.result import Reading
 from modalmotion.limits import ReadLimits
 from modalmotion.numerals import counted
 
@@ -42,7 +42,7 @@ class Listing:
     others: tuple[str, ...]
     notes: tuple[str, ...]
 
-    def complete(self, result: ReadResult) -> ReadResult:
+    def complete(self, result: Reading) -> Reading:
         """Add to what was read of the frames what is known of their files."""
         return replace(
             result,

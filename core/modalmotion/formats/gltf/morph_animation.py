@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
 from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
 
 
+@shown("targets", "weights", "unit", "rms_left_out", "faces")
 @dataclass(frozen=True, eq=False)
 class MorphAnimation:
     """Positions over time as x(t) = R(t) (base + sum_i w_i(t) target_i) + T(t).

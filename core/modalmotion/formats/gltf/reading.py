@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, MalformedFileError
+from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.formats.gltf.channels import Channel, Key, read_channels
 from modalmotion.formats.gltf.container import REMEDY, Container, read_container
 from modalmotion.formats.gltf.meshes import MorphMesh, read_morph_mesh
 from modalmotion.formats.gltf.scene import MeshNode, mesh_nodes, transform_at
-from modalmotion.formats.result import ReadResult, Source
+from modalmotion.formats.result import Reading, Source
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.sequence import mesh_sequence
 
@@ -33,7 +34,7 @@ _MISSHAPEN: Final = (KeyError, IndexError, TypeError, ValueError, AttributeError
 
 def read_glb(
     data: bytes, limits: ReadLimits = DEFAULT_LIMITS, *, animation: str | None = None
-) -> ReadResult:
+) -> Reading:
     """Read a sequence from a binary glTF file.
 
     Parameters
@@ -45,7 +46,7 @@ def read_glb(
 
     Returns
     -------
-    ReadResult
+    Reading
         All meshes of the scene as one, in its order. The unit is the metre by the format's
         definition, unless the file is one of ours that states another.
 
@@ -73,7 +74,7 @@ def read_glb(
         ) from error
 
 
-def _read(container: Container, animation: str | None, limits: ReadLimits) -> ReadResult:
+def _read(container: Container, animation: str | None, limits: ReadLimits) -> Reading:
     _require_known_extensions(container.document.get("extensionsRequired", []))
     channels, others = read_channels(container, animation, limits)
     nodes = mesh_nodes(container)
@@ -104,10 +105,12 @@ def _read(container: Container, animation: str | None, limits: ReadLimits) -> Re
         topology=_text(ours, "topology"),
         times=times + float(start) if is_timed else None,
         unit=None if "unit_unknown" in ours else _text(ours, "unit") or "m",
+        # glTF 2.0, 3.4: "a right-handed coordinate system". Ours are written as they came.
+        facts=NO_FACTS if ours else Facts(handedness="right"),
     )
     ignored |= dict.fromkeys(f"animation {name}" for name in others)
     unit_from: Source = "file" if "unit" in ours else "format"
-    return ReadResult(
+    return Reading(
         sequence,
         ignored=tuple(ignored),
         format="glb",

@@ -32,6 +32,7 @@ def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
 
 
 def _parse_ours(data: bytes, limits: ReadLimits) -> Parsed:
+    from modalmotion.facts import facts_as_json
     from modalmotion.mesh.hdf5 import sequence_from_hdf5
 
     try:
@@ -49,6 +50,7 @@ def _parse_ours(data: bytes, limits: ReadLimits) -> Parsed:
         "unit": sequence.unit,
         "topology": None if sequence.topology is None else sequence.topology.name,
         "grid": sequence.grid,
+        "facts": facts_as_json(sequence.facts),
         "ignored": [],
         "notes": [],
     }

@@ -6,17 +6,17 @@ import contextlib
 import os
 import shutil
 import sqlite3
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from modalmotion.errors import ParameterError
+from modalmotion.progress import Progress
+from modalmotion.representation import shown
 from modalmotion.store.care.maintenance import existing_store
 from modalmotion.store.disk.atomic import cannot_write, is_temporary, temporary_beside
 
-Progress = Callable[[int, int], None]
 
-
+@shown()
 @dataclass(frozen=True)
 class BackupReport:
     """What a backup did.

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
-from modalmotion.store.care.recovery import Progress, Reconciliation, reconcile
+from modalmotion.progress import Progress
+from modalmotion.store.care.recovery import Reconciliation, reconcile
 from modalmotion.store.disk.atomic import remove_durably
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder

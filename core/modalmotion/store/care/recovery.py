@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +12,8 @@ from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
 from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
 from modalmotion.mesh.hdf5 import read_sequence
+from modalmotion.progress import Progress
+from modalmotion.representation import shown
 from modalmotion.store.deletion import finish_deletion
 from modalmotion.store.disk.atomic import remove_durably, write_atomic
 from modalmotion.store.folder import Folder, ResultName, Scan
@@ -22,10 +23,8 @@ from modalmotion.store.index.model_index import ModelIndex, put_models
 from modalmotion.store.model_deletion import deleted_record, finish_model_deletion
 from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
 
-Progress = Callable[[int, int], None]
-"""Called with the number of things done and of all things."""
 
-
+@shown()
 @dataclass(frozen=True)
 class Reconciliation:
     """What was found when index and folder were brought together.

@@ -14,9 +14,10 @@ from modalmotion.errors import StoreError
 from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.sealed import digest_of, load_sealed
 from modalmotion.mesh.hdf5 import read_sequence
+from modalmotion.progress import Progress
+from modalmotion.representation import shown
 from modalmotion.signature.hdf5 import read_signature
 from modalmotion.store.care.maintenance import existing_store
-from modalmotion.store.care.recovery import Progress
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder, ResultName, Scan
 from modalmotion.store.index.database import Database
@@ -27,6 +28,7 @@ from modalmotion.store.record import SequenceRecord, read_record
 from modalmotion.template.hdf5 import read_template
 
 
+@shown()
 @dataclass(frozen=True)
 class Fault:
     """One thing that is wrong.
@@ -42,6 +44,7 @@ class Fault:
     problem: str
 
 
+@shown("n_sequences", "n_results", "n_models", "n_bytes", "faults")
 @dataclass(frozen=True)
 class VerifyReport:
     """What a check of a store found.

@@ -1,4 +1,4 @@
-"""Many files made durable at once: the disk is waited for a few times, not for each of them."""
+"""Group commit: a few fsync waits for many files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from modalmotion.store.disk.atomic import cannot_write, temporary_beside
 _N_WAITING: Final = 4
 
 
-class FilesTogether:
+class GroupCommit:
     """Files that are written one by one, and are there together: wholly, or none of them.
 
     At the end of its block all of them are synchronised and then renamed; after an exception
@@ -59,24 +59,24 @@ class FilesTogether:
 
     def _finish(self) -> None:
         try:
-            sync_together(temporary for temporary, _ in self._written)
+            sync_paths(temporary for temporary, _ in self._written)
             for temporary, path in self._written:
                 temporary.replace(path)
         except OSError as error:
             raise cannot_write(self._written[0][1], error) from error
 
 
-def move_together(moves: Sequence[tuple[Path, Path]]) -> None:
+def move_files(moves: Sequence[tuple[Path, Path]]) -> None:
     """Rename durable files, each to its path, and make their new names durable; may raise OSError.
 
     A file that was moved before something failed stays where it is then.
     """
     for source, target in moves:
         source.replace(target)
-    sync_together(target.parent for _, target in moves)
+    sync_paths(target.parent for _, target in moves)
 
 
-def sync_together(paths: Iterable[Path]) -> None:
+def sync_paths(paths: Iterable[Path]) -> None:
     """Make files, or the names in folders, durable; may raise OSError."""
     different = list(dict.fromkeys(paths))
     if len(different) <= _N_WAITING:

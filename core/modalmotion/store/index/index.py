@@ -8,12 +8,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass
 from typing import Any
 
+from modalmotion.representation import shown
 from modalmotion.store.folder import ResultKind, ResultName
 from modalmotion.store.index.cursor import from_cursor, require_limit, to_cursor
 from modalmotion.store.index.database import Database
 from modalmotion.store.record import SequenceRecord
 
 
+@shown()
 @dataclass(frozen=True)
 class SequencePage:
     """Part of a list of sequences, newest first.

@@ -9,6 +9,7 @@ from enum import Enum, StrEnum
 from typing import Any, Final
 
 from modalmotion.errors import NotFoundError
+from modalmotion.representation import shown
 from modalmotion.store.index.cursor import from_cursor, now, require_limit, to_cursor
 from modalmotion.store.index.database import Database
 
@@ -32,6 +33,7 @@ class JobState(StrEnum):
     CANCELLED = "cancelled"
 
 
+@shown("kind", "state", "progress", "created", "id")
 @dataclass(frozen=True)
 class Job:
     """One row of the jobs' table.
@@ -66,6 +68,7 @@ class Job:
         return self.state not in (JobState.QUEUED, JobState.RUNNING)
 
 
+@shown()
 @dataclass(frozen=True)
 class JobPage:
     """Part of a list of jobs, newest first.

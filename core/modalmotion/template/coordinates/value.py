@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.modes.topology import Topology
+from modalmotion.representation import shown
 from modalmotion.template.landmarks import Landmarks
 
 
+@shown("topology", "values", "notes")
 @dataclass(frozen=True, eq=False)
 class Coordinates:
     """Natural coordinates of one surface.

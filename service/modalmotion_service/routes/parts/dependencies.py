@@ -15,7 +15,7 @@ from modalmotion_service.access.principal import principal_of
 from modalmotion_service.http.forms import received_form
 from modalmotion_service.http.preferences import Preference, parse_preference
 from modalmotion_service.http.timing import stage
-from modalmotion_service.workspace.spool import SpooledUpload
+from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
 
 # What a form's part is copied in.
@@ -58,7 +58,7 @@ async def get_preference(
     return parse_preference(prefer)
 
 
-async def receive_upload(request: Request, state: StateDependency) -> SpooledUpload:
+async def receive_upload(request: Request, state: StateDependency) -> SpoolFile:
     """Receive an upload into the spool: the raw body, or a form's part named "file".
 
     Raises
@@ -66,14 +66,14 @@ async def receive_upload(request: Request, state: StateDependency) -> SpooledUpl
     MalformedFileError
         If a form holds no such part.
     """
-    spooled = await _receive(request, state)
+    file = await _receive(request, state)
     # Handlers remove what they were given; one that is never called, for its query is not
     # valid, cannot.
-    request.state.remove_upload = spooled.remove
-    return spooled
+    request.state.remove_upload = file.remove
+    return file
 
 
-async def _receive(request: Request, state: State) -> SpooledUpload:
+async def _receive(request: Request, state: State) -> SpoolFile:
     # What an idempotency key stands for is compared by its hash; nothing else asks for one.
     hashed = "idempotency-key" in request.headers
     with stage("receive"):
@@ -99,4 +99,4 @@ async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:
 
 StoreDependency = Annotated[ResultStore, Depends(get_store)]
 PreferenceDependency = Annotated[Preference, Depends(get_preference)]
-UploadDependency = Annotated[SpooledUpload, Depends(receive_upload)]
+FileDependency = Annotated[SpoolFile, Depends(receive_upload)]

@@ -27,7 +27,7 @@ IdempotencyKey = Annotated[
 _KEPT_HEADERS = ("content-type", "location", "etag", "preference-applied")
 
 
-async def once(
+async def idempotent_answer(
     store: ResultStore,
     key: str | None,
     fingerprint: tuple[str, ...],

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import io
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from modalmotion.classify import Classification, Model, ModelCard, classify, load_model
-from modalmotion.formats import ReadOptions
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import model_from_hdf5, signature_from_hdf5
 from modalmotion_service.schemas import ReadingAnswer
-from modalmotion_service.work.tasks.files import read_upload
+from modalmotion_service.work.tasks.files import png_of
+from modalmotion_service.work.upload import Upload
 
 
 def name_class(signature: Path, model: Path | str, coverage: float) -> Classification:
@@ -26,25 +25,19 @@ def require_loads(model: Path | str) -> None:
 
 
 def classify_upload(
-    upload: Path,
-    options: ReadOptions,
-    parameters: SignatureParameters,
-    model: Path | str,
-    coverage: float,
+    upload: Upload, parameters: SignatureParameters, model: Path | str, coverage: float
 ) -> tuple[Classification, ReadingAnswer]:
     """Read an upload, fit it, and ask a model for the class of its motion."""
-    read = read_upload(upload, options)
-    signature = modal_signature(read.sequence, parameters)
-    return classify(signature, _loaded(model), coverage), ReadingAnswer.of(read)
+    reading = upload.read()
+    signature = modal_signature(reading.sequence, parameters)
+    return classify(signature, _loaded(model), coverage), ReadingAnswer.of(reading)
 
 
 def draw_card(card: dict[str, Any], title: str) -> bytes:
     """Draw the confusion matrix and the calibration curve of a card, as PNG."""
     from modalmotion.pictures.model_card import card_figure
 
-    buffer = io.BytesIO()
-    card_figure(ModelCard.from_json(card), title).savefig(buffer, format="png")
-    return buffer.getvalue()
+    return png_of(card_figure(ModelCard.from_json(card), title))
 
 
 # A file of a model never changes, and a version is never given twice.

@@ -5,27 +5,28 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalmotion.codec import decode, encode
-from modalmotion.formats import ReadLimits, ReadOptions, write_npz, write_raw, write_vtkhdf
+from modalmotion.formats import ReadLimits, write_npz, write_raw, write_vtkhdf
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.store import sequence_from_hdf5
 from modalmotion_service.http.negotiation import NPZ, RAW, VTKHDF
 from modalmotion_service.schemas import EncodedAnswer, EncodingTarget
 from modalmotion_service.work.task_progress import ProgressFile
-from modalmotion_service.work.tasks.files import read_upload, write_whole
+from modalmotion_service.work.tasks.files import write_whole
+from modalmotion_service.work.upload import Upload
 
 
 def encode_upload(
-    upload: Path, options: ReadOptions, asked: EncodingTarget, output: Path, progress: Path
+    upload: Upload, target: EncodingTarget, output: Path, progress: Path
 ) -> EncodedAnswer:
     """Read an upload and write it as a compressed stream; `progress` is a `ProgressFile`."""
-    return _encoded(read_upload(upload, options).sequence, asked, output, progress)
+    return _encoded(upload.read().sequence, target, output, progress)
 
 
 def encode_kept(
-    sequence: Path, asked: EncodingTarget, output: Path, progress: Path
+    sequence: Path, target: EncodingTarget, output: Path, progress: Path
 ) -> EncodedAnswer:
     """Write a kept sequence as a compressed stream; `progress` is a `ProgressFile`."""
-    return _encoded(sequence_from_hdf5(sequence), asked, output, progress)
+    return _encoded(sequence_from_hdf5(sequence), target, output, progress)
 
 
 def decode_upload(
@@ -38,14 +39,14 @@ def decode_upload(
 
 
 def _encoded(
-    sequence: MeshSequence, asked: EncodingTarget, output: Path, progress: Path
+    sequence: MeshSequence, target: EncodingTarget, output: Path, progress: Path
 ) -> EncodedAnswer:
     found = encode(
         sequence,
-        rms=asked.rms,
-        max_error=asked.max_error,
-        n_bytes=asked.bytes,
-        effort=asked.effort,
+        rms=target.rms,
+        max_error=target.max_error,
+        n_bytes=target.bytes,
+        effort=target.effort,
         progress=ProgressFile(progress).write,
     )
     write_whole(output, found.data)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from modalmotion.tradeoff import measure_tradeoff
 from modalmotion.tradeoff.plain import as_plain
 from modalmotion_service.http.negotiation import PNG
 from modalmotion_service.schemas import ReadoutsAnswer, TradeoffAnswer
-from modalmotion_service.work.tasks.files import whole_file, write_whole
+from modalmotion_service.work.tasks.files import png_of, whole_file, write_whole
 
 
 def read_out(sequence: Path, signature: Path, template: Path | None, as_picture: bool) -> bytes:
@@ -29,9 +28,7 @@ def read_out(sequence: Path, signature: Path, template: Path | None, as_picture:
     )
     if not as_picture:
         return ReadoutsAnswer.of(found).model_dump_json().encode()
-    buffer = io.BytesIO()
-    volume_figure(found).savefig(buffer, format="png")
-    return buffer.getvalue()
+    return png_of(volume_figure(found))
 
 
 def measure_trade(

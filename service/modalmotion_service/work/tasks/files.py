@@ -1,18 +1,21 @@
-"""What all tasks do with files: read an upload, a template; write a whole file."""
+"""What all tasks do with files: load a template, draw a figure, write a whole file."""
 
 from __future__ import annotations
 
+import io
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from modalmotion.fit.cache import TemplateCache
-from modalmotion.formats import ParserHere, ReadOptions, ReadResult, read_sequence
 from modalmotion.store import template_from_hdf5
 from modalmotion.template import Template
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Templates and factored modes that a worker holds on to, each.
 _KEPT_BYTES: Final = 32_000_000
@@ -36,16 +39,11 @@ def write_whole(path: Path, data: bytes) -> None:
         temporary.write_bytes(data)
 
 
-def read_upload(upload: Path, options: ReadOptions) -> ReadResult:
-    """Read an upload as its options say.
-
-    Raises
-    ------
-    InputError
-        If it is not understood, or beyond a limit.
-    """
-    # This process may be lost and is limited from outside: parsers need none of their own.
-    return read_sequence(upload.read_bytes(), options, parser=ParserHere(options.limits))
+def png_of(figure: Figure) -> bytes:
+    """Draw a figure as PNG."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
 
 
 def named_template(template: Path | None) -> Template | None:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
-from modalmotion.formats import ReadOptions
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import SequenceRecord, record_of, sequence_to_hdf5
 from modalmotion_service.schemas import ReadingAnswer
-from modalmotion_service.work.tasks.files import read_upload, write_whole
+from modalmotion_service.work.tasks.files import write_whole
+from modalmotion_service.work.upload import Upload
 
 
-@dataclass(frozen=True)
-class Ingested:
-    """An upload that was understood.
+def ingest(upload: Upload, image: Path) -> tuple[SequenceRecord, ReadingAnswer, dict[str, float]]:
+    """Read an upload, check it, and write it as a sequence's HDF5 image.
 
-    Parameters
-    ----------
+    Returns
+    -------
     record : SequenceRecord
         Of the sequence; whose it is and when it came is for the server to say.
     reading : ReadingAnswer
@@ -25,18 +23,10 @@ class Ingested:
     milliseconds : dict
         By stage.
     """
-
-    record: SequenceRecord
-    reading: ReadingAnswer
-    milliseconds: dict[str, float]
-
-
-def ingest(upload: Path, options: ReadOptions, image: Path) -> Ingested:
-    """Read an upload, check it, and write it as a sequence's HDF5 image."""
     watch = Stopwatch()
     with watch.stage("read"):
-        read = read_upload(upload, options)
+        reading = upload.read()
     with watch.stage("image"):
-        record = record_of(read.sequence, created="", has_upload=True)
-        write_whole(image, sequence_to_hdf5(read.sequence))
-    return Ingested(record, ReadingAnswer.of(read), watch.milliseconds)
+        record = record_of(reading.sequence, created="", has_upload=True)
+        write_whole(image, sequence_to_hdf5(reading.sequence))
+    return record, ReadingAnswer.of(reading), watch.milliseconds

@@ -9,7 +9,6 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.exports.signature_pack import write_pack
-from modalmotion.formats import ReadOptions
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.comparison import Comparison, compare
@@ -26,10 +25,11 @@ from modalmotion_service.schemas import SignatureAnswer
 from modalmotion_service.work.tasks.files import (
     cache_for,
     named_template,
-    read_upload,
+    png_of,
     whole_file,
     write_whole,
 )
+from modalmotion_service.work.upload import Upload
 
 
 def sign(
@@ -48,16 +48,12 @@ def sign(
 
 
 def sign_upload(
-    upload: Path,
-    options: ReadOptions,
-    parameters: SignatureParameters,
-    template: Path | None,
-    media_type: str,
+    upload: Upload, parameters: SignatureParameters, template: Path | None, media_type: str
 ) -> tuple[bytes, dict[str, float]]:
     """Fit an upload and write its signature out; gives milliseconds by stage besides."""
     watch = Stopwatch()
     with watch.stage("read"):
-        sequence = read_upload(upload, options).sequence
+        sequence = upload.read().sequence
         named = named_template(template)
     with watch.stage("fit"):
         signature = modal_signature(sequence, parameters, template=named, cache=cache_for(named))
@@ -121,9 +117,7 @@ def _as_npz(signature: ModalSignature) -> bytes:
 def _as_png(signature: ModalSignature, sequence: MeshSequence) -> bytes:
     from modalmotion.pictures.signature import signature_figure
 
-    buffer = io.BytesIO()
-    signature_figure(sequence, signature).savefig(buffer, format="png")
-    return buffer.getvalue()
+    return png_of(signature_figure(sequence, signature))
 
 
 def _as_raw(signature: ModalSignature) -> bytes:

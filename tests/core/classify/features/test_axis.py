@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from slow_features import slow_axis_features
 
-from modalmotion.classify.features import READINGS, MotionFeatures, Reading, axis_features
+from modalmotion.classify.features import READINGS, AxisReading, MotionFeatures, axis_features
 from modalmotion.classify.features.temporal import one_turn
 from modalmotion.errors import ModeCountError, ParameterError, ShapeError, TopologyError
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
@@ -28,7 +28,7 @@ INDIVIDUAL = VentricleParameters(
 
 
 def motion_features(
-    signature: ModalSignature, reading: Reading = READINGS[0], *, walls: bool = False
+    signature: ModalSignature, reading: AxisReading = READINGS[0], *, walls: bool = False
 ) -> MotionFeatures:
     """Features in one reading, (features,)."""
     found = axis_features(signature, walls=walls)
@@ -142,8 +142,8 @@ def test_columns_that_run_the_other_way_are_the_mirrored_reading() -> None:
     a, b = modal_signature(sequence), modal_signature(other)
     for inverted in (False, True):
         assert_same(
-            motion_features(a, Reading(False, inverted)),
-            motion_features(b, Reading(True, inverted)),
+            motion_features(a, AxisReading(False, inverted)),
+            motion_features(b, AxisReading(True, inverted)),
             atol=1e-6,
         )
     assert not np.allclose(motion_features(a).values, motion_features(b).values, atol=0.1)

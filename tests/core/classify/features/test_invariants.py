@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modalmotion.classify.features import FeatureReader, Motion, motion_of
+from modalmotion.classify.features import FeatureReader, MotionTerms, motion_of
 from modalmotion.classify.features.invariants import Waves, invariant_columns, invariants, waves_of
 from modalmotion.classify.features.summary import summary, summary_columns
 from modalmotion.mesh.sequence import mesh_sequence
@@ -172,7 +172,7 @@ def test_features_without_names_are_the_same(rng: np.random.Generator) -> None:
     for reader in READERS:
         motion = motion_of(signature, reader)
         jitter = rng.standard_normal(motion.terms.shape)
-        moved = Motion(motion.terms + jitter, motion.size, motion.smooth_share)
+        moved = MotionTerms(motion.terms + jitter, motion.size, motion.smooth_share)
         waves = reader.waves(signature)
         found = reader.of(signature, moved)
         assert np.array_equal(found.values[0], reader.values(waves, moved))

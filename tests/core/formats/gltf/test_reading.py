@@ -12,6 +12,7 @@ import pytest
 from format_samples import FACES, N_VERTICES, TIMES, VERTICES, edited_glb
 from numpy.typing import NDArray
 
+from modalmotion import Facts
 from modalmotion.errors import (
     InputError,
     LimitError,
@@ -112,6 +113,7 @@ def test_primitives_parents_sparse_and_normalised_numbers_are_read() -> None:
     assert np.allclose(read.sequence.vertices, expected, atol=1e-12)
     assert np.array_equal(read.sequence.faces, FACES)
     assert (read.sequence.unit, read.unit_from, read.coordinate_system) == ("m", "format", "Y up")
+    assert read.sequence.facts == Facts(handedness="right")
 
 
 def test_a_matrix_and_a_parent_that_moves_are_applied() -> None:

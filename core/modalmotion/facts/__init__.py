@@ -1,0 +1,23 @@
+"""What a sender states of a sequence beside its arrays."""
+
+from modalmotion.facts.facts import NAMES, NO_FACTS, UNKNOWN, WORDS, Facts
+from modalmotion.facts.json_form import facts_as_json, facts_from_json, facts_patched
+from modalmotion.facts.named import Named
+from modalmotion.facts.places import Corners, Place
+from modalmotion.facts.texts import facts_from_texts, is_fact
+
+__all__ = [
+    "NAMES",
+    "NO_FACTS",
+    "UNKNOWN",
+    "WORDS",
+    "Corners",
+    "Facts",
+    "Named",
+    "Place",
+    "facts_as_json",
+    "facts_from_json",
+    "facts_from_texts",
+    "facts_patched",
+    "is_fact",
+]

@@ -1,0 +1,68 @@
+"""Values in one line, as a prompt or a log shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sized
+from dataclasses import Field
+from enum import Enum
+from operator import attrgetter
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+T = TypeVar("T")
+
+LONGEST_LINE: Final = 120
+# Of one attribute; a longer one is shown by its type and size, a text by its start.
+_LONGEST: Final = 40
+_START: Final = 12
+
+
+def shown(*names: str) -> Callable[[type[T]], type[T]]:
+    """Decorate a class whose values are represented by these attributes, in one line.
+
+    The line has at most 120 characters and ends with an ellipsis where that is too few, so the
+    essentials come first. Arrays are shown by type and shape, ids by their start.
+
+    Parameters
+    ----------
+    names : str
+        Attributes, a dot reaching into one; by default all fields that a dataclass shows.
+    """
+
+    def decorate(kind: type[T]) -> type[T]:
+        def represent(value: Any) -> str:
+            parts = (f"{name}={_brief(attrgetter(name)(value))}" for name in names or _fields(kind))
+            line = f"{kind.__name__}({', '.join(parts)})"
+            return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE - 4]}...)"
+
+        kind.__repr__ = represent  # type: ignore[method-assign]
+        return kind
+
+    return decorate
+
+
+def _fields(kind: type) -> list[str]:
+    fields: dict[str, Field[Any]] = getattr(kind, "__dataclass_fields__", {})
+    return [name for name, field in fields.items() if field.repr]
+
+
+def _brief(value: object) -> str:
+    kind = type(value)
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype}{list(value.shape)}"
+    if isinstance(value, float | np.floating):
+        return f"{value:.4g}"
+    if isinstance(value, Enum):
+        return repr(value.value)
+    if isinstance(value, str):
+        return repr(value) if len(value) <= _LONGEST else f"{value[:_START]!r}..."
+    if kind.__module__.startswith("modalmotion") and "__str__" in vars(kind):
+        return str(value)
+    if isinstance(value, tuple) and len(value) <= _START:
+        text = f"({', '.join(map(_brief, value))})"
+    else:
+        text = "" if isinstance(value, bytes) else repr(value)
+    if text and len(text) <= _LONGEST and "\n" not in text:
+        return text
+    return f"{kind.__name__}[{len(value)}]" if isinstance(value, Sized) else f"{kind.__name__}(...)"

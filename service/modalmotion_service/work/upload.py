@@ -1,0 +1,34 @@
+"""An upload: a file that was sent, and what its sender says of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from modalmotion.formats import ParserHere, Reading, ReadOptions, read_sequence
+
+
+@dataclass(frozen=True)
+class Upload:
+    """A file that was sent, and what its sender says of it.
+
+    Parameters
+    ----------
+    path : Path
+    options : ReadOptions
+    """
+
+    path: Path
+    options: ReadOptions
+
+    def read(self) -> Reading:
+        """Read it, in a worker.
+
+        Raises
+        ------
+        InputError
+            If it is not understood, or beyond a limit.
+        """
+        # This process may be lost and is limited from outside: parsers need none of their own.
+        parser = ParserHere(self.options.limits)
+        return read_sequence(self.path.read_bytes(), self.options, parser=parser)
