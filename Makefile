@@ -33,7 +33,7 @@ serve: $(VENV)/.run
 	$(BIN)/modalmotion serve
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -m "not soak"
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not soak"
 
 check: $(VENV)/.dev
 	$(BIN)/ruff format --check .

@@ -15,12 +15,12 @@ import numpy as np
 from measure import Table, in_words, side_by_side
 from numpy.typing import NDArray
 
-from modalmotion.classify import TrainingCase, TrainingOptions, classify, evaluate, train
-from modalmotion.classify.estimators.estimator import MotionClassifier
-from modalmotion.classify.features import axis_features
-from modalmotion.classify.model.reliability import calibration_curve, calibration_error
-from modalmotion.classify.training.fold_fit import fit_rows
-from modalmotion.classify.training.table import collect
+from modalmotion.classification import TrainingCase, TrainingOptions, classify, evaluate, train
+from modalmotion.classification.estimators.estimator import MotionClassifier
+from modalmotion.classification.features import axis_features
+from modalmotion.classification.model.reliability import calibration_curve, calibration_error
+from modalmotion.classification.training.fold_fit import fit_rows
+from modalmotion.classification.training.table import collect
 from modalmotion.formats import read_sequence
 from modalmotion.mesh import Cavity, lattice_faces
 from modalmotion.mesh.sequence import MeshSequence

@@ -17,10 +17,10 @@ from measure import Table, in_words
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from modalmotion.classify import TrainingCase, classify, train
-from modalmotion.classify.estimators.estimator import MotionClassifier
-from modalmotion.classify.features import surface_size
-from modalmotion.classify.training.intervals import accuracy_interval
+from modalmotion.classification import TrainingCase, classify, train
+from modalmotion.classification.estimators.estimator import MotionClassifier
+from modalmotion.classification.features import surface_size
+from modalmotion.classification.training.intervals import accuracy_interval
 from modalmotion.formats import read_sequence
 from modalmotion.signature.distance import resample_to_phase
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature

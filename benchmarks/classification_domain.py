@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 from measure import Table
 
-from modalmotion.classify import classify, load_model
-from modalmotion.classify.training.train_shipped import held_out_cases
+from modalmotion.classification import classify, load_model
+from modalmotion.classification.training.train_shipped import held_out_cases
 from modalmotion.formats import read_sequence
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, modal_signature

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from measure import Table
 
-from modalmotion.classify import load_model
+from modalmotion.classification import load_model
 from modalmotion.simulate import MotionClass
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))

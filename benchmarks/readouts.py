@@ -12,7 +12,7 @@ from measure import Table, in_words, side_by_side
 from numpy.typing import NDArray
 
 from modalmotion.clinical import ClinicalReadouts, clinical_readouts
-from modalmotion.fit.basis import basis_of
+from modalmotion.fit.basis import make_basis
 from modalmotion.formats import read_npz
 from modalmotion.mesh import Cavity, cavity_of
 from modalmotion.mesh.sequence import MeshSequence
@@ -153,7 +153,7 @@ def first_order_bound(
     remainder of second order, with which alone it would be a bound, is left out.
     """
     template = fitted_on(signature, sequence)
-    basis = basis_of(signature.modes, template)
+    basis = make_basis(template, signature.modes)
     x = reconstruct(signature, sequence, [frame])[0]
     turned = signature.rotations.matrices[frame]
     W = template.weights

@@ -9,13 +9,16 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from displaced import displaced
 from measure import Table, in_words, side_by_side
 from numpy.typing import NDArray
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import eigsh
 
+from modalmotion.choice.fitter import Fitter
+from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.fit.basis import make_basis
-from modalmotion.fit.fit import displacement_blocks, fit_sequence, project
+from modalmotion.fit.fit import project
 from modalmotion.mesh import cotangent_laplacian, vertex_areas
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature.distance import signature_distance
@@ -133,19 +136,17 @@ def fitting() -> Table:
     sequence = simulate_ventricle(n_vertices=4000, rng=np.random.default_rng(0))
     template = make_template(sequence)
     basis = make_basis(template, choose_modes(template, 7).modes)
-    parts = displacement_blocks(sequence, template.weights, reference=0, remove_rotation=True)
-    u, _, _ = next(parts)
+    u = next(Fitter.of(sequence, template).displacements.blocks()).u.transpose(0, 2, 1)
     array = np.ascontiguousarray(u)
     narrow = mesh_sequence(sequence.vertices.astype(np.float32), sequence.faces)
+    local = SignatureParameters(components=Components.CYLINDRICAL)
     calls: dict[str, Callable[[], object]] = {
         "copy": array.copy,
         "amplitudes": lambda: project(basis, u),
         "amplitudes, vertex by vertex in memory": lambda: project(basis, array),
-        "fit": lambda: fit_sequence(sequence, template, basis),
-        "fit of float32": lambda: fit_sequence(narrow, template, basis),
-        "fit of cylindrical components": lambda: fit_sequence(
-            sequence, template, basis, components=Components.CYLINDRICAL
-        ),
+        "fit": lambda: Fitter.of(sequence, template).fit(basis),
+        "fit of float32": lambda: Fitter.of(narrow, template).fit(basis),
+        "fit of cylindrical components": lambda: Fitter.of(sequence, template, local).fit(basis),
     }
     bounds = {"amplitudes": 5.0, "fit": 60.0, "fit of float32": 60.0}
     times = side_by_side(calls, n_samples=60)
@@ -180,14 +181,13 @@ def _left(
 ) -> float:
     template = make_template(sequence, closed_form=closed_form)
     basis = make_basis(template, choose_modes(template, n_modes).modes)
-    fit = fit_sequence(sequence, template, basis, components=components)
+    fit = Fitter.of(sequence, template, SignatureParameters(components=components)).fit(basis)
     return float(np.sqrt((fit.rms_errors**2).mean()))
 
 
 def _left_by_beltrami(sequence: MeshSequence, n_modes: int) -> float:
     template = make_template(sequence, closed_form=False)
-    parts = displacement_blocks(sequence, template.weights, reference=0, remove_rotation=True)
-    u = np.concatenate([block * scale for block, _, scale in parts])
+    u = displaced(sequence, template.weights)
     shapes = beltrami_modes(sequence, n_modes) * np.sqrt(_areas(sequence))[:, None]
     weighted = u * np.sqrt(template.weights)[:, None]
     residual = weighted - np.einsum(
@@ -213,6 +213,6 @@ def beltrami_modes(sequence: MeshSequence, n_modes: int) -> Floats:
 def _described(sequence: MeshSequence, n_modes: int) -> Floats:
     template: Template = make_template(sequence)
     basis = make_basis(template, choose_modes(template, n_modes).modes)
-    amplitudes = fit_sequence(sequence, template, basis).amplitudes
+    amplitudes = Fitter.of(sequence, template).fit(basis).amplitudes
     assert template.landmarks is not None
     return in_body_frame(amplitudes, template.landmarks)

@@ -13,9 +13,9 @@ from tradeoff_bases import BELTRAMI, CLOSED, PCA, ROOT, SPRINGS, Front, fronts, 
 from tradeoff_report import Report, write
 from tradeoff_sizes import N_MODES, ORDER, Cost, costs, of_modes, of_types
 
+from modalmotion.choice.fitter import Fitter
 from modalmotion.clinical import clinical_readouts
 from modalmotion.fit.basis import make_basis
-from modalmotion.fit.fit import fit_sequence
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature.making import SignatureParameters, modal_signature
@@ -113,7 +113,7 @@ def stages() -> Table:
         "natural coordinates (once for a mesh)": partial(make_template, sequence),
         "evaluate and factor 7 modes (once for a mesh)": partial(make_basis, template, chosen),
         "fit 25 frames, with rotations and errors": partial(
-            fit_sequence, sequence, template, basis
+            Fitter.of(sequence, template).fit, basis
         ),
         "write the HDF5 result": partial(signature_to_hdf5, signature),
         "volume and ejection fraction, if asked for": partial(

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from displaced import displaced
 from numpy.typing import NDArray
 from templates import beltrami_modes
 
-from modalmotion.fit.fit import displacement_blocks
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.spring_modes import spring_modes
-from modalmotion.modes import lowest_modes, shapes_at, whole_count
+from modalmotion.modes import lowest_modes, whole_count
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.template import make_template
 
@@ -56,15 +56,14 @@ class Front:
 def fronts(sequence: MeshSequence, most: int = MOST_MODES) -> dict[str, Front]:
     """Measure every basis that a sequence has, against the same displacements and weights."""
     template = make_template(sequence)
-    parts = displacement_blocks(sequence, template.weights, reference=0, remove_rotation=True)
-    u = np.concatenate([block * scale for block, _, scale in parts])
+    u = displaced(sequence, template.weights)
     most = min(most, sequence.n_vertices // 4)
     whole = whole_count(template.topology, most, sequence.grid)
     modes = lowest_modes(template.topology, whole, sequence.grid)
     counts = sorted({whole_count(template.topology, k, sequence.grid) for k in range(1, most + 1)})
     n_frames, weights = len(u), template.weights
     motion = float(np.sqrt(np.einsum("n,fnd->f", weights, u * u).mean()))
-    closed = left_by(shapes_at(modes, template.coordinates), u, weights)
+    closed = left_by(modes.shapes_on(template), u, weights)
     found = {CLOSED: _front(closed, np.array(counts), n_frames, motion)}
     ranks = np.arange(1, most + 1)
     if len(template.faces):

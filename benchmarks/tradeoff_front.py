@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 from measure import Table, in_words, side_by_side
 
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.noise_level import measure_noise
 from modalmotion.fit.basis import make_basis
-from modalmotion.fit.fit import fit_sequence
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.pictures.tradeoff import tradeoff_figure
 from modalmotion.signature.making import SignatureParameters, modal_signature
@@ -42,7 +42,7 @@ def _front_cost(beat: MeshSequence) -> Table:
 
     def fit() -> object:
         modes = choose_modes(make_template(beat), largest, beat.grid).modes
-        return fit_sequence(beat, template, make_basis(template, modes))
+        return Fitter.of(beat, template).fit(make_basis(template, modes))
 
     times = side_by_side(
         {"front": lambda: measure_front(beat, asked, components=only), "fit": fit}, n_samples=10
@@ -68,7 +68,7 @@ def _auto() -> Table:
                 noisy = _ventricle(size, noise, seed)
                 clean = _ventricle(size, 0.0, seed)
                 asked = SignatureParameters(auto=True)
-                sigma = measure_noise(noisy, make_template(noisy), asked).sigma
+                sigma = measure_noise(Fitter.of(noisy, make_template(noisy), asked)).sigma
                 off.append(abs(sigma - noise) / (noise or 1.0))
                 ratios = _over_best(noisy, clean)
                 placed.append(ratios[0])

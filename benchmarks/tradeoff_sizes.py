@@ -22,12 +22,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from displaced import displaced
 from lattice import peak_megabytes
 from templates import beltrami_modes
 from tradeoff_bases import BELTRAMI, CLOSED, PCA, ROOT, SPRINGS
 
+from modalmotion.choice.fitter import Fitter
 from modalmotion.fit.basis import make_basis
-from modalmotion.fit.fit import displacement_blocks, fit_sequence
 from modalmotion.mesh import vertex_areas
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.spring_modes import spring_modes
@@ -165,7 +166,7 @@ def _measure_once(name: str, sequence: MeshSequence, n_modes: int) -> Cost:
         stage("coordinates")
         basis = make_basis(template, choose_modes(template, n_modes, sequence.grid).modes)
         stage("modes")
-        fit = fit_sequence(sequence, template, basis)
+        fit = Fitter.of(sequence, template).fit(basis)
         stage("fit")
         rms = float(np.sqrt((fit.rms_errors**2).mean()))
     else:
@@ -192,20 +193,16 @@ def _by_own_basis(
         return rms
     Q, _ = np.linalg.qr(root * shapes)
     left = 0.0
-    for block, _, scale in displacement_blocks(
-        sequence, weights, reference=0, remove_rotation=True
-    ):
-        weighted = root * block * scale
-        for frame in weighted:
-            left += float(((frame - Q @ (Q.T @ frame)) ** 2).sum())
+    for frame in displaced(sequence, weights):
+        weighted = root * frame
+        left += float(((weighted - Q @ (Q.T @ weighted)) ** 2).sum())
     stage("fit")
     return float(np.sqrt(left / sequence.n_frames))
 
 
 def _covariance(sequence: MeshSequence, weights: np.ndarray) -> tuple[float, np.ndarray]:
     """Squares by principal component, by the matrix between frames, a slice at a time."""
-    parts = displacement_blocks(sequence, weights, reference=0, remove_rotation=True)
-    frames = np.concatenate([block * scale for block, _, scale in parts])
+    frames = displaced(sequence, weights)
     gram = np.zeros((len(frames),) * 2)
     for i in range(0, sequence.n_vertices, 20_000):
         part = frames[:, i : i + 20_000] * np.sqrt(weights[i : i + 20_000])[:, None]

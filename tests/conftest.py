@@ -66,8 +66,28 @@ def real_sequence(real_data: Path) -> Callable[[str], MeshSequence]:
     return lambda name: read_npz((real_data / f"{name}.npz").read_bytes()).sequence
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give long counts the time they need: the limit of all others is for tests that hang."""
+    """Give long counts their time; keep what shares a costly fixture in one process.
+
+    A file's tests stay together (`--dist loadgroup`), so that what it makes is made once; so do
+    all files that use the tests' cluster, and all that use the trained service.
+    """
+    groups: dict[Path, str] = {}
     for item in items:
+        used = set(getattr(item, "fixturenames", ()))
+        for group, fixtures in _SHARED.items():
+            if used & fixtures:
+                groups.setdefault(item.path, group)
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group(groups.get(item.path, item.location[0])))
+        # The limit of all others is for tests that hang.
         if item.get_closest_marker("soak") and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(3600))
+
+
+# Fixtures of a session that take seconds.
+_SHARED = {
+    "cluster": {"dask_cluster", "engine_client"},
+    "trained": {"trained"},
+}

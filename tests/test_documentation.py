@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -63,6 +64,30 @@ def run_the_readmes_python(service: RunningService) -> None:
     assert n_compared == 3
 
 
+def test_the_table_of_extras_is_that_of_the_project() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    named = re.findall(r"^\| `(\w+)` \|", (ROOT / "README.md").read_text(), flags=re.MULTILINE)
+    assert sorted(named) == sorted(project["optional-dependencies"])
+
+
+def test_ten_questions_lead_to_their_files() -> None:
+    rows = re.findall(
+        r"^\| (.+\?) \| `([\w/.]+)` \| `(.+)` \|$",
+        (ROOT / "CONTRIBUTING.md").read_text(),
+        flags=re.MULTILINE,
+    )
+    assert len(rows) == 10
+    for question, path, words in rows:
+        assert words in (ROOT / path).read_text(), question
+
+
+def test_the_changelog_is_in_areas_of_short_bullets() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text()
+    assert text.index("## Unreleased") < text.index("### ")
+    for bullet in re.findall(r"^- .*(?:\n  .*)*", text, flags=re.MULTILINE):
+        assert bullet.count("\n") < 3, bullet
+
+
 @pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md"])
 def test_documented_make_targets_exist(document: str) -> None:
     makefile = (ROOT / "Makefile").read_text()
@@ -92,7 +117,7 @@ def test_the_readmes_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     n_run = 0
     try:
         for command in commands("README.md"):
-            if command.startswith("make "):
+            if command.startswith(("make ", "pip ")):
                 continue
             if command == "modalmotion serve &":
                 service.start()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import json
 import re
@@ -14,6 +15,8 @@ import click
 import pytest
 import yaml
 from project import ROOT
+
+import modalmotion
 
 
 def tracked_files() -> list[Path]:
@@ -69,10 +72,28 @@ def test_every_command_of_the_list_is_one_and_is_described() -> None:
 @pytest.mark.parametrize("package", ["modalmotion", "modalmotion_service"])
 def test_public_names_are_a_sorted_list_of_what_exists(package: str) -> None:
     module = importlib.import_module(package)
-    order = sorted(module.__all__, key=lambda n: (not n.isupper(), n.islower(), n))
-    assert module.__all__ == order
+    assert module.__all__ == sorted(module.__all__)
+    assert dir(module) == module.__all__ or package != "modalmotion"
     for name in module.__all__:
         assert getattr(module, name).__doc__ or name.isupper()
+
+
+def test_each_public_name_is_said_once() -> None:
+    path = ROOT / "core" / "modalmotion" / "__init__.py"
+    lists = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.If)]
+    said = [
+        (alias.name, alias.asname)
+        for node in ast.walk(lists[0])
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    ]
+    assert len(lists) == 1
+    # `as` the same name is how type checkers are told that it is handed out.
+    assert all(name == as_name for name, as_name in said)
+    assert sorted(name for name, _ in said) == modalmotion.__all__
+    for name, _ in said:
+        assert len(re.findall(rf"\b{name}\b", path.read_text())) == 2, name
+    assert {"read_sequence", "classify", "load_model"} <= set(modalmotion.__all__)
 
 
 def test_no_file_names_a_registry_or_a_path_of_a_machine() -> None:

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 import modalmotion as mm
-from modalmotion.classify import classify
+from modalmotion.classification import classify
 from modalmotion.codec import decode, encode
 
 N_SIMULATED = 20

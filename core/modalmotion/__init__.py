@@ -1,168 +1,84 @@
 """Modal signatures and classes of nonrigid motion, from closed-form lattice modes."""
 
+import re
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from modalmotion.errors import (
-    ConnectivityError,
-    CorruptFileError,
-    InputError,
-    LimitError,
-    MalformedFileError,
-    ModalMotionError,
-    ModeCountError,
-    NonFiniteError,
-    NotFoundError,
-    ParameterError,
-    ShapeError,
-    StoreError,
-    ToleranceError,
-    TopologyError,
-)
-
+# The public list: each name once, with its home. Type checkers read it as it stands, `_HOMES`
+# is made from its text. A name is imported when it is first used: all at once take most of a
+# second, and much of what needs this package (a client, the help of a command) needs few.
 if TYPE_CHECKING:
-    from modalmotion.clinical import ClinicalReadouts, clinical_readouts
-    from modalmotion.facts import Facts
-    from modalmotion.formats import ReadLimits, read_npz, write_npz
-    from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-    from modalmotion.modes import ModeLabel, ModeSet, lowest_modes, whole_count
-    from modalmotion.modes.lattice import Lattice
-    from modalmotion.modes.topology import (
-        CLOSED_CURVE,
-        CUP,
-        CYLINDER,
-        OPEN_CURVE,
-        PLANE,
-        SPHERE,
-        TORUS,
-        End,
-        Topology,
-    )
-    from modalmotion.modes.transform import project, project_all, superpose, superpose_all
-    from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
-    from modalmotion.signature.reconstruction import reconstruct
-    from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
-    from modalmotion.template import Template, Weights, make_template
+    from modalmotion.classification import classify as classify
+    from modalmotion.classification import load_model as load_model
+    from modalmotion.clinical import ClinicalReadouts as ClinicalReadouts
+    from modalmotion.clinical import clinical_readouts as clinical_readouts
+    from modalmotion.errors import ConnectivityError as ConnectivityError
+    from modalmotion.errors import CorruptFileError as CorruptFileError
+    from modalmotion.errors import InputError as InputError
+    from modalmotion.errors import LimitError as LimitError
+    from modalmotion.errors import MalformedFileError as MalformedFileError
+    from modalmotion.errors import ModalMotionError as ModalMotionError
+    from modalmotion.errors import ModeCountError as ModeCountError
+    from modalmotion.errors import NonFiniteError as NonFiniteError
+    from modalmotion.errors import NotFoundError as NotFoundError
+    from modalmotion.errors import ParameterError as ParameterError
+    from modalmotion.errors import ShapeError as ShapeError
+    from modalmotion.errors import StoreError as StoreError
+    from modalmotion.errors import ToleranceError as ToleranceError
+    from modalmotion.errors import TopologyError as TopologyError
+    from modalmotion.facts import Facts as Facts
+    from modalmotion.formats import ReadLimits as ReadLimits
+    from modalmotion.formats import read_npz as read_npz
+    from modalmotion.formats import read_sequence as read_sequence
+    from modalmotion.formats import write_npz as write_npz
+    from modalmotion.mesh.sequence import MeshSequence as MeshSequence
+    from modalmotion.mesh.sequence import mesh_sequence as mesh_sequence
+    from modalmotion.modes import ModeLabel as ModeLabel
+    from modalmotion.modes import ModeSet as ModeSet
+    from modalmotion.modes import lowest_modes as lowest_modes
+    from modalmotion.modes import whole_count as whole_count
+    from modalmotion.modes.lattice import Lattice as Lattice
+    from modalmotion.modes.topology import CLOSED_CURVE as CLOSED_CURVE
+    from modalmotion.modes.topology import CUP as CUP
+    from modalmotion.modes.topology import CYLINDER as CYLINDER
+    from modalmotion.modes.topology import OPEN_CURVE as OPEN_CURVE
+    from modalmotion.modes.topology import PLANE as PLANE
+    from modalmotion.modes.topology import SPHERE as SPHERE
+    from modalmotion.modes.topology import TORUS as TORUS
+    from modalmotion.modes.topology import End as End
+    from modalmotion.modes.topology import Topology as Topology
+    from modalmotion.modes.transform import project as project
+    from modalmotion.modes.transform import project_all as project_all
+    from modalmotion.modes.transform import superpose as superpose
+    from modalmotion.modes.transform import superpose_all as superpose_all
+    from modalmotion.signature.making import ModalSignature as ModalSignature
+    from modalmotion.signature.making import SignatureParameters as SignatureParameters
+    from modalmotion.signature.making import modal_signature as modal_signature
+    from modalmotion.signature.reconstruction import reconstruct as reconstruct
+    from modalmotion.simulate import Acquisition as Acquisition
+    from modalmotion.simulate import VentricleParameters as VentricleParameters
+    from modalmotion.simulate import simulate_ventricle as simulate_ventricle
+    from modalmotion.template import Template as Template
+    from modalmotion.template import Weights as Weights
+    from modalmotion.template import make_template as make_template
 
-__all__ = [
-    "CLOSED_CURVE",
-    "CUP",
-    "CYLINDER",
-    "OPEN_CURVE",
-    "PLANE",
-    "SPHERE",
-    "TORUS",
-    "Acquisition",
-    "ClinicalReadouts",
-    "ConnectivityError",
-    "CorruptFileError",
-    "End",
-    "Facts",
-    "InputError",
-    "Lattice",
-    "LimitError",
-    "MalformedFileError",
-    "MeshSequence",
-    "ModalMotionError",
-    "ModalSignature",
-    "ModeCountError",
-    "ModeLabel",
-    "ModeSet",
-    "NonFiniteError",
-    "NotFoundError",
-    "ParameterError",
-    "ReadLimits",
-    "ShapeError",
-    "SignatureParameters",
-    "StoreError",
-    "Template",
-    "ToleranceError",
-    "Topology",
-    "TopologyError",
-    "VentricleParameters",
-    "Weights",
-    "clinical_readouts",
-    "lowest_modes",
-    "make_template",
-    "mesh_sequence",
-    "modal_signature",
-    "project",
-    "project_all",
-    "read_npz",
-    "reconstruct",
-    "simulate_ventricle",
-    "superpose",
-    "superpose_all",
-    "whole_count",
-    "write_npz",
-]
-
-# Imported when they are first asked for: all at once take most of a second, and much of what
-# needs this package (a client, the help of a command) needs few of them.
 _HOMES = {
-    "modalmotion.clinical": (
-        "ClinicalReadouts",
-        "clinical_readouts",
-    ),
-    "modalmotion.facts": ("Facts",),
-    "modalmotion.formats": (
-        "ReadLimits",
-        "read_npz",
-        "write_npz",
-    ),
-    "modalmotion.modes.lattice": ("Lattice",),
-    "modalmotion.modes": (
-        "ModeLabel",
-        "ModeSet",
-        "lowest_modes",
-        "whole_count",
-    ),
-    "modalmotion.signature.reconstruction": ("reconstruct",),
-    "modalmotion.mesh.sequence": (
-        "MeshSequence",
-        "mesh_sequence",
-    ),
-    "modalmotion.signature.making": (
-        "ModalSignature",
-        "SignatureParameters",
-        "modal_signature",
-    ),
-    "modalmotion.simulate": (
-        "Acquisition",
-        "VentricleParameters",
-        "simulate_ventricle",
-    ),
-    "modalmotion.template": (
-        "Template",
-        "Weights",
-        "make_template",
-    ),
-    "modalmotion.modes.topology": (
-        "CLOSED_CURVE",
-        "CUP",
-        "CYLINDER",
-        "OPEN_CURVE",
-        "PLANE",
-        "SPHERE",
-        "TORUS",
-        "End",
-        "Topology",
-    ),
-    "modalmotion.modes.transform": (
-        "project",
-        "project_all",
-        "superpose",
-        "superpose_all",
-    ),
+    name: home
+    for home, name in re.findall(
+        r"^    from (modalmotion\.[\w.]+) import (\w+) as \2$",
+        Path(__file__).read_text(),
+        re.MULTILINE,
+    )
 }
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+__all__ = sorted(_HOMES)
 
 
 def __getattr__(name: str) -> object:
     """Import a public name (PEP 562)."""
-    if name not in _HOME_OF:
+    if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value: object = getattr(import_module(_HOME_OF[name]), name)
+    value: object = getattr(import_module(_HOMES[name]), name)
     globals()[name] = value
     return value
 

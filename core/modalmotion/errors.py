@@ -13,14 +13,18 @@
     │   ├── ParameterError              an option outside its range
     │   ├── ToleranceError              an error that no number of modes holds
     │   └── LimitError                  larger than a stated limit
+    ├── MissingExtraError (ModuleNotFoundError)  a package that an extra installs is absent
     └── StoreError                      results that cannot be kept or read back
         ├── NotFoundError               nothing is kept under that id
         ├── CorruptFileError            a result file that does not read as written
+        ├── OlderFileError              a file that an older version wrote; `store rebuild` takes it
         └── ModelNotReproducedError     a model that no longer answers as when it was made
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import ClassVar
 
 
@@ -135,6 +139,25 @@ class LimitError(InputError):
     code = "limit_exceeded"
 
 
+class MissingExtraError(ModalMotionError, ModuleNotFoundError):
+    """A package that an extra installs is absent."""
+
+    code = "missing_extra"
+
+
+@contextmanager
+def needs_extra(extra: str) -> Iterator[None]:
+    """Answer an import that fails in the block with the command that installs what is absent."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(
+            f"This needs the package {error.name}, which is not installed.",
+            remedy=f"Install it: pip install 'modalmotion[{extra}]'.",
+            details={"package": error.name, "extra": extra},
+        ) from error
+
+
 class StoreError(ModalMotionError):
     """A result cannot be kept or read back."""
 
@@ -151,6 +174,12 @@ class CorruptFileError(StoreError):
     """A result file does not read as it was written."""
 
     code = "corrupt_file"
+
+
+class OlderFileError(StoreError):
+    """A file was written by an older version, and `store rebuild` has not rewritten it."""
+
+    code = "older_file"
 
 
 class ModelNotReproducedError(StoreError):

@@ -12,8 +12,8 @@ import pytest
 from reachable_values import reachable_values
 
 import modalmotion as mm
-from modalmotion.classify import TrainingCase, TrainingOptions, classify, load_model
-from modalmotion.classify.features import axis_features
+from modalmotion.classification import TrainingCase, TrainingOptions, classify, load_model
+from modalmotion.classification.features import axis_features
 from modalmotion.codec import encode, inspect
 from modalmotion.dynamics import HarmonicPotential, Oscillators, State, exact_step, polarised_waves
 from modalmotion.formats import read_npz, write_npz
@@ -80,8 +80,6 @@ def values_of_a_store(folder: Path, beat: bytes, signature: mm.ModalSignature) -
         sequence = read_npz(beat).sequence
         yield store.put_sequence(sequence)
         yield store.list_sequences()
-        yield store.jobs.create("signature", {"sequence": sequence.id})
-        yield store.jobs.list()
     yield backup(folder / "store", folder / "backup")
     yield verify(folder / "store")
 

@@ -13,7 +13,7 @@ import numpy as np
 from extremes_motion_rows import beat
 
 from modalmotion.errors import ModeCountError, NonFiniteError
-from modalmotion.modes import lowest_modes, shapes_at
+from modalmotion.modes import lowest_modes
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER, SPHERE
 from modalmotion.modes.transform import project, superpose
@@ -108,7 +108,7 @@ def pole_error() -> float:
         turning = modes.take(np.flatnonzero(modes.wavenumbers[:, 1]))
         for s in poles:
             at = np.column_stack([np.full(9, s), np.linspace(0, 1, 9)])
-            worst = max(worst, np.abs(shapes_at(turning, at)).max())
+            worst = max(worst, np.abs(turning.shapes_at(at)).max())
     return float(worst)
 
 
@@ -116,7 +116,7 @@ def cylinder_at_pole_error() -> float:
     """Spread over the circle of the cylinder's modes where that circle is one point."""
     modes = lowest_modes(CYLINDER, 54)
     at = np.column_stack([np.zeros(9), np.linspace(0, 1, 9)])
-    return float(np.ptp(shapes_at(modes, at), axis=0).max())
+    return float(np.ptp(modes.shapes_at(at), axis=0).max())
 
 
 def streaming_megabytes() -> float:

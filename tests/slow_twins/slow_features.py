@@ -7,7 +7,7 @@ import cmath
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classify.features import AxisReading
+from modalmotion.classification.features import AxisReading
 from modalmotion.modes import ModeSet
 from modalmotion.signature.making import ModalSignature
 

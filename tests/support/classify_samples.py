@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modalmotion.classify import Model, TrainingCase, train
+from modalmotion.classification import Model, TrainingCase, train
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import MotionClass, simulate_cohort

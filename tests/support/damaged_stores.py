@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from guest_table import visit
 from store_samples import (
     KEY,
     sample_classification,
@@ -19,7 +20,7 @@ N = 4
 
 
 def four_kept(folder: Path) -> Path:
-    """A store with four sequences, their signatures and classifications, a job and a key."""
+    """A store with four sequences, their signatures and classifications, and a guest's table."""
     with ResultStore(folder) as store:
         for number in range(N):
             sequence = sample_sequence(number)
@@ -29,8 +30,7 @@ def four_kept(folder: Path) -> Path:
             store.put_classification(sample_classification(sequence.id), KEY)
         store.update_sequence(sample_sequence(0).id, label=None)
         store.put_model(sample_model(1))
-        store.jobs.create("signature", {"number": 1})
-        store.idempotency.claim("key", "fingerprint")
+        visit(store, 1)
     return folder
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from template_remeshing import remeshed, subdivided
 
-from modalmotion.classify import Model, classify
+from modalmotion.classification import Model, classify
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP

@@ -11,8 +11,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from modalmotion.classify.answer.classification import Classification
-from modalmotion.classify.answer.explanation import ModeContribution
+from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer.explanation import ModeContribution
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
@@ -55,7 +55,7 @@ def sample_classification(sequence_id: str, model_id: str = MODEL) -> Classifica
 def sample_model(
     number: int = 0, name: str = "wall-motion", training: str | None = None
 ) -> KeptModel:
-    """A model whose bytes mean nothing, another one for each number."""
+    """A model whose arrays mean nothing, another one for each number."""
     record = ModelRecord(
         name=name,
         version=0,
@@ -65,7 +65,8 @@ def sample_model(
         created="",
         training=training,
     )
-    return KeptModel(record, {"accuracy": 0.9, "number": number}, bytes([number % 251]) * 100)
+    arrays = {"machine": np.full(100, number % 251, dtype=np.uint8)}
+    return KeptModel(record, {"accuracy": 0.9, "number": number}, arrays)
 
 
 def assert_same(found: object, expected: object) -> None:

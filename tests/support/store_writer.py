@@ -13,6 +13,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+from guest_table import visit
 from store_samples import (
     KEY,
     sample_classification,
@@ -41,7 +42,7 @@ def changes_of(store: ResultStore, number: int) -> dict[str, Callable[[], object
         "update": lambda: store.update_sequence(sequence.id, subject="after"),
         "classification": lambda: store.put_classification(classification, KEY),
         "model": lambda: store.put_model(sample_model(number, name=f"m{number}")),
-        "job": lambda: store.jobs.create("test", {"number": number}),
+        "visit": lambda: visit(store, number),
     }
     if number % 2:
         changes["delete"] = lambda: store.delete_sequence(sequence.id)

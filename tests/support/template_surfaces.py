@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,11 @@ from numpy.typing import NDArray
 from project import DATA
 from scipy.spatial import ConvexHull, Delaunay
 
-from modalmotion.fit.fit import Fit, fit_sequence, make_basis
+from modalmotion.alignment.reference import displacements_from
+from modalmotion.choice.fitter import Fitter
+from modalmotion.choice.parameters import SignatureParameters
+from modalmotion.fit.basis import Basis, make_basis
+from modalmotion.fit.fit import Fit, fit_displacements
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.template import GivenLandmarks, Template, Weights, choose_modes, make_template
 from modalmotion.template.body_frame import Components, in_body_frame
@@ -64,6 +69,27 @@ def describe(
     if template.landmarks is not None and components == Components.CARTESIAN:
         amplitudes = in_body_frame(amplitudes, template.landmarks)
     return Described(sequence, template, fit, amplitudes)
+
+
+def fit_sequence(
+    sequence: MeshSequence,
+    template: Template,
+    basis: Basis,
+    *,
+    present: np.ndarray | None = None,
+    **parameters: Any,
+) -> Fit:
+    """Fit modes at hand, where not all positions may be there."""
+    fitter = Fitter.of(sequence, template, SignatureParameters(**parameters))
+    displacements = displacements_from(
+        fitter.parameters.reference,
+        sequence,
+        template.weights,
+        template.isolated,
+        remove_rotation=fitter.parameters.remove_rotation,
+        present=present,
+    )
+    return fit_displacements(displacements, basis, fitter.frames)
 
 
 def root_mean_square(values: Floats) -> float:

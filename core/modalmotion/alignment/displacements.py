@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,194 +13,199 @@ from modalmotion.alignment.reference_shape import ReferenceShape
 from modalmotion.alignment.rigid import Rotations, kabsch
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.numeric.products import product, weighted_sum
+from modalmotion.numeric.products import product
 
 # Floats of displacements held at once.
-_BLOCK = 500_000
-
-# Vertices turned at once: they stay in the cache, and one thread does it.
-_COLUMNS = 1000
+_BLOCK: Final = 500_000
 
 
 @dataclass(frozen=True, eq=False)
 class PositionBlock:
-    """Positions in some frames, from the reference's centroid.
+    """Positions in consecutive frames in which the same vertices are there.
 
     Parameters
     ----------
-    first : int
-        Index of the first frame.
-    positions : (frames, 3, vertices) float64, in units of the scale
-        Direction by direction, which is how products and sums run fast.
+    frames : slice
+    positions : (frames, 3, vertices) float64, in units of the shape's scale
+        From the reference's centroid, direction by direction, which is how products and sums
+        run fast.
     is_still : (frames,) bool
         Which frames repeat the reference bit for bit.
-    present : (frames, vertices) bool or None
-        Which positions are there; None if all are.
+    shape : ReferenceShape
+        What they are measured from: the vertices that are there.
+    remove_rotation : bool
     """
 
-    first: int
+    frames: slice
     positions: NDArray[np.float64]
     is_still: NDArray[np.bool_]
-    present: NDArray[np.bool_] | None
+    shape: ReferenceShape
+    remove_rotation: bool
 
-    def __len__(self) -> int:
-        return len(self.positions)
+    def alignment(self, sums: NDArray[np.float64]) -> tuple[Rotations, NDArray[np.float64]]:
+        """Rotations and drifts of the centroid from products with the shape's moments.
+
+        Parameters
+        ----------
+        sums : (frames, 3, 4) float64
+
+        Returns
+        -------
+        rotations : Rotations
+            About the centroid of each frame.
+        drifts : (frames, 3) float64, in units of the scale
+            Of the whole reference's centroid, carried along with the part that is there.
+        """
+        shape, middle = self.shape, sums[:, :, 3]
+        if self.remove_rotation:
+            rotations = kabsch(sums[:, :, :3], shape.tolerance, shape.noise(middle))
+        else:
+            rotations = Rotations.none(len(sums))
+        drifts = middle - rotations.matrices @ shape.middle
+        # A frame that repeats the reference has moved by exactly nothing.
+        rotations.matrices[self.is_still], drifts[self.is_still] = np.eye(3), 0.0
+        return rotations, drifts
+
+    def turned_back(self) -> DisplacementBlock:
+        """Displacements, rotation removed. The positions are used up."""
+        x, shape = self.positions, self.shape
+        f, _, n = x.shape
+        sums = product(x.reshape(3 * f, n), shape.moments).reshape(f, 3, 4)
+        rotations, drifts = self.alignment(sums)
+        # u = R'(x - d) + d - rest
+        turned = np.ascontiguousarray(rotations.matrices.transpose(0, 2, 1))
+        shifts = drifts - (turned @ drifts[:, :, None])[:, :, 0]
+        part = np.empty_like(shape.rest)
+        # Frame by frame, while it is in the cache.
+        for k, frame in enumerate(x):
+            product(turned[k], frame, out=part)
+            part += shifts[k][:, None]
+            np.subtract(part, shape.rest, out=frame)
+        x[self.is_still] = 0.0
+        return DisplacementBlock(self.frames, x, rotations, drifts, shape)
 
 
-def position_blocks(
-    sequence: MeshSequence,
-    shape: ReferenceShape,
-    start: NDArray[np.float64],
-    present: NDArray[np.bool_] | None = None,
-) -> Iterator[PositionBlock]:
-    """Positions of all frames, a block of bounded memory at a time.
+@dataclass(frozen=True, eq=False)
+class DisplacementBlock:
+    """Displacements in consecutive frames in which the same vertices are there.
+
+    Parameters
+    ----------
+    frames : slice
+    u : (frames, 3, vertices) float64, in units of the shape's scale
+        Direction by direction. May be overwritten.
+    rotations : Rotations
+        Removed from them, about the centroid of each frame.
+    drifts : (frames, 3) float64, in units of the scale
+        Of the weighted centroid from the reference's, part of the displacements.
+    shape : ReferenceShape
+        What they were measured from.
+    """
+
+    frames: slice
+    u: NDArray[np.float64]
+    rotations: Rotations
+    drifts: NDArray[np.float64]
+    shape: ReferenceShape
+
+
+@dataclass(frozen=True, eq=False)
+class Displacements:
+    """Displacements of a sequence from one shape, centred once and worked out block by block.
 
     Parameters
     ----------
     sequence : MeshSequence
-    shape : ReferenceShape
-        Of the positions `start`.
     start : (vertices, 3) float64, length unit
-    present : (frames, vertices) bool, optional
-        Which positions are there; the others are not read.
-    """
-    n = max(1, _BLOCK // (3 * sequence.n_vertices))
-    for first in range(0, sequence.n_frames, n):
-        taken = sequence.vertices[first : first + n]
-        there = None if present is None else present[first : first + n]
-        if there is not None and there.all():
-            there = None
-        x = _centred(taken, shape, there)
-        yield PositionBlock(first, x, _is_still(taken, start, there), there)
-
-
-def aligned(
-    block: PositionBlock, shape: ReferenceShape, remove_rotation: bool
-) -> tuple[NDArray[np.float64], Rotations]:
-    """Turn each frame back onto the reference and subtract it. The block is used up.
-
-    Parameters
-    ----------
-    block : PositionBlock
+        Positions that they are measured from.
     shape : ReferenceShape
+        The same, centred.
     remove_rotation : bool
-
-    Returns
-    -------
-    displacements : (frames, 3, vertices) float64, in units of the scale
-        Zero where positions are missing.
-    rotations : Rotations
-        About the centroid of each frame. Where positions are missing the rotation comes from
-        those that are there, and the centroid is that of the whole reference carried along.
-
-    Raises
-    ------
-    ParameterError
-        Naming the first frame in which no weighted vertex is there.
+        Whether each frame's best rotation about its centroid is taken out.
+    present : (frames, vertices) bool or None
+        Which positions are there; None if all are. The others are not read.
     """
-    if block.present is None:
-        u, rotations = _aligned(block.positions, shape, remove_rotation)
-    else:
-        u, rotations = _aligned_partly(block, block.present, shape, remove_rotation)
-    # A frame that repeats the reference has moved by exactly nothing.
-    u[block.is_still] = 0.0
-    rotations.matrices[block.is_still] = np.eye(3)
-    return u, rotations
+
+    sequence: MeshSequence
+    start: NDArray[np.float64]
+    shape: ReferenceShape
+    remove_rotation: bool = True
+    present: NDArray[np.bool_] | None = None
+
+    def blocks(self) -> Iterator[DisplacementBlock]:
+        """Displacements of all frames, in blocks of bounded memory; errors as `positions`."""
+        return (block.turned_back() for block in self.positions())
+
+    def positions(self) -> Iterator[PositionBlock]:
+        """Positions in all frames, in blocks of bounded memory.
+
+        Raises
+        ------
+        ParameterError
+            Naming the first frame in which no weighted vertex is there.
+        """
+        n = max(1, _BLOCK // (3 * self.sequence.n_vertices))
+        for first, last in self._alike():
+            shape = self.shape
+            if self.present is not None and not self.present[first].all():
+                shape = _part(shape, self.present[first], first)
+            for k in range(first, last, n):
+                frames = slice(k, min(k + n, last))
+                vertices = self.sequence.vertices[frames]
+                is_still = _is_still(vertices, self.start, shape)
+                yield PositionBlock(
+                    frames, _centred(vertices, shape), is_still, shape, self.remove_rotation
+                )
+
+    def _alike(self) -> Iterator[tuple[int, int]]:
+        """Beginnings and ends of runs of frames in which the same vertices are there."""
+        ends = [self.sequence.n_frames]
+        if self.present is not None:
+            differ = (self.present[1:] != self.present[:-1]).any(axis=1)
+            ends = [*(np.flatnonzero(differ) + 1).tolist(), *ends]
+        return zip([0, *ends[:-1]], ends, strict=True)
+
+
+def _part(shape: ReferenceShape, there: NDArray[np.bool_], frame: int) -> ReferenceShape:
+    if not shape.weights[there].any():
+        raise ParameterError(
+            f"No vertex of the surface is there in frame {frame}.",
+            remedy="Leave the frame out.",
+            frame=frame,
+        )
+    return shape.part(there)
 
 
 def _centred(
-    taken: NDArray[np.float32] | NDArray[np.float64],
-    shape: ReferenceShape,
-    there: NDArray[np.bool_] | None,
+    positions: NDArray[np.float32] | NDArray[np.float64], shape: ReferenceShape
 ) -> NDArray[np.float64]:
     """Positions from the reference's centroid, (frames, 3, vertices), in units of the scale."""
-    x = np.empty((len(taken), 3, taken.shape[1]))
+    x = np.empty((len(positions), 3, positions.shape[1]))
     centre = shape.centre[:, None]
-    if taken.dtype == np.float64:
-        np.subtract(taken.transpose(0, 2, 1), centre, out=x)
+    if positions.dtype == np.float64:
+        np.subtract(positions.transpose(0, 2, 1), centre, out=x)
     else:
-        np.copyto(x, taken.transpose(0, 2, 1))
+        np.copyto(x, positions.transpose(0, 2, 1))
         x -= centre
     if shape.scale != 1.0:
         x /= shape.scale
-    if there is not None:
-        np.copyto(x, shape.rest, where=~there[:, None, :])
     if len(shape.ignored):
-        x[:, :, shape.ignored] = 0.0
+        x[:, :, shape.ignored] = shape.rest[:, shape.ignored]
     return x
 
 
-def _aligned(
-    x: NDArray[np.float64], shape: ReferenceShape, remove_rotation: bool
-) -> tuple[NDArray[np.float64], Rotations]:
-    f, _, n = x.shape
-    if not remove_rotation:
-        x -= shape.rest
-        return x, no_rotations(f)
-    # The sum of w x x_ref' needs no centred x, for the reference's offsets add up to zero.
-    sums = product(x.reshape(3 * f, n), shape.moments).reshape(f, 3, 4)
-    drift = sums[:, :, 3]
-    rotations = kabsch(sums[:, :, :3], shape.tolerance, shape.noise(drift))
-    # u = R'(x - drift) + drift - rest
-    turned = np.ascontiguousarray(rotations.matrices.transpose(0, 2, 1))
-    shift = drift - (turned @ drift[:, :, None])[:, :, 0]
-    for j in range(0, n, _COLUMNS):
-        columns = slice(j, j + _COLUMNS)
-        part = np.matmul(turned, x[:, :, columns])
-        part += shift[:, :, None]
-        np.subtract(part, shape.rest[:, columns], out=x[:, :, columns])
-    return x, rotations
-
-
-def _aligned_partly(
-    block: PositionBlock,
-    present: NDArray[np.bool_],
-    shape: ReferenceShape,
-    remove_rotation: bool,
-) -> tuple[NDArray[np.float64], Rotations]:
-    x, rotations = block.positions, no_rotations(len(block))
-    for k, kept in enumerate(present):
-        share = np.where(kept, shape.weights, 0.0)
-        total = float(share.sum())
-        if not total > 0:
-            raise ParameterError(
-                f"No vertex of the surface is there in frame {block.first + k}.",
-                remedy="Leave the frame out.",
-                frame=block.first + k,
-            )
-        share /= total
-        if remove_rotation:
-            here, before = weighted_sum(share, x[k].T), weighted_sum(share, shape.rest.T)
-            offsets = shape.rest - before[:, None]
-            covariance = product(x[k] - here[:, None], np.ascontiguousarray((offsets * share).T))
-            found = kabsch(covariance[None], shape.tolerance, shape.noise(here[None]))
-            R = found.matrices[0]
-            # The whole reference's centroid, carried along with the part that is there.
-            drift = here - R @ before
-            x[k] = product(np.ascontiguousarray(R.T), x[k] - drift[:, None]) + drift[:, None]
-            rotations.matrices[k], rotations.is_determined[k] = R, found.is_determined[0]
-        x[k] -= shape.rest
-        x[k][:, ~kept] = 0.0
-    return x, rotations
-
-
-def no_rotations(n: int) -> Rotations:
-    """Rotations of frames that are not turned."""
-    return Rotations(np.tile(np.eye(3), (n, 1, 1)), np.ones(n, dtype=np.bool_))
-
-
 def _is_still(
-    taken: NDArray[np.float32] | NDArray[np.float64],
-    start: NDArray[np.float32] | NDArray[np.float64],
-    there: NDArray[np.bool_] | None,
+    positions: NDArray[np.float32] | NDArray[np.float64],
+    start: NDArray[np.float64],
+    shape: ReferenceShape,
 ) -> NDArray[np.bool_]:
-    """Which frames repeat the reference bit for bit."""
-    if there is not None:
-        return np.array(
-            [np.array_equal(x[kept], start[kept]) for x, kept in zip(taken, there, strict=True)]
-        )
+    """Which frames repeat the reference bit for bit, at the vertices that are read."""
     # A few vertices tell nearly all frames that do not.
     probe = slice(None, None, max(1, len(start) // 16))
-    likely: NDArray[np.bool_] = (taken[:, probe] == start[probe]).all(axis=(1, 2))
-    likely[likely] = [np.array_equal(x, start) for x in taken[likely]]
+    if len(shape.ignored):
+        there = np.ones(len(start), dtype=np.bool_)
+        there[shape.ignored] = False
+        positions, start = positions[:, there], start[there]
+    likely: NDArray[np.bool_] = (positions[:, probe] == start[probe]).all(axis=(1, 2))
+    likely[likely] = [np.array_equal(x, start) for x in positions[likely]]
     return likely

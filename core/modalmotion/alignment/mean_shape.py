@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.displacements import aligned, position_blocks
+from modalmotion.alignment.displacements import Displacements
 from modalmotion.alignment.reference_shape import ReferenceShape
 from modalmotion.mesh import lattice_faces, vertex_areas
 from modalmotion.mesh.curves import curve_weights
@@ -44,9 +44,8 @@ def mean_shape(sequence: MeshSequence) -> NDArray[np.float64]:
     for _ in range(_N_ROUNDS):
         shape = ReferenceShape.at(sequence, _shares(sequence, mean), mean)
         step = np.zeros_like(mean.T)
-        for block in position_blocks(sequence, shape, mean):
-            u, _ = aligned(block, shape, remove_rotation=True)
-            step += u.sum(axis=0)
+        for block in Displacements(sequence, mean, shape).blocks():
+            step += block.u.sum(axis=0)
         if not step.any():
             break
         mean = mean + step.T * (shape.scale / sequence.n_frames)

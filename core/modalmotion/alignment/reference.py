@@ -1,17 +1,16 @@
-"""The positions that displacements are measured from: of one frame, or of the mean shape."""
+"""Displacements from one frame, or from the mean shape."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.displacements import aligned, position_blocks
+from modalmotion.alignment.displacements import Displacements
 from modalmotion.alignment.mean_shape import mean_shape
 from modalmotion.alignment.reference_shape import ReferenceShape
-from modalmotion.alignment.rigid import Rotations
+from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 
 # A mean takes three passes over all frames, and several steps ask for it.
@@ -39,25 +38,69 @@ def reference_positions(sequence: MeshSequence, reference: Reference) -> NDArray
     return _MEANS[sequence]
 
 
-def displacement_blocks(
+def displacements_from(
+    reference: Reference,
     sequence: MeshSequence,
     weights: NDArray[np.float64],
+    isolated: NDArray[np.int64] | None = None,
     *,
-    reference: Reference,
-    remove_rotation: bool,
-) -> Iterator[tuple[NDArray[np.float64], Rotations, float]]:
-    """Displacements from the reference, rotation removed, a block of frames at a time.
+    remove_rotation: bool = True,
+    present: NDArray[np.bool_] | None = None,
+) -> Displacements:
+    """Measure a sequence from a reference.
 
-    Yields
+    Parameters
+    ----------
+    reference : int or "mean"
+        Frame from which displacements are measured, or the mean shape.
+    sequence : MeshSequence
+    weights : (vertices,) float64
+        Shares of the surface.
+    isolated : (n,) int64, optional
+        Vertices that are not read in any frame.
+    remove_rotation : bool
+        Whether to take out each frame's best rotation about its centroid first.
+    present : (frames, vertices) bool, optional
+        Which positions are there; the others are not read. The reference must be complete.
+
+    Raises
     ------
-    displacements : (frames, vertices, 3) float64
-        In units of `scale`.
-    rotations : Rotations
-    scale : float, length unit
-        A power of two near the size of the surface where its size is extreme, else 1.
+    ShapeError
+        If `present` has another shape.
+    ParameterError
+        If the reference is incomplete.
     """
+    _require_present(sequence, reference, present)
     start = reference_positions(sequence, reference)
-    shape = ReferenceShape.at(sequence, weights, start)
-    for block in position_blocks(sequence, shape, start):
-        u, rotations = aligned(block, shape, remove_rotation)
-        yield u.transpose(0, 2, 1), rotations, shape.scale
+    shape = ReferenceShape.at(sequence, weights, start, isolated)
+    return Displacements(sequence, start, shape, remove_rotation, present)
+
+
+def _require_present(
+    sequence: MeshSequence, reference: Reference, present: NDArray[np.bool_] | None
+) -> None:
+    if present is None:
+        return
+    shape = (sequence.n_frames, sequence.n_vertices)
+    if present.shape != shape or present.dtype != np.bool_:
+        raise ShapeError(
+            f"'present' has the shape {present.shape} and holds {present.dtype}; "
+            f"{shape} truth values are needed.",
+            remedy="Give one truth value for each vertex of each frame.",
+        )
+    if reference == MEAN:
+        if not present.all():
+            raise ParameterError(
+                "Vertices are missing, so there is no mean shape to measure from.",
+                remedy="Choose a reference frame in which all vertices are there.",
+            )
+        return
+    if not present[reference].all():
+        vertex = int(np.flatnonzero(~present[reference])[0])
+        raise ParameterError(
+            f"Vertex {vertex} is missing in the reference, frame {reference}, so nothing can be "
+            "measured from it.",
+            remedy="Choose a reference frame in which all vertices are there.",
+            frame=reference,
+            vertex=vertex,
+        )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.alignment.rigid import RANK_TOLERANCE
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.products import weighted_sum
+from modalmotion.numeric.scale import power_of_two
 
 # Relative rounding of sums over thousands of vertices.
 _ROUNDING: Final = 1e-13
@@ -38,7 +40,11 @@ class ReferenceShape:
     tolerance : float
         Of `kabsch`: what rounding of the stored positions gives to a line.
     ignored : (n,) int64
-        Vertices that are not read in any frame; they do not move.
+        Vertices that are not read; they count in no error.
+    middle : (3,) float64, in units of `scale`
+        Weighted mean of `rest`, zero unless vertices are missing.
+    coverage : float
+        Share of the surface that is there, 1 unless vertices are missing.
     """
 
     centre: NDArray[np.float64]
@@ -47,8 +53,10 @@ class ReferenceShape:
     scale: float
     tolerance: float
     ignored: NDArray[np.int64]
+    middle: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    coverage: float = 1.0
 
-    @property
+    @cached_property
     def spread(self) -> float:
         """Root mean square distance from the centroid, in units of the scale."""
         return float(np.sqrt((self.weights * (self.rest**2).sum(axis=0)).sum()))
@@ -58,10 +66,24 @@ class ReferenceShape:
         far: NDArray[np.float64] = np.sqrt((drift**2).sum(axis=1))
         return _ROUNDING * self.spread * far
 
-    @property
+    @cached_property
     def moments(self) -> NDArray[np.float64]:
         """Columns that sum positions x to sum w x x_ref' and to sum w x, (vertices, 4)."""
-        return np.concatenate([self.rest * self.weights, self.weights[None]]).T
+        offsets = self.rest - self.middle[:, None]
+        return np.concatenate([offsets * self.weights, self.weights[None]]).T
+
+    def part(self, there: NDArray[np.bool_]) -> ReferenceShape:
+        """Give the same shape with only some of its vertices, (vertices,) bool, to fit to."""
+        shares = np.where(there, self.weights, 0.0)
+        coverage = float(shares.sum())
+        shares /= coverage
+        return replace(
+            self,
+            weights=shares,
+            ignored=np.union1d(np.flatnonzero(~there), self.ignored),
+            middle=weighted_sum(shares, self.rest.T),
+            coverage=coverage,
+        )
 
     @staticmethod
     def at(
@@ -90,7 +112,7 @@ def _scale(
     largest = max(high - float(centre.min()), float(centre.max()) - low)
     if largest == 0.0 or _SMALLEST < largest < _LARGEST:
         return 1.0
-    return float(2.0 ** np.clip(np.frexp(largest)[1], -1000, 1000))
+    return power_of_two(largest)
 
 
 def _rank_tolerance(

@@ -41,6 +41,11 @@ class Rotations:
     matrices: NDArray[np.float64]
     is_determined: NDArray[np.bool_]
 
+    @staticmethod
+    def none(n_frames: int) -> Rotations:
+        """Rotations of frames that are not turned."""
+        return Rotations(np.tile(np.eye(3), (n_frames, 1, 1)), np.ones(n_frames, dtype=np.bool_))
+
 
 def kabsch(
     covariances: NDArray[np.float64],

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.choice.harmonics import Harmonics, n_functions
-from modalmotion.fit.fit import Basis, Fit
+from modalmotion.fit.basis import Basis
+from modalmotion.fit.fit import Fit
 from modalmotion.numeric.products import product
-
-_CEILING: Final = 2.0**1000
+from modalmotion.numeric.scale import power_of_two
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +97,7 @@ def energies_of(basis: Basis, fit: Fit) -> Energies:
     """Take the energies of a motion from the fit of the largest set."""
     f, m, _ = fit.amplitudes.shape
     largest = max(float(fit.motion_rms.max()), float(np.abs(fit.amplitudes).max(initial=0.0)))
-    scale = 1.0 if largest == 0.0 else min(float(2.0 ** np.frexp(largest)[1]), _CEILING)
+    scale = power_of_two(largest)
     a = (fit.amplitudes / scale).transpose(0, 2, 1).reshape(3 * f, m)
     # c = R a
     c = product(np.ascontiguousarray(a), np.ascontiguousarray(basis.triangle.T))

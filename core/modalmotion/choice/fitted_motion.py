@@ -7,19 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.displacements import no_rotations
+from modalmotion.alignment.rigid import Rotations
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.harmonics import harmonics_of, require_harmonics
-from modalmotion.choice.parameters import ErrorKind, SignatureParameters
+from modalmotion.choice.parameters import ErrorKind
 from modalmotion.choice.reason import ModelChoice
 from modalmotion.choice.scene import LinearMotion
 from modalmotion.fit.basis import Basis, make_basis
-from modalmotion.fit.fit import Fit, fit_sequence
-from modalmotion.fit.superposition import Superposition, measured
-from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.mesh.spring_modes import SpringModes
-from modalmotion.modes import ModeSet
+from modalmotion.fit.fit import Fit
+from modalmotion.fit.superposition import measured
+from modalmotion.modes import Modes
 from modalmotion.numeric.scale import root_mean_square
-from modalmotion.template import Template
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +26,7 @@ class Model:
 
     Parameters
     ----------
-    modes : ModeSet or SpringModes
+    modes : Modes
     fit : Fit
         Its errors are those of these amplitudes.
     condition : float
@@ -37,7 +35,7 @@ class Model:
     notes : tuple of str
     """
 
-    modes: ModeSet | SpringModes
+    modes: Modes
     fit: Fit
     condition: float
     choice: ModelChoice | None = None
@@ -51,10 +49,8 @@ class Model:
 
 
 def fit_model(
-    sequence: MeshSequence,
-    template: Template,
-    modes: ModeSet | SpringModes,
-    asked: SignatureParameters,
+    fitter: Fitter,
+    modes: Modes,
     *,
     normal: tuple[float, float, float] | None = None,
     basis: Basis | None = None,
@@ -63,10 +59,8 @@ def fit_model(
 
     Parameters
     ----------
-    sequence : MeshSequence
-    template : Template
-    modes : ModeSet or SpringModes
-    asked : SignatureParameters
+    fitter : Fitter
+    modes : Modes
     normal : tuple of float, optional
         Direction that is left out of all amplitudes, which must be along x, y, z.
     basis : Basis, optional
@@ -79,36 +73,33 @@ def fit_model(
     ParameterError
         If the frames tell fewer harmonics apart than are asked for.
     """
-    basis = make_basis(template, modes) if basis is None else basis
-    fit = fit_with(sequence, template, basis, asked)
+    basis = make_basis(fitter.template, modes) if basis is None else basis
+    fit = fitter.fit(basis)
     model = Model(modes, fit, basis.condition)
-    amplitudes = fit.amplitudes
-    if asked.harmonics is not None:
-        functions = harmonics_of(sequence.n_frames, sequence.times)
-        require_harmonics(asked.harmonics, functions)
-        amplitudes = functions.limited(amplitudes, asked.harmonics)
+    amplitudes, harmonics = fit.amplitudes, fitter.parameters.harmonics
+    if harmonics is not None:
+        functions = harmonics_of(fitter.sequence.n_frames, fitter.sequence.times)
+        require_harmonics(harmonics, functions)
+        amplitudes = functions.limited(amplitudes, harmonics)
     if normal is not None:
         n = np.array(normal)
         amplitudes = amplitudes - (amplitudes @ n)[:, :, None] * n
     if amplitudes is fit.amplitudes:
         return model
-    return remeasured(sequence, template, model, basis, amplitudes, asked)
+    return remeasured(fitter, model, basis, amplitudes)
 
 
 def remeasured(
-    sequence: MeshSequence,
-    template: Template,
-    model: Model,
-    basis: Basis,
-    amplitudes: NDArray[np.float64],
-    asked: SignatureParameters,
+    fitter: Fitter, model: Model, basis: Basis, amplitudes: NDArray[np.float64]
 ) -> Model:
     """Give a model other amplitudes, with the errors that they leave."""
-    on = Superposition.on(
-        sequence, template, basis.shapes, reference=asked.reference, components=asked.components
-    )
     errors = measured(
-        sequence, template, on, amplitudes, model.fit.rotations, model.fit.translations
+        fitter.sequence,
+        fitter.template,
+        fitter.superposition(basis.shapes),
+        amplitudes,
+        model.fit.rotations,
+        model.fit.translations,
     )
     fit = replace(
         model.fit,
@@ -120,37 +111,16 @@ def remeasured(
     return replace(model, fit=fit)
 
 
-def static_model(
-    sequence: MeshSequence,
-    template: Template,
-    modes: ModeSet | SpringModes,
-    static: LinearMotion,
-    asked: SignatureParameters,
-) -> Model:
+def static_model(fitter: Fitter, modes: Modes, static: LinearMotion) -> Model:
     """Model in which nothing moves: zeros, and the motion that is left out as its error."""
-    basis = make_basis(template, modes)
+    basis = make_basis(fitter.template, modes)
     fit = replace(
-        fit_with(sequence, template, basis, asked),
-        rotations=no_rotations(sequence.n_frames),
+        fitter.fit(basis),
+        rotations=Rotations.none(fitter.sequence.n_frames),
         translations=static.shifts,
     )
     still = Model(modes, fit, basis.condition)
-    zeros = np.zeros_like(fit.amplitudes)
-    return remeasured(sequence, template, still, basis, zeros, asked)
-
-
-def fit_with(
-    sequence: MeshSequence, template: Template, basis: Basis, asked: SignatureParameters
-) -> Fit:
-    """Fit a basis as the parameters say."""
-    return fit_sequence(
-        sequence,
-        template,
-        basis,
-        reference=asked.reference,
-        remove_rotation=asked.remove_rotation,
-        components=asked.components,
-    )
+    return remeasured(fitter, still, basis, np.zeros_like(fit.amplitudes))
 
 
 def closure_gap(amplitudes: NDArray[np.float64]) -> float:

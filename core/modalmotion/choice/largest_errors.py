@@ -5,24 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import displacement_blocks
 from modalmotion.choice.energies import Energies
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.nested_sets import Ladder
-from modalmotion.choice.parameters import SignatureParameters
-from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.products import product
 from modalmotion.numeric.qr import inverse_of_triangle
-from modalmotion.template import Template
-from modalmotion.template.body_frame import Components, local_frames, to_local
+from modalmotion.template.body_frame import to_local
 
 
 def largest_errors(
-    sequence: MeshSequence,
-    template: Template,
-    ladder: Ladder,
-    energies: Energies,
-    counts: NDArray[np.int64],
-    asked: SignatureParameters,
+    fitter: Fitter, ladder: Ladder, energies: Energies, counts: NDArray[np.int64]
 ) -> NDArray[np.float64]:
     """Largest error of any vertex in any frame for each of several nested sets.
 
@@ -31,14 +23,12 @@ def largest_errors(
 
     Parameters
     ----------
-    sequence : MeshSequence
-    template : Template
+    fitter : Fitter
     ladder : Ladder
     energies : Energies
         Their coefficients may have been limited to harmonics.
     counts : (sets,) int64
         Increasing.
-    asked : SignatureParameters
 
     Returns
     -------
@@ -48,25 +38,19 @@ def largest_errors(
     # u = sum_j c_j psi_j with the orthonormal shapes psi = Phi R^-1
     inverse = inverse_of_triangle(np.ascontiguousarray(basis.triangle[:last, :last]))
     psi = product(np.ascontiguousarray(inverse.T), basis.rows[:last])
-    frames = None if asked.components == Components.CARTESIAN else local_frames(template)
     largest = np.zeros(len(counts))
-    first = 0
-    for u, _, scale in displacement_blocks(
-        sequence, template.weights, reference=asked.reference, remove_rotation=asked.remove_rotation
-    ):
-        r = u.transpose(0, 2, 1)
-        if frames is not None:
-            r = to_local(r, frames)
-        f, _, n = r.shape
-        c = energies.coefficients[first : first + f] * (energies.scale / scale)
-        rows = np.ascontiguousarray(r).reshape(3 * f, n)
+    for block in fitter.displacements.blocks():
+        scale = block.shape.scale
+        u = block.u if fitter.frames is None else to_local(block.u, fitter.frames)
+        f, _, n = u.shape
+        c = energies.coefficients[block.frames] * (energies.scale / scale)
+        rows = u.reshape(3 * f, n)
         flat = np.ascontiguousarray(c.transpose(0, 2, 1)).reshape(3 * f, -1)
         done = 0
         for k, count in enumerate(counts.tolist()):
             rows -= product(np.ascontiguousarray(flat[:, done:count]), psi[done:count])
             done = count
             squares = (rows.reshape(f, 3, n) ** 2).sum(axis=1)
-            squares[:, template.isolated] = 0.0
+            squares[:, block.shape.ignored] = 0.0
             largest[k] = max(largest[k], scale * float(np.sqrt(squares.max())))
-        first += f
     return largest

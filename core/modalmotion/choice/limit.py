@@ -10,6 +10,7 @@ from modalmotion.choice.parameters import ErrorKind, SignatureParameters
 from modalmotion.choice.scene import Scene, SceneError, SceneKind
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
+from modalmotion.numeric.scale import root_mean_square
 
 # Pure noise exceeds its expected mean square by this many standard deviations at most, and
 # its estimate is right to this share.
@@ -38,10 +39,7 @@ def limit_of(
         If the tolerance is in mm and the unit of the sequence is unknown.
     """
     if asked.tolerance_share is not None:
-        largest = float(motion_rms.max()) or 1.0
-        return (
-            asked.tolerance_share * largest * float(np.sqrt(((motion_rms / largest) ** 2).mean()))
-        )
+        return asked.tolerance_share * root_mean_square(motion_rms)
     require_unit(asked, sequence)
     return (asked.tolerance or 0.0) / MM_PER_UNIT[sequence.unit or "mm"]
 

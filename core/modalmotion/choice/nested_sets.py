@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from modalmotion.choice.parameters import MOST_MODES
 from modalmotion.errors import ModeCountError
 from modalmotion.fit.basis import LARGEST_CONDITION, Basis
-from modalmotion.mesh.spring_modes import SpringModes
-from modalmotion.modes import ModeSet, shapes_at, whole_count
+from modalmotion.modes import Modes, whole_count, whole_counts
 from modalmotion.numeric.products import product
 from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
 from modalmotion.template import Template, choose_modes
@@ -65,9 +64,9 @@ class Ladder:
         shares: NDArray[np.float64] = np.einsum("jn,jn->j", rows, rows)
         return shares
 
-    def modes(self, count: int) -> ModeSet | SpringModes:
+    def modes(self, count: int) -> Modes:
         """First modes of the order."""
-        return first_modes(self.basis.modes, count)
+        return self.basis.modes.take(np.arange(count))
 
 
 def ladder_of(template: Template, n_modes: int, grid: tuple[int, ...] | None = None) -> Ladder:
@@ -85,10 +84,7 @@ def ladder_of(template: Template, n_modes: int, grid: tuple[int, ...] | None = N
     n, ends = most_modes_of(template, n_modes, grid)
     choice = choose_modes(template, n, grid)
     modes = choice.modes
-    if isinstance(modes, SpringModes):
-        shapes = modes.shapes
-    else:
-        shapes = shapes_at(modes, template.coordinates)
+    shapes = modes.shapes_on(template)
     root = np.sqrt(template.weights)[:, None]
     Q, R = tall_qr(root * shapes)
     counts = whole_counts(modes)
@@ -96,7 +92,7 @@ def ladder_of(template: Template, n_modes: int, grid: tuple[int, ...] | None = N
     if sound < n:
         ends = f"{sound} modes are the most that its vertices tell apart"
         Q, R, shapes = Q[:, :sound], R[:sound, :sound], np.ascontiguousarray(shapes[:, :sound])
-        modes, counts = first_modes(modes, sound), counts[counts <= sound]
+        modes, counts = modes.take(np.arange(sound)), counts[counts <= sound]
     projector = product(inverse_of_triangle(R), np.ascontiguousarray((root * Q).T))
     return Ladder(Basis(modes, shapes, projector, R, condition), counts, ends, choice.notes)
 
@@ -124,26 +120,6 @@ def most_modes_of(
         # Not beyond what ends the order.
         most = whole if whole == most or not reason else most - 1
     return most, reason
-
-
-def whole_counts(modes: ModeSet | SpringModes) -> NDArray[np.int64]:
-    """Numbers of first modes that split no cosine-sine pair, increasing, the last one included."""
-    n = len(modes)
-    if isinstance(modes, SpringModes):
-        return np.arange(1, n + 1)
-    return np.append(np.flatnonzero(~modes.is_sine[1:]) + 1, n)
-
-
-def first_modes(modes: ModeSet | SpringModes, count: int) -> ModeSet | SpringModes:
-    """First modes of a set."""
-    if isinstance(modes, ModeSet):
-        return modes.take(slice(0, count))
-    return SpringModes(
-        modes.eigenvalues[:count],
-        np.ascontiguousarray(modes.shapes[:, :count]),
-        modes.connectivity_id,
-        modes.mean_valence,
-    )
 
 
 def _sound(R: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[int, float]:

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from modalmotion.alignment.reference import displacement_blocks
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.nested_sets import Ladder
 from modalmotion.fit.fit import Fit
-from modalmotion.mesh.sequence import MeshSequence, Reference
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
-from modalmotion.template import Template
 
 # Modes that are taken out of the motion first, and the share of the vertices they may be.
 _MODES: Final = 120
@@ -72,15 +71,7 @@ class Noise:
         return text
 
 
-def estimate_noise(
-    sequence: MeshSequence,
-    template: Template,
-    ladder: Ladder,
-    fit: Fit,
-    *,
-    reference: Reference,
-    remove_rotation: bool,
-) -> Noise:
+def estimate_noise(fitter: Fitter, ladder: Ladder, fit: Fit) -> Noise:
     """Estimate independent noise of equal size in every coordinate.
 
     What many modes leave of the motion is fine and, in time, takes few directions; noise takes
@@ -91,21 +82,20 @@ def estimate_noise(
 
     Parameters
     ----------
-    sequence : MeshSequence
-    template : Template
+    fitter : Fitter
+        Of Cartesian components.
     ladder : Ladder
     fit : Fit
-        Of the ladder's largest set, in Cartesian components.
-    reference : int
-    remove_rotation : bool
+        Of the ladder's largest set.
     """
+    sequence, template = fitter.sequence, fitter.template
     rounding = _rounding(sequence)
     n_weighted = int((template.weights > 0).sum())
     wanted = max(1, min(_MODES, n_weighted // _SHARE))
     m = int(ladder.counts[np.searchsorted(ladder.counts, wanted, side="right") - 1])
     if sequence.n_frames < 2 or n_weighted <= m:
         return Noise(rounding, rounding, m, 0, 0)
-    r = _residual(sequence, template, ladder, fit, m, reference, remove_rotation)
+    r = _residual(fitter, ladder, fit, m)
     scale = float(np.abs(r).max(initial=0.0))
     if scale == 0.0:
         return Noise(rounding, rounding, m, 0, 0)
@@ -124,22 +114,14 @@ def estimate_noise(
     return Noise(max(float(sigma), rounding), rounding, m, rank, n_values)
 
 
-def _residual(
-    sequence: MeshSequence,
-    template: Template,
-    ladder: Ladder,
-    fit: Fit,
-    m: int,
-    reference: Reference,
-    remove_rotation: bool,
-) -> NDArray[np.float64]:
+def _residual(fitter: Fitter, ladder: Ladder, fit: Fit, m: int) -> NDArray[np.float64]:
     """Take the first m modes out, in units of its noise where the coordinates' is 1.
 
     Returns
     -------
     (frames, 3 * vertices) float64, length unit
     """
-    weights = template.weights
+    sequence, weights = fitter.sequence, fitter.template.weights
     counted = np.flatnonzero(weights > 0)
     some = counted[:: -(-len(counted) // _MOST_VERTICES)]
     frames = np.arange(0, sequence.n_frames, -(-sequence.n_frames // _MOST_FRAMES))
@@ -154,14 +136,9 @@ def _residual(
     own = psi[at]
     left = 1.0 - 2.0 * weights[some] * (own**2).sum(axis=1)
     left += ((own @ gram) * own).sum(axis=1)
-    u = np.concatenate(
-        [
-            scale * block[:, some]
-            for block, _, scale in displacement_blocks(
-                sequence, weights, reference=reference, remove_rotation=remove_rotation
-            )
-        ]
-    )[frames]
+    blocks = fitter.displacements.blocks()
+    u = np.concatenate([block.shape.scale * block.u[:, :, some] for block in blocks])
+    u = u[frames].transpose(0, 2, 1)
     r = u - own @ c
     share = 1.0 - m / len(counted)
     r *= np.sqrt(share / np.maximum(left, 0.1 * share))[:, None]

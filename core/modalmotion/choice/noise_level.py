@@ -2,56 +2,43 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from modalmotion.choice.energies import Energies, energies_of
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.nested_sets import Ladder
 from modalmotion.choice.noise import Noise, estimate_noise
 from modalmotion.choice.ordered_sets import ENERGY_POOL, sorted_ladder
-from modalmotion.choice.parameters import MOST_MODES, ModeOrder, SignatureParameters
-from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.template import Template
+from modalmotion.choice.parameters import MOST_MODES, ModeOrder
 from modalmotion.template.body_frame import Components
 
 # The first ladder; each further one is twice as long.
 _FIRST: Final = 128
 
 
-def measure_noise(sequence: MeshSequence, template: Template, asked: SignatureParameters) -> Noise:
+def measure_noise(fitter: Fitter) -> Noise:
     """Estimate a sequence's noise as its parameters measure displacements."""
-    plain = replace(asked, components=Components.CARTESIAN, order=ModeOrder.FIXED)
-    ladder, fit = sorted_ladder(sequence, template, plain, _FIRST)
-    return estimate_noise(
-        sequence,
-        template,
-        ladder,
-        fit,
-        reference=asked.reference,
-        remove_rotation=asked.remove_rotation,
-    )
+    plain = fitter.asking(components=Components.CARTESIAN, order=ModeOrder.FIXED)
+    return estimate_noise(plain, *sorted_ladder(plain, _FIRST))
 
 
-def modes_until_noise(
-    sequence: MeshSequence, template: Template, asked: SignatureParameters, noise: Noise
-) -> tuple[Ladder, int]:
+def modes_until_noise(fitter: Fitter, noise: Noise) -> tuple[Ladder, int]:
     """Give a ladder of modes, and how many of them to keep.
 
     Parameters
     ----------
-    sequence : MeshSequence
-    template : Template
-    asked : SignatureParameters
+    fitter : Fitter
     noise : Noise
     """
+    asked = fitter.parameters
     most = asked.most_modes or MOST_MODES
     n = min(_FIRST, most)
     if asked.order == ModeOrder.ENERGY:
         n = most = asked.most_modes or ENERGY_POOL
     while True:
-        ladder, fit = sorted_ladder(sequence, template, asked, n)
+        ladder, fit = sorted_ladder(fitter, n)
         count = least_risk(ladder, energies_of(ladder.basis, fit), noise)
         if ladder.ends_because or n >= most or 4 * count <= 3 * ladder.counts[-1]:
             return ladder, count

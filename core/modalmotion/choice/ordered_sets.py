@@ -7,28 +7,27 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.choice.fitted_motion import fit_with
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.nested_sets import Ladder, ladder_of
 from modalmotion.choice.parameters import ModeOrder, SignatureParameters
-from modalmotion.errors import ParameterError
 from modalmotion.fit.basis import Basis
 from modalmotion.fit.fit import Fit
-from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes import ModeSet
 from modalmotion.numeric.qr import tall_qr
-from modalmotion.template import Template
 
 ENERGY_POOL: Final = 200
 """Modes among which those with most energy are looked for, unless `most_modes` says."""
 
 
-def sorted_ladder(
-    sequence: MeshSequence, template: Template, asked: SignatureParameters, n_modes: int
-) -> tuple[Ladder, Fit]:
+def sorted_ladder(fitter: Fitter, n_modes: int) -> tuple[Ladder, Fit]:
     """Give modes in the order asked for, lowest or with most energy first, and their fit."""
-    ladder = ladder_of(template, n_modes, sequence.grid)
-    fit = fit_with(sequence, template, ladder.basis, asked)
-    return by_energy(ladder, fit) if asked.order == ModeOrder.ENERGY else (ladder, fit)
+    ladder = ladder_of(fitter.template, n_modes, fitter.sequence.grid)
+    return in_order(fitter, ladder)
+
+
+def in_order(fitter: Fitter, ladder: Ladder) -> tuple[Ladder, Fit]:
+    """Fit a ladder's largest set, and order it as the parameters ask."""
+    fit = fitter.fit(ladder.basis)
+    return by_energy(ladder, fit) if fitter.parameters.order == ModeOrder.ENERGY else (ladder, fit)
 
 
 def notes_on(ladder: Ladder, asked: SignatureParameters) -> tuple[str, ...]:
@@ -61,19 +60,15 @@ def by_energy(ladder: Ladder, fit: Fit) -> tuple[Ladder, Fit]:
         If the modes are the springs' of one mesh: their names are their ranks.
     """
     basis = ladder.basis
-    if not isinstance(basis.modes, ModeSet):
-        raise ParameterError(
-            "Spring modes of one mesh are named by their rank and come in its order only.",
-            remedy="Leave the order fixed, or state a topology that fits the surface.",
-        )
     scale = float(np.abs(fit.amplitudes).max(initial=0.0)) or 1.0
     energy = ((fit.amplitudes / scale) ** 2).sum(axis=2).mean(axis=0)
     groups = np.split(np.arange(len(basis.modes)), ladder.counts[:-1])
     rest = sorted(groups[1:], key=lambda group: -float(energy[group].sum()))
     order = np.concatenate([groups[0], *rest])
+    modes = basis.modes.take(order)
     _, R = tall_qr(basis.triangle[:, order])
     turned = Basis(
-        basis.modes.take(order),
+        modes,
         np.ascontiguousarray(basis.shapes[:, order]),
         np.ascontiguousarray(basis.projector[order]),
         R,

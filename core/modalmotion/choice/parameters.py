@@ -55,8 +55,8 @@ class SignatureParameters:
     Parameters
     ----------
     modes : int or None
-        Number of modes; each has three amplitudes a frame. Rounded up where a pair would be
-        split. None where it follows from the data.
+        Number of modes; each has three amplitudes a frame. Rounded up where a cosine-sine pair
+        would be split, unless `split_pairs`. None where it follows from the data.
     topology : str or None
         Name of the topology, over what the sequence states.
     grid : tuple of int or None
@@ -90,6 +90,9 @@ class SignatureParameters:
         Largest number of modes that a tolerance, `auto` or the order of energy may reach to.
     harmonics : int or None
         Harmonics that each amplitude's path over time is limited to; None leaves it as it is.
+    split_pairs : bool
+        Take the stated number of modes exactly, be it odd: the amplitudes of a cosine without
+        its sine depend on where theta is zero, and compare only where that is the same.
     amplitudes : int, optional
         In place of `modes`: amplitudes a frame, three of a mode.
     """
@@ -112,6 +115,7 @@ class SignatureParameters:
     order: ModeOrder = ModeOrder.FIXED
     most_modes: int | None = None
     harmonics: int | None = None
+    split_pairs: bool = False
     amplitudes: InitVar[int | None] = None
 
     def __post_init__(self, amplitudes: int | None) -> None:
@@ -132,6 +136,13 @@ class SignatureParameters:
                     remedy=f"Ask for 1 to {MOST_MODES} modes; 7 is the usual number.",
                     details={name: count, "most": MOST_MODES},
                 )
+        if self.split_pairs and (self.modes is None or self.order != ModeOrder.FIXED):
+            raise ParameterError(
+                "Pairs are split only for a stated number of modes in the fixed order: whatever "
+                "follows from the data takes whole pairs.",
+                remedy="Leave out split_pairs, or ask by modes or amplitudes and leave the order "
+                "fixed.",
+            )
         # Beyond it the energy, which has its square, may be no number.
         if not 0 < self.wave_speed <= FASTEST_WAVE:
             raise ParameterError(
@@ -209,6 +220,7 @@ _LEFT_OUT: Final = (
     "order",
     "most_modes",
     "harmonics",
+    "split_pairs",
 )
 
 
@@ -229,8 +241,8 @@ def parameters_as_json(parameters: SignatureParameters) -> dict[str, Any]:
 
 def parameters_from_json(values: dict[str, Any]) -> SignatureParameters:
     """Read what `parameters_as_json` gave."""
-    # JSON knows no tuples and no enumerations; fields that came later keep their defaults.
-    grid = values.get("grid")
+    # JSON has neither tuples nor enumerations.
+    grid = values["grid"]
     return SignatureParameters(
         **{
             **values,
@@ -238,7 +250,7 @@ def parameters_from_json(values: dict[str, Any]) -> SignatureParameters:
             "weights": Weights(values["weights"]),
             "components": Components(values["components"]),
             "landmarks": GivenLandmarks.from_json(values["landmarks"]),
-            "tolerance_of": ErrorKind(values.get("tolerance_of", ErrorKind.RMS)),
-            "order": ModeOrder(values.get("order", ModeOrder.FIXED)),
+            "tolerance_of": ErrorKind(values["tolerance_of"]),
+            "order": ModeOrder(values["order"]),
         }
     )

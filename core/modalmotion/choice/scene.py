@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -10,11 +9,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.reference import displacement_blocks, reference_positions
 from modalmotion.alignment.rigid import Rotations
+from modalmotion.choice.fitter import Fitter
 from modalmotion.fit.superposition import distances
-from modalmotion.mesh.sequence import MeshSequence, Reference
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.products import weighted_sum
+from modalmotion.numeric.scale import root_mean_square
 from modalmotion.representation import shown
 from modalmotion.template import Template
 
@@ -139,21 +139,17 @@ class Scene:
         }
 
 
-def scene_of(
-    sequence: MeshSequence, template: Template, rotations: Rotations, *, reference: Reference
-) -> Scene:
+def scene_of(fitter: Fitter, rotations: Rotations) -> Scene:
     """Measure a sequence against each simple kind of motion.
 
     Parameters
     ----------
-    sequence : MeshSequence
-    template : Template
+    fitter : Fitter
     rotations : Rotations
         About the centroid of each frame, from the fit of its modes.
-    reference : int
     """
-    start = reference_positions(sequence, reference)
-    weights = template.weights
+    sequence, template = fitter.sequence, fitter.template
+    start, weights = fitter.displacements.start, template.weights
     centre = weighted_sum(weights, start)
     rest = start - centre
     size = float(np.abs(rest[weights > 0]).max(initial=0.0)) or 1.0
@@ -183,35 +179,26 @@ def scene_of(
         linear[SceneKind.STATIC],
         linear[SceneKind.RIGID],
         linear[SceneKind.AFFINE],
-        planar_motion(sequence, template, reference=reference),
+        planar_motion(fitter),
     )
 
 
-def planar_motion(
-    sequence: MeshSequence, template: Template, *, reference: Reference
-) -> PlanarMotion:
+def planar_motion(fitter: Fitter) -> PlanarMotion:
     """Find the plane that holds most of the displacements, each frame's rotation removed."""
+    template, turned = fitter.template, fitter.asking(remove_rotation=True).displacements
     moments = np.zeros((3, 3))
-    for u, _, _ in _displacements(sequence, template, reference):
-        flat = u.reshape(-1, 3)
-        moments += (flat * np.tile(template.weights, len(u))[:, None]).T @ flat
+    for block in turned.blocks():
+        flat = block.u.transpose(0, 2, 1).reshape(-1, 3)
+        moments += (flat * np.tile(template.weights, len(block.u))[:, None]).T @ flat
     normal = np.linalg.eigh(moments)[1][:, 0]
     largest = int(np.argmax(np.abs(normal)))
     normal = normal * (1.0 if normal[largest] > 0 else -1.0)
     found = [
-        distances((u @ normal)[:, :, None] * scale, template)
-        for u, _, scale in _displacements(sequence, template, reference)
+        distances((block.u.transpose(0, 2, 1) @ normal)[:, :, None] * block.shape.scale, template)
+        for block in turned.blocks()
     ]
     x, y, z = normal.tolist()
     return PlanarMotion((x, y, z), _over_frames(found))
-
-
-def _displacements(
-    sequence: MeshSequence, template: Template, reference: Reference
-) -> Iterator[tuple[NDArray[np.float64], Rotations, float]]:
-    return displacement_blocks(
-        sequence, template.weights, reference=reference, remove_rotation=True
-    )
 
 
 def _linear(
@@ -238,9 +225,8 @@ def _over_frames(
     found: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
 ) -> SceneError:
     rms, p95, largest = (np.concatenate(part) for part in zip(*found, strict=True))
-    scale = float(rms.max(initial=0.0)) or 1.0
     return SceneError(
-        rms=scale * float(np.sqrt(((rms / scale) ** 2).mean())),
+        rms=root_mean_square(rms),
         p95=float(p95.max()),
         max=float(largest.max()),
     )

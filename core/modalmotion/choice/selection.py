@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from modalmotion.choice.fitted_motion import Model, fit_model, static_model
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.limit import (
     holds_noise,
     limit_of,
@@ -24,22 +25,17 @@ from modalmotion.choice.smallest_set import smallest_within
 from modalmotion.errors import ModeCountError
 from modalmotion.fit.cache import TemplateCache
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.mesh.spring_modes import SpringModes
-from modalmotion.modes import ModeSet
-from modalmotion.template import Template, choose_modes
+from modalmotion.modes import Modes
+from modalmotion.template import choose_modes
 from modalmotion.template.body_frame import Components
 
 
-def select_model(
-    sequence: MeshSequence, template: Template, asked: SignatureParameters, cache: TemplateCache
-) -> Model:
+def select_model(fitter: Fitter, cache: TemplateCache) -> Model:
     """Fit the model that parameters ask for.
 
     Parameters
     ----------
-    sequence : MeshSequence
-    template : Template
-    asked : SignatureParameters
+    fitter : Fitter
     cache : TemplateCache
         Where factored modes of a stated number are looked for, and kept.
 
@@ -52,25 +48,26 @@ def select_model(
     ModeCountError
         If the surface cannot tell that many modes apart.
     """
+    sequence, template, asked = fitter.sequence, fitter.template, fitter.parameters
     if not asked.is_adaptive:
-        return _with_count(sequence, template, asked, cache)
+        return _with_count(fitter, cache)
     require_unit(asked, sequence)
     smallest = choose_modes(template, 1, sequence.grid).modes
-    first = fit_model(sequence, template, smallest, replace(asked, harmonics=None))
-    scene = scene_of(sequence, template, first.fit.rotations, reference=asked.reference)
+    first = fit_model(fitter.asking(harmonics=None), smallest)
+    scene = scene_of(fitter, first.fit.rotations)
     if asked.auto:
-        return _until_noise(sequence, template, asked, smallest, scene)
+        return _until_noise(fitter, smallest, scene)
     limit = limit_of(asked, sequence, first.fit.motion_rms)
     kind = simplest(scene, limit, asked.tolerance_of)
     way = "tolerance" if asked.tolerance is not None else "tolerance_share"
     choice = ModelChoice(way, limit, asked.tolerance_of, None, kind, scene.errors, None)
     if kind == SceneKind.STATIC:
-        found = static_model(sequence, template, smallest, scene.static, asked)
+        found = static_model(fitter, smallest, scene.static)
         return _noted(found, choice, sequence)
-    found = smallest_within(sequence, template, asked, limit)
+    found = smallest_within(fitter, limit)
     if _may_flatten(asked) and simplest_is_planar(scene, limit, asked.tolerance_of):
         normal = scene.planar.normal
-        flat = fit_model(sequence, template, found.modes, asked, normal=normal)
+        flat = fit_model(fitter, found.modes, normal=normal)
         if flat.error(asked.tolerance_of) <= limit:
             found = replace(flat, notes=found.notes)
             choice = replace(choice, normal=normal)
@@ -83,15 +80,16 @@ def simplest_is_planar(scene: Scene, limit: float, kind: ErrorKind) -> bool:
     return (error.max if kind == ErrorKind.MAX else error.rms) <= limit
 
 
-def _with_count(
-    sequence: MeshSequence, template: Template, asked: SignatureParameters, cache: TemplateCache
-) -> Model:
+def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
+    asked = fitter.parameters
     n = asked.modes or 1
     if asked.order == ModeOrder.FIXED:
-        choice, basis = cache.basis(template, n, sequence.grid)
-        found = fit_model(sequence, template, choice.modes, asked, basis=basis)
+        choice, basis = cache.basis(
+            fitter.template, n, fitter.sequence.grid, split_pairs=asked.split_pairs
+        )
+        found = fit_model(fitter, choice.modes, basis=basis)
         return replace(found, notes=choice.notes)
-    ladder, _ = sorted_ladder(sequence, template, asked, asked.most_modes or max(ENERGY_POOL, n))
+    ladder, _ = sorted_ladder(fitter, asked.most_modes or max(ENERGY_POOL, n))
     if n > ladder.counts[-1]:
         raise ModeCountError(
             f"{n} modes were asked for among the {ladder.counts[-1]} whose energy is compared.",
@@ -99,32 +97,27 @@ def _with_count(
             details={"modes": n, "most": int(ladder.counts[-1])},
         )
     count = int(ladder.counts[np.searchsorted(ladder.counts, n)])
-    found = fit_model(sequence, template, ladder.modes(count), asked)
+    found = fit_model(fitter, ladder.modes(count))
     return replace(found, notes=notes_on(ladder, asked))
 
 
-def _until_noise(
-    sequence: MeshSequence,
-    template: Template,
-    asked: SignatureParameters,
-    smallest: ModeSet | SpringModes,
-    scene: Scene,
-) -> Model:
-    noise = measure_noise(sequence, template, asked)
+def _until_noise(fitter: Fitter, smallest: Modes, scene: Scene) -> Model:
+    sequence, asked = fitter.sequence, fitter.parameters
+    noise = measure_noise(fitter)
     kind = simplest_with_noise(scene, noise, sequence)
     limit = noise_rms(noise, sequence.n_frames)
     choice = ModelChoice("auto", limit, ErrorKind.RMS, noise, kind, scene.errors, None)
     if kind == SceneKind.STATIC:
-        found = static_model(sequence, template, smallest, scene.static, asked)
+        found = static_model(fitter, smallest, scene.static)
         return _noted(found, choice, sequence)
     is_simple = kind == SceneKind.RIGID and asked.remove_rotation
     if is_simple and asked.components == Components.CARTESIAN:
-        return _noted(fit_model(sequence, template, smallest, asked), choice, sequence)
-    ladder, count = modes_until_noise(sequence, template, asked, noise)
+        return _noted(fit_model(fitter, smallest), choice, sequence)
+    ladder, count = modes_until_noise(fitter, noise)
     normal = None
     if _may_flatten(asked) and holds_noise(scene.planar.error.rms, noise, sequence, 1):
         normal = scene.planar.normal
-    found = fit_model(sequence, template, ladder.modes(count), asked, normal=normal)
+    found = fit_model(fitter, ladder.modes(count), normal=normal)
     notes = list(notes_on(ladder, asked))
     if count == ladder.counts[-1]:
         reason = ladder.ends_because or "no more were allowed"

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.choice.energies import Energies
-from modalmotion.choice.harmonics import harmonics_of, require_harmonics
+from modalmotion.choice.fitter import Fitter
+from modalmotion.choice.harmonics import Harmonics, harmonics_of, require_harmonics
 from modalmotion.choice.largest_errors import largest_errors
 from modalmotion.choice.nested_sets import Ladder
-from modalmotion.choice.parameters import ErrorKind, SignatureParameters
-from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.template import Template
+from modalmotion.choice.parameters import ErrorKind
 
 # Errors of nested sets are known to this share, and to this share of the motion.
 _ROUNDING: Final = 1e-9
@@ -25,9 +24,7 @@ _ROUNDING_OF_MOTION: Final = 1e-12
 class SetErrors:
     """Errors of the sets of one ladder, of the kind that is asked about."""
 
-    sequence: MeshSequence
-    template: Template
-    asked: SignatureParameters
+    fitter: Fitter
     ladder: Ladder
     energies: Energies
 
@@ -37,24 +34,22 @@ class SetErrors:
 
     def bound(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
         """RMS errors, which are no larger than what is asked about."""
-        if self.asked.harmonics is not None:
+        if self.fitter.parameters.harmonics is not None:
             return self._joint(counts)
-        if self.asked.tolerance_of == ErrorKind.MAX:
+        if self.fitter.parameters.tolerance_of == ErrorKind.MAX:
             return self.energies.worst_frame_rms(counts)
         return self.energies.rms(counts)
 
     def of(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
         """Errors of sets that increase in number."""
-        if self.asked.tolerance_of == ErrorKind.RMS:
+        if self.fitter.parameters.tolerance_of == ErrorKind.RMS:
             return self.bound(counts)
         limited = self.energies
-        if self.asked.harmonics is not None:
-            functions = harmonics_of(self.sequence.n_frames, self.sequence.times)
-            paths = functions.limited(limited.coefficients, self.asked.harmonics)
+        if self.fitter.parameters.harmonics is not None:
+            functions = self._functions
+            paths = functions.limited(limited.coefficients, self.fitter.parameters.harmonics)
             limited = replace(limited, coefficients=paths)
-        return largest_errors(
-            self.sequence, self.template, self.ladder, limited, counts, self.asked
-        )
+        return largest_errors(self.fitter, self.ladder, limited, counts)
 
     def best(self, known: dict[int, float]) -> tuple[float, int]:
         """Smallest error of all sets, and its number of modes."""
@@ -68,8 +63,12 @@ class SetErrors:
                 best = min(best, (float(self.of(np.array([count]))[0]), count))
         return best
 
+    @property
+    def _functions(self) -> Harmonics:
+        return harmonics_of(self.fitter.sequence.n_frames, self.fitter.sequence.times)
+
     def _joint(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
-        functions = harmonics_of(self.sequence.n_frames, self.sequence.times)
-        harmonics = self.asked.harmonics or 0
+        functions = self._functions
+        harmonics = self.fitter.parameters.harmonics or 0
         require_harmonics(harmonics, functions)
         return self.energies.joint_rms(counts, functions)[:, harmonics]

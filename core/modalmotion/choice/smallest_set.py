@@ -9,12 +9,12 @@ import numpy as np
 
 from modalmotion.choice.energies import energies_of
 from modalmotion.choice.fitted_motion import Model, fit_model
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.ordered_sets import ENERGY_POOL, notes_on, sorted_ladder
-from modalmotion.choice.parameters import MOST_MODES, ModeOrder, SignatureParameters
+from modalmotion.choice.parameters import MOST_MODES, ModeOrder
 from modalmotion.choice.set_errors import SetErrors
 from modalmotion.errors import ToleranceError
-from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
-from modalmotion.template import Template
+from modalmotion.mesh.sequence import MM_PER_UNIT
 
 # The first ladder; each further one is twice as long.
 _FIRST: Final = 64
@@ -23,9 +23,7 @@ _FIRST: Final = 64
 _WINDOW: Final = 16
 
 
-def smallest_within(
-    sequence: MeshSequence, template: Template, asked: SignatureParameters, limit: float
-) -> Model:
+def smallest_within(fitter: Fitter, limit: float) -> Model:
     """Smallest whole set whose error, as measured on its own fit, holds a limit.
 
     Raises
@@ -33,14 +31,15 @@ def smallest_within(
     ToleranceError
         If none does; its details say the best that can be had.
     """
+    asked = fitter.parameters
     most = asked.most_modes or MOST_MODES
     n = min(_FIRST, most)
     if asked.order == ModeOrder.ENERGY:
         n = most = asked.most_modes or ENERGY_POOL
     known: dict[int, float] = {}
     while True:
-        ladder, fit = sorted_ladder(sequence, template, asked, n)
-        errors = SetErrors(sequence, template, asked, ladder, energies_of(ladder.basis, fit))
+        ladder, fit = sorted_ladder(fitter, n)
+        errors = SetErrors(fitter, ladder, energies_of(ladder.basis, fit))
         counts = ladder.counts[ladder.counts > max(known, default=0)]
         # No maximum is below the RMS of its frame.
         counts = counts[errors.bound(counts) <= limit + errors.slack(limit)]
@@ -49,27 +48,26 @@ def smallest_within(
             known.update(zip(some.tolist(), errors.of(some).tolist(), strict=True))
             for count in some.tolist():
                 if known[count] <= limit + errors.slack(limit):
-                    found = fit_model(sequence, template, ladder.modes(count), asked)
+                    found = fit_model(fitter, ladder.modes(count))
                     if found.error(asked.tolerance_of) <= limit:
                         return replace(found, notes=notes_on(ladder, asked))
         if ladder.ends_because or n >= most:
             best = errors.best(known)
             reason = ladder.ends_because or f"no more than {ladder.counts[-1]} were allowed"
-            raise _unreachable(sequence, asked, limit, best, reason)
+            raise _unreachable(fitter, limit, best, reason)
         known.setdefault(int(ladder.counts[-1]), np.inf)
         n = min(2 * n, most)
 
 
 def _unreachable(
-    sequence: MeshSequence,
-    asked: SignatureParameters,
+    fitter: Fitter,
     limit: float,
     best: tuple[float, int],
     reason: str,
 ) -> ToleranceError:
-    unit = sequence.unit or "length units"
+    asked, unit = fitter.parameters, fitter.sequence.unit or "length units"
     error, count = best
-    in_mm = MM_PER_UNIT.get(sequence.unit or "")
+    in_mm = MM_PER_UNIT.get(unit)
     return ToleranceError(
         f"No set of modes holds {limit:.6g} {unit} ({asked.tolerance_of}): the best, of {count} "
         f"modes, leaves {error:.6g} {unit}; {reason}.",
@@ -80,6 +78,6 @@ def _unreachable(
             "best_error_mm": None if in_mm is None else error * in_mm,
             "best_modes": count,
             "error_of": asked.tolerance_of.value,
-            "unit": sequence.unit,
+            "unit": fitter.sequence.unit,
         },
     )

@@ -9,60 +9,43 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.asking import asked_for, asking_options
-from modalmotion.cli.files import GridShape, ReferenceShape, read, sequence_argument
+from modalmotion.cli.files import read, sequence_argument
+from modalmotion.cli.options import (
+    components_option,
+    example,
+    json_option,
+    kind_of,
+    list_written,
+    mode_options,
+    output_option,
+    plot_option,
+    reference_option,
+    rotation_option,
+    signature_parameters,
+    surface_options,
+    weights_option,
+)
 from modalmotion.cli.readouts_command import volume_lines
-from modalmotion.mesh.sequence import Reference
+from modalmotion.facts import facts_as_json
 from modalmotion.numerals import counted, numeral
-from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.making import ModalSignature, modal_signature
 from modalmotion.stopwatch import Stopwatch
-from modalmotion.template import Weights
-from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import Price, price_of
 
 
-@click.command()
+@click.command(epilog=example("signature beat.npz --modes 18 --plot beat.png"))
 @sequence_argument
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="HDF5 file to write.")
-@asking_options
-@click.option("--topology", help="cup, cylinder, plane, ...; over what the file states.")
-@click.option("--grid", type=GridShape(), help="Lattice shape such as 32,64; over the file's own.")
-@click.option(
-    "--reference",
-    type=ReferenceShape(),
-    default=0,
-    show_default=True,
-    help="Frame to measure from, or mean: of all frames, wherever the recording starts.",
-)
-@click.option(
-    "--weights",
-    type=click.Choice([w.value for w in Weights]),
-    default=Weights.AREA.value,
-    show_default=True,
-    help="How much each vertex counts.",
-)
-@click.option(
-    "--components",
-    type=click.Choice([c.value for c in Components]),
-    default=Components.CARTESIAN.value,
-    show_default=True,
-    help="x, y, z or radial, tangential, axial.",
-)
-@click.option("--keep-rotation", is_flag=True, help="Leave each frame's rotation in the motion.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Picture to write (PNG, SVG, PDF).")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@output_option("HDF5 file to write.", required=False)
+@mode_options
+@surface_options
+@reference_option
+@weights_option
+@components_option
+@rotation_option
+@plot_option
+@json_option
 def signature(
-    source: Path,
-    output: Path | None,
-    topology: str | None,
-    grid: tuple[int, ...] | None,
-    reference: Reference,
-    weights: str,
-    components: str,
-    keep_rotation: bool,
-    plot: Path | None,
-    as_json: bool,
-    **said: Any,
+    source: Path, output: Path | None, plot: Path | None, as_json: bool, **options: Any
 ) -> None:
     """Fit the modal signature of the sequence in FILE.
 
@@ -71,23 +54,13 @@ def signature(
     """
     from modalmotion.store import signature_to_hdf5, write_atomic
 
-    asked = asked_for(said)
-    reading = Stopwatch()
-    with reading.stage("read"):
-        sequence = read(source, **said)
-    parameters = SignatureParameters(
-        topology=topology,
-        grid=grid,
-        reference=reference,
-        weights=Weights(weights),
-        remove_rotation=not keep_rotation,
-        components=Components(components),
-        **asked,
-    )
+    parameters = signature_parameters(options)
     watch = Stopwatch()
+    with watch.stage("read"):
+        sequence = read(source, **options)
     with watch.stage("fit"):
         result = modal_signature(sequence, parameters)
-    price = price_of(result, {**reading.milliseconds, **watch.milliseconds})
+    price = price_of(result, watch.milliseconds)
     if output is not None:
         write_atomic(output, signature_to_hdf5(result))
     if plot is not None:
@@ -98,46 +71,25 @@ def signature(
         click.echo(json.dumps(summary(result, price), indent=2))
     else:
         click.echo("\n".join([_lines(result, price), *volume_lines(result, sequence)]))
-    for path in (output, plot):
-        if path is not None:
-            click.echo(f"written: {path}", err=as_json)
+    list_written(output, plot, as_json=as_json)
 
 
-@click.command()
+@click.command(epilog=example("reconstruct beat.npz -o beat.glb --modes 7"))
 @sequence_argument
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="File to write: .npz, .vtkhdf, .glb or .zip (of PLY).",
-)
-@asking_options
-@click.option("--topology", help="Over what the file states.")
-@click.option("--grid", type=GridShape(), help="Lattice shape; over the file's own.")
+@output_option("File to write: .npz, .vtkhdf, .glb or .zip (of PLY).")
+@mode_options
+@surface_options
 @click.option("--max-targets", type=int, help="Of a GLB: most morph targets, by energy.")
-def reconstruct(
-    source: Path,
-    output: Path,
-    topology: str | None,
-    grid: tuple[int, ...] | None,
-    max_targets: int | None,
-    **said: Any,
-) -> None:
+def reconstruct(source: Path, output: Path, max_targets: int | None, **options: Any) -> None:
     """Write the surfaces that a few modes of the sequence in FILE stand for."""
     from modalmotion.exports.surfaces import SUFFIXES, write_superposed
     from modalmotion.store import write_atomic
 
-    if output.suffix not in SUFFIXES:
-        raise click.BadParameter(
-            f"{output.name} ends with none of {', '.join(SUFFIXES)}.", param_hint="--output"
-        )
-    asked = asked_for(said)
-    sequence = read(source, **said)
-    parameters = SignatureParameters(topology=topology, grid=grid, **asked)
+    kind = kind_of(output, SUFFIXES)
+    parameters = signature_parameters(options)
+    sequence = read(source, **options)
     result = modal_signature(sequence, parameters)
-    data = write_superposed(result, sequence, SUFFIXES[output.suffix], max_targets=max_targets)
-    write_atomic(output, data)
+    write_atomic(output, write_superposed(result, sequence, kind, max_targets=max_targets))
     motion = float(result.motion_rms.max())
     click.echo(
         f"{counted(result.n_frames, 'frame')}, error {numeral(result.rms_error, of=motion)} "
@@ -154,6 +106,7 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
         "modes": len(result.modes),
         "amplitudes_per_frame": 3 * len(result.modes),
         "unit": result.unit,
+        "facts": facts_as_json(result.facts),
         "rms_error": result.rms_error,
         "p95_error": float(result.p95_errors.max()),
         "max_error": result.max_error,
@@ -178,6 +131,7 @@ def _lines(result: ModalSignature, price: Price) -> str:
             f"{result.surface}, {counted(result.n_frames, 'frame')}, "
             f"{counted(result.n_vertices, 'vertex', 'vertices')}"
         ),
+        *([f"facts: {repr(result.facts)[6:-1]}"] if result.facts.stated else []),
         f"{counted(count, 'mode')} x 3 directions = {3 * count} amplitudes a frame",
         (
             f"compression {result.compression:.0f}:1 a frame, "

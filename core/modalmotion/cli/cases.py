@@ -13,16 +13,17 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from modalmotion.errors import InputError, MalformedFileError, ModalMotionError, ParameterError
+from modalmotion.facts import NO_FACTS, Facts, column_of, facts_from_texts, is_fact
 
 if TYPE_CHECKING:
-    from modalmotion.classify import TrainingCase
+    from modalmotion.classification import TrainingCase
     from modalmotion.signature.making import SignatureParameters
 
 _COLUMNS: Final = ("path", "label", "subject")
 
 _HOW: Final = (
-    "Give a table with the columns path, label and, where it is known, subject; or files that "
-    "lie in folders named by their class."
+    "Give a table with the columns path, label and, where they are known, subject and facts; or "
+    "files that lie in folders named by their class."
 )
 
 
@@ -35,11 +36,14 @@ class LabelledFile:
     path : Path
     label : str
     subject : str or None
+    facts : Facts
+        Over those that the file states.
     """
 
     path: Path
     label: str
     subject: str | None
+    facts: Facts = NO_FACTS
 
 
 def labelled_files(sources: Sequence[Path]) -> list[LabelledFile]:
@@ -51,20 +55,22 @@ def labelled_files(sources: Sequence[Path]) -> list[LabelledFile]:
         If a row or a file is missing, has no class, or is named twice; it says which.
     """
     if len(sources) == 1 and sources[0].suffix.lower() in (".csv", ".tsv"):
-        found = read_manifest(sources[0])
+        files = read_manifest(sources[0])
     else:
-        found = [_by_folder(path) for path in sources]
-    repeated = [path for path, n in Counter(file.path for file in found).items() if n > 1]
-    if repeated:
+        files = [_by_folder(path) for path in sources]
+    path, n = Counter(file.path for file in files).most_common(1)[0] if files else (None, 0)
+    if n > 1:
         raise ParameterError(
-            f"'{repeated[0]}' is named {Counter(file.path for file in found)[repeated[0]]} times.",
+            f"'{path}' is named {n} times.",
             remedy="Name each file once: repeated, it would stand on both sides of a split.",
         )
-    return found
+    return files
 
 
 def read_manifest(manifest: Path) -> list[LabelledFile]:
     """Read a table of files: path, label, subject; paths are relative to the table's folder.
+
+    Further columns may state facts, by their names or as landmark:apex and covariate:age.
 
     Raises
     ------
@@ -81,7 +87,7 @@ def read_manifest(manifest: Path) -> list[LabelledFile]:
     first = lines[0] if lines else ""
     delimiter = max(",;\t", key=first.count)
     rows = csv.DictReader(lines, delimiter=delimiter, skipinitialspace=True)
-    names = [(name or "").strip().lower() for name in rows.fieldnames or []]
+    names = [column_of(name or "") for name in rows.fieldnames or []]
     missing = [name for name in _COLUMNS[:2] if name not in names]
     if missing:
         raise MalformedFileError(
@@ -89,12 +95,18 @@ def read_manifest(manifest: Path) -> list[LabelledFile]:
             f"first line is {first[:80]!r}.",
             remedy=_HOW,
         )
+    twice = [name for name, n in Counter(names).items() if n > 1 and is_fact(name)]
+    if twice:
+        raise MalformedFileError(
+            f"The manifest '{manifest}' has {names.count(twice[0])} columns '{twice[0][:80]}'.",
+            remedy="Keep one of them.",
+        )
     rows.fieldnames = names
     return [_row(manifest, rows.line_num, row) for row in rows]
 
 
 def training_cases(
-    files: Sequence[LabelledFile], parameters: SignatureParameters, said: dict[str, Any]
+    files: Sequence[LabelledFile], parameters: SignatureParameters, stated: dict[str, Any]
 ) -> Iterator[TrainingCase]:
     """Read and fit files one by one, with a bar.
 
@@ -102,7 +114,7 @@ def training_cases(
     ----------
     files : sequence of LabelledFile
     parameters : SignatureParameters
-    said : dict
+    stated : dict
         Of all files, over what they say themselves; see `files.read`.
 
     Raises
@@ -110,14 +122,15 @@ def training_cases(
     InputError
         If a file cannot be used; it names the file.
     """
-    from modalmotion.classify import TrainingCase
+    from modalmotion.classification import TrainingCase
     from modalmotion.cli.files import read
     from modalmotion.signature.making import modal_signature
 
     with click.progressbar(files, label="signatures", file=sys.stderr) as bar:
         for file in bar:
             try:
-                signature = modal_signature(read(file.path, quiet=True, **said), parameters)
+                sequence = read(file.path, quiet=True, facts=file.facts, **stated)
+                signature = modal_signature(sequence, parameters)
                 yield TrainingCase(signature, file.label, file.subject)
             except ModalMotionError as error:
                 raise _of_file(error, file.path) from error
@@ -147,7 +160,15 @@ def _row(manifest: Path, line: int, row: dict[str, Any]) -> LabelledFile:
             remedy="Paths are relative to the folder that the manifest lies in.",
             details={"line": line},
         )
-    return LabelledFile(path, values["label"], values["subject"] or None)
+    try:
+        facts = facts_from_texts({name: row[name] for name in row if name and is_fact(name)})
+    except ParameterError as error:
+        raise MalformedFileError(
+            f"Line {line} of '{manifest.name}': {error.message}",
+            remedy=error.remedy,
+            details={**error.details, "line": line},
+        ) from error
+    return LabelledFile(path, values["label"], values["subject"] or None, facts)
 
 
 def _of_file(error: ModalMotionError, path: Path) -> InputError:

@@ -9,18 +9,19 @@ from typing import Any
 import click
 
 from modalmotion.cli.files import read, sequence_argument
+from modalmotion.cli.options import example, kind_of, list_written, output_option
 from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.store import write_atomic
 
 _WRITERS = {".npz": write_npz, ".vtkhdf": write_vtkhdf, ".raw": write_raw}
 
 
-@click.command()
+@click.command(epilog=example("encode beat.npz -o beat.mms --max-error 0.1"))
 @sequence_argument
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Stream.")
-@click.option("--rms", type=float, help="RMS distance of vertices that is not exceeded.")
-@click.option("--max-error", type=float, help="Of every coordinate, never exceeded.")
-@click.option("--bytes", "n_bytes", type=int, help="Size of the stream that is not exceeded.")
+@output_option("Stream to write.")
+@click.option("--rms", type=float, help="Largest RMS distance of the vertices.")
+@click.option("--max-error", type=float, help="Largest error of any coordinate.")
+@click.option("--bytes", "n_bytes", type=int, help="Largest size of the stream.")
 @click.option(
     "--effort",
     type=click.Choice(["fast", "balanced", "thorough"]),
@@ -35,14 +36,14 @@ def encode(
     max_error: float | None,
     n_bytes: int | None,
     effort: str,
-    **said: Any,
+    **options: Any,
 ) -> None:
     """Compress the sequence in FILE at an error (in its unit) or a size that you choose."""
     from modalmotion.codec import encode as compress
 
-    sequence = read(source, **said)
+    sequence = read(source, **options)
     with click.progressbar(length=100, label="encode", file=sys.stderr) as bar:
-        found = compress(
+        stream = compress(
             sequence,
             rms=rms,
             max_error=max_error,
@@ -50,25 +51,19 @@ def encode(
             effort=effort,
             progress=lambda share: bar.update(round(100 * share) - bar.pos),
         )
-    write_atomic(output, found.data)
+    write_atomic(output, stream.data)
     unit = sequence.unit or "length units"
     click.echo(
-        f"{found.n_bytes} bytes, {found.bits_per_vertex_and_frame:.3f} bits a vertex and frame; "
-        f"error {found.rms:.4g} {unit} RMS, {found.max_error:.4g} {unit} at most in a "
-        f"coordinate, KG {found.kg_error:.3g} %; {found.transform}"
+        f"{stream.n_bytes} bytes, {stream.bits_per_vertex_and_frame:.3f} bits a vertex and frame; "
+        f"error {stream.rms:.4g} {unit} RMS, {stream.max_error:.4g} {unit} at most in a "
+        f"coordinate, KG {stream.kg_error:.3g} %; {stream.transform}"
     )
-    click.echo(f"written: {output}")
+    list_written(output)
 
 
-@click.command()
+@click.command(epilog=example("decode beat.mms -o beat.npz"))
 @click.argument("stream", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="File to write: .npz, .vtkhdf or .raw (float32).",
-)
+@output_option("File to write: .npz, .vtkhdf or .raw (float32).")
 @click.option("--first", type=int, help="First frame.")
 @click.option("--stop", type=int, help="Frame after the last.")
 def decode(stream: Path, output: Path, first: int | None, stop: int | None) -> None:
@@ -76,15 +71,12 @@ def decode(stream: Path, output: Path, first: int | None, stop: int | None) -> N
     from modalmotion.codec import decode as expand
     from modalmotion.codec import inspect
 
-    if output.suffix not in _WRITERS:
-        raise click.BadParameter(
-            f"{output.name} ends with none of {', '.join(_WRITERS)}.", param_hint="--output"
-        )
+    write = kind_of(output, _WRITERS)
     data = stream.read_bytes()
     frames = None
     if first is not None or stop is not None:
         n_frames = inspect(data).n_frames
         frames = range(first or 0, n_frames if stop is None else stop)
     sequence = expand(data, frames=frames)
-    write_atomic(output, _WRITERS[output.suffix](sequence))
+    write_atomic(output, write(sequence))
     click.echo(f"{sequence.n_frames} frames of {sequence.n_vertices} vertices: {output}")

@@ -11,10 +11,12 @@ import click
 from modalmotion.errors import ModalMotionError
 
 COMMANDS: Final = {
+    "animate": ("modes_commands", "Add modes over the surface in FILE and let them swing."),
     "classify": ("model_commands", "Name the motion class of the sequence in FILE."),
     "decode": ("codec_commands", "Decode a compressed STREAM, or some of its frames."),
     "encode": ("codec_commands", "Compress the sequence in FILE at an error that you choose."),
     "evaluate": ("model_commands", "Test MODEL, a file or a name, on labelled sequences."),
+    "modes": ("modes_commands", "List the vibration modes of a lattice or of FILE's surface."),
     "readouts": ("readouts_command", "Read volume and ejection fraction of the cavity in FILE."),
     "reconstruct": ("analysis_commands", "Write the surfaces that a few modes stand for."),
     "signature": ("analysis_commands", "Fit the modal signature of the sequence in FILE."),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from modalmotion.cli.cases import labelled_files, training_cases
-from modalmotion.cli.files import GridShape, read, sequence_argument
+from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.model_texts import (
     accuracy_text,
     answer_json,
@@ -19,9 +19,17 @@ from modalmotion.cli.model_texts import (
     card_lines,
     evaluation_lines,
 )
+from modalmotion.cli.options import (
+    example,
+    json_option,
+    list_written,
+    plot_option,
+    several,
+    surface_options,
+)
 
 if TYPE_CHECKING:
-    from modalmotion.classify import Model, TrainingCase
+    from modalmotion.classification import Model, TrainingCase
 
 _HELP: Final = {
     "modes": "Of the signatures; 3 amplitudes a frame each.",
@@ -43,15 +51,11 @@ _COVERAGE = click.option(
     type=click.FloatRange(0, 1, min_open=True, max_open=True),
     help="Probability that the class set holds the true class.",
 )
-_PLOT = click.option(
-    "--plot", type=click.Path(path_type=Path), help="Picture to write (PNG, SVG, PDF)."
-)
-_JSON = click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
 
 
 def _training_options(command: Callable[..., None]) -> Callable[..., None]:
-    # Those of the library, each under its own name; the library says what is out of range.
-    from modalmotion.classify import TrainingOptions
+    # Those of the library, each under its own name; the library checks their ranges.
+    from modalmotion.classification import TrainingOptions
 
     for name, value in reversed(TrainingOptions().as_json().items()):
         command = click.option(
@@ -65,29 +69,26 @@ def _training_options(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-def _said_of_files(command: Callable[..., None]) -> Callable[..., None]:
-    """Add what may be said of all files."""
-    unit = click.option("--unit", help="Length unit of all files, over what they say.")
-    topology = click.option("--topology", help="Topology of all files, over what they say.")
-    source = click.argument(
+_labelled_files = several(
+    click.argument(
         "sources",
         metavar="MANIFEST|FILES...",
         nargs=-1,
         required=True,
         type=click.Path(path_type=Path),
-    )
-    for decorate in (topology, unit, source):
-        command = decorate(command)
-    return command
+    ),
+    click.option("--unit", help="Length unit of all files, over their own."),
+    click.option("--topology", help="Topology of all files, over their own."),
+)
 
 
-@click.command()
-@_said_of_files
+@click.command(epilog=example("train cases.csv --name mine -o mine.h5"))
+@_labelled_files
 @click.option("--name", required=True, help="Of the model: lower-case letters, digits, . _ -")
 @click.option(
     "-o", "--out", required=True, type=click.Path(path_type=Path), help="File to write (HDF5)."
 )
-@_PLOT
+@plot_option
 @_training_options
 def train(
     sources: tuple[Path, ...],
@@ -104,16 +105,16 @@ def train(
     sequences of one subject are never on both sides of a split. In its place files may be
     named, each in a folder that is called like its class: normal/*.npz akinesia/*.npz
     """
-    from modalmotion.classify import TrainingOptions
-    from modalmotion.classify import train as fit
+    from modalmotion.classification import TrainingOptions
+    from modalmotion.classification import train as fit
     from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
 
     require_model_name(name)
     chosen = TrainingOptions.from_json(options)
     files = labelled_files(sources)
-    said = {"unit": unit, "topology": topology}
+    stated = {"unit": unit, "topology": topology}
     with _TrainingBar() as bar:
-        cases = bar.after(training_cases(files, chosen.signature_parameters, said))
+        cases = bar.after(training_cases(files, chosen.signature_parameters, stated))
         model = fit(cases, name, chosen, bar)
     write_atomic(out, model_to_hdf5(model))
     if plot is not None:
@@ -121,17 +122,15 @@ def train(
 
         card_figure(model.card, name).savefig(plot)
     click.echo(card_lines(model.name, model.id, model.card))
-    for path in (out, plot):
-        if path is not None:
-            click.echo(f"written: {path}")
+    list_written(out, plot)
 
 
-@click.command()
+@click.command(epilog=example("evaluate mine.h5 others.csv"))
 @click.argument("model", metavar="MODEL")
-@_said_of_files
+@_labelled_files
 @_COVERAGE
-@_PLOT
-@_JSON
+@plot_option
+@json_option
 def evaluate(
     model: str,
     sources: tuple[Path, ...],
@@ -146,29 +145,28 @@ def evaluate(
     MANIFEST and FILES are as for training. The interval of the accuracy counts sequences of one
     subject as fewer than they are.
     """
-    from modalmotion.classify import evaluate as test
+    from modalmotion.classification import evaluate as test
 
     chosen = model_named(model)
     files = labelled_files(sources)
-    said = {"unit": unit, "topology": topology}
-    found = test(chosen, training_cases(files, chosen.signature_parameters, said), coverage)
+    stated = {"unit": unit, "topology": topology}
+    result = test(chosen, training_cases(files, chosen.signature_parameters, stated), coverage)
     if plot is not None:
         from modalmotion.pictures.model_card import measured_figure
 
         measured_figure(
-            title=f"{found.model}: {accuracy_text(found.accuracy, found.accuracy_interval)}, "
-            f"{found.n_cases} cases",
-            classes=found.classes,
-            confusion=found.confusion,
-            curve=found.calibration_curve,
-            calibration_error=found.calibration_error,
+            title=f"{result.model}: {accuracy_text(result.accuracy, result.accuracy_interval)}, "
+            f"{result.n_cases} cases",
+            classes=result.classes,
+            confusion=result.confusion,
+            curve=result.calibration_curve,
+            calibration_error=result.calibration_error,
         ).savefig(plot)
-    click.echo(json.dumps(found.as_json(), indent=2) if as_json else evaluation_lines(found))
-    if plot is not None:
-        click.echo(f"written: {plot}", err=as_json)
+    click.echo(json.dumps(result.as_json(), indent=2) if as_json else evaluation_lines(result))
+    list_written(plot, as_json=as_json)
 
 
-@click.command()
+@click.command(epilog=example("classify beat.npz --model mine.h5"))
 @sequence_argument
 @click.option(
     "--model",
@@ -177,34 +175,30 @@ def evaluate(
     help="Model to ask: the name of one that is shipped, or a file.",
 )
 @_COVERAGE
-@click.option("--topology", help="Over what the file states.")
-@click.option("--grid", type=GridShape(), help="Lattice shape; over the file's own.")
-@_PLOT
-@_JSON
+@surface_options
+@plot_option
+@json_option
 def classify(
     source: Path,
     model: str,
     coverage: float,
-    topology: str | None,
-    grid: tuple[int, ...] | None,
     plot: Path | None,
     as_json: bool,
-    **said: Any,
+    **stated: Any,
 ) -> None:
     """Name the motion class of the sequence in FILE."""
-    from modalmotion.classify import classify as ask
+    from modalmotion.classification import classify as ask
     from modalmotion.signature.making import modal_signature
 
     chosen = model_named(model)
-    sequence = read(source, grid=grid, topology=topology, **said)
+    sequence = read(source, **stated)
     result = ask(modal_signature(sequence, chosen.signature_parameters), chosen, coverage)
     if plot is not None:
         from modalmotion.pictures.classification import answer_figure
 
         answer_figure(result).savefig(plot)
     click.echo(answer_json(result) if as_json else answer_lines(result))
-    if plot is not None:
-        click.echo(f"written: {plot}", err=as_json)
+    list_written(plot, as_json=as_json)
 
 
 def model_named(which: str) -> Model:
@@ -217,7 +211,7 @@ def model_named(which: str) -> Model:
     CorruptFileError, ModelNotReproducedError
         If it is damaged, or does not answer as where it was made.
     """
-    from modalmotion.classify import load_model
+    from modalmotion.classification import load_model
 
     path = Path(which)
     return load_model(path if path.is_file() else which)

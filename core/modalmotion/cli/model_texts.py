@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from modalmotion.numerals import numeral
 
 if TYPE_CHECKING:
-    from modalmotion.classify import Classification, Evaluation, ModelCard
+    from modalmotion.classification import Classification, Evaluation, ModelCard
 
 
 def card_lines(name: str, model_id: str, card: ModelCard) -> str:

@@ -9,94 +9,73 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.files import GridShape, ReferenceShape, read, sequence_argument
+from modalmotion.cli.files import read, sequence_argument
+from modalmotion.cli.options import (
+    components_option,
+    example,
+    json_option,
+    list_written,
+    plot_option,
+    reference_option,
+    signature_parameters,
+    surface_options,
+)
 from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts
 from modalmotion.errors import TopologyError
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.mesh.sequence import MeshSequence, Reference
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numerals import counted, numeral
 from modalmotion.pictures.readouts import volume_figure
-from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
-from modalmotion.template.body_frame import Components
+from modalmotion.signature.making import ModalSignature, modal_signature
 
 
-@click.command()
+@click.command(epilog=example("readouts beat.npz --modes 18 --plot volumes.png"))
 @sequence_argument
 @click.option("--modes", default=7, show_default=True, help="Modes, 3 amplitudes a frame each.")
-@click.option("--topology", help="cup, cylinder, sphere, ...; over what the file states.")
-@click.option("--grid", type=GridShape(), help="Lattice shape such as 32,64; over the file's own.")
-@click.option(
-    "--reference",
-    type=ReferenceShape(),
-    default=0,
-    show_default=True,
-    help="Frame to measure from, or mean: of all frames, wherever the recording starts.",
-)
-@click.option(
-    "--components",
-    type=click.Choice([c.value for c in Components]),
-    default=Components.CARTESIAN.value,
-    show_default=True,
-    help="x, y, z or radial, tangential, axial.",
-)
-@click.option("--plot", type=click.Path(path_type=Path), help="Picture to write (PNG, SVG, PDF).")
-@click.option("--json", "as_json", is_flag=True, help="Print all numbers as JSON.")
-def readouts(
-    source: Path,
-    modes: int,
-    topology: str | None,
-    grid: tuple[int, ...] | None,
-    reference: Reference,
-    components: str,
-    plot: Path | None,
-    as_json: bool,
-    **said: Any,
-) -> None:
+@surface_options
+@reference_option
+@components_option
+@plot_option
+@json_option
+def readouts(source: Path, plot: Path | None, as_json: bool, **options: Any) -> None:
     """Read volume and ejection fraction of the cavity in FILE, with their bounds."""
-    sequence = read(source, **said)
-    parameters = SignatureParameters(
-        modes=modes,
-        topology=topology,
-        grid=grid,
-        reference=reference,
-        components=Components(components),
-    )
-    found = clinical_readouts(modal_signature(sequence, parameters), sequence)
+    parameters = signature_parameters(options)
+    sequence = read(source, **options)
+    result = clinical_readouts(modal_signature(sequence, parameters), sequence)
     if plot is not None:
-        volume_figure(found).savefig(plot)
+        volume_figure(result).savefig(plot)
     if as_json:
-        click.echo(json.dumps(_numbers(found), indent=2))
+        click.echo(json.dumps(_numbers(result), indent=2))
     else:
-        click.echo("\n".join([*_lines(found), *(f"note: {note}" for note in found.notes)]))
-    if plot is not None:
-        click.echo(f"written: {plot}", err=as_json)
+        click.echo("\n".join([*_lines(result), *(f"note: {note}" for note in result.notes)]))
+    list_written(plot, as_json=as_json)
 
 
 def volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]:
     """Give lines on volume and ejection fraction, none where nothing is enclosed."""
     try:
-        found = clinical_readouts(signature, sequence)
+        readouts = clinical_readouts(signature, sequence)
     except TopologyError:
         return []
-    large, small, _ = _volumes(found.curve, found.shown_in)
-    low, high = found.curve.ejection_fraction_range
+    large, small, _ = _volumes(readouts.curve, readouts.shown_in)
+    low, high = readouts.curve.ejection_fraction_range
     return [
-        f"volume {numeral(large, 1)} to {numeral(small, 1, of=large)} {found.volume_unit}",
-        f"ejection fraction {found.curve.ejection_fraction:.1f} % ({low:.1f} to {high:.1f})",
-        *(f"note: {note}" for note in found.notes if signature.n_frames > 1),
+        f"volume {numeral(large, 1)} to {numeral(small, 1, of=large)} {readouts.volume_unit}",
+        f"ejection fraction {readouts.curve.ejection_fraction:.1f} % ({low:.1f} to {high:.1f})",
+        *(f"note: {note}" for note in readouts.notes if signature.n_frames > 1),
     ]
 
 
-def _lines(found: ClinicalReadouts) -> list[str]:
-    unit = found.volume_unit
+def _lines(readouts: ClinicalReadouts) -> list[str]:
+    unit = readouts.volume_unit
     lines = [
         (
-            f"{found.n_amplitudes} amplitudes a frame; {counted(found.n_openings, 'opening')}"
-            f"{', closed by fans' if found.n_openings else ''}"
+            f"{readouts.n_amplitudes} amplitudes a frame; {counted(readouts.n_openings, 'opening')}"
+            f"{', closed by fans' if readouts.n_openings else ''}"
         ),
         f"{'':>24}{'signature':>12}{'low':>10}{'high':>10}{'mesh':>10}",
     ]
-    curve, mesh, factor = found.curve, found.mesh_curve, found.shown_in
+    curve, mesh, factor = readouts.curve, readouts.mesh_curve, readouts.shown_in
     intervals = (curve.end_diastolic_range, curve.end_systolic_range, curve.stroke_range)
     largest = abs(curve.end_diastolic_volume) * factor
     rows = zip(
@@ -127,16 +106,16 @@ def _volumes(curve: VolumeCurve, factor: float) -> tuple[float, float, float]:
     return large, small, stroke
 
 
-def _numbers(found: ClinicalReadouts) -> dict[str, object]:
+def _numbers(readouts: ClinicalReadouts) -> dict[str, object]:
     return {
-        "sequence_id": found.sequence_id,
-        "amplitudes_per_frame": found.n_amplitudes,
-        "n_openings": found.n_openings,
-        "volume_unit": found.volume_unit,
-        "times": None if found.times is None else found.times.tolist(),
-        "from_signature": _curve(found.curve, found.shown_in),
-        "of_mesh": _curve(found.mesh_curve, found.shown_in),
-        "notes": list(found.notes),
+        "sequence_id": readouts.sequence_id,
+        "amplitudes_per_frame": readouts.n_amplitudes,
+        "n_openings": readouts.n_openings,
+        "volume_unit": readouts.volume_unit,
+        "times": None if readouts.times is None else readouts.times.tolist(),
+        "from_signature": _curve(readouts.curve, readouts.shown_in),
+        "of_mesh": _curve(readouts.mesh_curve, readouts.shown_in),
+        "notes": list(readouts.notes),
         "intended_use": INTENDED_USE,
     }
 

@@ -8,12 +8,12 @@ import sys
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 import numpy as np
 
-from modalmotion.cli.files import GridShape
+from modalmotion.cli.options import GridShape, example, output_option
 from modalmotion.formats import write_npz
 from modalmotion.simulate import (
     Acquisition,
@@ -23,6 +23,31 @@ from modalmotion.simulate import (
 )
 from modalmotion.simulate import simulate_cohort as cohort
 from modalmotion.store import write_atomic
+
+_STATED: Final = ("tracking", "handedness", "period", "cavity", "modality")
+"""Facts that the simulator knows."""
+
+_HELP: Final = {
+    "length": "Of the cavity from apex to base at end diastole, mm.",
+    "radius": "Of the widest short-axis section at end diastole, mm.",
+    "truncation": "Polar angle at which the base cuts the spheroid, degrees.",
+    "ejection_fraction": "Share of the end-diastolic volume that is ejected.",
+    "longitudinal_shortening": "Of the wall along the axis at end systole, as a share.",
+    "apex_share": "Share of the shortening that raises the apex, not lowers the base.",
+    "apex_rotation": "At end systole, degrees; counterclockwise seen from the apex.",
+    "base_rotation": "At end systole, degrees; counterclockwise seen from the apex.",
+    "period": "Of one heartbeat, s.",
+    "early_filling": "Share of the filling before the atrial kick.",
+    "akinesia": "Share of the contraction lost at the centre of a region.",
+    "akinesia_azimuth": "Of the region's centre, degrees; 0 lateral, 90 inferior.",
+    "akinesia_height": "Of the region's centre, 0 apex to 1 base.",
+    "akinesia_extent": "From the region's centre to its edge, degrees.",
+    "delay": "Of the late wall's contraction behind the opposite wall's, s.",
+    "delay_azimuth": "Of the late wall, degrees; 0 lateral.",
+    "septal_flash": "Early contraction of the early wall, as a share of a full one.",
+    "shape_variation": "RMS of random fields added to the surface, mm.",
+    "motion_variation": "RMS of random fields added to the motion at end systole, mm.",
+}
 
 
 def _parameter_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -34,19 +59,20 @@ def _parameter_options(command: Callable[..., None]) -> Callable[..., None]:
             type=click.FloatRange(low, high),
             default=parameter.default,
             show_default=True,
+            help=_HELP[parameter.name],
         )(command)
     return command
 
 
-@click.command()
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="File to write (.npz)."
-)
+@click.command(epilog=example("simulate -o beat.npz --ejection-fraction 0.4"))
+@output_option("File to write (.npz).")
 @click.option("--frames", default=25, show_default=True, help="Frames over one beat.")
-@click.option("--noise", default=0.0, show_default=True, help="Of each coordinate, in mm.")
-@click.option("--grid", type=GridShape(), default="32,64", show_default=True, help="Lattice.")
-@click.option("--vertices", type=int, help="Triangulate so many vertices in place of a lattice.")
-@click.option("--seed", default=0, show_default=True, help="Of everything that is random.")
+@click.option(
+    "--noise", default=0.0, show_default=True, help="Standard deviation of coordinates, mm."
+)
+@click.option("--grid", type=GridShape(), default="32,64", show_default=True, help="Lattice shape.")
+@click.option("--vertices", type=int, help="Triangulate so many vertices, in place of a lattice.")
+@click.option("--seed", default=0, show_default=True, help="Of all random numbers.")
 @_parameter_options
 def simulate(
     output: Path,
@@ -75,13 +101,10 @@ def simulate(
     click.echo(f"{sequence.n_frames} frames of {sequence.n_vertices} vertices, in mm: {output}")
 
 
-@click.command("simulate-cohort")
-@click.option(
-    "-o",
-    "--output",
-    required=True,
+@click.command("simulate-cohort", epilog=example("simulate-cohort -o cohort --per-class 50"))
+@output_option(
+    "Folder to write: files, and cases.csv with path, label, subject and facts.",
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder to write: files, and cases.csv with path, label and subject.",
 )
 @click.option(
     "--per-class",
@@ -90,20 +113,23 @@ def simulate(
     type=click.IntRange(min=1),
     help="Ventricles of each class.",
 )
-@click.option("--noise", default=0.6, show_default=True, help="Of each coordinate, in mm.")
-@click.option("--seed", default=0, show_default=True, help="Of everything that is random.")
+@click.option(
+    "--noise", default=0.6, show_default=True, help="Standard deviation of coordinates, mm."
+)
+@click.option("--seed", default=0, show_default=True, help="Of all random numbers.")
 def simulate_cohort(output: Path, per_class: int, noise: float, seed: int) -> None:
     """Simulate labelled ventricles that differ in motion, shape, mesh, frames and pose."""
     output.mkdir(parents=True, exist_ok=True)
     table = io.StringIO()
     rows = csv.writer(table, lineterminator="\n")
-    rows.writerow(["path", "label", "subject"])
+    rows.writerow(["path", "label", "subject", *_STATED])
     total = per_class * len(MotionClass)
     cases = cohort(per_class, rng=np.random.default_rng(seed), noise=noise)
     with click.progressbar(cases, length=total, label="ventricles", file=sys.stderr) as bar:
         for number, case in enumerate(bar):
             name = f"ventricle-{seed}-{number:04d}"
             write_atomic(output / f"{name}.npz", write_npz(case.sequence))
-            rows.writerow([f"{name}.npz", case.label, name])
+            facts = [getattr(case.sequence.facts, fact) for fact in _STATED]
+            rows.writerow([f"{name}.npz", case.label, name, *facts])
     write_atomic(output / "cases.csv", table.getvalue().encode())
     click.echo(f"{total} ventricles of {len(MotionClass)} classes: {output / 'cases.csv'}")

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import click
 
+from modalmotion.cli.options import example
+
 _FOLDER = click.argument(
     "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="FOLDER"
 )
@@ -24,11 +26,14 @@ def store() -> None:
     """
 
 
-@store.command()
+@store.command(epilog=example("store rebuild results"))
 @_FOLDER
 @_OWNER
 def rebuild(folder: Path, owner: str | None) -> None:
-    """Build the index of each store in FOLDER anew from its files."""
+    """Build the index of each store in FOLDER anew from its files.
+
+    Files that an older version of modalmotion wrote are rewritten first.
+    """
     for name, root in _stores_of(folder, owner):
         _rebuild(name, root)
 
@@ -42,6 +47,11 @@ def _rebuild(name: str, root: Path) -> None:
         f"{name}{found.n_sequences} sequences, {found.n_results} results, {found.n_models} models "
         "are in the index"
     )
+    for kind, number in sorted(found.rewritten.items()):
+        what = f"{kind} file{'s' * (number > 1)}"
+        click.echo(f"{name}{number} {what} of an older version rewritten")
+    for file, why in sorted(found.refused.items()):
+        click.echo(f"{name}{file}: of an older version, and could not be taken: {why}")
     for what, number in (
         ("deletions finished", found.n_deletions),
         ("unfinished files removed", found.n_temporaries),
@@ -55,11 +65,11 @@ def _rebuild(name: str, root: Path) -> None:
     ):
         for file in files:
             click.echo(f"{name}{file}: {what}")
-    if found.jobs_lost:
+    if found.guests_lost:
         click.echo(f"{name}The index was damaged: jobs and idempotency keys are lost.")
 
 
-@store.command()
+@store.command(epilog=example("store verify results"))
 @_FOLDER
 @_OWNER
 def verify(folder: Path, owner: str | None) -> None:
@@ -90,7 +100,7 @@ def _verify(name: str, root: Path) -> bool:
     return report.is_sound
 
 
-@store.command()
+@store.command(epilog=example("store export results signatures.h5"))
 @_FOLDER
 @click.argument("out", type=click.Path(dir_okay=False, path_type=Path), metavar="OUT.h5")
 @_OWNER
@@ -103,7 +113,7 @@ def export(folder: Path, out: Path, owner: str | None) -> None:
     click.echo(f"{n_signatures} signatures written: {out}")
 
 
-@store.command()
+@store.command(epilog=example("store backup results copy"))
 @_FOLDER
 @click.argument("copy", type=click.Path(file_okay=False, path_type=Path), metavar="COPY")
 def backup(folder: Path, copy: Path) -> None:

@@ -3,29 +3,38 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.cli.analysis_commands import price_lines
-from modalmotion.cli.asking import asked_for, asking_options
-from modalmotion.cli.files import GridShape, read, sequence_argument
+from modalmotion.cli.files import read, sequence_argument
+from modalmotion.cli.options import (
+    GridShape,
+    Member,
+    example,
+    json_option,
+    list_written,
+    mode_options,
+    plot_option,
+    signature_parameters,
+)
 from modalmotion.numerals import counted, numeral, with_article
 from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import MOST_OF_FRONT, Tradeoff, measure_tradeoff
 from modalmotion.tradeoff.plain import as_plain
 
 
-@click.command()
+@click.command(epilog=example("tradeoff beat.npz --tolerance 1 --plot tradeoff.png"))
 @sequence_argument
-@asking_options
+@mode_options
 @click.option("--topology", help="Over what the file states; the only one that is measured.")
 @click.option("--grid", type=GridShape(), help="Lattice shape; over the file's own.")
 @click.option(
     "--components",
-    type=click.Choice([c.value for c in Components]),
+    type=Member(Components),
     help="The only ones that are measured.  [default: all that the surface has]",
 )
 @click.option(
@@ -35,44 +44,37 @@ from modalmotion.tradeoff.plain import as_plain
     show_default=True,
     help="Modes that the front reaches to.",
 )
-@click.option("--plot", type=click.Path(path_type=Path), help="Picture to write (PNG, SVG, PDF).")
-@click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON.")
+@plot_option
+@json_option
 def tradeoff(
     source: Path,
-    topology: str | None,
-    grid: tuple[int, ...] | None,
-    components: str | None,
+    components: Components | None,
     front_modes: int,
     plot: Path | None,
     as_json: bool,
-    **said: Any,
+    **options: Any,
 ) -> None:
     """Measure what each choice of modes costs and loses on the sequence in FILE.
 
-    Ask for a point of the front by --modes, --tolerance, --tolerance-share or --auto.
+    Choose a point of the front by --modes, --tolerance, --tolerance-share or --auto.
     """
-    asked = asked_for(said)
-    only = None if components is None else Components(components)
-    parameters = SignatureParameters(
-        topology=topology, grid=grid, components=only or Components.CARTESIAN, **asked
-    )
-    found = measure_tradeoff(
-        read(source, **said),
-        parameters,
+    parameters = signature_parameters(options)
+    result = measure_tradeoff(
+        read(source, **options),
+        replace(parameters, components=components or Components.CARTESIAN),
         most_modes=front_modes,
-        components=None if only is None else (only,),
+        components=None if components is None else (components,),
     )
     if plot is not None:
         from modalmotion.pictures.tradeoff import tradeoff_figure
 
-        tradeoff_figure(found).savefig(plot)
-    click.echo(json.dumps(as_plain(found), indent=2) if as_json else _lines(found))
-    if plot is not None:
-        click.echo(f"written: {plot}", err=as_json)
+        tradeoff_figure(result).savefig(plot)
+    click.echo(json.dumps(as_plain(result), indent=2) if as_json else _lines(result))
+    list_written(plot, as_json=as_json)
 
 
-def _lines(found: Tradeoff) -> str:
-    front, price = found.front, found.chosen.price
+def _lines(result: Tradeoff) -> str:
+    front, price = result.front, result.chosen.price
     unit, motion = front.unit or "length units", front.motion_rms
     lines = [
         (
@@ -87,30 +89,30 @@ def _lines(found: Tradeoff) -> str:
             f"{branch.counts[k]}: {numeral(float(branch.rms[k]), of=motion)}" for k in shown
         )
         lines.append(f"{branch.topology}, {branch.components}: RMS by modes {errors}")
-    for kind, error in found.scene.errors.items():
+    for kind, error in result.scene.errors.items():
         moved = (
             f"{numeral(error.rms, of=motion)} {unit} RMS, {numeral(error.max, of=motion)} at most"
         )
         lines.append(f"as {with_article(kind)} motion: {moved}")
-    if found.noise is not None:
-        lines.append(found.noise.note(front.unit))
-    lines.append(f"chosen: {describe(found)}")
+    if result.noise is not None:
+        lines.append(result.noise.note(front.unit))
+    lines.append(f"chosen: {describe(result)}")
     lines.append(
         f"error {numeral(price.rms_error, of=motion)} {unit} RMS, "
         f"{numeral(price.p95_error, of=motion)} (p95) and "
         f"{numeral(price.max_error, of=motion)} (max) in the worst frame"
     )
     lines += price_lines(price)
-    if found.chosen.signature is not None:
-        lines += [f"note: {note}" for note in found.chosen.signature.notes]
+    if result.chosen.signature is not None:
+        lines += [f"note: {note}" for note in result.chosen.signature.notes]
     return "\n".join(lines)
 
 
-def describe(found: Tradeoff) -> str:
+def describe(result: Tradeoff) -> str:
     """Say in a line what was chosen."""
-    price, signature = found.chosen.price, found.chosen.signature
+    price, signature = result.chosen.price, result.chosen.signature
     if signature is None:
-        return f"{found.chosen.kind} motion, {price.amplitudes_per_frame} numbers a frame"
+        return f"{result.chosen.kind} motion, {price.amplitudes_per_frame} numbers a frame"
     count = counted(len(signature.modes), "mode")
     text = f"{count}, {signature.surface}, {signature.parameters.components}"
     harmonics = signature.parameters.harmonics

@@ -8,6 +8,7 @@ from modalmotion.client.answers import (
     SequenceInfo,
     SignatureArrays,
     TemplateInfo,
+    TemplateModes,
 )
 from modalmotion.client.client import Client
 from modalmotion.client.connection import Answer
@@ -40,5 +41,6 @@ __all__ = [
     "SequenceInfo",
     "SignatureArrays",
     "TemplateInfo",
+    "TemplateModes",
     "UnreachableError",
 ]

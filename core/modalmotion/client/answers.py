@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from modalmotion.client.connection import Answer
 from modalmotion.client.errors import BrokenAnswerError, understood
+from modalmotion.errors import ParameterError
+from modalmotion.facts import Facts, facts_from_json
 from modalmotion.representation import shown
 
 T = TypeVar("T")
@@ -31,6 +33,8 @@ class SequenceInfo:
     subject, label : str or None
     created : str
         When it was first received, ISO 8601 in UTC.
+    facts : Facts
+        What is stated of it.
     answer : dict
         All that the service says of it.
     """
@@ -44,6 +48,7 @@ class SequenceInfo:
     subject: str | None
     label: str | None
     created: str
+    facts: Facts
     answer: dict[str, Any] = field(repr=False, compare=False)
 
 
@@ -192,6 +197,24 @@ class SignatureArrays:
     times: NDArray[np.float64] | None
 
 
+@shown()
+@dataclass(frozen=True)
+class TemplateModes:
+    """Vibration modes of a surface.
+
+    Parameters
+    ----------
+    labels : tuple of str
+    angular_frequencies : (modes,) float64, rad per s
+    shapes : (vertices, modes) float64
+        Each with mean square 1 over the surface.
+    """
+
+    labels: tuple[str, ...]
+    angular_frequencies: NDArray[np.float64]
+    shapes: NDArray[np.float64]
+
+
 @shown("data", "rms", "max_error", "kg_error", "transform")
 @dataclass(frozen=True)
 class CompressedSequence:
@@ -225,8 +248,11 @@ def value_of(kind: Callable[..., T], answer: Any) -> T:
     """
     names = [name for name in kind.__annotations__ if name != "answer"]
     try:
-        return kind(**{name: answer[name] for name in names}, answer=answer)
-    except (KeyError, TypeError) as error:
+        members = {name: answer[name] for name in names}
+        if "facts" in members:
+            members["facts"] = facts_from_json(members["facts"])
+        return kind(**members, answer=answer)
+    except (KeyError, TypeError, ParameterError) as error:
         raise BrokenAnswerError(
             f"The answer is not what is understood here: {error} is not there.",
             remedy="Check the address, and the versions of service and client.",
@@ -275,6 +301,17 @@ def compressed_of(answer: Answer) -> CompressedSequence:
             "The answer does not say what was measured on the stream.",
             remedy="Check that nothing on the way takes headers off.",
         ) from error
+
+
+def template_modes_of(answer: Answer) -> TemplateModes:
+    """Read vibration modes from .npz."""
+    with (
+        understood("modes of a template"),
+        np.load(io.BytesIO(answer.content), allow_pickle=False) as arrays,
+    ):
+        return TemplateModes(
+            tuple(map(str, arrays["modes"])), arrays["angular_frequencies"], arrays["shapes"]
+        )
 
 
 def pack_of(answer: Answer) -> list[SignatureArrays]:

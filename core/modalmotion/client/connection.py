@@ -24,7 +24,7 @@ from modalmotion.client.errors import (
 )
 from modalmotion.client.query import Option, query_of
 from modalmotion.client.retries import Retries, is_passing, retry_after
-from modalmotion.errors import ParameterError
+from modalmotion.errors import ParameterError, needs_extra
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 
@@ -145,13 +145,8 @@ class Connection:
         sleep: Callable[[float], None] = time.sleep,
         most_bytes: int = MOST_BYTES,
     ) -> None:
-        try:
+        with needs_extra("client"):
             import httpx2
-        except ModuleNotFoundError as error:
-            raise ModuleNotFoundError(
-                "The client needs httpx2: install modalmotion with the extra 'client'.",
-                name=error.name,
-            ) from error
 
         parts = urlsplit(base_url)
         if parts.scheme not in ("http", "https") or not parts.hostname:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from enum import Enum
-from typing import Final
+from typing import Any, Final
 
 from modalmotion.errors import ParameterError
+from modalmotion.facts import Facts, facts_as_json
 
-Option = str | int | float | bool | Enum | tuple[float, ...] | list[float] | None
-"""What an option of a call can be; None leaves it to the service."""
+Option = str | int | float | bool | Enum | tuple[float, ...] | list[float] | Facts | None
+"""What an option of a call can be; None leaves it to the service. Facts are several at once."""
 
 # Neither a separator, nor the end of a path, nor a name such as "..".
 _SEGMENT: Final = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,199}")
@@ -33,7 +35,19 @@ def segment(name: str) -> str:
 
 def query_of(options: Mapping[str, Option]) -> dict[str, str]:
     """Write options as the service reads them: 32,64 for a grid or a point, true, false."""
-    return {name: _text(value) for name, value in options.items() if value is not None}
+    query: dict[str, str] = {}
+    for name, value in options.items():
+        if isinstance(value, Facts):
+            query |= {fact: _text(said) for fact, said in stated_in(value).items()}
+        elif value is not None:
+            query[name] = _text(value)
+    return query
+
+
+def stated_in(facts: Facts) -> dict[str, Any]:
+    """Facts that are not unknown, ready for JSON."""
+    values = facts_as_json(facts)
+    return {name: values[name] for name in facts.stated}
 
 
 def plain(options: Mapping[str, Option]) -> dict[str, object]:
@@ -45,7 +59,9 @@ def plain(options: Mapping[str, Option]) -> dict[str, object]:
     }
 
 
-def _text(value: Option) -> str:
+def _text(value: Option | dict[str, Any]) -> str:
+    if isinstance(value, dict):
+        return json.dumps(value)
     if isinstance(value, Enum):
         return str(value.value)
     if isinstance(value, bool):

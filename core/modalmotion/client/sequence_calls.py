@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from enum import Enum
 from typing import Any
 
@@ -11,7 +11,8 @@ from modalmotion.client.bodies import Source, body_of, json_body
 from modalmotion.client.calls import Calls
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.jobs import Job, awaited
-from modalmotion.client.query import Option, segment
+from modalmotion.client.query import Option, segment, stated_in
+from modalmotion.facts import Facts
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.progress import Progress
 
@@ -43,7 +44,8 @@ class SequenceCalls(Calls):
         progress : callable, optional
             Called with the bytes sent so far and those to send in all.
         **options
-            As the service names them: subject, label, topology, grid, unit, times, format, ...
+            As the service names them: subject, label, topology, grid, unit, times, format, ...;
+            and `facts`, or each by its name: tracking, period, ...
 
         Raises
         ------
@@ -64,6 +66,7 @@ class SequenceCalls(Calls):
         topology: str | None = None,
         times: Any = None,
         unit: str | None = None,
+        facts: Facts | None = None,
         subject: str | None = None,
         label: str | None = None,
         progress: Progress | None = None,
@@ -74,7 +77,7 @@ class SequenceCalls(Calls):
         ----------
         vertices : (frames, vertices, 3) array_like, in `unit`
         faces : (faces, 3) array_like of int, optional
-        grid, topology, times, unit : optional
+        grid, topology, times, unit, facts : optional
             As of `mesh_sequence`.
         subject, label : str, optional
         progress : callable, optional
@@ -85,7 +88,7 @@ class SequenceCalls(Calls):
             As `mesh_sequence` does.
         """
         sequence = mesh_sequence(
-            vertices, faces, grid=grid, topology=topology, times=times, unit=unit
+            vertices, faces, grid=grid, topology=topology, times=times, unit=unit, facts=facts
         )
         return self.upload(sequence, progress=progress, subject=subject, label=label)
 
@@ -120,15 +123,27 @@ class SequenceCalls(Calls):
         """
         return _info(self._get(f"/v1/sequences/{segment(sequence_id)}"))
 
-    def rename(
+    def update(
         self,
         sequence_id: str,
         *,
         subject: str | Unchanged | None = UNCHANGED,
         label: str | Unchanged | None = UNCHANGED,
+        facts: Facts | Mapping[str, Any] | Unchanged | None = UNCHANGED,
     ) -> SequenceInfo:
-        """Change the subject, the label or both; None takes one away."""
-        names = {"subject": subject, "label": label}
+        """Change the subject, the label or facts; None takes one away.
+
+        Parameters
+        ----------
+        sequence_id : str
+        subject, label : str or None, optional
+        facts : Facts, mapping or None, optional
+            What is stated goes over what is kept. In a mapping None makes a fact unknown, and
+            takes away one covariate: ``{"period": None, "covariates": {"age": None}}``.
+        """
+        if isinstance(facts, Facts):
+            facts = stated_in(facts)
+        names = {"subject": subject, "label": label, "facts": facts}
         given = {name: value for name, value in names.items() if value is not UNCHANGED}
         return _info(
             self._connection.send(

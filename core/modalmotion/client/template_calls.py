@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from modalmotion.client.answers import TemplateInfo, value_of
+from modalmotion.client.answers import (
+    TemplateInfo,
+    TemplateModes,
+    template_modes_of,
+    value_of,
+)
 from modalmotion.client.bodies import Source, body_of
-from modalmotion.client.calls import PNG, Calls, save
+from modalmotion.client.calls import HDF5, NPZ, PNG, Calls, require_suffix, save
 from modalmotion.client.connection import Call
 from modalmotion.client.errors import understood
 from modalmotion.client.query import Option, segment
@@ -46,6 +51,33 @@ class TemplateCalls(Calls):
         """Write a picture of s and theta on the surface, as PNG."""
         save(self._get(f"/v1/templates/{segment(template_id)}", accept=PNG).content, Path(path))
 
+    def template_modes(self, template_id: str, modes: int = 7, **options: Option) -> TemplateModes:
+        """Give labels, angular frequencies and shapes of the vibration modes of a surface.
+
+        Parameters
+        ----------
+        template_id : str
+        modes : int
+            How many; no pair is split.
+        **options
+            wave_speed, in length units per s: 1 by default.
+        """
+        answer = self._get(_modes(template_id), {"modes": modes, **options}, NPZ)
+        return template_modes_of(answer)
+
+    def save_template_modes(
+        self, template_id: str, path: str | Path, modes: int = 7, **options: Option
+    ) -> None:
+        """Write the vibration modes of a surface: a picture (.png), or all of it (.npz, .h5)."""
+        target = Path(path)
+        accept = require_suffix(target, {".png": PNG, ".npz": NPZ, ".h5": HDF5})
+        query = {"modes": modes, **options}
+        save(self._get(_modes(template_id), query, accept).content, target)
+
     def delete_template(self, template_id: str) -> None:
         """Delete a template; signatures that were fitted on it stay."""
         self._connection.send(Call("DELETE", f"/v1/templates/{segment(template_id)}"))
+
+
+def _modes(template_id: str) -> str:
+    return f"/v1/templates/{segment(template_id)}/modes"

@@ -12,11 +12,12 @@ from modalmotion.alignment.reference import reference_positions
 from modalmotion.clinical.affine_superposition import superposed_positions
 from modalmotion.clinical.volume_curve import VolumeCurve
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.fit.basis import basis_of
+from modalmotion.fit.basis import make_basis
 from modalmotion.mesh import Cavity, cavity_of
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topology import PLANE
 from modalmotion.numerals import counted, numeral
+from modalmotion.numeric.scale import power_of_two
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
@@ -144,7 +145,7 @@ def clinical_readouts(
     may add; those of derived figures follow by interval arithmetic.
     """
     used = fitted_on(signature, sequence, template)
-    basis = basis_of(signature.modes, used)
+    basis = make_basis(used, signature.modes)
     if signature.n_frames != sequence.n_frames:
         raise ParameterError(
             f"The signature has {signature.n_frames} frames, its sequence {sequence.n_frames}: "
@@ -217,7 +218,7 @@ def _size(offsets: NDArray[np.float64]) -> float:
             f"The surface is {size:.1g} in size; its volume is no number of double precision.",
             remedy="State lengths in another unit.",
         )
-    return float(2.0 ** np.frexp(size)[1])
+    return power_of_two(size)
 
 
 def _measured(

@@ -16,7 +16,7 @@ from modalmotion.codec.bits.guard import Guards, code_guards
 from modalmotion.codec.bits.matrix import code_matrix
 from modalmotion.codec.bits.mixed_matrix import code_mixed_matrix
 from modalmotion.codec.bits.varint import read_varint, unzigzag, write_varint, zigzag
-from modalmotion.codec.modes.modes_section import Modes
+from modalmotion.codec.modes.modes_section import OrthonormalModes
 from modalmotion.codec.quantiser import Quantiser
 from modalmotion.codec.temporal import (
     CLOSED_FORM,
@@ -72,7 +72,7 @@ class Block:
             return closed_form_basis(self.kind, self.n_frames)
         return restore_basis(self.kind, self.basis, self.n_frames, self.quantiser)
 
-    def scaled(self, modes: Modes) -> Floats:
+    def scaled(self, modes: OrthonormalModes) -> Floats:
         """Positions about the origin in quanta, before rounding, (frames, 3, vertices)."""
         rows = modes.synthesise(self.quantiser.restore(self.coefficients))
         return self.time_basis().superpose(rows)
@@ -121,7 +121,11 @@ def write_block(
 
 
 def read_block(
-    data: bytes, n_frames: int, n_vertices: int, modes: Modes, dtype: np.dtype[np.floating]
+    data: bytes,
+    n_frames: int,
+    n_vertices: int,
+    modes: OrthonormalModes,
+    dtype: np.dtype[np.floating],
 ) -> FloatArray:
     """Decode a block.
 

@@ -74,6 +74,12 @@ class Trial:
     coefficients: Ints
     squared_error: float
 
+    @property
+    def largest(self) -> int:
+        """Largest magnitude of all numbers."""
+        parts = (self.basis, self.coefficients)
+        return max(max(-int(n.min(initial=0)), int(n.max(initial=0))) for n in parts)
+
     def block(
         self,
         n_frames: int,
@@ -96,7 +102,13 @@ class Trial:
         )
 
 
-def attempt(motion: ModalBlock, kind: Temporal, step: float, price: float = PRICE) -> Trial:
+def attempt(
+    motion: ModalBlock,
+    kind: Temporal,
+    step: float,
+    price: float = PRICE,
+    alike: float | None = None,
+) -> Trial:
     """Quantise some frames at one step.
 
     Parameters
@@ -105,6 +117,8 @@ def attempt(motion: ModalBlock, kind: Temporal, step: float, price: float = PRIC
     kind : Temporal
     step : float, quanta
     price : float, squared steps per bit
+    alike : float, optional
+        See `TimeBasis.project`.
     """
     # What the stream holds of it.
     step = float(np.float32(step))
@@ -118,10 +132,12 @@ def attempt(motion: ModalBlock, kind: Temporal, step: float, price: float = PRIC
         error += (exact[n_rows:] ** 2).sum()
         empty = np.zeros((0, 0), dtype=np.int64)
         return Trial(kind, quantiser, empty, numbers[:n_rows], float(error))
-    return _attempt_learned(motion, kind, step, price)
+    return _attempt_learned(motion, kind, step, price, alike)
 
 
-def _attempt_learned(motion: ModalBlock, kind: Temporal, step: float, price: float) -> Trial:
+def _attempt_learned(
+    motion: ModalBlock, kind: Temporal, step: float, price: float, alike: float | None
+) -> Trial:
     n_frames = len(motion.amplitudes)
     each = 1 if kind == Temporal.TRAJECTORY else 3
     exact_basis = motion.components(kind)
@@ -132,7 +148,7 @@ def _attempt_learned(motion: ModalBlock, kind: Temporal, step: float, price: flo
         exact_basis = exact_basis[: len(basis)]
         quantiser = fit_quantiser(exact_basis, basis, step)
         time_basis = restore_basis(kind, basis, n_frames, quantiser)
-        exact = time_basis.project(motion.amplitudes)
+        exact = time_basis.project(motion.amplitudes, alike)
         numbers = quantise(exact, step, price)
         if last or not len(basis):
             break

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -26,7 +27,7 @@ VERSION: Final = 2
 _ENDS: Final = (OPEN, CLOSED, POLE_OPEN, POLE_POLE)
 _UNITS: Final = (None, *MM_PER_UNIT)
 _DTYPES: Final = (np.dtype(np.float32), np.dtype(np.float64))
-_CUT: Final = "The stream is cut or damaged: send it again."
+_cut: Final = partial(MalformedFileError, remedy="The stream is cut or damaged: send it again.")
 
 
 @shown("n_frames", "n_vertices", "n_faces", "topology", "unit", "rms", "max_error", "kg_error")
@@ -127,9 +128,7 @@ def read_section(data: bytes, position: int) -> tuple[bytes, int]:
     _, position = read_varint(data, position)
     section = data[position:end]
     if zlib.crc32(section) != struct.unpack_from("<I", data, end)[0]:
-        raise MalformedFileError(
-            f"A checksum is wrong: the bytes from {position} to {end} are damaged.", remedy=_CUT
-        )
+        raise _cut(f"A checksum is wrong: the bytes from {position} to {end} are damaged.")
     return section, end + 4
 
 
@@ -144,10 +143,7 @@ def skip_section(data: bytes, position: int) -> int:
     length, position = read_varint(data, position)
     end = position + length + 4
     if end > len(data):
-        raise MalformedFileError(
-            f"The stream ends after {len(data)} bytes, inside a section that ends at {end}.",
-            remedy=_CUT,
-        )
+        raise _cut(f"The stream ends after {len(data)} bytes, inside a section that ends at {end}.")
     return end
 
 
@@ -178,7 +174,7 @@ def _read_header(section: bytes, limits: ReadLimits) -> Header:
     except (IndexError, ValueError, struct.error, zlib.error) as error:
         if isinstance(error, MalformedFileError) or hasattr(error, "remedy"):
             raise
-        raise MalformedFileError("The header of the stream makes no sense.", remedy=_CUT) from error
+        raise _cut("The header of the stream makes no sense.") from error
 
 
 def _parse_header(section: bytes, limits: ReadLimits) -> Header:
@@ -222,7 +218,7 @@ def _parse_header(section: bytes, limits: ReadLimits) -> Header:
         or sum(frames) != n_frames
         or 0 in frames
     ):
-        raise MalformedFileError("The header of the stream makes no sense.", remedy=_CUT)
+        raise _cut("The header of the stream makes no sense.")
     return Header(
         n_frames,
         n_vertices,
@@ -264,7 +260,7 @@ def _read_times(
     inflate = zlib.decompressobj()
     plain = inflate.decompress(section[position : position + length], 8 * n_frames + 1)
     if kind != 2 or len(plain) != 8 * n_frames:
-        raise MalformedFileError("The times of the stream make no sense.", remedy=_CUT)
+        raise _cut("The times of the stream make no sense.")
     return np.frombuffer(plain, "<f8").astype(np.float64), position + length
 
 

@@ -8,12 +8,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.codec.bits.entropy import LARGEST_MAGNITUDE
 from modalmotion.codec.bits.guard import Guards, find_guards
 from modalmotion.codec.bits.mixed_matrix import MOST_MIXED
 from modalmotion.codec.block import MOST_QUANTA, Block, positions_of, write_block
 from modalmotion.codec.blocking import ModalBlock, Trial, attempt
 from modalmotion.codec.measure import measure
-from modalmotion.codec.modes.patch_modes import SpringModes
+from modalmotion.codec.modes.patch_modes import PatchModes
 from modalmotion.codec.progress import part_of, silent
 from modalmotion.codec.search import coarsest, least
 from modalmotion.codec.target import Effort, Measure, Target
@@ -28,6 +29,8 @@ Ints = NDArray[np.int64]
 QUANTA_PER_RMS: Final = 16
 QUANTA_PER_MAX: Final = 64
 MOST_UNCERTAIN: Final = 1e-2
+# Whole numbers of a coarse step are parallel to the last bit, or far from it.
+ALIKE: Final = 1e-8
 # What is tried in turn of the squared error allowed: rounding may take more than its average.
 SHARES: Final = (1.0, 0.995, 0.97, 0.8)
 # Projecting, and solving for modes that have to be solved for, beside the search.
@@ -184,6 +187,13 @@ def _finish(frames: _Frames, choice: Choice, trial: Trial, width: int = 0) -> En
     uncertainty = _uncertainty(block, choice, scaled)
     if uncertainty > MOST_UNCERTAIN:
         return None
+    if trial.largest > LARGEST_MAGNITUDE:
+        # A coarse step rounds some components to the same one, and what only their difference
+        # tells apart takes huge numbers of opposite signs: let them share what they describe.
+        shared = attempt(frames.motion, trial.kind, trial.quantiser.step, alike=ALIKE)
+        return (
+            None if shared.largest > LARGEST_MAGNITUDE else _finish(frames, choice, shared, width)
+        )
     guards = find_guards(scaled, uncertainty)
     whole = guards.round(scaled)
     corrections = None
@@ -198,7 +208,7 @@ def _finish(frames: _Frames, choice: Choice, trial: Trial, width: int = 0) -> En
 def _uncertainty(block: Block, choice: Choice, scaled: Floats) -> float:
     """Quanta by which another machine's sums may differ from these."""
     rounding = 1e-6 + 1e-13 * float(np.abs(scaled).max())
-    if isinstance(choice.modes, SpringModes):
+    if isinstance(choice.modes, PatchModes):
         each = choice.modes.uncertainty[: block.coefficients.shape[1]]
         amplitudes = block.quantiser.restore(block.coefficients)
         # Root mean square over the frames; four of these are more than a frame reaches.

@@ -63,8 +63,16 @@ class TimeBasis:
         total: Floats = moving.reshape(self.n_frames, 3, -1) + constant
         return total
 
-    def project(self, motion: Floats) -> Floats:
-        """Coefficients that leave the least error, (frames, 3, n) to (rows, n)."""
+    def project(self, motion: Floats, alike: float | None = None) -> Floats:
+        """Coefficients that leave the least error, (frames, 3, n) to (rows, n).
+
+        Parameters
+        ----------
+        motion : (frames, 3, n) float64
+        alike : float, optional
+            Reciprocal condition beyond which learned components are taken as dependent; that of
+            rounding by default.
+        """
         n = motion.shape[2]
         if self.kind == Temporal.DCT:
             return np.asarray(fft.dct(motion, type=2, norm="ortho", axis=0)).reshape(-1, n)
@@ -77,7 +85,7 @@ class TimeBasis:
         # Learned components are orthonormal up to their rounding: fitted, not projected.
         basis = self.learned.reshape(-1, self.learned.shape[-1])
         moving = (motion - mean).reshape(len(basis), -1)
-        fitted, *_ = linalg.lstsq(basis, moving, lapack_driver="gelsy")
+        fitted, *_ = linalg.lstsq(basis, moving, cond=alike, lapack_driver="gelsy")
         return np.concatenate([constant, fitted.reshape(-1, n)])
 
 

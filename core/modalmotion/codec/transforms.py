@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from modalmotion.codec.modes.lattice_modes import LatticeModes
-from modalmotion.codec.modes.patch_modes import LARGEST_PATCH, MOST_WORK, SpringModes, edges_of
+from modalmotion.codec.modes.patch_modes import LARGEST_PATCH, MOST_WORK, PatchModes, edges_of
 from modalmotion.codec.target import Effort
 from modalmotion.codec.temporal import Temporal
 from modalmotion.mesh.sequence import MeshSequence
@@ -24,14 +24,14 @@ class Choice:
 
     Parameters
     ----------
-    modes : LatticeModes or SpringModes
+    modes : LatticeModes or PatchModes
     kinds : tuple of Temporal
     effort : Effort
     name : str
         What to call the modes.
     """
 
-    modes: LatticeModes | SpringModes
+    modes: LatticeModes | PatchModes
     kinds: tuple[Temporal, ...]
     effort: Effort
     name: str
@@ -42,7 +42,7 @@ def choose(sequence: MeshSequence, effort: Effort) -> Choice:
     on_lattice = sequence.grid is not None or not len(sequence.faces)
     if on_lattice:
         lattice = _lattice_modes(sequence)
-        modes: LatticeModes | SpringModes = lattice
+        modes: LatticeModes | PatchModes = lattice
         name = f"closed-form modes of {with_article(str(lattice.topology))}"
     else:
         springs = _spring_modes(sequence, PATCHES[effort])
@@ -80,11 +80,11 @@ def _lattice_modes(sequence: MeshSequence) -> LatticeModes:
     return LatticeModes(topology, grid, fineness)
 
 
-def _spring_modes(sequence: MeshSequence, largest_patch: int) -> SpringModes:
+def _spring_modes(sequence: MeshSequence, largest_patch: int) -> PatchModes:
     n = sequence.n_vertices
     affordable = int(np.sqrt(MOST_WORK / n))
     patch = max(1, min(largest_patch, affordable, n))
-    return SpringModes(edges_of(sequence.faces), n, patch, 0)
+    return PatchModes(edges_of(sequence.faces), n, patch, 0)
 
 
 def _is_cycle(sequence: MeshSequence) -> bool:

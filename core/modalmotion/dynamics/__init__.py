@@ -1,6 +1,6 @@
 """Dynamics of modes: oscillators (3) advanced exactly, and phonons, waves on lattices."""
 
-from modalmotion.dynamics.animation import animate, animate_along, directional_mode, vibrate
+from modalmotion.dynamics.animation import animate_along, directional_mode
 from modalmotion.dynamics.damping import nodal_damping, rayleigh_damping
 from modalmotion.dynamics.dispersion_relation import (
     dispersion,
@@ -34,7 +34,6 @@ __all__ = [
     "Oscillators",
     "PolarisedWaves",
     "State",
-    "animate",
     "animate_along",
     "directional_mode",
     "dispersion",
@@ -59,7 +58,6 @@ __all__ = [
     "rayleigh_damping",
     "step_response",
     "travelling_wave",
-    "vibrate",
     "wave_field",
     "wave_vectors",
 ]

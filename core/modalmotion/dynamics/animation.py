@@ -1,4 +1,4 @@
-"""Animation: any shape moved by chosen modes, one frame after the other.
+"""Animation: any shape moved by modes, one frame after the other.
 
 As figures 2 and 3 of Nastar (1994). Nothing here asks what the modes are of: shapes at the
 nodes of a lattice or at the vertices of a mesh serve alike.
@@ -11,8 +11,6 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.dynamics.oscillators import Oscillators, State
-from modalmotion.dynamics.responses import free_states
 from modalmotion.errors import ShapeError
 from modalmotion.numeric.products import product
 
@@ -47,33 +45,6 @@ def directional_mode(shape: Array, direction: Array) -> Array:
     return phi[:, None] * _require_direction(direction, len(phi))
 
 
-def animate(reference: Array, shapes: Array, amplitudes: Iterable[Array]) -> Iterator[Array]:
-    """Positions of a shape that moves by its modes, modal superposition frame by frame.
-
-    Parameters
-    ----------
-    reference : (vertices, 3) float64, mm
-        The shape at rest, any shape.
-    shapes : (vertices, modes) float64
-        Phi.
-    amplitudes : iterable of (modes, 3) float64, mm
-        One for each frame: an array (frames, modes, 3), or a generator of any length.
-
-    Yields
-    ------
-    (vertices, 3) float64, mm
-        A new array for each frame; memory does not grow with their number.
-
-    Raises
-    ------
-    ShapeError
-        If the arrays do not fit; names the frame.
-    """
-    X, phi = _require_basis(reference, shapes)
-    # x = X + sum a_m phi_m, eq. 2
-    return (X + product(phi, a) for a in _each(amplitudes, (phi.shape[1], 3)))
-
-
 def animate_along(
     reference: Array, shapes: Array, amplitudes: Iterable[Array], direction: Array
 ) -> Iterator[Array]:
@@ -99,30 +70,8 @@ def animate_along(
     """
     X, phi = _require_basis(reference, shapes)
     d = _require_direction(direction, len(X))
+    # (2) x = X + sum_m a_m phi_m d
     return (X + product(phi, a[:, None]) * d for a in _each(amplitudes, (phi.shape[1],)))
-
-
-def vibrate(
-    reference: Array, shapes: Array, oscillators: Oscillators, times: Array, start: State
-) -> Iterator[Array]:
-    """Positions of a shape whose modes swing freely.
-
-    Parameters
-    ----------
-    reference : (vertices, 3) float64, mm
-    shapes : (vertices, modes) float64
-    oscillators : Oscillators
-        One for each mode.
-    times : (times,) float64, time units
-    start : State
-        (modes, 3) each, at time 0.
-
-    Yields
-    ------
-    (vertices, 3) float64, mm
-    """
-    states = free_states(oscillators, times, start)
-    return animate(reference, shapes, (state.amplitudes for state in states))
 
 
 def _each(amplitudes: Iterable[Array], shape: tuple[int, ...]) -> Iterator[Array]:

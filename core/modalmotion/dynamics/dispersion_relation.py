@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
-from modalmotion.modes.label import ModeSet
 from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.order import require_within_zone
 from modalmotion.modes.topology import CLOSED
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from modalmotion.dynamics.oscillators import Oscillators, State
 from modalmotion.dynamics.responses import free_states
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.modes.label import ModeLabel, ModeSet
+from modalmotion.modes.label import ModeLabel
 from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.topology import CLOSED
 from modalmotion.modes.transform import project, superpose_with
 

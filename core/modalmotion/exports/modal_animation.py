@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import ParameterError
-from modalmotion.fit.superposition import mode_shapes
 from modalmotion.formats.gltf.morph_animation import MorphAnimation
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, resolve_sequence, resolve_template
@@ -68,7 +67,7 @@ def modal_animation(
     start = reference_positions(sequence, asked.reference)
     centre = used.weights @ start
     # (2) u = sum_p a_p phi_p, each shape taken about its own mean, which moves the whole.
-    phi = mode_shapes(signature.modes, used)
+    phi = signature.modes.shapes_on(used)
     means = used.weights @ phi
     a = signature.amplitudes
     drift = np.einsum("m,fmd->fd", means, a)

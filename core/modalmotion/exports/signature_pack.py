@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import StoreError
-from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.mesh.spring_modes import SpringSpectrum
-from modalmotion.modes import ModeSet
+from modalmotion.hdf5.form import Form
+from modalmotion.modes import Modes
 from modalmotion.progress import Progress
 from modalmotion.signature.hdf5 import mode_datasets
 from modalmotion.signature.making import ModalSignature
@@ -24,8 +23,7 @@ from modalmotion.store.disk.atomic import cannot_write, sync_folder, temporary_b
 from modalmotion.store.record import SequenceRecord
 from modalmotion.store.results import ResultStore
 
-SCHEMA_VERSION: Final = 1
-_SCHEMA: Final = "modalmotion.export"
+FORM: Final = Form("export", 1)
 
 # Signatures held before they are written: appending one at a time takes three times as long.
 _BATCH: Final = 256
@@ -70,7 +68,7 @@ class _Kind(NamedTuple):
     """What signatures of one group have in common."""
 
     key: str
-    modes: ModeSet | SpringSpectrum
+    modes: Modes
     unit: str
 
 
@@ -82,7 +80,7 @@ def is_pack(path: Path) -> bool:
         return False
     try:
         with h5py.File(path, "r") as file:
-            return bool(file.attrs.get("schema") == _SCHEMA)
+            return bool(file.attrs.get("schema") == FORM.header()["schema"])
     except OSError:
         return False
 
@@ -171,10 +169,7 @@ def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> int
 
 
 def _pack(file: Any, signatures: Iterable[tuple[ModalSignature, SequenceRecord]]) -> None:
-    file.attrs["schema"] = _SCHEMA
-    file.attrs["schema_version"] = SCHEMA_VERSION
-    file.attrs["kind"] = "export"
-    file.attrs["intended_use"] = INTENDED_USE
+    file.attrs.update(FORM.header())
     groups: dict[_Kind, Any] = {}
     waiting: dict[_Kind, list[tuple[ModalSignature, SequenceRecord]]] = {}
     for signature, record in signatures:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from enum import StrEnum
 
@@ -76,19 +77,26 @@ def write_superposed(
         return write_glb(modal_animation(moved, sequence, max_targets, template=template))
     positions = reconstruct(moved, sequence, template=template)
     surfaces = replace(sequence, vertices=positions, times=moved.times)
+    fields = None
+    if times is None:
+        fields = {"error": lengths(positions - sequence.vertices)}
+    attributes: dict[str, str | int | float] = {
+        "sequence_id": signature.sequence_id,
+        "modes": len(signature.modes),
+        **signature.provenance,
+    }
+    return write_surfaces(surfaces, surface_format, fields, attributes)
+
+
+def write_surfaces(
+    surfaces: MeshSequence,
+    surface_format: SurfaceFormat,
+    fields: Mapping[str, NDArray[np.float64]] | None = None,
+    attributes: Mapping[str, str | int | float] | None = None,
+) -> bytes:
+    """Write surfaces frame by frame: npz, VTKHDF with fields and attributes, or a zip of PLY."""
     if surface_format == SurfaceFormat.PLY:
         return write_ply_zip(surfaces)
     if surface_format == SurfaceFormat.NPZ:
         return write_npz(surfaces)
-    fields = None
-    if times is None:
-        fields = {"error": lengths(positions - sequence.vertices)}
-    return write_vtkhdf(
-        surfaces,
-        fields,
-        {
-            "sequence_id": signature.sequence_id,
-            "modes": len(signature.modes),
-            **signature.provenance,
-        },
-    )
+    return write_vtkhdf(surfaces, fields, attributes)

@@ -4,7 +4,7 @@ from modalmotion.facts.facts import NAMES, NO_FACTS, UNKNOWN, WORDS, Facts
 from modalmotion.facts.json_form import facts_as_json, facts_from_json, facts_patched
 from modalmotion.facts.named import Named
 from modalmotion.facts.places import Corners, Place
-from modalmotion.facts.texts import facts_from_texts, is_fact
+from modalmotion.facts.texts import column_of, facts_from_texts, is_fact
 
 __all__ = [
     "NAMES",
@@ -15,6 +15,7 @@ __all__ = [
     "Facts",
     "Named",
     "Place",
+    "column_of",
     "facts_as_json",
     "facts_from_json",
     "facts_from_texts",

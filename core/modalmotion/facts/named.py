@@ -35,4 +35,4 @@ class Named(Mapping[str, T]):
         return hash(tuple(self._values.items()))
 
     def __repr__(self) -> str:
-        return f"Named({len(self)} values)"
+        return f"Named({self._values!r})"

@@ -24,6 +24,15 @@ def is_fact(name: str) -> bool:
     return name in NAMES or fact_prefix(name) is not None
 
 
+def column_of(heading: str) -> str:
+    """Give the name of a column: capitals count only behind "landmark:" and "covariate:"."""
+    name, colon, own = heading.strip().partition(":")
+    name = name.strip().lower()
+    if colon and name in _PREFIXES:
+        return f"{name}:{own.strip()}"
+    return heading.strip().lower()
+
+
 def fact_prefix(name: str) -> str | None:
     """Give what a column begins with: "covariate" of covariate:age; None of most."""
     prefix, colon, _ = name.partition(":")

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError
-from modalmotion.mesh.spring_modes import SpringModes, SpringSpectrum, spring_modes
-from modalmotion.modes import ModeSet, shapes_at
+from modalmotion.modes import Modes
 from modalmotion.numeric.products import product
 from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
 from modalmotion.template import Template
@@ -26,7 +25,7 @@ class Basis:
 
     Parameters
     ----------
-    modes : ModeSet or SpringModes
+    modes : Modes
     shapes : (vertices, modes) float64
         Phi.
     projector : (modes, vertices) float64
@@ -37,7 +36,7 @@ class Basis:
         Of the weighted shapes, 1 for orthogonal ones.
     """
 
-    modes: ModeSet | SpringModes
+    modes: Modes
     shapes: NDArray[np.float64]
     projector: NDArray[np.float64]
     triangle: NDArray[np.float64]
@@ -57,7 +56,7 @@ class Basis:
         return columns
 
 
-def make_basis(template: Template, modes: ModeSet | SpringModes) -> Basis:
+def make_basis(template: Template, modes: Modes) -> Basis:
     """Evaluate and factor modes on a template.
 
     Raises
@@ -65,30 +64,10 @@ def make_basis(template: Template, modes: ModeSet | SpringModes) -> Basis:
     ModeCountError
         If the weighted vertices cannot tell that many modes apart.
     """
-    if isinstance(modes, SpringModes):
-        shapes = modes.shapes
-    else:
-        shapes = shapes_at(modes, template.coordinates)
-    return factored(modes, shapes, template.weights)
+    return factored(modes, modes.shapes_on(template), template.weights)
 
 
-def basis_of(modes: ModeSet | SpringSpectrum, template: Template) -> Basis:
-    """Factor the modes that a signature names, on its template.
-
-    Parameters
-    ----------
-    modes : ModeSet or SpringSpectrum
-    template : Template
-    """
-    if isinstance(modes, SpringSpectrum):
-        own = spring_modes(template.faces, template.n_vertices, len(modes))
-        return make_basis(template, own)
-    return make_basis(template, modes)
-
-
-def factored(
-    modes: ModeSet | SpringModes, shapes: NDArray[np.float64], weights: NDArray[np.float64]
-) -> Basis:
+def factored(modes: Modes, shapes: NDArray[np.float64], weights: NDArray[np.float64]) -> Basis:
     """Factor shapes under given weights.
 
     Raises

@@ -87,13 +87,18 @@ class TemplateCache:
         )
 
     def basis(
-        self, template: Template, n_modes: int, grid: tuple[int, ...] | None = None
+        self,
+        template: Template,
+        n_modes: int,
+        grid: tuple[int, ...] | None = None,
+        *,
+        split_pairs: bool = False,
     ) -> tuple[ModeChoice, Basis]:
         """Choose and factor the modes of a template: see `choose_modes` and `make_basis`."""
-        key = f"{template.id} {n_modes} {grid}"
+        key = f"{template.id} {n_modes} {grid} {split_pairs}"
         found = self._bases.get(key)
         if found is None:
-            choice = choose_modes(template, n_modes, grid)
+            choice = choose_modes(template, n_modes, grid, split_pairs=split_pairs)
             found = (choice, make_basis(template, choice.modes))
             self._bases.put(key, found, _LAYOUTS * found[1].shapes.nbytes)
         return found

@@ -6,33 +6,22 @@ QR of the weighted shapes, never by normal equations, whose condition is the squ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.displacements import PositionBlock, aligned, position_blocks
-from modalmotion.alignment.reference import displacement_blocks, reference_positions
+from modalmotion.alignment.displacements import Displacements, PositionBlock
 from modalmotion.alignment.reference_shape import ReferenceShape
 from modalmotion.alignment.rigid import Rotations
-from modalmotion.errors import ModeCountError, ParameterError, ShapeError
-from modalmotion.fit.basis import LARGEST_CONDITION, Basis, factored, make_basis
-from modalmotion.fit.block_fit import BlockFit, PositionFit, fit_displacements
-from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
-from modalmotion.numeric.products import product
+from modalmotion.errors import ModeCountError
+from modalmotion.fit.basis import Basis, factored
+from modalmotion.numeric.products import product, tile
+from modalmotion.numeric.quantile import weighted_quantile
 from modalmotion.representation import shown
-from modalmotion.template import Template
-from modalmotion.template.body_frame import Components, local_frames, to_local
+from modalmotion.template.body_frame import to_local
 
-__all__ = [
-    "LARGEST_CONDITION",
-    "Basis",
-    "Fit",
-    "displacement_blocks",
-    "fit_sequence",
-    "make_basis",
-    "project",
-]
+__all__ = ["Fit", "fit_displacements", "project"]
 
 
 @shown()
@@ -70,32 +59,18 @@ class Fit:
     coverages: NDArray[np.float64]
 
 
-def fit_sequence(
-    sequence: MeshSequence,
-    template: Template,
-    basis: Basis,
-    *,
-    reference: Reference = 0,
-    remove_rotation: bool = True,
-    components: Components = Components.CARTESIAN,
-    present: NDArray[np.bool_] | None = None,
+def fit_displacements(
+    displacements: Displacements, basis: Basis, frames: NDArray[np.float64] | None = None
 ) -> Fit:
     """Fit every frame, in blocks of bounded memory.
 
     Parameters
     ----------
-    sequence : MeshSequence
-    template : Template
+    displacements : Displacements
+        A frame is fitted to the vertices it has.
     basis : Basis
-    reference : int or "mean"
-        Frame from which displacements are measured, or the mean shape.
-    remove_rotation : bool
-        Whether to take out each frame's best rotation about its centroid first.
-    components : Components
-        What the three amplitudes of a mode stand for.
-    present : (frames, vertices) bool, optional
-        Which positions are there. A frame is fitted to what it has; positions that are not
-        there are not read. The reference must be complete.
+    frames : (vertices, 3, 3) float64, optional
+        Local directions of the components, from `local_frames`; x, y, z by default.
 
     Returns
     -------
@@ -103,34 +78,29 @@ def fit_sequence(
 
     Raises
     ------
-    ShapeError
-        If `present` has another shape.
     ParameterError
-        If the reference is incomplete, a frame is empty, or the surface has no axis to split
-        components by.
+        If a frame is empty.
     ModeCountError
         Naming the first frame in which too little is there to tell the modes apart.
     """
-    _require_present(sequence, reference, present)
-    frames = None if components == Components.CARTESIAN else local_frames(template)
-    start = reference_positions(sequence, reference)
-    shape = ReferenceShape.at(sequence, template.weights, start, template.isolated)
-    in_one = PositionFit.of(basis, shape)
-    fit = _empty(sequence.n_frames, len(basis.modes), basis.condition)
-    for block in position_blocks(sequence, shape, start, present):
-        if frames is None and block.present is None:
-            _store(fit, block.first, in_one.fit(block, remove_rotation), shape.scale)
-            continue
-        u, rotations = aligned(block, shape, remove_rotation)
-        drifts = _drifts(u, block, shape.weights)
-        if frames is not None:
-            u = to_local(u, frames)
-        if block.present is None:
-            part = fit_displacements(u, rotations, drifts, basis, shape.weights, shape.ignored)
-            _store(fit, block.first, part, shape.scale)
-        else:
-            _fit_partly(fit, block, u, rotations, drifts, basis, shape)
-    return fit
+    parts = []
+    products: _Products | None = None
+    for block in displacements.positions():
+        if products is None or products.shape is not block.shape:
+            whole = block.shape is displacements.shape
+            used = basis if whole else _factored_part(basis, block)
+            products = _Products.of(used, block.shape, frames)
+        parts.append(products.fit(block))
+    columns: dict[str, NDArray[np.float64]] = {
+        column.name: np.concatenate([getattr(part, column.name) for part in parts])
+        for column in fields(Fit)
+        if column.name != "rotations"
+    }
+    rotations = Rotations(
+        np.concatenate([part.rotations.matrices for part in parts]),
+        np.concatenate([part.rotations.is_determined for part in parts]),
+    )
+    return Fit(rotations=rotations, **columns)
 
 
 def project(basis: Basis, displacements: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -140,8 +110,8 @@ def project(basis: Basis, displacements: NDArray[np.float64]) -> NDArray[np.floa
     ----------
     basis : Basis
     displacements : (frames, vertices, 3) float64, length unit
-        Fastest as a view on memory that runs along the vertices, as `displacement_blocks`
-        gives them.
+        Fastest as a view on memory that runs along the vertices, as a `DisplacementBlock` has
+        them.
 
     Returns
     -------
@@ -153,104 +123,131 @@ def project(basis: Basis, displacements: NDArray[np.float64]) -> NDArray[np.floa
     return a.reshape(f, 3, -1).transpose(0, 2, 1)
 
 
-def _drifts(
-    u: NDArray[np.float64], block: PositionBlock, weights: NDArray[np.float64]
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """Rotation and fit of frames in two products over the vertices.
+
+    The turned displacements u = R'(x - d) + d - rest, d the drift of the centroid, are never
+    made. The products of x with the projector, the reference and the weights give rotation and
+    amplitudes; the residual is taken before turning back, where it is as long:
+
+        |u - Phi a| = |x - (R a Phi + R rest + d - R d)|.
+
+    Local components turn from vertex to vertex: displacements in them are made first, and are
+    positions from a reference at rest in the centroid, with no rotation left.
+
+    Parameters
+    ----------
+    basis : Basis
+    shape : ReferenceShape
+        Of the blocks.
+    frames : (vertices, 3, 3) float64 or None
+        Local directions; None for x, y, z.
+    columns : (vertices, modes + 4 and filling) float64
+        Projector, moments of the reference, weights.
+    rows : (modes + 4, vertices) float64
+        Shapes, reference, one.
+    of_one : (modes,) float64
+        Amplitudes of a unit translation.
+    of_rest : (3, modes) float64
+        Amplitudes of the reference's own positions.
+    """
+
+    basis: Basis
+    shape: ReferenceShape
+    frames: NDArray[np.float64] | None
+    columns: NDArray[np.float64]
+    rows: NDArray[np.float64]
+    of_one: NDArray[np.float64]
+    of_rest: NDArray[np.float64]
+
+    @staticmethod
+    def of(basis: Basis, shape: ReferenceShape, frames: NDArray[np.float64] | None) -> _Products:
+        """Prepare the products of one basis and one reference."""
+        m, n = basis.projector.shape
+        rest = shape.rest if frames is None else np.zeros_like(shape.rest)
+        # Products are fastest with a multiple of four columns.
+        columns = np.zeros((n, -(-(m + 4) // 4) * 4))
+        columns[:, :m] = basis.columns[:, :m]
+        columns[:, m : m + 4] = shape.moments
+        rows = np.concatenate([basis.rows, rest, np.ones((1, n))])
+        known = product(rows[m:], basis.columns)[:, :m]
+        return _Products(basis, shape, frames, columns, rows, known[3], known[:3])
+
+    def fit(self, block: PositionBlock) -> Fit:
+        """Fit a block, in the unit of the sequence."""
+        f, _, n = block.positions.shape
+        m, shape = len(self.basis.modes), self.shape
+        x, turned = block.positions, None
+        if self.frames is not None:
+            turned = block.turned_back()
+            x = to_local(turned.u, self.frames)
+        rows = x.reshape(3 * f, n)
+        sums = product(rows, self.columns).reshape(f, 3, -1)
+        if turned is None:
+            rotations, drifts = block.alignment(sums[:, :, m : m + 4])
+            R, d = rotations.matrices, drifts
+        else:
+            rotations, drifts = turned.rotations, turned.drifts
+            R, d = Rotations.none(f).matrices, np.zeros((f, 3))
+        centre = d[:, :, None] * self.of_one
+        # a = P u = R'(P x - d P 1) + d P 1 - P rest
+        a = R.transpose(0, 2, 1) @ (sums[:, :, :m] - centre) + centre - self.of_rest
+        # A frame that repeats the reference has moved by exactly nothing.
+        a[block.is_still] = 0.0
+        model = np.empty((f, 3, m + 4))
+        model[:, :, :m] = R @ a
+        model[:, :, m : m + 3] = R
+        model[:, :, m + 3] = d - (R @ d[:, :, None])[:, :, 0]
+        squares = _squared_distances(rows, model.reshape(3 * f, m + 4), self.rows)
+        if len(shape.ignored):
+            squares[:, shape.ignored] = 0.0
+        # einsum adds in one order whatever the number of threads.
+        mean = np.einsum("fn,n->f", squares, shape.weights)
+        # The residual is orthogonal to the shapes, so |u|^2 = |Q'u|^2 + |r|^2 with Q'u = R a:
+        # a sum of squares, without cancellation.
+        kept = product(a.reshape(3 * f, m), np.ascontiguousarray(self.basis.triangle.T))
+        motion = np.einsum("fk,fk->f", kept.reshape(f, -1), kept.reshape(f, -1)) + mean
+        p95 = weighted_quantile(squares, shape.weights, 0.95)
+        return Fit(
+            amplitudes=np.ascontiguousarray(a.transpose(0, 2, 1)) * shape.scale,
+            rotations=rotations,
+            translations=drifts * shape.scale,
+            rms_errors=np.sqrt(mean) * shape.scale,
+            p95_errors=np.sqrt(p95) * shape.scale,
+            max_errors=np.sqrt(squares.max(axis=1)) * shape.scale,
+            motion_rms=np.sqrt(motion) * shape.scale,
+            conditions=np.full(f, self.basis.condition),
+            coverages=np.full(f, shape.coverage),
+        )
+
+
+def _factored_part(basis: Basis, block: PositionBlock) -> Basis:
+    """Factor shapes on the vertices that a block has."""
+    try:
+        return factored(basis.modes, basis.shapes, block.shape.weights)
+    except ModeCountError as error:
+        raise ModeCountError(
+            f"Frame {block.frames.start}: {error.message}",
+            remedy="Ask for fewer modes, or leave the frame out.",
+            frame=block.frames.start,
+            details=error.details,
+        ) from error
+
+
+def _squared_distances(
+    rows: NDArray[np.float64], coefficients: NDArray[np.float64], shapes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Mean displacement of each frame, over what it has: turning about the centroid adds none."""
-    # einsum adds in one order whatever the number of threads.
-    if block.present is None:
-        whole: NDArray[np.float64] = np.einsum("fcn,n->fc", u, weights)
-        return whole
-    shares = np.where(block.present, weights, 0.0)
-    shares /= shares.sum(axis=1)[:, None]
-    part: NDArray[np.float64] = np.einsum("fcn,fn->fc", u, shares)
-    return part
+    """Squares of rows - coefficients shapes, the three directions added, (frames, vertices).
 
-
-def _fit_partly(
-    fit: Fit,
-    block: PositionBlock,
-    u: NDArray[np.float64],
-    rotations: Rotations,
-    drifts: NDArray[np.float64],
-    basis: Basis,
-    shape: ReferenceShape,
-) -> None:
-    """Fit each frame of a block to the vertices it has."""
-    if block.present is None:
-        return
-    for k, kept in enumerate(block.present):
-        frame = block.first + k
-        share = np.where(kept, shape.weights, 0.0)
-        coverage = float(share.sum())
-        try:
-            part = basis if kept.all() else factored(basis.modes, basis.shapes, share / coverage)
-        except ModeCountError as error:
-            raise ModeCountError(
-                f"Frame {frame}: {error.message}",
-                remedy="Ask for fewer modes, or leave the frame out.",
-                frame=frame,
-                details=error.details,
-            ) from error
-        ignored = np.union1d(np.flatnonzero(~kept), shape.ignored)
-        turned = Rotations(rotations.matrices[k : k + 1], rotations.is_determined[k : k + 1])
-        here = slice(k, k + 1)
-        found = fit_displacements(u[here], turned, drifts[here], part, share / coverage, ignored)
-        _store(fit, frame, found, shape.scale)
-        fit.conditions[frame], fit.coverages[frame] = part.condition, coverage
-
-
-def _empty(n_frames: int, n_modes: int, condition: float) -> Fit:
-    return Fit(
-        amplitudes=np.empty((n_frames, n_modes, 3)),
-        rotations=Rotations(np.empty((n_frames, 3, 3)), np.empty(n_frames, dtype=np.bool_)),
-        translations=np.empty((n_frames, 3)),
-        rms_errors=np.empty(n_frames),
-        p95_errors=np.empty(n_frames),
-        max_errors=np.empty(n_frames),
-        motion_rms=np.empty(n_frames),
-        conditions=np.full(n_frames, condition),
-        coverages=np.ones(n_frames),
-    )
-
-
-def _store(fit: Fit, first: int, part: BlockFit, scale: float) -> None:
-    at = slice(first, first + len(part.amplitudes))
-    fit.amplitudes[at] = part.amplitudes.transpose(0, 2, 1) * scale
-    fit.rotations.matrices[at] = part.rotations.matrices
-    fit.rotations.is_determined[at] = part.rotations.is_determined
-    fit.translations[at] = part.drifts * scale
-    fit.rms_errors[at] = np.sqrt(part.mean_squares) * scale
-    fit.p95_errors[at] = np.sqrt(part.p95_squares) * scale
-    fit.max_errors[at] = np.sqrt(part.max_squares) * scale
-    fit.motion_rms[at] = np.sqrt(part.motion_squares) * scale
-
-
-def _require_present(
-    sequence: MeshSequence, reference: Reference, present: NDArray[np.bool_] | None
-) -> None:
-    if present is None:
-        return
-    shape = (sequence.n_frames, sequence.n_vertices)
-    if present.shape != shape or present.dtype != np.bool_:
-        raise ShapeError(
-            f"'present' has the shape {present.shape} and holds {present.dtype}; "
-            f"{shape} truth values are needed.",
-            remedy="Give one truth value for each vertex of each frame.",
-        )
-    if reference == MEAN:
-        if not present.all():
-            raise ParameterError(
-                "Vertices are missing, so there is no mean shape to measure from.",
-                remedy="Choose a reference frame in which all vertices are there.",
-            )
-        return
-    if not present[reference].all():
-        vertex = int(np.flatnonzero(~present[reference])[0])
-        raise ParameterError(
-            f"Vertex {vertex} is missing in the reference, frame {reference}, so nothing can be "
-            "measured from it.",
-            remedy="Choose a reference frame in which all vertices are there.",
-            frame=reference,
-            vertex=vertex,
-        )
+    A few vertices at a time, while they are in the cache.
+    """
+    m, n = rows.shape
+    squares = np.empty((m // 3, n))
+    step = tile(m, n, len(shapes))[1]
+    for j in range(0, n, step):
+        part = product(coefficients, shapes[:, j : j + step])
+        np.subtract(rows[:, j : j + step], part, out=part)
+        part *= part
+        np.add.reduce(part.reshape(m // 3, 3, -1), axis=1, out=squares[:, j : j + step])
+    return squares

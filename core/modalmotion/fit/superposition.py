@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.mesh.sequence import MeshSequence, Reference
-from modalmotion.mesh.spring_modes import SpringSpectrum, spring_modes
-from modalmotion.modes import ModeSet, shapes_at
 from modalmotion.numeric.quantile import weighted_quantile
+from modalmotion.numeric.scale import power_of_two
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, from_local, local_frames
 
@@ -143,17 +142,9 @@ def distances(
     if largest == 0.0:
         zeros = np.zeros(len(offsets))
         return zeros, zeros, zeros
-    # A power of two, so that scaling costs no digit.
-    scale = float(2.0 ** np.clip(np.frexp(largest)[1], -1000, 1000))
+    scale = power_of_two(largest)
     squares = ((offsets / scale) ** 2).sum(axis=2)
     squares[:, template.isolated] = 0.0
     mean = np.einsum("fn,n->f", squares, template.weights)
     p95 = weighted_quantile(squares, template.weights, 0.95)
     return scale * np.sqrt(mean), scale * np.sqrt(p95), scale * np.sqrt(squares.max(axis=1))
-
-
-def mode_shapes(modes: ModeSet | SpringSpectrum, template: Template) -> NDArray[np.float64]:
-    """Shapes of a signature's modes on its template, (vertices, modes) float64."""
-    if isinstance(modes, ModeSet):
-        return shapes_at(modes, template.coordinates)
-    return spring_modes(template.faces, template.n_vertices, len(modes)).shapes

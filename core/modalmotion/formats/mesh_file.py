@@ -6,7 +6,7 @@ import importlib.util
 import re
 from typing import Final
 
-from modalmotion.errors import MalformedFileError, ParameterError
+from modalmotion.errors import MalformedFileError, needs_extra
 from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
 from modalmotion.formats.frames.frame import Frame
 from modalmotion.formats.obj import read_obj
@@ -70,11 +70,9 @@ def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame
 
 
 def _read_vtk(data: bytes, found: Format, parser: Parser) -> Frame:
-    if importlib.util.find_spec("vtkmodules") is None:
-        raise ParameterError(
-            f"This installation does not read .{found} files: the package 'vtk' is absent.",
-            remedy="Install modalmotion[vtk], or send VTKHDF, PLY or OBJ.",
-        )
+    with needs_extra("vtk"):
+        if importlib.util.find_spec("vtkmodules") is None:
+            raise ModuleNotFoundError(name="vtk")
     if found is Format.VTP:
         prolog = data.partition(b"<VTKFile")[0]
         if b"<!" in prolog.replace(b"<!--", b""):

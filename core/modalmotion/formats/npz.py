@@ -17,6 +17,7 @@ import struct
 import zipfile
 import zlib
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -32,7 +33,9 @@ _ARRAYS: Final = ("vertices", "faces", "grid", "topology", "times", "times_ms", 
 _KNOWN: Final = (*_ARRAYS, *NAMES)
 _TEXTS: Final = ("topology", "unit", *(name for name in NAMES if name != "period"))
 
-_REMEDY: Final = "Write the file with numpy.savez, holding at least 'vertices'."
+_malformed: Final = partial(
+    MalformedFileError, remedy="Write the file with numpy.savez, holding at least 'vertices'."
+)
 
 
 def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
@@ -55,25 +58,22 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
         If the arrays make no sequence.
     """
     if not data:
-        raise MalformedFileError("The file is empty.", remedy=_REMEDY)
+        raise _malformed("The file is empty.")
     try:
         archive = zipfile.ZipFile(io.BytesIO(data))
     except (zipfile.BadZipFile, ValueError, OverflowError, NotImplementedError) as error:
-        raise MalformedFileError(
-            f"These {len(data)} bytes are no readable .npz archive (the file may be cut short).",
-            remedy=_REMEDY,
+        raise _malformed(
+            f"These {len(data)} bytes are no readable .npz archive (the file may be cut short)."
         ) from error
     with archive:
         members: dict[str, zipfile.ZipInfo] = {}
         for info in archive.infolist():
             name = info.filename.removesuffix(".npy")
             if name in members:
-                raise MalformedFileError(f"The archive holds {name[:40]!r} twice.", remedy=_REMEDY)
+                raise _malformed(f"The archive holds {name[:40]!r} twice.")
             members[name] = info
         if "vertices" not in members:
-            raise MalformedFileError(
-                f"The archive holds {_listing(list(members))} but no 'vertices'.", remedy=_REMEDY
-            )
+            raise _malformed(f"The archive holds {_listing(list(members))} but no 'vertices'.")
         headers: dict[str, _Header] = {
             name: _read_header(archive, members[name]) for name in _KNOWN if name in members
         }
@@ -177,20 +177,17 @@ def _read_header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Header:
             text = stream.read(min(length, _LONGEST_HEADER))
             offset = stream.tell()
     except _UNREADABLE as error:
-        raise MalformedFileError(
-            f"The array {name[:40]!r} cannot be read: {_reason(error)}.", remedy=_REMEDY
-        ) from error
+        raise _malformed(f"The array {name[:40]!r} cannot be read: {_reason(error)}.") from error
     match = _HEADER.fullmatch(text)
     if start[:6] != b"\x93NUMPY" or match is None:
-        raise MalformedFileError(f"The array {name[:40]!r} has no readable header.", remedy=_REMEDY)
+        raise _malformed(f"The array {name[:40]!r} has no readable header.")
     dtype = _plain_dtype(name, match["descr"].decode("ascii", "replace"))
     shape = tuple(int(n) for n in match["shape"].replace(b",", b" ").split())
     header = _Header(shape, match["fortran"] == b"True", dtype, offset)
     if offset + header.n_bytes != info.file_size:
-        raise MalformedFileError(
+        raise _malformed(
             f"The array {name!r} declares the shape {header.shape} of {dtype}, "
-            f"{header.n_bytes} bytes, but {info.file_size - offset} are there.",
-            remedy=_REMEDY,
+            f"{header.n_bytes} bytes, but {info.file_size - offset} are there."
         )
     return header
 

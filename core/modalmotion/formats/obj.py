@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from array import array
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -32,7 +33,9 @@ _AFTER_VERTEX: Final = re.compile(rb"/\S*")
 # Vertices and faces that are set in, or apart by tabs.
 _UNUSUAL: Final = (b" ", b"\t", b"v\t", b"f\t")
 _MOST_COMMENTS: Final = 20
-_REMEDY: Final = "Export the frame again as OBJ, without free-form surfaces."
+_malformed: Final = partial(
+    MalformedFileError, remedy="Export the frame again as OBJ, without free-form surfaces."
+)
 
 
 def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
@@ -76,7 +79,7 @@ def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         limits.require("vertices", n_vertices)
         limits.require("faces", len(sizes))
     if not n_vertices:
-        raise MalformedFileError("The OBJ file holds no vertex.", remedy=_REMEDY)
+        raise _malformed("The OBJ file holds no vertex.")
     polygons = triangulate(
         offsets_of(np.array(sizes, dtype=np.int64)), np.array(corners, dtype=np.int64)
     )
@@ -140,7 +143,7 @@ def _note_others(lines: list[bytes], others: dict[bytes, None], comments: list[b
                 comments.append(line)
         elif words := line.split(None, 1):
             if words[0] not in KEYWORDS:
-                raise MalformedFileError(f"The OBJ file has a line {line[:40]!r}.", remedy=_REMEDY)
+                raise _malformed(f"The OBJ file has a line {line[:40]!r}.")
             if words[0] not in (b"v", b"f"):
                 others[words[0]] = None
 
@@ -151,14 +154,11 @@ def _corners(words: list[bytes], n_vertices: int) -> array[int]:
         # Counted from one; from the last vertex so far where negative.
         corners = array("q", [n - 1 if n > 0 else n_vertices + n for n in numbers])
     except (ValueError, OverflowError):
-        raise MalformedFileError(
-            f"A face of the OBJ file reads {b' '.join(words)[:40]!r}.", remedy=_REMEDY
-        ) from None
+        raise _malformed(f"A face of the OBJ file reads {b' '.join(words)[:40]!r}.") from None
     if numbers and (min(corners) < 0 or 0 in numbers):
-        raise MalformedFileError(
+        raise _malformed(
             f"A face of the OBJ file names vertex {min(numbers)}, but {n_vertices} stand before "
-            "it and counting starts at 1.",
-            remedy=_REMEDY,
+            "it and counting starts at 1."
         )
     return corners
 
@@ -167,6 +167,4 @@ def _positions(rows: list[list[bytes]]) -> NDArray[np.float64]:
     try:
         return parse_points(rows)
     except ValueError as error:
-        raise MalformedFileError(
-            f"A vertex of the OBJ file is none ({str(error)[:60]}).", remedy=_REMEDY
-        ) from error
+        raise _malformed(f"A vertex of the OBJ file is none ({str(error)[:60]}).") from error

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from array import array
 from collections.abc import Iterator
+from functools import partial
 from itertools import islice
 from typing import Final
 
@@ -23,7 +24,10 @@ from modalmotion.limits import NO_LIMITS, ReadLimits
 # ST, C, N say what follows x, y and z on a line; the forms with 4 or n coordinates are others.
 _KEYWORD: Final = re.compile(rb"(?:ST)?C?N?OFF(?=\s|$)")
 _BLOCK_ROWS: Final = 30_000
-_REMEDY: Final = "Export the frame again as OFF text: 'OFF', the counts, vertices, polygons."
+_malformed: Final = partial(
+    MalformedFileError,
+    remedy="Export the frame again as OFF text: 'OFF', the counts, vertices, polygons.",
+)
 
 
 def read_off(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
@@ -49,16 +53,14 @@ def read_off(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     first = next(lines, b"")
     keyword = _KEYWORD.match(first)
     if keyword is None:
-        raise MalformedFileError("The file does not begin with 'OFF'.", remedy=_REMEDY)
+        raise _malformed("The file does not begin with 'OFF'.")
     counts = first[keyword.end() :].split() or next(lines, b"").split()
     try:
         n_vertices, n_faces = (int(word) for word in counts[:2])
     except ValueError:
-        raise MalformedFileError(
-            f"The OFF file has the counts {b' '.join(counts)[:40]!r}.", remedy=_REMEDY
-        ) from None
+        raise _malformed(f"The OFF file has the counts {b' '.join(counts)[:40]!r}.") from None
     if n_vertices < 0 or n_faces < 0:
-        raise MalformedFileError("The OFF file has a negative count.", remedy=_REMEDY)
+        raise _malformed("The OFF file has a negative count.")
     limits.require("vertices", n_vertices)
     limits.require("faces", n_faces)
     positions = _read_vertices(lines, n_vertices)
@@ -71,17 +73,14 @@ def read_off(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         except (ValueError, OverflowError):
             size, polygon = -1, array("q")
         if len(polygon) != size:
-            raise MalformedFileError(
-                f"Polygon {len(sizes)} of the OFF file reads {line[:40]!r}.", remedy=_REMEDY
-            )
+            raise _malformed(f"Polygon {len(sizes)} of the OFF file reads {line[:40]!r}.")
         sizes.append(size)
         corners += polygon
     if len(sizes) != n_faces or next(lines, None) is not None:
         more = "fewer" if len(sizes) != n_faces else "more"
-        raise MalformedFileError(
+        raise _malformed(
             f"The OFF file declares {n_vertices} vertices and {n_faces} polygons, but {more} "
-            "lines follow.",
-            remedy=_REMEDY,
+            "lines follow."
         )
     polygons = triangulate(
         offsets_of(np.array(sizes, dtype=np.int64)), np.array(corners, dtype=np.int64)
@@ -103,13 +102,10 @@ def _read_vertices(lines: Iterator[bytes], n_vertices: int) -> NDArray[np.float6
         try:
             block = parse_points(rows)
         except ValueError as error:
-            raise MalformedFileError(
-                f"A vertex of the OFF file is none ({str(error)[:60]}).", remedy=_REMEDY
-            ) from error
+            raise _malformed(f"A vertex of the OFF file is none ({str(error)[:60]}).") from error
         if not rows:
-            raise MalformedFileError(
-                f"The OFF file declares {n_vertices} vertices but ends after {n_read}.",
-                remedy=_REMEDY,
+            raise _malformed(
+                f"The OFF file declares {n_vertices} vertices but ends after {n_read}."
             )
         blocks.append(block)
         n_read += len(rows)

@@ -106,7 +106,9 @@ class ReadOptions:
         facts = self.facts.over(sequence.facts)
         for name in self.facts.stated:
             if name in sequence.facts.stated and name in facts.changed(sequence.facts):
-                result = _noted(result, f"The file states another {name}; it was taken as stated.")
+                result = _noted(
+                    result, f"The file states another {name} than its sender, who is believed."
+                )
         return replace(result, sequence=sequence.with_facts(facts))
 
 

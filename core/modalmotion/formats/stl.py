@@ -8,6 +8,7 @@ are not used.
 from __future__ import annotations
 
 import re
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -23,7 +24,7 @@ _TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), (
 _HEADER_BYTES: Final = 84
 # A file that was cut short is believed to have had so many times its bytes, and not more.
 _LIKELY: Final = 100
-_REMEDY: Final = "Export the frame again, as binary STL."
+_malformed: Final = partial(MalformedFileError, remedy="Export the frame again, as binary STL.")
 
 # A facet of the text form, word by word; None is a number.
 _FACET: Final = (
@@ -86,11 +87,9 @@ def read_stl(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         if len(data) >= _HEADER_BYTES:
             n = int.from_bytes(data[80:_HEADER_BYTES], "little")
             detail = f" (a binary one of {n} triangles has {_declared_bytes(data)} bytes)"
-        raise MalformedFileError(
-            f"These {len(data)} bytes are no complete STL file{detail}.", remedy=_REMEDY
-        )
+        raise _malformed(f"These {len(data)} bytes are no complete STL file{detail}.")
     if not len(corners):
-        raise MalformedFileError("The STL file holds no triangle.", remedy=_REMEDY)
+        raise _malformed("The STL file holds no triangle.")
     faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
     return Frame(corners, faces, is_soup=True, statements=space_in(header))
 
@@ -129,9 +128,7 @@ def _read_text(data: bytes, limits: ReadLimits) -> NDArray[np.float64]:
             n_facets += whole // len(_FACET)
             limits.require("faces", n_facets)
     if words or is_open:
-        raise MalformedFileError(
-            f"The STL file is cut short after {n_facets} whole facets.", remedy=_REMEDY
-        )
+        raise _malformed(f"The STL file is cut short after {n_facets} whole facets.")
     return np.concatenate(blocks) if blocks else np.zeros((0, 3))
 
 
@@ -148,14 +145,11 @@ def _facets(words: list[bytes], n_before: int) -> NDArray[np.float64]:
                 place = _FIRST_CORNER + 4 * corner + 1 + axis
                 corners[:, corner, axis] = list(map(float, words[place :: len(_FACET)]))
     except ValueError as error:
-        raise MalformedFileError(
-            f"A vertex of the STL file is no number ({str(error)[:60]}).", remedy=_REMEDY
-        ) from error
+        raise _malformed(f"A vertex of the STL file is no number ({str(error)[:60]}).") from error
     return corners.reshape(-1, 3)
 
 
 def _damaged(facet: int, text: bytes) -> MalformedFileError:
-    return MalformedFileError(
-        f"Facet {facet} of the STL file reads {text[:60].decode('ascii', 'replace')!r}.",
-        remedy=_REMEDY,
+    return _malformed(
+        f"Facet {facet} of the STL file reads {text[:60].decode('ascii', 'replace')!r}."
     )

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,12 +11,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import CorruptFileError, ModalMotionError, StoreError
-from modalmotion.hdf5.sealed import load_sealed
+from modalmotion.errors import CorruptFileError
+from modalmotion.hdf5.image import UNKNOWN
 
 T = TypeVar("T")
-
-_FOREIGN = "Name an HDF5 file written by modalmotion."
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,18 +38,24 @@ class Contents:
         """Attribute that holds text."""
         value = self.attributes[name]
         if not isinstance(value, str):
-            raise TypeError(f"attribute {name} is no text")
+            raise TypeError(f"attribute {name} is not text")
         return value
 
     def optional_text(self, name: str) -> str | None:
         """Attribute that holds text, None where there is no such attribute."""
         return self.text(name) if name in self.attributes else None
 
+    @property
+    def unit(self) -> str | None:
+        """Unit of lengths, None where nobody stated it."""
+        unit = self.text("unit")
+        return None if unit == UNKNOWN else unit
+
     def json(self, name: str, kind: type[T]) -> T:
         """Value of a dataset that holds JSON of the given type."""
         value = json.loads(bytes(self.arrays[name][()]))
         if not isinstance(value, kind):
-            raise TypeError(f"dataset {name} holds no {kind.__name__}")
+            raise TypeError(f"dataset {name} does not hold a {kind.__name__}")
         return value
 
     def number(self, name: str) -> Any:
@@ -71,46 +73,49 @@ class Contents:
         return array
 
 
-@contextmanager
-def read_contents(source: bytes | Path, kind: str, version: int) -> Iterator[Contents]:
-    """Read a sealed file; what is wrong with it inside the block becomes a CorruptFileError.
-
-    Parameters
-    ----------
-    source : bytes or Path
-    kind : str
-        What it must hold: "signature", "sequence", "classification" or "model".
-    version : int
-        Newest version of its schema that is understood.
+def contents_of(name: str, data: bytes) -> Contents:
+    """Read all of an HDF5 file, and nothing that lies outside of it or takes more than its size.
 
     Raises
     ------
-    NotFoundError
-        If there is no such file.
-    CorruptFileError
-        If the file is damaged, foreign, of another kind or of a newer schema.
+    KeyError, TypeError, ValueError, OSError, RuntimeError
+        If it is not made of plain datasets.
     """
-    name, data = load_sealed(source)
-    try:
-        contents = _read(name, data)
-        _require_kind(contents, kind, version)
-        yield contents
-    except StoreError:
-        raise
-    except (KeyError, IndexError, TypeError, ValueError, OSError, RuntimeError) as error:
-        # The seal is right, so the file was not damaged: it was written like this.
-        reason = error.message if isinstance(error, ModalMotionError) else str(error)
-        raise CorruptFileError(
-            f"{name} does not hold a {kind} as modalmotion writes it ({reason[:200]}).",
-            remedy=_FOREIGN,
-        ) from error
-
-
-def _read(name: str, data: bytes) -> Contents:
     # The library's lower level, which takes half the time on many small datasets.
-    from h5py import h5a, h5d, h5f, h5g, h5l, h5s
+    from h5py import h5d, h5f, h5g, h5l, h5s
 
     root = h5g.open(h5f.open_file_image(data), b"/")
+    attributes = _attributes(root)
+    arrays: dict[str, NDArray[Any]] = {}
+    n_bytes = 0
+    for number in range(root.get_num_objs()):
+        key = root.get_objname_by_idx(number)
+        # Other links lead out of the file, to whatever lies on this machine.
+        if root.links.get_info(key).type != h5l.TYPE_HARD:
+            raise ValueError(f"{key!r} is a link out of the file")
+        dataset = h5d.open(root, key)
+        _require_in_file(key, dataset)
+        # Many names of one dataset, or datasets on the same bytes, would fill the memory.
+        n_bytes += dataset.get_storage_size()
+        if n_bytes > len(data):
+            raise ValueError("its datasets lie on one another")
+        array = np.empty(dataset.shape, dataset.dtype)
+        if array.size:
+            dataset.read(h5s.ALL, h5s.ALL, array)
+        arrays[key.decode()] = array
+    return Contents(name, attributes, arrays)
+
+
+def header_of(name: str, data: bytes) -> Contents:
+    """Read the attributes of the root alone; see `contents_of`."""
+    from h5py import h5f, h5g
+
+    return Contents(name, _attributes(h5g.open(h5f.open_file_image(data), b"/")), {})
+
+
+def _attributes(root: Any) -> dict[str, Any]:
+    from h5py import h5a
+
     attributes = {}
     for number in range(h5a.get_num_attrs(root)):
         attribute = h5a.open(root, index=number)
@@ -119,19 +124,7 @@ def _read(name: str, data: bytes) -> Contents:
         value = np.empty(attribute.shape, attribute.dtype)
         attribute.read(value)
         attributes[attribute.name.decode()] = _plain(value)
-    arrays = {}
-    for number in range(root.get_num_objs()):
-        key = root.get_objname_by_idx(number)
-        # Other links lead out of the file, to whatever lies on this machine.
-        if root.links.get_info(key).type != h5l.TYPE_HARD:
-            raise ValueError(f"{key!r} is a link out of the file")
-        dataset = h5d.open(root, key)
-        _require_in_file(key, dataset)
-        array = np.empty(dataset.shape, dataset.dtype)
-        if array.size:
-            dataset.read(h5s.ALL, h5s.ALL, array)
-        arrays[key.decode()] = array
-    return Contents(name, attributes, arrays)
+    return attributes
 
 
 def _require_in_file(name: bytes, dataset: Any) -> None:
@@ -145,7 +138,7 @@ def _require_in_file(name: bytes, dataset: Any) -> None:
         and dataset.dtype.kind in "fiuS"
         and dataset.get_storage_size() == math.prod(dataset.shape) * dataset.dtype.itemsize
     ):
-        raise ValueError(f"{name!r} is no plain dataset")
+        raise ValueError(f"{name!r} is not a plain dataset")
 
 
 def _plain(value: NDArray[Any]) -> Any:
@@ -153,23 +146,6 @@ def _plain(value: NDArray[Any]) -> Any:
     if isinstance(content, bytes):
         return content.decode()
     return tuple(content) if isinstance(content, list) else content
-
-
-def _require_kind(contents: Contents, kind: str, version: int) -> None:
-    schema = contents.attributes.get("schema")
-    if schema != f"modalmotion.{kind}":
-        raise CorruptFileError(
-            f"{contents.name} holds {str(schema)[:80]!r}, not a {kind} of modalmotion.",
-            remedy=f"Name a file that holds a {kind}.",
-        )
-    found = contents.attributes["schema_version"]
-    if not isinstance(found, int) or not 1 <= found <= version:
-        raise CorruptFileError(
-            f"{contents.name} has version {found} of its schema; this program reads 1 to "
-            f"{version}.",
-            remedy="Read it with the modalmotion that wrote it, or a newer one.",
-            details={"schema_version": found, "newest": version},
-        )
 
 
 def require_match(path: Path, contents: Contents, **ids: str | int | None) -> None:

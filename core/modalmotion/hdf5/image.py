@@ -22,6 +22,9 @@ from modalmotion.hdf5.sealed import seal
 
 Attribute = str | int | tuple[int, ...]
 
+UNKNOWN: Final = "unknown"
+"""Unit of lengths whose unit nobody stated."""
+
 # Texts are padded to a multiple of this, so that few layouts serve many results.
 _TEXT_STEP: Final = 64
 _LONGEST_ATTRIBUTE: Final = 10_000

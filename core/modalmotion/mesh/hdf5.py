@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from modalmotion.hdf5.contents import Contents, read_contents
-from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, sealed_image
+from modalmotion.facts import facts_as_json, facts_from_json
+from modalmotion.hdf5.contents import Contents
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
-KIND: Final = "sequence"
-SCHEMA_VERSION: Final = 1
+FORM: Final = Form("sequence", 2)
+"""Version 1 had no facts."""
 
 
 def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
@@ -25,26 +27,22 @@ def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
     bytes
         The same for the same sequence.
     """
-    unit = sequence.unit or "unknown"
-    attributes: dict[str, Attribute] = {
-        "schema": f"modalmotion.{KIND}",
-        "schema_version": SCHEMA_VERSION,
-        "kind": KIND,
-        "intended_use": INTENDED_USE,
-        "unit": unit,
-    }
-    if sequence.topology is not None:
-        attributes["topology"] = sequence.topology.name
-    if sequence.grid is not None:
-        attributes["grid"] = sequence.grid
+    unit = sequence.unit or UNKNOWN
     vertices = sequence.vertices.astype(sequence.vertices.dtype.newbyteorder("<"), copy=False)
     datasets = [
         Dataset("vertices", vertices, unit, "frame, vertex, direction"),
         Dataset("faces", sequence.faces.astype("<i8", copy=False), "1", "face, corner"),
+        json_text("facts", facts_as_json(sequence.facts)),
     ]
     if sequence.times is not None:
         datasets.append(Dataset("times", sequence.times, "s", "frame"))
-    return sealed_image(attributes, {"sequence_id": sequence.id}, datasets)
+    return FORM.image(
+        {"sequence_id": sequence.id},
+        datasets,
+        unit=unit,
+        topology=None if sequence.topology is None else sequence.topology.name,
+        grid=sequence.grid,
+    )
 
 
 def sequence_from_hdf5(source: bytes | Path) -> MeshSequence:
@@ -56,24 +54,26 @@ def sequence_from_hdf5(source: bytes | Path) -> MeshSequence:
 
     Raises
     ------
-    NotFoundError
-        If there is no such file.
-    CorruptFileError
-        If it is damaged, foreign, or written by a newer version.
+    StoreError
+        As `Form.read` says.
     """
     return read_sequence(source)[0]
 
 
 def read_sequence(source: bytes | Path) -> tuple[MeshSequence, Contents]:
     """Read a mesh sequence together with the contents of its file."""
-    with read_contents(source, KIND, SCHEMA_VERSION) as contents:
-        unit = contents.text("unit")
-        sequence = mesh_sequence(
-            contents.array("vertices", (None, None, 3)),
-            contents.array("faces", (None, 3)),
-            grid=contents.attributes.get("grid"),
-            topology=contents.optional_text("topology"),
-            times=contents.arrays.get("times"),
-            unit=None if unit == "unknown" else unit,
-        )
-    return sequence, contents
+    with FORM.read(source) as contents:
+        facts = facts_from_json(contents.json("facts", dict))
+        return sequence_in(contents).with_facts(facts), contents
+
+
+def sequence_in(contents: Contents) -> MeshSequence:
+    """Sequence that a file holds, without its facts: as files of version 1 do, too."""
+    return mesh_sequence(
+        contents.array("vertices", (None, None, 3)),
+        contents.array("faces", (None, 3)),
+        grid=contents.attributes.get("grid"),
+        topology=contents.optional_text("topology"),
+        times=contents.arrays.get("times"),
+        unit=contents.unit,
+    )

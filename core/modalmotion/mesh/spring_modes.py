@@ -9,31 +9,25 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from modalmotion.errors import ParameterError
 from modalmotion.mesh import connectivity_of, graph_laplacian
+from modalmotion.modes.label import ModeLabel
+from modalmotion.modes.modes import Surface
 from modalmotion.numeric.eigenpairs import lowest_eigenpairs
 from modalmotion.representation import shown
 
 
-class SpringLabel(NamedTuple):
-    """Name of one spring mode: its place in the order of frequency, nothing more."""
-
-    rank: int
-
-    def __str__(self) -> str:
-        return f"(spring {self.rank})"
-
-
 @shown()
 @dataclass(frozen=True, eq=False)
-class SpringSpectrum:
-    """Names and eigenvalues of spring modes, without their shapes.
+class SpringModes:
+    """Lowest modes of equal masses at the vertices and equal springs along the edges, by name.
 
     Parameters
     ----------
@@ -46,8 +40,11 @@ class SpringSpectrum:
     eigenvalues: NDArray[np.float64]
     connectivity_id: str
 
+    def __post_init__(self) -> None:
+        self.eigenvalues.setflags(write=False)
+
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, SpringSpectrum):
+        if not isinstance(other, SpringModes):
             return NotImplemented
         return self._key == other._key
 
@@ -67,76 +64,108 @@ class SpringSpectrum:
         return
 
     @cached_property
-    def labels(self) -> tuple[SpringLabel, ...]:
+    def wavenumbers(self) -> NDArray[np.int64]:
+        """Place of each mode in the order, (modes, 1) int64."""
+        return np.arange(len(self))[:, None]
+
+    @cached_property
+    def is_sine(self) -> NDArray[np.bool_]:
+        """False for every mode: there are no pairs."""
+        return np.zeros(len(self), dtype=np.bool_)
+
+    @cached_property
+    def labels(self) -> tuple[ModeLabel, ...]:
         """The modes' labels, in order."""
-        return tuple(SpringLabel(rank) for rank in range(len(self)))
+        return tuple(ModeLabel((rank,), "spring") for rank in range(len(self)))
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What they are stored as."""
+        identity = np.array(self.connectivity_id.encode(), dtype="S64")
+        return {"spring_eigenvalues": self.eigenvalues, "connectivity_id": identity}
+
+    @property
+    def names(self) -> SpringModes:
+        """These modes without their shapes."""
+        return SpringModes(self.eigenvalues, self.connectivity_id)
+
+    def take(self, indices: NDArray[np.int64]) -> SpringModes:
+        """First modes.
+
+        Raises
+        ------
+        ParameterError
+            If others are asked for: their names are their ranks.
+        """
+        if not np.array_equal(indices, np.arange(len(indices))):
+            raise ParameterError(
+                "Spring modes of one mesh are named by their rank and come in its order only.",
+                remedy="Leave the order fixed, or state a topology that fits the surface.",
+            )
+        return SpringModes(self.eigenvalues[: len(indices)], self.connectivity_id)
+
+    def shapes_on(self, surface: Surface) -> NDArray[np.float64]:
+        """Solve for the shapes on the mesh that they belong to, (vertices, modes) float64."""
+        return spring_modes(surface.faces, len(surface.vertices), len(self)).shapes
+
+    def frequencies_on(self, surface: Surface, wave_speed: float) -> NDArray[np.float64]:
+        """Frequencies of springs that carry long waves at a given speed: see `Modes`."""
+        mesh = connectivity_of(surface.faces, len(surface.vertices))
+        steps = surface.vertices[mesh.edges[:, 0]] - surface.vertices[mesh.edges[:, 1]]
+        largest = float(np.abs(steps).max(initial=0.0)) or 1.0
+        edge_length = largest * float(np.sqrt(((steps / largest) ** 2).sum(axis=1).mean()))
+        if not edge_length > 0:
+            return np.zeros(len(self))
+        valence = 2 * len(mesh.edges) / (len(surface.vertices) - len(mesh.isolated))
+        # Springs of length a, z to a vertex, carry long waves at c^2 = (K/M) z a^2 / 4.
+        # Neither length is squared: their ratio is usual in every unit.
+        factor = 2 * (wave_speed / edge_length) / float(np.sqrt(valence))
+        frequencies: NDArray[np.float64] = factor * np.sqrt(np.maximum(self.eigenvalues, 0.0))
+        return frequencies
+
+    def length_of(
+        self,
+        lengths: tuple[float, ...],  # noqa: ARG002 (a mesh without coordinates has none)
+        angular_frequencies: NDArray[np.float64],
+        wave_speed: float,
+    ) -> float:
+        """RMS edge times a constant of the mesh; 1 if the highest frequency is zero."""
+        # w^2 = 4 c^2 lambda / (z a^2), so c sqrt(lambda) / w is a sqrt(z) / 2.
+        w, root = angular_frequencies, np.sqrt(self.eigenvalues)
+        if not len(w) or not w[-1] > 0:
+            return 1.0
+        return float(wave_speed * root[-1] / w[-1])
 
 
 @shown()
 @dataclass(frozen=True, eq=False)
-class SpringModes:
-    """Lowest modes of equal masses at the vertices and equal springs along the edges.
+class SolvedSpringModes(SpringModes):
+    """Spring modes with their shapes.
 
     Parameters
     ----------
-    eigenvalues : (modes,) float64
-        Squared angular frequencies for K = M = 1, in increasing order.
     shapes : (vertices, modes) float64
         Mean square 1 over the vertices in use; zero at those of no triangle.
-    connectivity_id : str
-        sha256 of the edges in hex: amplitudes compare where it is the same.
-    mean_valence : float
-        Edges that meet in a vertex, on average.
     """
 
-    eigenvalues: NDArray[np.float64]
     shapes: NDArray[np.float64]
-    connectivity_id: str
-    mean_valence: float
 
     def __post_init__(self) -> None:
-        self.eigenvalues.setflags(write=False)
+        super().__post_init__()
         self.shapes.setflags(write=False)
 
-    @property
-    def spectrum(self) -> SpringSpectrum:
-        """What is kept of them in a result: everything but the shapes."""
-        return SpringSpectrum(self.eigenvalues, self.connectivity_id)
+    def take(self, indices: NDArray[np.int64]) -> SolvedSpringModes:
+        """First modes, with their shapes: see `SpringModes.take`."""
+        names = super().take(indices)
+        shapes = np.ascontiguousarray(self.shapes[:, : len(indices)])
+        return SolvedSpringModes(names.eigenvalues, names.connectivity_id, shapes)
 
-    def __len__(self) -> int:
-        return len(self.eigenvalues)
-
-    @property
-    def topology(self) -> None:
-        """None: spring modes belong to one mesh and to no topology."""
-        return
-
-    @cached_property
-    def labels(self) -> tuple[SpringLabel, ...]:
-        """The modes' labels, in order."""
-        return tuple(SpringLabel(rank) for rank in range(len(self)))
-
-    def angular_frequencies(self, wave_speed: float, edge_length: float) -> NDArray[np.float64]:
-        """Frequencies of springs that carry long waves at a given speed.
-
-        Parameters
-        ----------
-        wave_speed : float, length unit per s
-        edge_length : float, length unit
-            Root mean square over the edges.
-
-        Returns
-        -------
-        (modes,) float64, rad per s
-        """
-        # Springs of length a, z to a vertex, carry long waves at c^2 = (K/M) z a^2 / 4.
-        # Neither length is squared: their ratio is usual in every unit.
-        factor = 2 * (wave_speed / edge_length) / float(np.sqrt(self.mean_valence))
-        frequencies: NDArray[np.float64] = factor * np.sqrt(np.maximum(self.eigenvalues, 0.0))
-        return frequencies
+    def shapes_on(self, surface: Surface) -> NDArray[np.float64]:  # noqa: ARG002
+        """Give the shapes, (vertices, modes) float64: they are those of one mesh."""
+        return self.shapes
 
 
-def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> SpringModes:
+def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> SolvedSpringModes:
     """Lowest spring modes of a mesh.
 
     Parameters
@@ -148,7 +177,7 @@ def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> Spr
 
     Returns
     -------
-    SpringModes
+    SolvedSpringModes
         Mode 0 is constant over the whole mesh; if there are several pieces, the next ones are
         constant on each, the largest piece first, equal ones in the order of first vertices.
 
@@ -168,12 +197,7 @@ def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> Spr
     shapes[used] = vectors * np.sqrt(n)
     digest = hashlib.sha256(str(n_vertices).encode())
     digest.update(np.ascontiguousarray(found.edges.astype("<i8")).data)
-    return SpringModes(
-        eigenvalues=np.maximum(values, 0.0),
-        shapes=shapes,
-        connectivity_id=digest.hexdigest(),
-        mean_valence=2 * len(edges) / n,
-    )
+    return SolvedSpringModes(np.maximum(values, 0.0), digest.hexdigest(), shapes)
 
 
 def _indicators(edges: NDArray[np.int64], n: int) -> NDArray[np.float64]:

@@ -1,15 +1,17 @@
 """Modes: labels, their fixed order, shapes and wavenumbers."""
 
-from modalmotion.modes.label import ModeLabel, ModeSet
+from modalmotion.modes.label import ModeLabel
+from modalmotion.modes.mode_set import ModeSet
+from modalmotion.modes.modes import Modes, wave_pairs, whole_counts
 from modalmotion.modes.order import all_modes, lowest_modes, whole_count
-from modalmotion.modes.shapes import shapes_at, wavenumbers_on
 
 __all__ = [
     "ModeLabel",
     "ModeSet",
+    "Modes",
     "all_modes",
     "lowest_modes",
-    "shapes_at",
-    "wavenumbers_on",
+    "wave_pairs",
     "whole_count",
+    "whole_counts",
 ]

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from modalmotion.modes.factors import Factors
 from modalmotion.modes.frames import blocks, require_finite, require_frames, require_output
-from modalmotion.modes.label import ModeSet
 from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.stacked_products import multiply
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.modes.factors import Factors, functions_at, functions_on, places_along
-from modalmotion.modes.label import ModeSet, scales_of
+from modalmotion.modes.label import scales_of
+from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.order import (
     all_modes,
     lowest_modes,

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import LimitError, ModeCountError, ParameterError, ShapeError
-from modalmotion.modes.label import ModeSet, half_periods
+from modalmotion.modes.label import half_periods
+from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.topology import CLOSED, End, Topology
 
 # Squared reciprocal reference lengths times 121, as integers: axis 11/20, circumference 1,

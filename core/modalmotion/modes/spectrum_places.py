@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.modes.label import ModeSet
+from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.separable import expand
 from modalmotion.modes.topology import CLOSED, Topology
 from modalmotion.representation import shown

@@ -6,6 +6,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+def power_of_two(size: float) -> float:
+    """Give a power of two just above a size: dividing by it costs no digit, and squares have room.
+
+    Parameters
+    ----------
+    size : float
+        0 or more.
+
+    Returns
+    -------
+    float
+        Between 2^-1000 and 2^1000; 1 for 0.
+    """
+    return 1.0 if size == 0.0 else float(2.0 ** np.clip(np.frexp(size)[1], -1000, 1000))
+
+
 def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Lengths of vectors, none too large or too small to be squared.
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-from modalmotion.classify.answer.classification import Classification
+from modalmotion.classification.answer.classification import Classification
+from modalmotion.errors import needs_extra
 from modalmotion.numerals import numeral
 
 if TYPE_CHECKING:
@@ -32,8 +33,9 @@ def answer_figure(result: Classification) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    with needs_extra("plot"):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
 
     n_classes = min(len(result.classes), _MOST_CLASSES)
     n_modes = min(len(result.explanation), _MOST_MODES)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from modalmotion.clinical.readouts import ClinicalReadouts
+from modalmotion.errors import needs_extra
 from modalmotion.numerals import numeral
 
 if TYPE_CHECKING:
@@ -28,7 +29,8 @@ def volume_figure(readouts: ClinicalReadouts) -> Figure:
     matplotlib.figure.Figure
     """
     # Imported here: only pictures need it. A bare Figure has no window and no global state.
-    from matplotlib.figure import Figure
+    with needs_extra("plot"):
+        from matplotlib.figure import Figure
 
     factor, unit = readouts.shown_in, readouts.volume_unit
     curve, mesh = readouts.curve, readouts.mesh_curve

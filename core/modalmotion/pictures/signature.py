@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.alignment.reference import reference_positions
+from modalmotion.errors import needs_extra
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.numerals import counted, numeral
@@ -41,7 +42,8 @@ def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figur
     matplotlib.figure.Figure
     """
     # Imported here: only pictures need it. A bare Figure has no window and no global state.
-    from matplotlib.figure import Figure
+    with needs_extra("plot"):
+        from matplotlib.figure import Figure
 
     figure = Figure(figsize=(14.0, 8.4), dpi=120, layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(1.15, 1.0), squeeze=False)[:, 0]

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import TopologyError
-from modalmotion.mesh import face_normals, oriented_faces
+from modalmotion.errors import TopologyError, needs_extra
 from modalmotion.modes.topology import CLOSED
 from modalmotion.pictures.cube import fill_cube
+from modalmotion.pictures.view import faces_viewer, size_of, tilted, upright
 from modalmotion.template.coordinates.axis import corner_steps
 from modalmotion.template.template import Template
 
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 
 # Lines of equal coordinate are drawn this many to the unit: tenths of s, twelfths of a turn.
 _LINES = {True: 12, False: 10}
-
-# From how far above the surface is seen, in radians.
-_TILT = 0.2
 
 
 def template_figure(template: Template) -> Figure:
@@ -45,7 +42,8 @@ def template_figure(template: Template) -> Figure:
         If it has no triangles, or no natural coordinates.
     """
     # Imported here: only pictures need it. A bare Figure has no window and no global state.
-    from matplotlib.figure import Figure
+    with needs_extra("plot"):
+        from matplotlib.figure import Figure
 
     topology = template.topology
     if not len(template.faces):
@@ -53,7 +51,7 @@ def template_figure(template: Template) -> Figure:
             "There are no triangles to draw the natural coordinates on.",
             remedy="Draw the template of a surface.",
         )
-    view = _view(template)
+    view = upright(template)
     names = _names(topology.n_axes, len(topology.closed_axes))
     figure = Figure(figsize=(13.0, 3.8), dpi=120, layout="constrained")
     for axis in range(topology.n_axes):
@@ -63,7 +61,7 @@ def template_figure(template: Template) -> Figure:
         for side in (0, 1):
             panel: Any = figure.add_subplot(1, 4, 2 * axis + side + 1, projection="3d")
             turn = np.diag([-1.0, -1.0, 1.0]) if side else np.eye(3)
-            scale = _draw(panel, template, axis, closed, _tilted(view @ turn))
+            scale = _draw(panel, template, axis, closed, tilted(view @ turn))
             panel.set_title(f"{names[axis]}, {('front', 'back')[side]}", fontsize=10)
             panels.append(panel)
         label = f"{names[axis]} (turns)" if closed else names[axis]
@@ -87,32 +85,6 @@ def _title(template: Template) -> str:
     return text
 
 
-def _view(template: Template) -> NDArray[np.float64]:
-    """Columns that lay the axis upright, its end on top, and theta = 0 to the front."""
-    landmarks = template.landmarks
-    if landmarks is None:
-        used = np.delete(template.vertices / _size(template), template.isolated, axis=0)
-        _, _, rows = np.linalg.svd(used - used.mean(axis=0), full_matrices=False)
-        axis, zero = rows[0], rows[1]
-    elif template.topology.closed_axes:
-        axis, zero = landmarks.axis, landmarks.theta_zero
-    else:
-        # A sheet is seen from its normal.
-        axis, zero = landmarks.theta_zero, landmarks.axis
-    return np.stack([np.cross(axis, zero), -zero, axis], axis=1)
-
-
-def _size(template: Template) -> float:
-    return float(np.abs(template.vertices).max()) or 1.0
-
-
-def _tilted(view: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Look at it a little from above."""
-    c, s = np.cos(_TILT), np.sin(_TILT)
-    tilted: NDArray[np.float64] = view @ np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
-    return tilted
-
-
 def _draw(
     panel: Any, template: Template, axis: int, closed: bool, view: NDArray[np.float64]
 ) -> Any:
@@ -122,7 +94,7 @@ def _draw(
 
     used = np.unique(template.faces)
     # Of any size: it has no axes, and so no unit.
-    size = _size(template)
+    size = size_of(template)
     centre = (template.vertices[used] / size).mean(axis=0)
     vertices = (template.vertices / size - centre) @ view
     fill_cube(panel, vertices[used])
@@ -133,7 +105,7 @@ def _draw(
     # What looks away is left out: lines would shine through it.
     values = _corners(template, axis, closed)
     corners = vertices[template.faces]
-    ahead = _faces_viewer(vertices, template)
+    ahead = faces_viewer(vertices, template)
     scale = ScalarMappable(Normalize(0.0, 1.0), "twilight" if closed else "viridis")
     shown = values[ahead].mean(axis=1)
     colours = scale.to_rgba(shown % 1.0 if closed else shown)
@@ -158,18 +130,6 @@ def _corners(template: Template, axis: int, closed: bool) -> NDArray[np.float64]
     if not closed:
         return column[template.faces]
     return column[template.faces][:, :1] + corner_steps(column, template.faces)
-
-
-def _faces_viewer(vertices: NDArray[np.float64], template: Template) -> NDArray[np.bool_]:
-    """Which triangles show their outside: all of a sheet, which has none."""
-    faces = oriented_faces(template.faces, len(vertices))
-    if faces is None or not template.topology.closed_axes:
-        return np.ones(len(template.faces), dtype=np.bool_)
-    normals = face_normals(vertices, faces)
-    centres = vertices[faces].mean(axis=1)
-    outward = float(np.einsum("ij,ij->", normals, centres - centres.mean(axis=0)))
-    towards: NDArray[np.bool_] = normals[:, 1] * np.sign(outward) < 0
-    return towards
 
 
 def _lines(

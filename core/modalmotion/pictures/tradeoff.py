@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.choice.harmonics import n_functions
+from modalmotion.errors import needs_extra
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.pictures.unit import ShownUnit, shown_unit
 from modalmotion.tradeoff.answer import Tradeoff
@@ -38,7 +39,8 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     matplotlib.figure.Figure
     """
     # Imported here: only pictures need it. A bare Figure has no window and no global state.
-    from matplotlib.figure import Figure
+    with needs_extra("plot"):
+        from matplotlib.figure import Figure
 
     front = tradeoff.front
     factor = 1.0 if front.unit is None else MM_PER_UNIT[front.unit]

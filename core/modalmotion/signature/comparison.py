@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.modes import ModeSet
 from modalmotion.representation import shown
 from modalmotion.signature.distance import resample_to_phase, signature_distance, theta_invariants
 from modalmotion.signature.making import ModalSignature
@@ -75,7 +74,7 @@ def compare(a: ModalSignature, b: ModalSignature, *, closed: bool = True) -> Com
         for signature, amplitudes in ((a, a.body_amplitudes * scale), (b, b.body_amplitudes))
     ]
     uses_zero = all(_has_zero(signature) for signature in (a, b))
-    if not uses_zero and isinstance(a.modes, ModeSet) and a.modes.topology.closed_axes:
+    if not uses_zero and a.topology is not None and a.topology.closed_axes:
         components, modes = a.parameters.components, a.modes
         trajectories = [theta_invariants(t, modes, components) for t in trajectories]
     return Comparison(signature_distance(*trajectories), uses_zero)

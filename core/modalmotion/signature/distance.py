@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes, wave_pairs
 from modalmotion.template.body_frame import Components
 
 # Harmonics fitted to uneven times are given up from the highest on until they are told apart.
@@ -117,7 +117,7 @@ def resample_to_phase(
 
 
 def theta_invariants(
-    amplitudes: NDArray[np.float64], modes: ModeSet, components: Components = Components.CARTESIAN
+    amplitudes: NDArray[np.float64], modes: Modes, components: Components = Components.CARTESIAN
 ) -> NDArray[np.float64]:
     """Magnitudes that do not depend on where theta starts.
 
@@ -130,7 +130,7 @@ def theta_invariants(
     ----------
     amplitudes : (frames, modes, 3) float64, length unit
         In the frame of the body, or radial, tangential, axial.
-    modes : ModeSet
+    modes : Modes
         Whole pairs.
     components : Components
 
@@ -145,17 +145,14 @@ def theta_invariants(
     ParameterError
         If a pair is split.
     """
-    index = {label: k for k, label in enumerate(modes.labels)}
-    cosines = [k for k, sine in enumerate(modes.is_sine) if not sine]
-    partner = np.full(len(cosines), -1)
-    for row, k in enumerate(cosines):
-        partner[row] = index.get(modes.labels[k]._replace(part="sin"), -1)
-    if int((partner >= 0).sum()) != int(modes.is_sine.sum()):
+    cosines, sines = wave_pairs(modes)
+    has_sine = sines >= 0
+    if int(has_sine.sum()) != int(modes.is_sine.sum()):
         raise ParameterError(
             "A sine comes without its cosine.", remedy="Use modes in whole cosine-sine pairs."
         )
     real = amplitudes[:, cosines]
-    imaginary = np.where((partner >= 0)[None, :, None], amplitudes[:, partner], 0.0)
+    imaginary = np.where(has_sine[None, :, None], amplitudes[:, sines], 0.0)
     if components == Components.CYLINDRICAL:
         magnitudes: NDArray[np.float64] = np.hypot(real, imaginary)
         return magnitudes

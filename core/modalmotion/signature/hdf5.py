@@ -9,21 +9,27 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.alignment.rigid import Rotations
-from modalmotion.choice.parameters import (
-    parameters_as_json,
-    parameters_from_json,
-)
+from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
 from modalmotion.choice.reason import ModelChoice
-from modalmotion.hdf5.contents import Contents, read_contents
-from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, json_text, sealed_image
-from modalmotion.mesh.spring_modes import SpringSpectrum
-from modalmotion.modes import ModeSet
+from modalmotion.facts import facts_as_json, facts_from_json
+from modalmotion.hdf5.contents import Contents
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
+from modalmotion.mesh.spring_modes import SpringModes
+from modalmotion.modes import Modes, ModeSet
 from modalmotion.modes.topology import Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 
-KIND: Final = "signature"
-SCHEMA_VERSION: Final = 1
+FORM: Final = Form("signature", 1)
+
+# Unit and axes of what names modes.
+_OF_MODES: Final = {
+    "wavenumbers": ("1", "mode, axis"),
+    "is_sine": ("1", "mode"),
+    "spring_eigenvalues": ("1", "mode"),
+    "connectivity_id": ("none", ""),
+}
 
 
 def signature_to_hdf5(signature: ModalSignature) -> bytes:
@@ -43,15 +49,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
     StoreError
         If the unit is no text that HDF5 can hold.
     """
-    unit = signature.unit or "unknown"
-    attributes: dict[str, Attribute] = {
-        "schema": f"modalmotion.{KIND}",
-        "schema_version": SCHEMA_VERSION,
-        "kind": KIND,
-        "intended_use": INTENDED_USE,
-        "topology": signature.surface,
-        "unit": unit,
-    }
+    unit = signature.unit or UNKNOWN
     ids = {
         "sequence_id": signature.sequence_id,
         "template_id": signature.template_id,
@@ -85,13 +83,16 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
         json_text("notes", signature.notes),
         json_text("provenance", signature.provenance),
     ]
+    # Kept signatures have none, for facts may change: the answer is what adds them.
+    if signature.facts.stated:
+        datasets.append(json_text("facts", facts_as_json(signature.facts)))
     if signature.choice is not None:
         datasets.append(json_text("choice", signature.choice.as_json()))
     if signature.landmarks is not None:
         datasets += landmark_datasets(signature.landmarks, unit)
     if signature.times is not None:
         datasets.append(Dataset("times", signature.times, "s", "frame"))
-    return sealed_image(attributes, ids, datasets)
+    return FORM.image(ids, datasets, topology=signature.surface, unit=unit)
 
 
 def signature_from_hdf5(source: bytes | Path) -> ModalSignature:
@@ -103,22 +104,19 @@ def signature_from_hdf5(source: bytes | Path) -> ModalSignature:
 
     Raises
     ------
-    NotFoundError
-        If there is no such file.
-    CorruptFileError
-        If it is damaged, foreign, or written by a newer version.
+    StoreError
+        As `Form.read` says.
     """
     return read_signature(source)[0]
 
 
 def read_signature(source: bytes | Path) -> tuple[ModalSignature, Contents]:
     """Read a signature together with the contents of its file."""
-    with read_contents(source, KIND, SCHEMA_VERSION) as contents:
+    with FORM.read(source) as contents:
         return _signature(contents), contents
 
 
 def _signature(contents: Contents) -> ModalSignature:
-    unit = contents.text("unit")
     amplitudes = contents.array("amplitudes", (None, None, 3))
     n_frames, n_modes, _ = amplitudes.shape
 
@@ -139,7 +137,7 @@ def _signature(contents: Contents) -> ModalSignature:
         max_errors=per_frame("max_errors"),
         motion_rms=per_frame("motion_rms"),
         times=per_frame("times") if "times" in contents.arrays else None,
-        unit=None if unit == "unknown" else unit,
+        unit=contents.unit,
         n_vertices=contents.number("n_vertices"),
         lengths=tuple(contents.array("lengths", (None,)).tolist()),
         landmarks=landmarks_from(contents),
@@ -154,27 +152,19 @@ def _signature(contents: Contents) -> ModalSignature:
             if "choice" in contents.arrays
             else None
         ),
+        facts=facts_from_json(contents.json("facts", dict) if "facts" in contents.arrays else {}),
     )
 
 
-def mode_datasets(modes: ModeSet | SpringSpectrum) -> list[Dataset]:
+def mode_datasets(modes: Modes) -> list[Dataset]:
     """Datasets that hold the names of modes."""
-    if isinstance(modes, SpringSpectrum):
-        identity = np.array(modes.connectivity_id.encode(), dtype="S64")
-        return [
-            Dataset("spring_eigenvalues", modes.eigenvalues, "1", "mode"),
-            Dataset("connectivity_id", identity, "none", ""),
-        ]
-    return [
-        Dataset("wavenumbers", modes.wavenumbers, "1", "mode, axis"),
-        Dataset("is_sine", modes.is_sine.astype(np.uint8), "1", "mode"),
-    ]
+    return [Dataset(name, array, *_OF_MODES[name]) for name, array in modes.arrays.items()]
 
 
-def _modes(contents: Contents, n_modes: int) -> ModeSet | SpringSpectrum:
+def _modes(contents: Contents, n_modes: int) -> Modes:
     if contents.text("topology") == "mesh":
         identity = bytes(contents.arrays["connectivity_id"][()]).decode()
-        return SpringSpectrum(contents.array("spring_eigenvalues", (n_modes,)), identity)
+        return SpringModes(contents.array("spring_eigenvalues", (n_modes,)), identity)
     topology = Topology.parse(contents.text("topology"))
     return ModeSet(
         topology,

@@ -9,6 +9,7 @@ from importlib.metadata import version
 import numpy as np
 
 from modalmotion.alignment.reference import reference_positions
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.parameters import MOST_MODES, SignatureParameters
 from modalmotion.choice.selection import select_model
 from modalmotion.errors import ParameterError
@@ -17,13 +18,11 @@ from modalmotion.fit.cache import TemplateCache
 from modalmotion.fit.strays import notes_on_strays
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence, Reference
-from modalmotion.mesh.spring_modes import SpringModes
 from modalmotion.modes.topology import Topology
 from modalmotion.numerals import counted
 from modalmotion.signature.value import ModalSignature
 from modalmotion.template import (
     Template,
-    frequencies_on,
     make_template,
     require_same_mesh,
 )
@@ -82,7 +81,7 @@ def modal_signature(
     asked = resolve_parameters(sequence, parameters or SignatureParameters())
     given, sequence = sequence, resolve_sequence(sequence, asked)
     chosen = resolve_template(sequence, asked, template)
-    model = select_model(sequence, chosen, asked, cache or TemplateCache())
+    model = select_model(Fitter.of(sequence, chosen, asked), cache or TemplateCache())
     modes, fit = model.modes, model.fit
     notes = [*_notes_on_sequence(sequence, asked.reference), *chosen.notes, *model.notes]
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
@@ -95,9 +94,9 @@ def modal_signature(
     if not fit.motion_rms.any():
         notes.append("Nothing moves: every frame equals the reference.")
     return ModalSignature(
-        modes=modes.spectrum if isinstance(modes, SpringModes) else modes,
+        modes=modes.names,
         amplitudes=fit.amplitudes,
-        angular_frequencies=frequencies_on(chosen, modes, asked.wave_speed),
+        angular_frequencies=modes.frequencies_on(chosen, asked.wave_speed),
         rotations=fit.rotations,
         translations=fit.translations,
         rms_errors=fit.rms_errors,

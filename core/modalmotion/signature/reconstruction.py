@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
-from modalmotion.fit.superposition import Superposition, mode_shapes
+from modalmotion.fit.superposition import Superposition
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, resolve_sequence, resolve_template
 from modalmotion.template import Template
@@ -45,7 +45,7 @@ def reconstruct(
     on = Superposition.on(
         sequence,
         used,
-        mode_shapes(signature.modes, used),
+        signature.modes.shapes_on(used),
         reference=asked.reference,
         components=asked.components,
     )

@@ -12,8 +12,7 @@ from modalmotion.choice.fitted_motion import closure_gap
 from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.choice.reason import ModelChoice
 from modalmotion.facts import NO_FACTS, Facts
-from modalmotion.mesh.spring_modes import SpringSpectrum
-from modalmotion.modes import ModeSet
+from modalmotion.modes import Modes
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.scale import root_mean_square
 from modalmotion.representation import shown
@@ -28,7 +27,7 @@ class ModalSignature:
 
     Parameters
     ----------
-    modes : ModeSet or SpringSpectrum
+    modes : Modes
         In closed form; or, where the surface has no natural coordinates, of its own mesh.
     amplitudes : (frames, modes, 3) float64, `unit`
         Along the directions that `parameters.components` names.
@@ -66,7 +65,7 @@ class ModalSignature:
         Those of the sequence.
     """
 
-    modes: ModeSet | SpringSpectrum
+    modes: Modes
     amplitudes: NDArray[np.float64]
     angular_frequencies: NDArray[np.float64]
     rotations: Rotations

@@ -1,12 +1,17 @@
 """Results kept in files: written wholly or not at all, found again, checked."""
 
-from modalmotion.classify.answer.hdf5 import (
+from modalmotion.classification.answer.hdf5 import (
     classification_from_hdf5,
     classification_key,
     classification_to_hdf5,
 )
-from modalmotion.classify.model.hdf5 import KeptModel, kept_model, model_from_hdf5, model_to_hdf5
-from modalmotion.classify.model.record import (
+from modalmotion.classification.model.hdf5 import (
+    KeptModel,
+    kept_model,
+    model_from_hdf5,
+    model_to_hdf5,
+)
+from modalmotion.classification.model.record import (
     NAME_PATTERN,
     VERSION_PATTERN,
     ModelRecord,
@@ -21,11 +26,10 @@ from modalmotion.store.care.maintenance import rebuild
 from modalmotion.store.care.recovery import Reconciliation
 from modalmotion.store.care.verification import Fault, VerifyReport, verify
 from modalmotion.store.disk.atomic import write_atomic
-from modalmotion.store.index.idempotency import IdempotencyKeys, IdempotentRequest
 from modalmotion.store.index.index import SequencePage
-from modalmotion.store.index.jobs import UNSET, Job, JobPage, Jobs, JobState, Unset
-from modalmotion.store.record import SequenceRecord, record_of, record_to_json
-from modalmotion.store.results import ResultStore
+from modalmotion.store.record import UNSET, SequenceRecord, Unset, record_of, record_to_json
+from modalmotion.store.results import ResultStore, signature_image
+from modalmotion.store.sequences import upload_image
 from modalmotion.store.staging import StagedSignature
 from modalmotion.template.hdf5 import template_from_hdf5, template_to_hdf5
 
@@ -35,12 +39,6 @@ __all__ = [
     "VERSION_PATTERN",
     "BackupReport",
     "Fault",
-    "IdempotencyKeys",
-    "IdempotentRequest",
-    "Job",
-    "JobPage",
-    "JobState",
-    "Jobs",
     "KeptModel",
     "ModelRecord",
     "ModelReference",
@@ -66,9 +64,11 @@ __all__ = [
     "sequence_from_hdf5",
     "sequence_to_hdf5",
     "signature_from_hdf5",
+    "signature_image",
     "signature_to_hdf5",
     "template_from_hdf5",
     "template_to_hdf5",
+    "upload_image",
     "verify",
     "write_atomic",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from modalmotion.classify.model.hdf5 import (
+from modalmotion.classification.model.hdf5 import (
     KeptModel,
     kept_model,
     model_from_hdf5,
@@ -13,8 +13,8 @@ from modalmotion.classify.model.hdf5 import (
     numbered,
     read_kept_model,
 )
-from modalmotion.classify.model.model import Model
-from modalmotion.classify.model.record import (
+from modalmotion.classification.model.model import Model
+from modalmotion.classification.model.record import (
     ModelRecord,
     ModelReference,
     is_model_name,

@@ -7,7 +7,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Final, Self, TypeVar
 
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
@@ -25,11 +24,7 @@ from modalmotion.store.disk.group_commit import move_files, sync_paths
 from modalmotion.store.disk.lock import FolderLock
 from modalmotion.store.folder import Folder
 from modalmotion.store.index.database import Database
-from modalmotion.store.index.idempotency import IdempotencyKeys
 from modalmotion.store.index.index import Index
-from modalmotion.store.index.jobs import Jobs
-from modalmotion.store.index.model_index import ModelIndex
-from modalmotion.store.index.traces import Traces
 
 _N_STRIPES: Final = 64
 
@@ -75,8 +70,6 @@ class Opening:
             database = Database(self._folder.index)
             try:
                 index = Index(database)
-                ModelIndex(database).prepare()
-                Traces(database).prepare()
                 if not index.is_clean:
                     reconcile(self._folder, index, thorough=False)
                 index.set_clean(False)
@@ -109,28 +102,13 @@ class Opening:
     def __enter__(self) -> Self:
         return self.open()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property
-    def jobs(self) -> Jobs:
-        """The jobs' table."""
-        return Jobs(self._open_index().database)
-
-    @property
-    def idempotency(self) -> IdempotencyKeys:
-        """The table of idempotency keys."""
-        return IdempotencyKeys(self._open_index().database)
-
-    @property
-    def traces(self) -> Traces:
-        """What both of them tell of a sequence."""
-        return Traces(self._open_index().database)
+    def database(self) -> Database:
+        """The index's file, for whoever keeps tables of its own in it: see `Database.extend`."""
+        return self._open_index().database
 
     def _open_index(self) -> Index:
         index, lock = self._index, self._lock

@@ -2,21 +2,34 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import unicodedata
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
+from enum import Enum
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.errors import CorruptFileError, ParameterError, StoreError
-from modalmotion.hdf5.sealed import read_file
+from modalmotion.errors import ParameterError
+from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_from_json
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
+from modalmotion.store.disk.sealed_json import JsonForm
 
-SCHEMA: Final = "modalmotion.sequence-record"
-SCHEMA_VERSION: Final = 1
+FORM: Final = JsonForm(
+    "sequence-record",
+    2,
+    "Run `modalmotion store rebuild`, which writes it anew from what else is known.",
+)
+"""Version 1 had neither facts nor the span of times."""
 LONGEST_NAME: Final = 200
+
+
+class Unset(Enum):
+    """An argument that was left out, where None has a meaning of its own."""
+
+    UNSET = "unset"
+
+
+UNSET: Final = Unset.UNSET
 
 
 @shown("n_frames", "n_vertices", "n_faces", "topology", "unit", "subject", "label", "id")
@@ -41,6 +54,11 @@ class SequenceRecord:
         When it was first put, UTC, ISO 8601 with microseconds.
     has_upload : bool
         Whether the vertices are kept.
+    facts : Facts
+        What is stated of it now. They are kept here alone: the file of its vertices has none, so
+        that a correction, or taking away what says who a person is, leaves nothing behind.
+    span : float or None, s
+        From the first time to the last; None where times are unknown.
     """
 
     id: str
@@ -55,6 +73,8 @@ class SequenceRecord:
     label: str | None
     created: str
     has_upload: bool
+    facts: Facts = NO_FACTS
+    span: float | None = None
 
 
 def record_of(
@@ -79,13 +99,20 @@ def record_of(
         label=label,
         created=created,
         has_upload=has_upload,
+        facts=sequence.facts,
+        span=sequence.span,
     )
 
 
 def record_to_json(record: SequenceRecord) -> bytes:
     """Write a record as JSON that ends with the sha256 of what stands before."""
-    content = {"schema": SCHEMA, "schema_version": SCHEMA_VERSION, "record": asdict(record)}
-    return json.dumps({**content, "sha256": _digest(content)}, indent=1).encode()
+    return FORM.write(record_values(record))
+
+
+def record_values(record: SequenceRecord) -> dict[str, Any]:
+    """Values of a record by name, facts as JSON has them."""
+    values = {field.name: getattr(record, field.name) for field in fields(record)}
+    return {**values, "facts": facts_as_json(record.facts)}
 
 
 def read_record(path: Path) -> SequenceRecord:
@@ -98,26 +125,17 @@ def read_record(path: Path) -> SequenceRecord:
     CorruptFileError
         If it is damaged.
     StoreError
-        If it was written by a newer version.
+        If it was written by another version.
     """
-    try:
-        content: dict[str, Any] = json.loads(read_file(path))
-        is_whole = content.pop("sha256") == _digest(content)
-        schema, version = content["schema"], content["schema_version"]
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise _damaged(path, str(error)) from error
-    if not is_whole:
-        raise _damaged(path, "its fields do not have the sha256 that it states")
-    # Not called damaged from here on, for what is damaged may be written anew.
-    if (schema, version) != (SCHEMA, SCHEMA_VERSION):
-        raise StoreError(
-            f"'{path.name}' has the schema {str(schema)[:40]!r}, version {str(version)[:10]}, "
-            f"not {SCHEMA!r}, version {SCHEMA_VERSION}.",
-            remedy="Read it with the modalmotion that wrote it, or a newer one.",
-        )
-    fields = content["record"]
-    grid = fields["grid"]
-    return SequenceRecord(**{**fields, "grid": None if grid is None else tuple(grid)})
+    return record_from(FORM.read(path))
+
+
+def record_from(values: dict[str, Any]) -> SequenceRecord:
+    """Make a record of `record_values`, lists for tuples; without facts where there are none."""
+    grid, facts = values["grid"], facts_from_json(values.get("facts", {}))
+    return SequenceRecord(
+        **{**values, "grid": None if grid is None else tuple(grid), "facts": facts}
+    )
 
 
 def require_name(name: str, text: str | None) -> str | None:
@@ -142,14 +160,3 @@ def require_name(name: str, text: str | None) -> str | None:
             remedy="Use letters, digits, signs and spaces.",
         )
     return text
-
-
-def _damaged(path: Path, reason: str) -> CorruptFileError:
-    return CorruptFileError(
-        f"The record '{path.name}' is damaged ({reason[:100]}).",
-        remedy="Run `modalmotion store rebuild`, which writes it anew from what else is known.",
-    )
-
-
-def _digest(content: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from modalmotion.classify.answer.classification import Classification
-from modalmotion.classify.answer.hdf5 import classification_to_hdf5, read_classification
+from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer.hdf5 import classification_to_hdf5, read_classification
 from modalmotion.errors import NotFoundError, StoreError
+from modalmotion.facts import NO_FACTS
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
 from modalmotion.signature.hdf5 import read_signature, signature_to_hdf5
 from modalmotion.signature.making import ModalSignature
@@ -48,10 +50,10 @@ class ResultStore(TemplateStore, ModelStore):
             If it cannot be written; the store is as it was.
         """
         name = ResultName("signature", signature.sequence_id, "", signature.parameters.key)
-        return self._put_result(name, signature_to_hdf5(signature))
+        return self._put_result(name, signature_image(signature))
 
     def put_signature_image(self, image: Path, sequence_id: str, key: str) -> Path:
-        """Keep a signature that another process has written with `signature_to_hdf5`.
+        """Keep a signature that another process has written with `signature_image`.
 
         Parameters
         ----------
@@ -109,7 +111,7 @@ class ResultStore(TemplateStore, ModelStore):
         return are_new
 
     def signature(self, sequence_id: str, key: str) -> ModalSignature:
-        """Signature of a sequence with the parameters of that key.
+        """Signature of a sequence with the parameters of that key, and the sequence's facts.
 
         Raises
         ------
@@ -119,7 +121,8 @@ class ResultStore(TemplateStore, ModelStore):
             If its file is damaged or missing.
         """
         locate = partial(self.signature_path, sequence_id, key)
-        return self._read(read_signature, locate, sequence_id=sequence_id, parameters_key=key)
+        found = self._read(read_signature, locate, sequence_id=sequence_id, parameters_key=key)
+        return replace(found, facts=self.sequence_record(sequence_id).facts)
 
     def signature_path(self, sequence_id: str, key: str) -> Path:
         """HDF5 file of a signature.
@@ -253,6 +256,11 @@ class ResultStore(TemplateStore, ModelStore):
     def _results(self, sequence_id: str, kind: ResultKind) -> list[ResultName]:
         self.sequence_record(sequence_id)
         return self._open_index().results_of(sequence_id, kind)
+
+
+def signature_image(signature: ModalSignature) -> bytes:
+    """Write a signature as it is kept: without facts, which the record of its sequence has."""
+    return signature_to_hdf5(replace(signature, facts=NO_FACTS))
 
 
 def _is_name(name: ResultName) -> bool:

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from modalmotion.errors import NotFoundError
+from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.hdf5.sealed import is_sound, load_sealed
 from modalmotion.mesh.hdf5 import read_sequence, sequence_to_hdf5
 from modalmotion.mesh.sequence import MeshSequence
@@ -15,9 +16,15 @@ from modalmotion.store.deletion import begin_deletion, finish_deletion
 from modalmotion.store.folder import is_id
 from modalmotion.store.index.cursor import now
 from modalmotion.store.index.index import SequencePage
-from modalmotion.store.index.jobs import UNSET, Unset
 from modalmotion.store.opening import Opening, unknown_sequence
-from modalmotion.store.record import SequenceRecord, record_of, record_to_json, require_name
+from modalmotion.store.record import (
+    UNSET,
+    SequenceRecord,
+    Unset,
+    record_of,
+    record_to_json,
+    require_name,
+)
 
 
 class SequenceStore(Opening):
@@ -43,8 +50,10 @@ class SequenceStore(Opening):
         Parameters
         ----------
         sequence : MeshSequence
+            With its facts.
         subject, label : str, optional
-            For a sequence that is new; `update_sequence` changes those of a known one.
+            For a sequence that is new, as its facts are; `update_sequence` changes those of a
+            known one.
 
         Returns
         -------
@@ -60,7 +69,7 @@ class SequenceStore(Opening):
             If it cannot be written; the store is as it was.
         """
         record = record_of(sequence, created=now(), has_upload=True, subject=subject, label=label)
-        _, is_new = self._put(record, lambda: sequence_to_hdf5(sequence))
+        _, is_new = self._put(record, lambda: upload_image(sequence))
         return is_new
 
     def put_sequence_image(
@@ -71,7 +80,7 @@ class SequenceStore(Opening):
         subject: str | None = None,
         label: str | None = None,
     ) -> tuple[SequenceRecord, bool]:
-        """Keep a sequence that another process has written with `sequence_to_hdf5`.
+        """Keep a sequence that another process has written with `upload_image`.
 
         Parameters
         ----------
@@ -141,7 +150,7 @@ class SequenceStore(Opening):
         return self._folder.upload(sequence_id)
 
     def sequence(self, sequence_id: str) -> MeshSequence:
-        """Sequence with its vertices.
+        """Sequence with its vertices and its facts.
 
         Raises
         ------
@@ -151,7 +160,8 @@ class SequenceStore(Opening):
             If its file is damaged or missing.
         """
         locate = partial(self.sequence_path, sequence_id)
-        return self._read(read_sequence, locate, sequence_id=sequence_id)
+        sequence = self._read(read_sequence, locate, sequence_id=sequence_id)
+        return sequence.with_facts(self.sequence_record(sequence_id).facts)
 
     def count(self) -> dict[str, int]:
         """Count what is kept, by kind: sequence, and the kinds of results that there are."""
@@ -210,15 +220,26 @@ class SequenceStore(Opening):
         *,
         subject: str | Unset | None = UNSET,
         label: str | Unset | None = UNSET,
+        change: Callable[[Facts], Facts] = lambda facts: facts,
     ) -> SequenceRecord:
-        """Change the subject, the label or both; what is not given stays.
+        """Change the subject, the label, the facts or all; what is not given stays.
+
+        A result that was made with other landmarks stays, under its own key; what is asked for
+        from now on has another one.
+
+        Parameters
+        ----------
+        sequence_id : str
+        subject, label : str or None, optional
+        change : callable
+            Gives the facts from those that are kept; no other change comes between.
 
         Raises
         ------
         NotFoundError
             If there is no such sequence.
         ParameterError
-            If subject or label cannot be kept.
+            If subject or label cannot be kept, or facts contradict the vertices or times.
         StoreError
             If it cannot be written; the store is as it was.
         """
@@ -229,8 +250,12 @@ class SequenceStore(Opening):
         self.sequence_record(sequence_id)
         with self._changing(sequence_id):
             known = self.sequence_record(sequence_id)
+            facts = change(known.facts)
+            if facts != known.facts:
+                facts.require_fit(known.n_vertices, known.span)
             record = replace(
                 known,
+                facts=facts,
                 subject=known.subject if isinstance(subject, Unset) else subject,
                 label=known.label if isinstance(label, Unset) else label,
             )
@@ -258,3 +283,8 @@ class SequenceStore(Opening):
             self.sequence_record(sequence_id)
             begin_deletion(self._folder, sequence_id)
             finish_deletion(self._folder, index, sequence_id)
+
+
+def upload_image(sequence: MeshSequence) -> bytes:
+    """Write a sequence as its vertices are kept: without facts, which its record has."""
+    return sequence_to_hdf5(sequence.with_facts(NO_FACTS))

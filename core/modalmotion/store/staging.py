@@ -29,9 +29,9 @@ class StagedSignature:
     key : str
         Of the signature's parameters.
     signature : Path
-        As `signature_to_hdf5` writes it.
+        As `signature_image` writes it.
     vertices : Path or None
-        As `sequence_to_hdf5` writes it; None if they are not to be kept.
+        As `upload_image` writes it; None if they are not to be kept.
     """
 
     record: SequenceRecord

@@ -2,7 +2,7 @@
 
 from modalmotion.template.construction import make_template
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks
-from modalmotion.template.numbered_modes import ModeChoice, choose_modes, frequencies_on
+from modalmotion.template.numbered_modes import ModeChoice, choose_modes
 from modalmotion.template.template import (
     Template,
     Weights,
@@ -17,7 +17,6 @@ __all__ = [
     "Template",
     "Weights",
     "choose_modes",
-    "frequencies_on",
     "make_template",
     "require_same_mesh",
     "template_id",

@@ -15,6 +15,7 @@ from modalmotion.mesh.curves import curve_weights
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+from modalmotion.numeric.scale import power_of_two
 from modalmotion.template.coordinates.axis import degree
 from modalmotion.template.coordinates.cup import cup_coordinates
 from modalmotion.template.coordinates.curve import curve_coordinates
@@ -232,8 +233,7 @@ def _normalised(
     corner = start[np.argmax(used)]
     vertices = np.where(used[:, None], start, corner) - corner
     largest = float(np.abs(vertices).max(initial=0.0))
-    # A power of two near the size: exact, and squares stay in range whatever the unit.
-    scale = 1.0 if largest == 0.0 else float(2.0 ** np.clip(np.frexp(largest)[1], -1000, 1000))
+    scale = power_of_two(largest)
     return surface_of(vertices / scale, faces), corner, scale
 
 

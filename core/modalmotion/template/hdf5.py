@@ -7,13 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.hdf5.contents import Contents, read_contents
-from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, json_text, sealed_image
+from modalmotion.hdf5.contents import Contents
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.modes.topology import Topology
 from modalmotion.template import Landmarks, Template
 
-KIND: Final = "template"
-SCHEMA_VERSION: Final = 1
+FORM: Final = Form("template", 1)
 
 
 def template_to_hdf5(template: Template) -> bytes:
@@ -28,13 +28,6 @@ def template_to_hdf5(template: Template) -> bytes:
     bytes
         The same for the same template.
     """
-    attributes: dict[str, Attribute] = {
-        "schema": f"modalmotion.{KIND}",
-        "schema_version": SCHEMA_VERSION,
-        "kind": KIND,
-        "intended_use": INTENDED_USE,
-        "topology": "mesh" if template.surface is None else template.surface.name,
-    }
     length = "length unit of the sequence"
     datasets = [
         Dataset("coordinates", template.coordinates, "1", "vertex, axis"),
@@ -47,7 +40,8 @@ def template_to_hdf5(template: Template) -> bytes:
     ]
     if template.landmarks is not None:
         datasets += landmark_datasets(template.landmarks, length)
-    return sealed_image(attributes, {"template_id": template.id}, datasets)
+    topology = "mesh" if template.surface is None else template.surface.name
+    return FORM.image({"template_id": template.id}, datasets, topology=topology)
 
 
 def template_from_hdf5(source: bytes | Path) -> Template:
@@ -59,17 +53,15 @@ def template_from_hdf5(source: bytes | Path) -> Template:
 
     Raises
     ------
-    NotFoundError
-        If there is no such file.
-    CorruptFileError
-        If it is damaged, foreign, or written by a newer version.
+    StoreError
+        As `Form.read` says.
     """
     return read_template(source)[0]
 
 
 def read_template(source: bytes | Path) -> tuple[Template, Contents]:
     """Read a template together with the contents of its file."""
-    with read_contents(source, KIND, SCHEMA_VERSION) as contents:
+    with FORM.read(source) as contents:
         return _template(contents), contents
 
 

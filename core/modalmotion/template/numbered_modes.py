@@ -1,15 +1,11 @@
-"""Which modes a surface is described by, and at what frequencies they would swing."""
+"""Which modes a surface is described by."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from modalmotion.mesh import connectivity_of
-from modalmotion.mesh.spring_modes import SpringModes, spring_modes
-from modalmotion.modes import ModeSet, lowest_modes, wavenumbers_on, whole_count
+from modalmotion.mesh.spring_modes import spring_modes
+from modalmotion.modes import Modes, lowest_modes, whole_count
 from modalmotion.template.template import Template
 
 
@@ -19,18 +15,23 @@ class ModeChoice:
 
     Parameters
     ----------
-    modes : ModeSet or SpringModes
+    modes : Modes
         In closed form where the surface has natural coordinates.
     notes : tuple of str
-        Why there are more than were asked for, or that they belong to one mesh only.
+        Why there are more than were asked for, what a split pair costs, or that they belong to
+        one mesh only.
     """
 
-    modes: ModeSet | SpringModes
+    modes: Modes
     notes: tuple[str, ...]
 
 
 def choose_modes(
-    template: Template, n_modes: int, grid: tuple[int, ...] | None = None
+    template: Template,
+    n_modes: int,
+    grid: tuple[int, ...] | None = None,
+    *,
+    split_pairs: bool = False,
 ) -> ModeChoice:
     """Lowest modes of a template, rounded up so that no cosine-sine pair is split.
 
@@ -40,6 +41,8 @@ def choose_modes(
     n_modes : int
     grid : tuple of int, optional
         Nodes along each axis of a lattice, which has no modes beyond its own number.
+    split_pairs : bool
+        Not to round up.
 
     Raises
     ------
@@ -54,39 +57,17 @@ def choose_modes(
         )
         return ModeChoice(springs, (note,))
     n_whole = whole_count(template.surface, n_modes, grid)
-    chosen = lowest_modes(template.surface, n_whole, grid)
+    chosen = lowest_modes(template.surface, n_modes if split_pairs else n_whole, grid)
     if n_whole == n_modes:
         return ModeChoice(chosen, ())
+    if split_pairs:
+        note = (
+            f"Mode {chosen.labels[-1]} was fitted without its sine: its amplitudes depend on where "
+            "theta is zero, and compare only with those of surfaces whose zero is the same."
+        )
+        return ModeChoice(chosen, (note,))
     note = (
         f"{n_modes} modes would split a cosine-sine pair; {n_whole} were fitted "
         f"({3 * n_whole} amplitudes a frame)."
     )
     return ModeChoice(chosen, (note,))
-
-
-def frequencies_on(
-    template: Template, modes: ModeSet | SpringModes, wave_speed: float
-) -> NDArray[np.float64]:
-    """Angular frequencies in the limit of long waves, w = c k.
-
-    Parameters
-    ----------
-    template : Template
-    modes : ModeSet or SpringModes
-    wave_speed : float, length unit per s
-
-    Returns
-    -------
-    (modes,) float64, rad per s
-    """
-    if isinstance(modes, SpringModes):
-        edges = connectivity_of(template.faces, template.n_vertices).edges
-        steps = template.vertices[edges[:, 0]] - template.vertices[edges[:, 1]]
-        largest = float(np.abs(steps).max(initial=0.0)) or 1.0
-        edge_length = largest * float(np.sqrt(((steps / largest) ** 2).sum(axis=1).mean()))
-        if not edge_length > 0:
-            return np.zeros(len(modes))
-        return modes.angular_frequencies(wave_speed, edge_length)
-    finite = tuple(length if length > 0 else np.inf for length in template.lengths)
-    frequencies: NDArray[np.float64] = wave_speed * wavenumbers_on(modes, finite)
-    return frequencies

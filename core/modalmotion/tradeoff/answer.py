@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.choice.fitted_motion import fit_with
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.harmonics import harmonics_of, require_harmonics
 from modalmotion.choice.limit import limit_of, require_unit
 from modalmotion.choice.noise import Noise
@@ -128,9 +128,9 @@ def measure_tradeoff(
             sequence, asked, most_modes=most_modes, components=components, template=template
         )
     with watch.stage("scene"):
-        smallest = make_basis(used, choose_modes(used, 1, own.grid).modes)
-        first = fit_with(own, used, smallest, asked)
-        scene = scene_of(own, used, first.rotations, reference=asked.reference)
+        fitter = Fitter.of(own, used, asked)
+        first = fitter.fit(make_basis(used, choose_modes(used, 1, own.grid).modes))
+        scene = scene_of(fitter, first.rotations)
     limit = None
     with watch.stage("choice"):
         if asked.is_adaptive and not asked.auto:
@@ -142,7 +142,7 @@ def measure_tradeoff(
     times: dict[int, float] = {}
     if with_times:
         with watch.stage("timing"):
-            times = _fit_milliseconds(own, used, asked, front.branches[0])
+            times = _fit_milliseconds(fitter, front.branches[0])
     return Tradeoff(
         sequence_id=sequence.id,
         parameters=asked,
@@ -156,19 +156,17 @@ def measure_tradeoff(
     )
 
 
-def _fit_milliseconds(
-    sequence: MeshSequence, template: Template, asked: SignatureParameters, branch: Branch
-) -> dict[int, float]:
+def _fit_milliseconds(fitter: Fitter, branch: Branch) -> dict[int, float]:
     """Time the fit of the largest set and of ever smaller ones."""
     places = np.unique(len(branch.counts) // 2 ** np.arange(_TIMED) - 1)
     times = {}
     for count in branch.counts[places[places >= 0]].tolist():
-        modes = choose_modes(template, count, sequence.grid).modes
+        modes = choose_modes(fitter.template, count, fitter.sequence.grid).modes
         spent = []
         for _ in range(_REPEATS):
             watch = Stopwatch()
             with watch.stage("fit"):
-                fit_with(sequence, template, make_basis(template, modes), asked)
+                fitter.fit(make_basis(fitter.template, modes))
             spent.append(watch.milliseconds["fit"])
         # The quickest is the one that met least other work.
         times[count] = min(spent)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.choice.energies import energies_of
-from modalmotion.choice.fitted_motion import fit_with
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.harmonics import harmonics_of, n_functions
 from modalmotion.choice.nested_sets import ladder_of
-from modalmotion.choice.ordered_sets import by_energy
-from modalmotion.choice.parameters import ModeOrder, SignatureParameters
+from modalmotion.choice.ordered_sets import in_order
+from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.errors import InputError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, Topology
@@ -120,12 +120,12 @@ def measure_front(
     asked = SignatureParameters() if parameters is None else parameters
     own = resolve_sequence(sequence, asked)
     used = resolve_template(own, resolve_parameters(own, asked), template)
-    branches, motion = _branches(own, used, asked, most_modes, components)
+    branches, motion = _branches(Fitter.of(own, used, asked), most_modes, components)
     for topology in other_topologies(own, used, asked):
         try:
             other = own.with_topology(topology, None)
             found = resolve_template(other, resolve_parameters(other, asked))
-            more, _ = _branches(other, found, asked, most_modes, components)
+            more, _ = _branches(Fitter.of(other, found, asked), most_modes, components)
         except InputError:
             # A surface may be laid out in one way only; the others are no part of the front.
             continue
@@ -153,13 +153,10 @@ def _is_cup(grid: tuple[int, ...]) -> bool:
 
 
 def _branches(
-    sequence: MeshSequence,
-    template: Template,
-    asked: SignatureParameters,
-    most_modes: int,
-    components: tuple[Components, ...] | None,
+    fitter: Fitter, most_modes: int, components: tuple[Components, ...] | None
 ) -> tuple[list[Branch], float]:
     """Branches of one topology, and the RMS motion."""
+    sequence, template, asked = fitter.sequence, fitter.template, fitter.parameters
     wanted = components or tuple(sorted(Components, key=lambda one: one != asked.components))
     ladder = ladder_of(template, most_modes, sequence.grid)
     functions = harmonics_of(sequence.n_frames, sequence.times)
@@ -167,10 +164,7 @@ def _branches(
     for one in wanted:
         if one != Components.CARTESIAN and template.landmarks is None and components is None:
             continue
-        fit = fit_with(sequence, template, ladder.basis, replace(asked, components=one))
-        ordered = ladder
-        if asked.order == ModeOrder.ENERGY:
-            ordered, fit = by_energy(ladder, fit)
+        ordered, fit = in_order(fitter.asking(components=one), ladder)
         energies = energies_of(ordered.basis, fit)
         branches.append(
             Branch(

@@ -57,6 +57,7 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("POST", "/v1/templates"): Scope.WRITE,
     ("GET", "/v1/templates"): Scope.READ,
     ("GET", "/v1/templates/{template_id}"): Scope.READ,
+    ("GET", "/v1/templates/{template_id}/modes"): Scope.READ,
     ("DELETE", "/v1/templates/{template_id}"): Scope.WRITE,
     ("POST", "/v1/classify"): Scope.READ,
     ("GET", "/v1/models"): Scope.READ,

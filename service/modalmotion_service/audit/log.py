@@ -11,7 +11,6 @@ import asyncio
 import contextlib
 import threading
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from modalmotion.errors import StoreError
@@ -41,12 +40,7 @@ class AuditLog:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from modalmotion.errors import ModalMotionError
+from modalmotion.facts import Facts
 from modalmotion.formats import ParserHere, ReadOptions, read_sequence
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import (
     SequenceRecord,
     record_of,
     record_to_json,
-    sequence_to_hdf5,
-    signature_to_hdf5,
+    signature_image,
     template_from_hdf5,
+    upload_image,
 )
 from modalmotion.store.disk.group_commit import GroupCommit
 
@@ -27,6 +28,7 @@ class Item:
     ----------
     path : Path
     subject, label : str or None
+    facts : Facts
     created : str
         When the record says that it came. It is not for the worker to say: a second one at the
         same work must write the same.
@@ -38,6 +40,7 @@ class Item:
     path: Path
     subject: str | None
     label: str | None
+    facts: Facts
     created: str
     made: Path
     keeps_vertices: bool
@@ -71,10 +74,13 @@ class Signed:
     Parameters
     ----------
     record : SequenceRecord
+    key : str
+        Of the signature's parameters, with what the fit read of the facts.
     rms_error : float
     """
 
     record: SequenceRecord
+    key: str
     rms_error: float
 
 
@@ -108,7 +114,11 @@ def sign_batch(
     with GroupCommit() as files:
         for item in items:
             try:
-                sequence = read_sequence(item.path, options, parser=parser).sequence
+                sequence = read_sequence(
+                    item.path,
+                    replace(options, facts=item.facts.over(options.facts)),
+                    parser=parser,
+                ).sequence
                 signature = modal_signature(sequence, parameters, template=named)
             except ModalMotionError as error:
                 outcomes.append(Refused(error.code, str(error)))
@@ -122,7 +132,7 @@ def sign_batch(
             )
             files.write(item.record_file, record_to_json(record))
             if item.vertices is not None:
-                files.write(item.vertices, sequence_to_hdf5(sequence))
-            files.write(item.signature, signature_to_hdf5(signature))
-            outcomes.append(Signed(record, signature.rms_error))
+                files.write(item.vertices, upload_image(sequence))
+            files.write(item.signature, signature_image(signature))
+            outcomes.append(Signed(record, signature.parameters.key, signature.rms_error))
     return outcomes

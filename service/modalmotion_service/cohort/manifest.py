@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.errors import MalformedFileError
+from modalmotion.errors import MalformedFileError, ParameterError
+from modalmotion.facts import NO_FACTS, Facts, column_of, facts_from_texts, is_fact
 from modalmotion.store.record import require_name
 
 _COLUMNS: Final = ("path", "subject", "label")
@@ -36,11 +37,14 @@ class Entry:
     path : Path
         Absolute; a file, a folder of frames, or a pattern of their names.
     subject, label : str or None
+    facts : Facts
+        Over those that the file states.
     """
 
     path: Path
     subject: str | None = None
     label: str | None = None
+    facts: Facts = NO_FACTS
 
 
 def read_manifest(source: Path) -> tuple[Entry, ...]:
@@ -49,7 +53,7 @@ def read_manifest(source: Path) -> tuple[Entry, ...]:
     Parameters
     ----------
     source : Path
-        A .csv file with a heading (path, and subject and label if there are any), its columns
+        A .csv file with a heading (path; subject, label and facts if there are any), its columns
         parted by commas, semicolons or tabs, or a .jsonl file with an object a line, both with
         paths from the manifest's own folder; or a folder, or a pattern of names: then each file
         and each folder of frames in it is a sequence.
@@ -101,7 +105,7 @@ def _read(source: Path) -> tuple[Entry, ...]:
             raise _wrong(source, line, f"'{name}' stands in line {lines[path]} already")
         lines[path] = line
         names = {key: _name(row.get(key), key, source, line) for key in ("subject", "label")}
-        entries.append(Entry(path, **names))
+        entries.append(Entry(path, **names, facts=_facts(row, source, line)))
     return tuple(entries)
 
 
@@ -112,10 +116,11 @@ def _csv_rows(text: str, source: Path) -> Iterator[tuple[int, dict[str, Any]]]:
     rows = csv.reader(io.StringIO(text[first:], newline=""), delimiter=separator, strict=True)
     n_before = 1 if stated else 0
     try:
-        heading = [name.strip().lower() for name in next(rows, [])]
+        heading = [column_of(name) for name in next(rows, [])]
         if "path" not in heading:
             raise _wrong(source, n_before + 1, f"the heading {heading[:5]} has no column 'path'")
-        twice = next((name for name in _COLUMNS if heading.count(name) > 1), None)
+        known = [name for name in heading if name in _COLUMNS or is_fact(name)]
+        twice = next((name for name in known if heading.count(name) > 1), None)
         if twice is not None:
             raise _wrong(source, n_before + 1, f"there are two columns '{twice}'")
         for cells in rows:
@@ -158,6 +163,13 @@ def _name(value: Any, key: str, source: Path, line: int) -> str | None:
     return text or None
 
 
+def _facts(row: dict[str, Any], source: Path, line: int) -> Facts:
+    try:
+        return facts_from_texts({name: row[name] for name in row if is_fact(name)})
+    except ParameterError as error:
+        raise _wrong(source, line, error.message.rstrip(".")) from error
+
+
 def _unreadable(source: Path, error: OSError | UnicodeDecodeError) -> MalformedFileError:
     if isinstance(error, OSError):
         return MalformedFileError(
@@ -173,6 +185,7 @@ def _unreadable(source: Path, error: OSError | UnicodeDecodeError) -> MalformedF
 def _wrong(source: Path, line: int, what: str) -> MalformedFileError:
     return MalformedFileError(
         f"Line {line} of '{source.name}': {what}.",
-        remedy=f"A manifest has the columns {', '.join(_COLUMNS)}; the last two may be missing.",
+        remedy=f"A manifest has the columns {', '.join(_COLUMNS)} and facts; all but the first may "
+        "be missing.",
         details={"line": line},
     )

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from modalmotion.errors import ModalMotionError, NotFoundError
+from modalmotion.facts import Facts
 from modalmotion.formats import ReadOptions
 from modalmotion.progress import Progress
 from modalmotion.signature.making import SignatureParameters
@@ -144,6 +145,8 @@ class _Run:
         self.n_known = 0
         self.failures: dict[Path, str] = {}
         self._done: dict[Path, Done] = {}
+        self._keys: dict[Path, str] = {}
+        self._facts: dict[Path, Facts] = {}
         self._waiting: deque[Entry] = deque()
         self._suspects: deque[Entry] = deque()
         self._running: dict[Future[Any], tuple[tuple[Entry, ...], tuple[Item, ...]]] = {}
@@ -174,7 +177,7 @@ class _Run:
             if done is None:
                 writer.writerow([*named, "", "", "", "", self.failures.get(entry.path, "")])
                 continue
-            kept = self._store.signature_path(done.sequence_id, self._parameters.key)
+            kept = self._store.signature_path(done.sequence_id, self._keys[entry.path])
             file = kept.relative_to(self._store.root).as_posix()
             writer.writerow(
                 [*named, done.sequence_id, file, f"{done.rms_error:.6g}", done.unit or "", ""]
@@ -203,12 +206,17 @@ class _Run:
         if done is None:
             return False
         try:
-            self._store.signature_path(done.sequence_id, self._parameters.key)
+            record = self._store.sequence_record(done.sequence_id)
+            said = entry.facts.over(record.facts)
+            self._facts[entry.path] = said
+            asked = self._parameters.with_facts(said, record.topology, record.grid)
+            self._store.signature_path(done.sequence_id, asked.key)
         except NotFoundError:
             return False
-        if self._job.keep_vertices and not self._store.sequence_record(done.sequence_id).has_upload:
+        if self._job.keep_vertices and not record.has_upload:
             return False
         self._name(entry, done.sequence_id)
+        self._keys[entry.path] = asked.key
         self._done[entry.path] = done
         self.n_known += 1
         return True
@@ -222,6 +230,8 @@ class _Run:
             for name, text in stated.items()
             if text is not None and text != getattr(record, name)
         }
+        if entry.facts.over(record.facts) != record.facts:
+            changed["change"] = entry.facts.over
         if changed:
             self._store.update_sequence(sequence_id, **changed)
 
@@ -258,6 +268,7 @@ class _Run:
             path=entry.path,
             subject=entry.subject,
             label=entry.label,
+            facts=self._facts.get(entry.path, entry.facts),
             created=now(),
             made=self._spool.new_path(),
             keeps_vertices=self._job.keep_vertices,
@@ -293,10 +304,11 @@ class _Run:
                 self.failures[entry.path] = outcome.reason
             else:
                 signed.append((entry, item, outcome))
-        key = self._parameters.key
         are_new = self._store.put_staged(
             [
-                StagedSignature(one.record, item.record_file, key, item.signature, item.vertices)
+                StagedSignature(
+                    one.record, item.record_file, one.key, item.signature, item.vertices
+                )
                 for _, item, one in signed
             ]
         )
@@ -315,6 +327,7 @@ class _Run:
             )
             made.append(done)
             self._done[entry.path] = done
+            self._keys[entry.path] = one.key
         self._ledger.add(*made)
         self.n_made += len(made)
 

@@ -4,7 +4,7 @@ from typing import Final
 
 LINES: Final = {
     "audit": "Read, check and archive the record of who did what.",
-    "cohort": "Sign every sequence of MANIFEST; go on where it was interrupted.",
+    "cohort": "Fit a signature to every sequence in MANIFEST; resume where it stopped.",
     "keys": "Make, list and take back the keys that open a service.",
     "owners": "See what each owner has, and remove one with everything.",
     "serve": "Start the HTTP service; its documentation is at /docs.",

@@ -1,4 +1,4 @@
-"""The command that signs a cohort."""
+"""The command that fits the signatures of a cohort."""
 
 from __future__ import annotations
 
@@ -9,17 +9,15 @@ from typing import Any
 import click
 
 from modalmotion.cli.analysis_commands import signature
+from modalmotion.cli.options import signature_parameters
 from modalmotion.exports.signature_pack import export, is_pack
-from modalmotion.formats import Format, ReadOptions
-from modalmotion.signature.making import SignatureParameters
-from modalmotion.template import Weights
-from modalmotion.template.body_frame import Components
+from modalmotion.formats import ReadOptions
 from modalmotion_service.cohort import CohortJob, read_manifest, sign_cohort
 from modalmotion_service.environment import read_settings
 from modalmotion_service.work.engine import open_engine
 
-_SAID = ("unit", "form", "frame_interval", "n_vertices", "topology", "grid")
-_ASKED = ("modes", "reference", "weights", "components", "keep_rotation")
+_STATED = ("unit", "format", "frame_interval", "n_vertices", "topology", "grid")
+_PARAMETERS = ("modes", "reference", "weights", "components", "remove_rotation")
 
 _MOST_PRINTED = 50
 
@@ -64,9 +62,9 @@ def cohort(
     keep_vertices: bool,
     pack: Path | None,
     patience: float,
-    **said: Any,
+    **options: Any,
 ) -> None:
-    """Fit the signatures of all sequences that MANIFEST names.
+    """Fit a signature to every sequence in MANIFEST.
 
     MANIFEST is a .csv file (columns path, subject, label; the last two may be missing), a .jsonl
     file of such objects, a folder, or a pattern such as 'scans/*.npz'. Given again after an
@@ -78,31 +76,19 @@ def cohort(
         settings = settings.model_copy(update={"workers": workers, "scheduler": None})
     if scheduler is not None:
         settings = settings.model_copy(update={"scheduler": scheduler})
-    form = said.pop("form")
-    options = ReadOptions(
-        format=None if form is None else Format(form),
-        limits=settings.read_limits,
-        **{name: said[name] for name in _SAID if name in said},
-    )
-    parameters = SignatureParameters(
-        modes=said["modes"],
-        topology=said["topology"],
-        grid=said["grid"],
-        reference=said["reference"],
-        weights=Weights(said["weights"]),
-        remove_rotation=not said["keep_rotation"],
-        components=Components(said["components"]),
-    )
+    stated = {name: options[name] for name in _STATED}
+    reading = ReadOptions(limits=settings.read_limits, **stated)
+    parameters = signature_parameters(options)
     # That of an earlier run is made anew, as the same command does what failed then.
     if pack is not None and pack.exists() and not is_pack(pack):
         raise click.BadParameter(
-            f"{pack} exists already and is no pack of signatures.", param_hint="--pack"
+            f"{pack} exists already and is not a pack of signatures.", param_hint="--pack"
         )
     job = CohortJob(
         entries=read_manifest(manifest),
         folder=output,
         parameters=parameters,
-        options=options,
+        options=reading,
         template_from=template_from,
         keep_vertices=keep_vertices,
         batch=batch,
@@ -128,5 +114,5 @@ def cohort(
         raise click.exceptions.Exit(1)
 
 
-# What a signature may be asked for with has one definition.
-cohort.params += [option for option in signature.params if option.name in (*_SAID, *_ASKED)]
+# Each option of a signature has one definition.
+cohort.params += [option for option in signature.params if option.name in (*_STATED, *_PARAMETERS)]

@@ -7,7 +7,7 @@ import os
 
 import click
 
-from modalmotion_service.errors import ClusterError
+from modalmotion.errors import needs_extra
 
 
 @click.command()
@@ -27,10 +27,6 @@ def worker(scheduler: str, processes: int, host: str | None) -> None:
     """
     # As the service does: what is written here is as much its users' data.
     os.umask(0o077)
-    try:
+    with needs_extra("cluster"):
         from modalmotion_service.work.dask.worker import work_for
-    except ImportError as error:
-        raise ClusterError(
-            "A worker needs `distributed`.", remedy="Install modalmotion[service,cluster]."
-        ) from error
     asyncio.run(work_for(scheduler, processes, host))

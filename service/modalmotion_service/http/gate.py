@@ -6,6 +6,7 @@ Pure ASGI and before anything reads a body: what a stranger sends is never recei
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,6 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 
 from modalmotion.errors import ModalMotionError
+from modalmotion.facts import NAMES
 from modalmotion_service.access.keys import KeyRing, key_required
 from modalmotion_service.access.principal import (
     LOCAL_PRINCIPAL,
@@ -32,6 +34,7 @@ from modalmotion_service.http.observation import CLIENT_GONE
 from modalmotion_service.http.problems import problem_of
 
 _IDS: Final = "modalmotion.ids"
+_FACTS: Final = "modalmotion.facts"
 _ROUTE: Final = "modalmotion.route"
 _ENDED_KEY: Final = "modalmotion.ended_key"
 
@@ -59,6 +62,11 @@ class Access:
 def note_ids(connection: HTTPConnection, ids: list[str]) -> None:
     """Name in the audit log what a request is about, where its path does not."""
     connection.scope.setdefault(_IDS, []).extend(ids)
+
+
+def note_facts(connection: HTTPConnection, names: Sequence[str]) -> None:
+    """Name in the audit log which facts a request changed; their values are nobody's there."""
+    connection.scope[_FACTS] = [f"facts.{name}" for name in names if name in NAMES]
 
 
 def route_of(connection: Connection) -> str | None:
@@ -235,4 +243,5 @@ def _ids(connection: HTTPConnection, target: Target | None, answer: Headers) -> 
     made = answer.get("location", "").rpartition("/")[2]
     query = QueryParams(connection.scope.get("query_string", b""))
     named = [*connection.scope.get(_IDS, ()), query.get("template", ""), made]
-    return list(dict.fromkeys([*ids, *filter(_DIGEST.fullmatch, named)]))
+    named = list(filter(_DIGEST.fullmatch, named))
+    return list(dict.fromkeys([*ids, *named, *connection.scope.get(_FACTS, ())]))

@@ -18,6 +18,7 @@ from modalmotion.errors import (
     InputError,
     LimitError,
     MalformedFileError,
+    MissingExtraError,
     ModalMotionError,
     ModelNotReproducedError,
     NotFoundError,
@@ -57,6 +58,7 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     IdempotencyMismatchError: 422,
     WorkerDiedError: 422,
     ClusterError: 503,
+    MissingExtraError: 501,
     ModalMotionError: 500,
 }
 

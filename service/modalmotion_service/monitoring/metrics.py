@@ -200,7 +200,7 @@ class StateOfThings(Collector):
             "modalmotion_jobs", "Jobs kept, by kind and state.", labels=["kind", "state"]
         )
         kept = GaugeMetricFamily("modalmotion_stored", "Things that are kept.", labels=["kind"])
-        for (kind, job_state), number in _sum(state.store.jobs.count() for state in states):
+        for (kind, job_state), number in _sum(state.jobs.count() for state in states):
             jobs.add_metric([kind, job_state], number)
         for name, number in _sum(state.store.count() for state in states):
             kept.add_metric([name], number)

@@ -6,7 +6,6 @@ import asyncio
 
 from fastapi import APIRouter, Response
 
-from modalmotion.store import Job
 from modalmotion_service.routes.parts.deferral import accepted, result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
@@ -17,6 +16,7 @@ from modalmotion_service.schemas import (
     ClassificationRequest,
     SequenceId,
 )
+from modalmotion_service.workspace.jobs import Job
 from modalmotion_service.workspace.models import KeptClassification
 from modalmotion_service.workspace.state import State
 
@@ -71,7 +71,7 @@ async def classify(
         )
 
     fingerprint = ("POST classifications", sequence_id, asked.model_dump_json())
-    return await idempotent_answer(state.store, idempotency_key, fingerprint, make)
+    return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
 
 
 @router.get("/{sequence_id}/classifications")

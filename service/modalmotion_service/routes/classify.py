@@ -31,7 +31,7 @@ async def classify(
     """Ask a model for the class of a sequence's motion; nothing is stored."""
     with file:
         chosen = await asyncio.to_thread(state.models.choose, query.model)
-        sent = Upload(file.path, query.options(state.settings.read_limits))
+        sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
         result, reading = await state.models.classify(sent, chosen, query.coverage)
     answer = ClassificationAnswer.of(result, chosen.version, None)
     return UploadClassificationAnswer(**answer.model_dump(), reading=reading)

@@ -11,7 +11,6 @@ from starlette.background import BackgroundTask
 from starlette.responses import FileResponse
 
 from modalmotion.errors import ParameterError
-from modalmotion.store import Job
 from modalmotion_service.http.negotiation import NPZ, RAW, STREAM, VTKHDF, best_type
 from modalmotion_service.routes.parts.deferral import accepted, result_or_job
 from modalmotion_service.routes.parts.dependencies import (
@@ -22,6 +21,7 @@ from modalmotion_service.routes.parts.dependencies import (
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import EncodedAnswer, EncodingTarget, ReadingQuery, SequenceId
 from modalmotion_service.work.upload import Upload
+from modalmotion_service.workspace.jobs import Job
 
 router = APIRouter(prefix="/v1", tags=["codec"], responses=PROBLEMS)
 
@@ -47,7 +47,7 @@ async def encode(
     """Compress a sequence at an error you choose; nothing is stored."""
     target = EncodingTarget(**query.model_dump(include=set(EncodingTarget.model_fields)))
     with file:
-        sent = Upload(file.path, query.options(state.settings.read_limits))
+        sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
         path, answer = await state.analysis.encoded(sent, target)
     return _stream(path, answer)
 

@@ -9,11 +9,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import FileResponse
 
 from modalmotion.errors import NotFoundError
-from modalmotion.store import JobState
 from modalmotion_service.http.negotiation import HDF5, NPZ
+from modalmotion_service.routes.parts.deferral import job_answer
 from modalmotion_service.routes.parts.dependencies import StateDependency
 from modalmotion_service.routes.parts.openapi_parts import BINARY, PROBLEMS
-from modalmotion_service.schemas import JobAnswer, JobId, JobPageAnswer
+from modalmotion_service.schemas import JobAnswer, JobId, JobPageAnswer, JobState
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"], responses=PROBLEMS)
 
@@ -31,18 +31,18 @@ class ListQuery(BaseModel):
 @router.get("")
 def list_jobs(query: Annotated[ListQuery, Query()], state: StateDependency) -> JobPageAnswer:
     """List jobs from the newest to the oldest, a page at a time."""
-    page = state.store.jobs.list(state=query.state, limit=query.limit, cursor=query.cursor)
-    jobs = [JobAnswer.of(job, state.jobs.text(job)) for job in page.jobs]
+    page = state.jobs.list(state=query.state, limit=query.limit, cursor=query.cursor)
+    jobs = [job_answer(job, state.runner.text(job)) for job in page.jobs]
     return JobPageAnswer(jobs=jobs, cursor=page.cursor)
 
 
 @router.get("/{job_id}")
 def job(job_id: JobId, state: StateDependency, response: Response) -> JobAnswer:
     """Give a job's state, its progress, and the link to its result."""
-    found = state.store.jobs.get(job_id)
+    found = state.jobs.get(job_id)
     if not found.is_finished:
         response.headers["Retry-After"] = "1"
-    return JobAnswer.of(found, state.jobs.text(found))
+    return job_answer(found, state.runner.text(found))
 
 
 @router.get(
@@ -52,7 +52,7 @@ def job(job_id: JobId, state: StateDependency, response: Response) -> JobAnswer:
 )
 def result(job_id: JobId, state: StateDependency) -> Response:
     """Give the file that a job has made."""
-    found = state.store.jobs.get(job_id)
+    found = state.jobs.get(job_id)
     made = found.result or {}
     if "file" not in made:
         raise NotFoundError(
@@ -68,4 +68,4 @@ def result(job_id: JobId, state: StateDependency) -> Response:
 @router.delete("/{job_id}")
 async def cancel(job_id: JobId, state: StateDependency) -> JobAnswer:
     """End a job; 409 if it is finished."""
-    return JobAnswer.of(await state.jobs.cancel(job_id))
+    return job_answer(await state.runner.cancel(job_id))

@@ -8,7 +8,7 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Header, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from modalmotion.classify import TrainingOptions, available_models
+from modalmotion.classification import TrainingOptions, available_models
 from modalmotion.store import ModelRecord, model_to_hdf5, require_model_name
 from modalmotion.store.index.cursor import from_cursor, to_cursor
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
@@ -62,7 +62,7 @@ async def train(
         file = SpoolFile(state.spool.new_path())
         try:
             await asyncio.to_thread(write_cases, file, cases)
-            job = await state.jobs.start(
+            job = await state.runner.start(
                 "training",
                 {"file": file.path.name, "name": name, "options": options.as_json()},
             )
@@ -71,9 +71,8 @@ async def train(
             raise
         return accepted(job)
 
-    return await idempotent_answer(
-        state.store, idempotency_key, ("POST models", asked.model_dump_json()), make
-    )
+    fingerprint = ("POST models", asked.model_dump_json())
+    return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
 
 
 class ListQuery(BaseModel):

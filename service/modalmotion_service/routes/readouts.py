@@ -32,8 +32,7 @@ async def readouts(
     From the signature with these parameters; surfaces that enclose nothing are refused (422).
     """
     media_type = best_type(accept, (JSON, PNG))
-    parameters = query.parameters()
-    state.store.sequence_record(sequence_id)
+    parameters, _ = state.analysis.resolved(sequence_id, query.parameters())
     tag = tag_of(sequence_id, parameters.key, "readouts", media_type)
     if is_known(request, tag):
         return not_modified(tag)

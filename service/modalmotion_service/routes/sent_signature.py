@@ -41,6 +41,6 @@ async def signature(
     """
     with file:
         media_type = best_type(request.headers.get("accept", JSON), OFFERED)
-        sent = Upload(file.path, query.options(state.settings.read_limits))
+        sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
         body = await state.analysis.signature_of_upload(sent, query.parameters(), media_type)
     return Response(body, media_type=media_type, headers={"Vary": "Accept"})

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from modalmotion.store import UNSET, Job
+from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_patched
+from modalmotion.store import UNSET
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
+from modalmotion_service.http.gate import note_facts
 from modalmotion_service.routes.parts.deferral import accepted, result_or_job
 from modalmotion_service.routes.parts.dependencies import (
     FileDependency,
@@ -28,6 +31,7 @@ from modalmotion_service.schemas import (
 )
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.erasure import erase
+from modalmotion_service.workspace.jobs import Job
 
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=PROBLEMS)
 
@@ -52,11 +56,16 @@ async def upload(
     job where the client would rather not wait or the work takes long.
     """
     is_left_to_job = False
+    form_facts = facts_as_json(file.facts)
 
     async def make() -> Response:
         nonlocal is_left_to_job
-        sent = Upload(file.path, query.options(state.settings.read_limits))
-        request = {"file": file.path.name, "query": query.model_dump(mode="json")}
+        sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
+        request = {
+            "file": file.path.name,
+            "query": query.model_dump(mode="json"),
+            "facts": form_facts,
+        }
         if preference.is_async or state.settings.wait_seconds < state.settings.task_seconds:
             # A job may be acknowledged before the bytes are read: they must outlive a crash.
             await asyncio.to_thread(file.make_durable)
@@ -68,8 +77,13 @@ async def upload(
         return _answer(SequenceSummary.of(kept.record, kept.reading), 201 if kept.is_new else 200)
 
     try:
-        fingerprint = ("POST /v1/sequences", file.sha256, query.model_dump_json())
-        return await idempotent_answer(state.store, idempotency_key, fingerprint, make)
+        fingerprint = (
+            "POST /v1/sequences",
+            file.sha256,
+            query.model_dump_json(),
+            json.dumps(form_facts),
+        )
+        return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
     finally:
         if not is_left_to_job:
             file.remove()
@@ -106,14 +120,31 @@ def summary(sequence_id: SequenceId, store: StoreDependency, request: Request) -
 
 
 @router.patch("/{sequence_id}", response_model=SequenceSummary)
-def rename(sequence_id: SequenceId, names: SequenceNames, store: StoreDependency) -> Response:
-    """Change the subject, the label or both; null takes one away."""
-    given = names.model_fields_set
+def change(
+    sequence_id: SequenceId, body: SequenceNames, store: StoreDependency, request: Request
+) -> Response:
+    """Change subject, label and facts: what is left out stays, null takes it away.
+
+    Facts are changed as by a JSON merge patch (RFC 7396). Results that read a fact which changes
+    are made anew when they are asked for; the others stay.
+    """
+    stated = body.model_fields_set
+    changed: list[str] = []
+
+    def changed_facts(known: Facts) -> Facts:
+        if "facts" not in stated:
+            return known
+        facts = NO_FACTS if body.facts is None else facts_patched(known, body.facts.changes)
+        changed.extend(facts.changed(known))
+        return facts
+
     record = store.update_sequence(
         sequence_id,
-        subject=names.subject if "subject" in given else UNSET,
-        label=names.label if "label" in given else UNSET,
+        subject=body.subject if "subject" in stated else UNSET,
+        label=body.label if "label" in stated else UNSET,
+        change=changed_facts,
     )
+    note_facts(request, changed)
     return _answer(SequenceSummary.of(record), 200)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -12,7 +13,7 @@ from starlette.responses import FileResponse
 
 from modalmotion.errors import LimitError
 from modalmotion.exports.surfaces import SurfaceFormat
-from modalmotion.store import Job
+from modalmotion.facts import facts_as_json
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_ids
 from modalmotion_service.http.negotiation import GLB, HDF5, JSON, NPZ, PNG, VTKHDF, ZIP, best_type
@@ -27,6 +28,7 @@ from modalmotion_service.schemas import (
     SignatureQuery,
     parse_times,
 )
+from modalmotion_service.workspace.jobs import Job
 
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 
@@ -49,10 +51,10 @@ async def signature(
     JSON, the result's HDF5 file, or a picture of it beside the surfaces, by `Accept`.
     """
     media_type = best_type(accept, (JSON, HDF5, PNG))
-    parameters = query.parameters()
-    state.store.sequence_record(sequence_id)
-    # A result never changes once its sequence and its parameters are named.
-    tag = tag_of(sequence_id, parameters.key, media_type)
+    parameters, facts = state.analysis.resolved(sequence_id, query.parameters())
+    # A result never changes once its sequence and its parameters are named; facts may.
+    shown = () if media_type == PNG or not facts.stated else (json.dumps(facts_as_json(facts)),)
+    tag = tag_of(sequence_id, parameters.key, media_type, *shown)
     if is_known(request, tag):
         return not_modified(tag)
     asked = {"sequence_id": sequence_id, "query": query.model_dump(mode="json")}
@@ -62,10 +64,16 @@ async def signature(
     if isinstance(found, Job):
         return accepted(found)
     headers = {"ETag": tag, "Vary": "Accept"}
-    if media_type == HDF5:
-        name = f"{sequence_id[:12]}-signature.h5"
+    name = f"{sequence_id[:12]}-signature.h5"
+    if media_type == HDF5 and not shown:
         return FileResponse(found, media_type=HDF5, filename=name, headers=headers)
-    give = state.analysis.draw_signature if media_type == PNG else state.analysis.signature_json
+    if media_type == HDF5:
+        headers["Content-Disposition"] = f'attachment; filename="{name}"'
+    give = {
+        HDF5: state.analysis.signature_hdf5,
+        JSON: state.analysis.signature_json,
+        PNG: state.analysis.draw_signature,
+    }[media_type]
     return Response(await give(sequence_id, parameters), media_type=media_type, headers=headers)
 
 

@@ -8,10 +8,12 @@ from typing import Annotated
 from fastapi import APIRouter, Header, Query, Request, Response
 
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
-from modalmotion_service.http.negotiation import JSON, PNG, best_type
+from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, best_type
 from modalmotion_service.routes.parts.dependencies import FileDependency, StateDependency
 from modalmotion_service.routes.parts.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import (
+    ModesAnswer,
+    ModesQuery,
     ReadingQuery,
     SequenceId,
     SignatureQuery,
@@ -42,7 +44,7 @@ async def make(
     A cohort whose vertices correspond names it (`?template=`) and pays for it once.
     """
     with file:
-        sent = Upload(file.path, query.options(state.settings.read_limits))
+        sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
         answer, is_new = await state.analysis.template(sent, query.parameters())
     return Response(
         answer.model_dump_json(),
@@ -79,6 +81,31 @@ async def describe(
         return Response(await state.analysis.draw_template(template_id), 200, headers, PNG)
     answer = await state.analysis.describe_template(template_id)
     return Response(answer.model_dump_json(), 200, headers, JSON)
+
+
+@router.get(
+    "/{template_id}/modes",
+    response_model=ModesAnswer,
+    responses={200: {"content": {NPZ: BINARY, HDF5: BINARY, PNG: BINARY}}},
+)
+async def modes(
+    template_id: SequenceId,
+    query: Annotated[ModesQuery, Query()],
+    state: StateDependency,
+    request: Request,
+    accept: Annotated[str, Header(description=f"{JSON}, {NPZ}, {HDF5} or {PNG}.")] = JSON,
+) -> Response:
+    """Give the vibration modes of a surface: labels, angular frequencies and shapes.
+
+    Shapes come as npz or HDF5, or in JSON with `shapes=true`; a picture shows them in colour.
+    """
+    media_type = best_type(accept, (JSON, NPZ, HDF5, PNG))
+    state.store.template_path(template_id)
+    tag = tag_of(template_id, "modes", query.model_dump_json(), media_type)
+    if is_known(request, tag):
+        return not_modified(tag)
+    body = await state.analysis.template_modes(template_id, query, media_type)
+    return Response(body, 200, {"ETag": tag, "Vary": "Accept"}, media_type)
 
 
 @router.delete("/{template_id}", status_code=204)

@@ -8,7 +8,6 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse
 
-from modalmotion.store import Job
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.negotiation import JSON, PNG, best_type
 from modalmotion_service.routes.parts.deferral import accepted, result_or_job
@@ -16,6 +15,7 @@ from modalmotion_service.routes.parts.dependencies import PreferenceDependency, 
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.schemas import SequenceId, TradeoffAnswer
 from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
+from modalmotion_service.workspace.jobs import Job
 
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 
@@ -39,10 +39,11 @@ async def tradeoff(
     """
     media_type = best_type(accept, (JSON, PNG))
     parameters = query.parameters()
-    state.store.sequence_record(sequence_id)
+    landmarks = state.store.sequence_record(sequence_id).facts.landmarks
     only = "" if query.components is None else query.components.value
     # Times differ from one answer to the next, so that the tag is a weak one.
-    tag = tag_of(sequence_id, parameters.key, media_type, str(query.front_modes), only)
+    read = (repr(landmarks),) if landmarks else ()
+    tag = tag_of(sequence_id, parameters.key, media_type, str(query.front_modes), only, *read)
     if is_known(request, tag):
         return not_modified(f"W/{tag}")
     asked = {

@@ -1,5 +1,6 @@
 """What goes over the wire, as pydantic models."""
 
+from modalmotion_service.schemas.facts import FactsAnswer
 from modalmotion_service.schemas.fields import (
     GRID,
     GRID_PATTERN,
@@ -15,6 +16,7 @@ from modalmotion_service.schemas.general import (
     Health,
     Problem,
 )
+from modalmotion_service.schemas.jobs import JobAnswer, JobPageAnswer, JobState
 from modalmotion_service.schemas.models import (
     LabelledSequence,
     ModelAnswer,
@@ -31,8 +33,6 @@ from modalmotion_service.schemas.results import (
     ClassificationRequest,
     EncodedAnswer,
     EncodingTarget,
-    JobAnswer,
-    JobPageAnswer,
     UploadClassificationAnswer,
 )
 from modalmotion_service.schemas.sequences import (
@@ -52,7 +52,12 @@ from modalmotion_service.schemas.signatures import (
     SignatureAnswer,
     SignatureQuery,
 )
-from modalmotion_service.schemas.templates import TemplateAnswer, TemplateList
+from modalmotion_service.schemas.templates import (
+    ModesAnswer,
+    ModesQuery,
+    TemplateAnswer,
+    TemplateList,
+)
 from modalmotion_service.schemas.tradeoff import PriceAnswer, TradeoffAnswer
 
 __all__ = [
@@ -66,11 +71,13 @@ __all__ = [
     "DistanceAnswer",
     "EncodedAnswer",
     "EncodingTarget",
+    "FactsAnswer",
     "FrameErrors",
     "Health",
     "JobAnswer",
     "JobId",
     "JobPageAnswer",
+    "JobState",
     "Label",
     "LabelledSequence",
     "LandmarksAnswer",
@@ -80,6 +87,8 @@ __all__ = [
     "ModelPageAnswer",
     "ModelSummary",
     "ModelVersion",
+    "ModesAnswer",
+    "ModesQuery",
     "PriceAnswer",
     "Problem",
     "ReadingAnswer",

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, FailFast, Field, StringConstraints
 
 from modalmotion.choice.parameters import parameters_as_json
-from modalmotion.classify import ModelCard, TrainingOptions
+from modalmotion.classification import ModelCard, TrainingOptions
 from modalmotion.store import NAME_PATTERN, VERSION_PATTERN, KeptModel, ModelRecord
 from modalmotion_service.schemas.fields import JsonBody, SequenceId
 

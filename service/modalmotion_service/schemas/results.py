@@ -1,15 +1,12 @@
-"""Compressed streams, classes, jobs."""
+"""Compressed streams and classes."""
 
 from __future__ import annotations
 
-from typing import Any
-
 from pydantic import BaseModel, ConfigDict, Field
 
-from modalmotion.classify import DEFAULT_MODEL, FLAGS, Classification
+from modalmotion.classification import DEFAULT_MODEL, FLAGS, Classification
 from modalmotion.codec import Effort, Encoded
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.store import Job, JobState
 from modalmotion_service.schemas.fields import JsonBody
 from modalmotion_service.schemas.sequences import ReadingAnswer
 
@@ -152,45 +149,3 @@ class ClassificationList(BaseModel):
     """Everything that models have said of one sequence."""
 
     classifications: list[ClassificationAnswer]
-
-
-class JobAnswer(BaseModel):
-    """Long work, and how far it is."""
-
-    id: str
-    kind: str = Field(
-        description="upload, signature, signatures, encoding, classification or training."
-    )
-    state: JobState
-    progress: float = Field(description="Share that is done, 0 to 1.")
-    text: str | None = Field(description="What is done now, in words; null where nothing is.")
-    result: str | None = Field(description="Link to the result; null until there is one.")
-    error: dict[str, Any] | None = Field(description="The problem it failed with.")
-    created: str = Field(description="ISO 8601 in UTC.")
-    updated: str = Field(description="ISO 8601 in UTC.")
-    links: dict[str, str]
-
-    @staticmethod
-    def of(job: Job, text: str | None = None) -> JobAnswer:
-        """Write a job out."""
-        here = f"/v1/jobs/{job.id}"
-        done = job.result or {}
-        return JobAnswer(
-            id=job.id,
-            kind=job.kind,
-            state=job.state,
-            progress=job.progress,
-            text=text or None,
-            result=f"{here}/result" if "file" in done else done.get("link"),
-            error=job.error,
-            created=job.created,
-            updated=job.updated,
-            links={"self": here},
-        )
-
-
-class JobPageAnswer(BaseModel):
-    """A page of the list of jobs."""
-
-    jobs: list[JobAnswer]
-    cursor: str | None = Field(description="For the next page; null on the last.")

@@ -6,8 +6,10 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.formats import Format, Reading, ReadLimits, ReadOptions
 from modalmotion.store import SequenceRecord
+from modalmotion_service.schemas.facts import FactsAnswer, FactsPatch, FactsQuery
 from modalmotion_service.schemas.fields import GRID, TOPOLOGY, JsonBody, parse_grid, parse_times
 
 
@@ -36,7 +38,7 @@ class ReadingAnswer(BaseModel):
         )
 
 
-class ReadingQuery(BaseModel):
+class ReadingQuery(FactsQuery):
     """What may be said of a file beside it, over what it says itself."""
 
     model_config = ConfigDict(extra="forbid")
@@ -58,8 +60,8 @@ class ReadingQuery(BaseModel):
     dtype: Literal["float32", "float64"] = Field("float32", description="Of raw numbers.")
     animation: str | None = Field(None, max_length=200, description="Of GLB: by its name.")
 
-    def options(self, limits: ReadLimits) -> ReadOptions:
-        """Translate to the reader's options."""
+    def options(self, limits: ReadLimits, facts: Facts = NO_FACTS) -> ReadOptions:
+        """Translate to the reader's options; facts of the query go over those that are given."""
         return ReadOptions(
             format=self.format,
             limits=limits,
@@ -71,6 +73,7 @@ class ReadingQuery(BaseModel):
             n_vertices=self.n_vertices,
             dtype=self.dtype,
             animation=self.animation,
+            facts=self.facts().over(facts),
         )
 
 
@@ -95,6 +98,7 @@ class SequenceSummary(BaseModel):
     subject: str | None
     label: str | None
     created: str = Field(description="When it was first received, ISO 8601 in UTC.")
+    facts: FactsAnswer
     reading: ReadingAnswer | None = Field(
         None, description="What the upload held besides; only in the answer to it."
     )
@@ -116,6 +120,7 @@ class SequenceSummary(BaseModel):
             subject=record.subject,
             label=record.label,
             created=record.created,
+            facts=FactsAnswer.of(record.facts),
             reading=reading,
             links={
                 "self": here,
@@ -133,7 +138,8 @@ class SequencePageAnswer(BaseModel):
 
 
 class SequenceNames(JsonBody):
-    """What people call a sequence; what is left out stays."""
+    """What people say of a sequence: what is left out stays, null takes it away."""
 
     subject: str | None = Field(None, max_length=200, description="Whose surface it is.")
     label: str | None = Field(None, max_length=200, description="Known motion class.")
+    facts: FactsPatch | None = Field(None, description="Null makes all of them unknown.")

@@ -8,12 +8,12 @@ from pydantic import BaseModel, ConfigDict, FailFast, Field
 
 from modalmotion.choice.parameters import ErrorKind, ModeOrder
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.mesh.spring_modes import SpringLabel
 from modalmotion.modes import ModeLabel
 from modalmotion.signature.making import MOST_MODES, ModalSignature, SignatureParameters
 from modalmotion.template import GivenLandmarks, Landmarks, Weights
 from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import price_of
+from modalmotion_service.schemas.facts import FactsAnswer
 from modalmotion_service.schemas.fields import (
     GRID,
     PLACE,
@@ -37,7 +37,7 @@ class SignatureQuery(BaseModel):
         ge=1,
         le=MOST_MODES,
         description="Number of modes, three amplitudes a frame each; rounded up where a "
-        "cosine-sine pair would be split. 7 if nothing else is asked for.",
+        "cosine-sine pair would be split, unless split_pairs. 7 if nothing else is asked for.",
     )
     amplitudes: int | None = Field(
         None, ge=1, le=3 * MOST_MODES, description="In place of modes: amplitudes a frame."
@@ -63,6 +63,11 @@ class SignatureQuery(BaseModel):
     )
     harmonics: int | None = Field(
         None, ge=0, le=10_000, description="Limit each amplitude's path over time to these."
+    )
+    split_pairs: bool = Field(
+        False,
+        description="Take the stated number exactly: the amplitudes of a cosine without its sine "
+        "depend on where theta is zero.",
     )
     topology: str | None = TOPOLOGY
     grid: str | None = GRID
@@ -103,6 +108,7 @@ class SignatureQuery(BaseModel):
             order=self.order,
             most_modes=self.most_modes,
             harmonics=self.harmonics,
+            split_pairs=self.split_pairs,
             topology=self.topology,
             grid=parse_grid(self.grid),
             reference=self.reference,
@@ -137,10 +143,8 @@ class Label(BaseModel):
     part: Literal["cos", "sin", "spring"]
 
     @staticmethod
-    def of(label: ModeLabel | SpringLabel) -> Label:
+    def of(label: ModeLabel) -> Label:
         """Write a label out."""
-        if isinstance(label, SpringLabel):
-            return Label(wavenumbers=[label.rank], part="spring")
         return Label(wavenumbers=list(label.wavenumbers), part=label.part)
 
 
@@ -223,8 +227,11 @@ class SignatureAnswer(BaseModel):
     choice: dict[str, object] | None = Field(
         description="Limit, noise and simple kinds of motion, where a tolerance or auto decided."
     )
+    facts: FactsAnswer
     notes: list[str]
-    parameters: dict[str, object] = Field(description="As asked for.")
+    parameters: dict[str, object] = Field(
+        description="As asked for, with the landmarks that the facts state."
+    )
     provenance: dict[str, str]
     intended_use: str = INTENDED_USE
     file: str | None = Field(
@@ -272,6 +279,7 @@ class SignatureAnswer(BaseModel):
             condition=signature.condition,
             price=PriceAnswer.of(price_of(signature)),
             choice=None if signature.choice is None else signature.choice.as_json(),
+            facts=FactsAnswer.of(signature.facts),
             notes=list(signature.notes),
             parameters={
                 "modes": asked.modes,
@@ -292,6 +300,7 @@ class SignatureAnswer(BaseModel):
                 "order": asked.order.value,
                 "most_modes": asked.most_modes,
                 "harmonics": asked.harmonics,
+                "split_pairs": asked.split_pairs,
             },
             provenance=signature.provenance,
             file=file,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from modalmotion.errors import needs_extra
 from modalmotion.store.disk.atomic import make_folder
-from modalmotion_service.errors import ClusterError
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.pool import WorkerPool
@@ -30,14 +30,9 @@ def open_engine(settings: Settings, folder: Path | None = None) -> Engine:
     limits = (settings.task_seconds, settings.task_memory_bytes)
     if settings.scheduler is None:
         return WorkerPool(settings.workers, *limits)
-    try:
+    with needs_extra("cluster"):
         # Two seconds of imports that a single machine need not pay.
         from modalmotion_service.work.dask.executor import DaskExecutor
-    except ImportError as error:
-        raise ClusterError(
-            "A scheduler is set, and `distributed` is not installed.",
-            remedy="Install modalmotion[service,cluster].",
-        ) from error
     shared = settings.data_dir.absolute() / "cluster" if folder is None else folder
     make_folder(shared)
     return DaskExecutor(

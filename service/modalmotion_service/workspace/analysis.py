@@ -10,13 +10,20 @@ from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 from modalmotion.exports.surfaces import SurfaceFormat
+from modalmotion.facts import Facts
 from modalmotion.formats import ReadLimits
 from modalmotion.signature.comparison import Comparison
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ResultStore, SequenceRecord
 from modalmotion.template.body_frame import Components
 from modalmotion_service.http.timing import add_milliseconds, stage
-from modalmotion_service.schemas import EncodedAnswer, EncodingTarget, ReadingAnswer, TemplateAnswer
+from modalmotion_service.schemas import (
+    EncodedAnswer,
+    EncodingTarget,
+    ModesQuery,
+    ReadingAnswer,
+    TemplateAnswer,
+)
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import codec, derived, sequences, signatures, templates
@@ -69,18 +76,42 @@ class Analysis:
         async def make() -> KeptUpload:
             with self._image() as image, stage("worker"):
                 work = self._work(sequences.ingest, upload, image)
-                record, reading, milliseconds = await work
+                sent, reading, milliseconds = await work
                 add_milliseconds(milliseconds)
                 with stage("store"):
                     record, is_new = await asyncio.to_thread(
-                        self._store.put_sequence_image, image, record, subject=subject, label=label
+                        self._store.put_sequence_image, image, sent, subject=subject, label=label
                     )
+            others = [n for n in sent.facts.stated if n in record.facts.changed(sent.facts)]
+            if others:
+                reading.notes.append(
+                    f"The sequence was known, and keeps its facts; {', '.join(others)} would be "
+                    "others now. PATCH changes them."
+                )
             return KeptUpload(record, reading, is_new)
 
         return await self._shared_work.join(upload.path, make)
 
+    def resolved(
+        self, sequence_id: str, parameters: SignatureParameters
+    ) -> tuple[SignatureParameters, Facts]:
+        """Parameters with what the fit reads of a kept sequence's facts, and the facts.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence.
+        """
+        record = self._store.sequence_record(sequence_id)
+        asked = parameters.with_facts(record.facts, record.topology, record.grid)
+        return asked, record.facts
+
     async def signature(self, sequence_id: str, parameters: SignatureParameters) -> Path:
-        """Give the file of a signature, made if it is not kept yet, or not as it was written."""
+        """Give the file of a signature, made if it is not kept yet, or not as it was written.
+
+        With the landmarks that the facts of the sequence state now.
+        """
+        parameters, _ = self.resolved(sequence_id, parameters)
 
         async def make() -> Path:
             sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
@@ -123,7 +154,15 @@ class Analysis:
         """Give a signature as the service's JSON."""
         path = await self.signature(sequence_id, parameters)
         with stage("render"):
-            return await self._work(signatures.signature_as_json, path, self.within_store(path))
+            facts = self._store.sequence_record(sequence_id).facts
+            file = self.within_store(path)
+            return await self._work(signatures.signature_as_json, path, file, facts)
+
+    async def signature_hdf5(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
+        """Give a signature with the facts of its sequence as HDF5."""
+        path = await self.signature(sequence_id, parameters)
+        facts = self._store.sequence_record(sequence_id).facts
+        return await self._work(signatures.signature_with_facts, path, facts)
 
     async def draw_signature(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
         """Draw a signature beside its sequence, as PNG."""
@@ -153,6 +192,12 @@ class Analysis:
         """Draw the natural coordinates of a kept template, as PNG."""
         path = await asyncio.to_thread(self._store.template_path, template_id)
         return await self._work(templates.draw_template, path)
+
+    async def template_modes(self, template_id: str, query: ModesQuery, media_type: str) -> bytes:
+        """Give the vibration modes of a kept template as the media type."""
+        path = await asyncio.to_thread(self._store.template_path, template_id)
+        with stage("modes"):
+            return await self._work(templates.modes_of_template, path, query, media_type)
 
     async def readouts(
         self, sequence_id: str, parameters: SignatureParameters, *, as_picture: bool
@@ -208,6 +253,7 @@ class Analysis:
                 self._template_path(parameters),
                 media_type,
                 output,
+                self._store.sequence_record(sequence_id).facts,
             )
             add_milliseconds(spent)
         return output

@@ -35,19 +35,18 @@ async def erase(state: State, sequence_id: str) -> None:
 
 
 async def _forget(state: State, sequence_id: str) -> None:
-    traces, link = state.store.traces, f"/v1/sequences/{sequence_id}"
-    about = await asyncio.to_thread(traces.jobs_about, sequence_id, link)
-    for job in about:
+    link = f"/v1/sequences/{sequence_id}"
+    for job in await asyncio.to_thread(state.jobs.about, sequence_id, link):
         # One that ends by itself just now is as good.
         with contextlib.suppress(ConflictError, NotFoundError):
-            await state.jobs.cancel(job.id)
-    about = await asyncio.to_thread(traces.jobs_about, sequence_id, link)
+            await state.runner.cancel(job.id)
+    about = await asyncio.to_thread(state.jobs.about, sequence_id, link)
     for job in about:
         if "file" in (job.result or {}):
             state.spool.remove(job.result["file"])
-    await asyncio.to_thread(traces.forget_jobs, *(job.id for job in about))
+    await asyncio.to_thread(state.jobs.forget, *(job.id for job in about))
     status, answer = _gone()
-    await asyncio.to_thread(traces.replace_answers, link, status, answer)
+    await asyncio.to_thread(state.idempotency.replace_answers, link, status, answer)
 
 
 def _gone() -> tuple[int, dict[str, object]]:

@@ -6,8 +6,8 @@ import asyncio
 from typing import Any, Final
 from urllib.parse import urlencode
 
-from modalmotion.classify import TrainingOptions
-from modalmotion.store import ResultStore
+from modalmotion.classification import TrainingOptions
+from modalmotion.facts import facts_from_json
 from modalmotion_service.http.negotiation import HDF5, NPZ, STREAM
 from modalmotion_service.schemas import (
     EncodingTarget,
@@ -19,7 +19,8 @@ from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.jobs import JobRunner, Report
+from modalmotion_service.workspace.job_runner import JobRunner, Report
+from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.training import Trainer
@@ -36,7 +37,7 @@ def trainings_at_once(settings: Settings) -> int:
 
 def make_runner(
     settings: Settings,
-    store: ResultStore,
+    jobs: Jobs,
     spool: Spool,
     analysis: Analysis,
     models: Models,
@@ -46,7 +47,8 @@ def make_runner(
 
     async def upload(request: Any, _: Report) -> Any:
         query = UploadQuery(**request["query"])
-        sent = Upload(spool.at(request["file"]), query.options(settings.read_limits))
+        facts = facts_from_json(request["facts"])
+        sent = Upload(spool.at(request["file"]), query.options(settings.read_limits, facts))
         kept = await analysis.keep(sent, subject=query.subject, label=query.label)
         return {"link": f"/v1/sequences/{kept.record.id}"}
 
@@ -90,7 +92,7 @@ def make_runner(
         return {"link": f"/v1/models/{made.name}/versions/{made.version}"}
 
     return JobRunner(
-        store,
+        jobs,
         {
             "upload": upload,
             "signature": signature,

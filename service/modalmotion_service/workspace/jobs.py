@@ -1,200 +1,255 @@
-"""Long work that goes on without its request, and after a restart.
-
-The jobs' table is the record: a job stands there before it is acknowledged, and what is
-unfinished is taken up again when the service starts.
-"""
+"""The table of jobs, in the file of the store's index."""
 
 from __future__ import annotations
 
-import asyncio
-import logging
-from collections.abc import Awaitable, Callable, Mapping
-from typing import Any, Protocol
+import json
+import uuid
+from dataclasses import dataclass
+from typing import Any, Final
 
-from modalmotion.errors import ModalMotionError
-from modalmotion.store import Job, JobState, ResultStore
-from modalmotion_service.errors import BusyError, ClusterError, ConflictError
-from modalmotion_service.http.problems import internal_problem, problem_body
+from modalmotion.errors import NotFoundError
+from modalmotion.store.index.cursor import from_cursor, now, require_limit, to_cursor
+from modalmotion.store.index.database import Database
+from modalmotion_service.schemas import JobState
 
-logger = logging.getLogger(__name__)
+# Neither a deletion nor the hourly look after files is to read every job of a quarter, millions
+# perhaps: hence an index for each way to look.
+_TABLES: Final = (
+    """CREATE TABLE IF NOT EXISTS jobs (
+        id TEXT PRIMARY KEY, kind TEXT NOT NULL, state TEXT NOT NULL, progress REAL NOT NULL,
+        request TEXT NOT NULL, result TEXT, error TEXT, created TEXT NOT NULL,
+        updated TEXT NOT NULL
+    ) WITHOUT ROWID""",
+    "CREATE INDEX IF NOT EXISTS jobs_by_time ON jobs (created, id)",
+    "CREATE INDEX IF NOT EXISTS jobs_by_state ON jobs (state, created, id)",
+    "CREATE INDEX IF NOT EXISTS jobs_by_sequence ON jobs (json_extract(request, '$.sequence_id'))",
+    "CREATE INDEX IF NOT EXISTS jobs_by_link ON jobs (json_extract(result, '$.link'))",
+    (
+        "CREATE INDEX IF NOT EXISTS jobs_of_several ON jobs (id) "
+        "WHERE json_extract(request, '$.ids') IS NOT NULL"
+    ),
+    (
+        "CREATE INDEX IF NOT EXISTS jobs_with_files ON jobs (id) "
+        "WHERE json_extract(result, '$.file') IS NOT NULL"
+    ),
+)
 
 
-class Report(Protocol):
-    """Says how far a job is."""
-
-    def __call__(self, share: float, text: str = "") -> None:
-        """Note the share that is done, 0 to 1, and in words what is done now."""
-
-
-# How soon a job is tried again while there is nobody to do it.
-_RETRY_SECONDS = 1.0
-
-Handler = Callable[[Any, Report], Awaitable[Any]]
-
-
-class JobRunner:
-    """Runs the jobs of a store.
+@dataclass(frozen=True)
+class Job:
+    """One row of the jobs' table.
 
     Parameters
     ----------
-    store : ResultStore
-    handlers : dict
-        For each kind of job what does it: an async function of the request and of a function
-        that says how far it is; it gives the result. Request and result are JSON values.
-    clean_up : dict
-        For kinds that keep something for their work: what removes it, given the request, once
-        the job is finished.
-    n_at_once : int
-    most_unfinished : int
-        More than so many queued and running jobs are refused.
-    apart : dict
-        Kinds of which so many run at once, in places of their own: hours of one kind should
-        not keep the others waiting.
+    id : str
+    kind : str
+        What is done.
+    state : JobState
+    progress : float
+        Share that is done, 0 to 1.
+    request, result, error : JSON value
+        What was asked, what came of it, what went wrong; None until there is one.
+    created, updated : str
+        UTC, ISO 8601 with microseconds.
     """
 
-    def __init__(
-        self,
-        store: ResultStore,
-        handlers: Mapping[str, Handler],
-        clean_up: Mapping[str, Callable[[Any], None]],
-        n_at_once: int,
-        most_unfinished: int,
-        apart: Mapping[str, int] | None = None,
-    ) -> None:
-        self._jobs = store.jobs
-        self._handlers = handlers
-        self._clean_up = clean_up
-        self._places = asyncio.Semaphore(n_at_once)
-        self._apart = {kind: asyncio.Semaphore(n) for kind, n in (apart or {}).items()}
-        self._texts: dict[str, str] = {}
-        self._most = most_unfinished
-        self._tasks: dict[str, asyncio.Task[None]] = {}
+    id: str
+    kind: str
+    state: JobState
+    progress: float
+    request: Any
+    result: Any
+    error: Any
+    created: str
+    updated: str
 
-    async def resume(self) -> None:
-        """Take up what an earlier process left unfinished."""
-        for job in await asyncio.to_thread(self._jobs.unfinished):
-            self._begin(job)
+    @property
+    def is_finished(self) -> bool:
+        """Whether nothing more will happen to it."""
+        return self.state not in (JobState.QUEUED, JobState.RUNNING)
 
-    async def start(
-        self, kind: str, request: Any, instead_of: asyncio.Task[Any] | None = None
-    ) -> Job:
-        """Note a job durably, and begin it.
+
+@dataclass(frozen=True)
+class JobPage:
+    """Part of a list of jobs, newest first.
+
+    Parameters
+    ----------
+    jobs : tuple of Job
+    cursor : str or None
+        For the page after this one; None on the last.
+    """
+
+    jobs: tuple[Job, ...]
+    cursor: str | None
+
+
+class Jobs:
+    """The jobs' table.
+
+    Parameters
+    ----------
+    database : Database
+        Of the store; the table is made in it where it is missing.
+    """
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        database.extend(_TABLES)
+
+    def create(self, kind: str, request: Any) -> Job:
+        """Note a new job, queued.
 
         Parameters
         ----------
         kind : str
         request : JSON value
-        instead_of : asyncio.Task, optional
-            Somebody who waits for the same work and gives up for the job; holds the work until
-            the job does.
-
-        Raises
-        ------
-        BusyError
-            If as many jobs are unfinished as may be.
         """
-        if len(self._tasks) >= self._most:
-            raise BusyError(
-                f"{self._most} jobs are queued or running, as many as may be.",
-                remedy="Wait until some are finished.",
-                limit="unfinished_jobs",
-                details={"most": self._most},
+        time = now()
+        job = Job(uuid.uuid4().hex, kind, JobState.QUEUED, 0.0, request, None, None, time, time)
+        with self._database.write() as connection:
+            connection.execute(
+                "INSERT INTO jobs VALUES (?, ?, ?, ?, ?, NULL, NULL, ?, ?)",
+                (job.id, kind, job.state, job.progress, json.dumps(request), time, time),
             )
-        job = await asyncio.to_thread(self._jobs.create, kind, request)
-        self._begin(job, instead_of)
         return job
 
-    def text(self, job: Job) -> str | None:
-        """Say what a job is doing now; None where it is not running or does not say."""
-        # Kept here and not in the store: it means nothing once the work has stopped, which the
-        # store knows a moment before this does.
-        return None if job.is_finished else self._texts.get(job.id)
+    def update(
+        self,
+        job_id: str,
+        *,
+        state: JobState | None = None,
+        progress: float | None = None,
+        result: Any = None,
+        error: Any = None,
+    ) -> bool:
+        """Change a job that is not finished; what is left out stays.
 
-    async def cancel(self, job_id: str) -> Job:
-        """End a job.
+        Once it is finished, `subject` and `label` go from the `query` of its request.
+
+        Returns
+        -------
+        bool
+            False if the job had finished before, and was left as it was: of a cancellation
+            and a result that meet, the first one stands.
 
         Raises
         ------
         NotFoundError
-            If there is none of that id.
-        ConflictError
-            If it is finished.
+            If there is no such job.
         """
-        if not await asyncio.to_thread(self._jobs.update, job_id, state=JobState.CANCELLED):
-            job = await asyncio.to_thread(self._jobs.get, job_id)
-            raise ConflictError(
-                f"The job has {job.state.value} already.",
-                remedy="A finished job stays as it is; its sequence can be deleted.",
-                details={"state": job.state.value},
+        changes = (
+            state,
+            progress,
+            None if result is None else json.dumps(result),
+            None if error is None else json.dumps(error),
+        )
+        is_last = state not in (None, JobState.QUEUED, JobState.RUNNING)
+        with self._database.write() as connection:
+            cursor = connection.execute(
+                "UPDATE jobs SET state = coalesce(?, state), progress = coalesce(?, progress), "
+                "result = coalesce(?, result), error = coalesce(?, error), updated = ?, "
+                # Whose it is and what it shows is of no more use: it stands in the record.
+                "request = CASE WHEN ? THEN json_remove(request, '$.query.subject', "
+                "'$.query.label') ELSE request END "
+                "WHERE id = ? AND state IN ('queued', 'running')",
+                (*changes, now(), is_last, job_id),
             )
-        task = self._tasks.get(job_id)
-        if task is not None:
-            task.cancel()
-            await asyncio.wait([task])
-        return await asyncio.to_thread(self._jobs.get, job_id)
+            if cursor.rowcount == 1:
+                return True
+        self.get(job_id)
+        return False
 
-    async def close(self, drain_seconds: float) -> None:
-        """Let jobs under way finish for a while; the rest is taken up at the next start."""
-        running = list(self._tasks.values())
-        if running:
-            _, late = await asyncio.wait(running, timeout=drain_seconds)
-            for task in late:
-                task.cancel()
-            if late:
-                await asyncio.wait(late)
+    def get(self, job_id: str) -> Job:
+        """One job.
 
-    def _begin(self, job: Job, instead_of: asyncio.Task[Any] | None = None) -> None:
-        task = asyncio.create_task(self._run(job), name=f"job {job.id}")
-        self._tasks[job.id] = task
+        Raises
+        ------
+        NotFoundError
+            If there is no such job.
+        """
+        jobs = self._select("WHERE id = ?", job_id)
+        if not jobs:
+            raise NotFoundError(
+                "There is no such job.", remedy="Use the id that was answered when it was made."
+            )
+        return jobs[0]
 
-        def end(_: asyncio.Task[None]) -> None:
-            del self._tasks[job.id]
-            self._texts.pop(job.id, None)
-            if instead_of is not None:
-                instead_of.cancel()
+    def list(
+        self, *, state: JobState | None = None, limit: int = 100, cursor: str | None = None
+    ) -> JobPage:
+        """Jobs from the newest to the oldest.
 
-        task.add_done_callback(end)
+        Raises
+        ------
+        ParameterError
+            If the limit is out of range or the cursor is none.
+        """
+        condition, values = "(created, id) < (?, ?)", [*from_cursor(cursor)]
+        if state is not None:
+            condition, values = f"state = ? AND {condition}", [state, *values]
+        jobs = self._select(
+            f"WHERE {condition} ORDER BY created DESC, id DESC LIMIT ?",
+            *(*values, require_limit(limit) + 1),
+        )
+        page = jobs[:limit]
+        last = to_cursor(page[-1].created, page[-1].id) if len(jobs) > limit else None
+        return JobPage(page, last)
 
-    async def _run(self, job: Job) -> None:
-        async with self._apart.get(job.kind, self._places):
-            while not await self._try(job):
-                await asyncio.sleep(_RETRY_SECONDS)
+    def count(self) -> dict[tuple[str, JobState], int]:
+        """Count jobs by kind and state."""
+        rows = self._database.read("SELECT kind, state, count(*) FROM jobs GROUP BY kind, state")
+        return {(kind, JobState(state)): number for kind, state, number in rows}
 
-    async def _try(self, job: Job) -> bool:
-        """Do a job; False if there was nobody to do it, and it is in the queue again."""
-        if await self._update(job, state=JobState.RUNNING):
-            try:
-                result = await self._handlers[job.kind](job.request, self._reporter(job))
-            except ClusterError:
-                return not await self._update(job, state=JobState.QUEUED)
-            except ModalMotionError as error:
-                await self._update(job, state=JobState.FAILED, error=problem_body(error))
-            except asyncio.CancelledError:
-                # Cancelled by the client, and noted so; or by shutdown, to be taken up again.
-                raise
-            except Exception as error:
-                logger.exception("job failed", extra={"job": job.id}, exc_info=error)
-                await self._update(job, state=JobState.FAILED, error=internal_problem())
-            else:
-                await self._update(job, state=JobState.SUCCEEDED, progress=1.0, result=result)
-            finally:
-                if job.kind in self._clean_up and self._jobs.get(job.id).is_finished:
-                    self._clean_up[job.kind](job.request)
-        return True
+    def forget_before(self, updated: str) -> int:
+        """Remove jobs that finished before a time (UTC, ISO 8601); returns how many."""
+        with self._database.write() as connection:
+            return connection.execute(
+                "DELETE FROM jobs WHERE updated < ? AND state NOT IN ('queued', 'running')",
+                (updated,),
+            ).rowcount
 
-    async def _update(self, job: Job, **changes: Any) -> bool:
-        return await asyncio.to_thread(self._jobs.update, job.id, **changes)
+    def forget(self, *job_ids: str) -> None:
+        """Remove finished jobs; one that is not stays."""
+        with self._database.write() as connection:
+            connection.executemany(
+                "DELETE FROM jobs WHERE id = ? AND state NOT IN ('queued', 'running')",
+                [(job_id,) for job_id in job_ids],
+            )
 
-    def _reporter(self, job: Job) -> Report:
-        loop = asyncio.get_running_loop()
-        pending: set[asyncio.Future[bool]] = set()
+    def unfinished(self) -> tuple[Job, ...]:
+        """Jobs to take up again after a restart, oldest first."""
+        return self._select("WHERE state IN ('queued', 'running') ORDER BY created, id")
 
-        def report(share: float, text: str = "") -> None:
-            self._texts[job.id] = text
-            # One write under way at a time: what comes meanwhile is soon out of date.
-            if not pending:
-                writing = asyncio.ensure_future(self._update(job, progress=share), loop=loop)
-                pending.add(writing)
-                writing.add_done_callback(pending.discard)
+    def with_files(self) -> tuple[Job, ...]:
+        """Jobs whose result names a `file`."""
+        return self._select("WHERE json_extract(result, '$.file') IS NOT NULL")
 
-        return report
+    def about(self, sequence_id: str, link: str) -> tuple[Job, ...]:
+        """Jobs whose request names a sequence, alone or among others, or whose result is one.
+
+        Parameters
+        ----------
+        sequence_id : str
+            As `sequence_id` or in `ids` of the request.
+        link : str
+            As `link` of the result.
+        """
+        return self._select(
+            "WHERE json_extract(request, '$.sequence_id') = ? "
+            "UNION SELECT * FROM jobs WHERE json_extract(result, '$.link') = ? "
+            "UNION SELECT * FROM jobs WHERE json_extract(request, '$.ids') IS NOT NULL "
+            "AND EXISTS (SELECT 1 FROM json_each(request, '$.ids') WHERE value = ?)",
+            *(sequence_id, link, sequence_id),
+        )
+
+    def _select(self, rest: str, *values: Any) -> tuple[Job, ...]:
+        statement = f"SELECT * FROM jobs {rest}"  # noqa: S608 (of constants)
+        return tuple(_job(row) for row in self._database.read(statement, values))
+
+
+def _job(row: tuple[Any, ...]) -> Job:
+    job_id, kind, state, progress, request, *outcome, created, updated = row
+    result, error = (None if text is None else json.loads(text) for text in outcome)
+    state, request = JobState(state), json.loads(request)
+    return Job(job_id, kind, state, progress, request, result, error, created, updated)

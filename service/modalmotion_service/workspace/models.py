@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, ParamSpec, TypeVar
 
-from modalmotion.classify import Classification, available_models, load_model
+from modalmotion.classification import Classification, available_models, load_model
 from modalmotion.errors import NotFoundError
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import (
@@ -187,10 +187,11 @@ class Models:
         self, sequence_id: str, chosen: ChosenModel, coverage: float
     ) -> tuple[KeptClassification, bool]:
         """Give what a model says of a kept sequence, and whether that is new."""
-        key = classification_key(chosen.parameters, coverage)
+        parameters, _ = self._analysis.resolved(sequence_id, chosen.parameters)
+        key = classification_key(parameters, coverage)
 
         async def make() -> None:
-            signature = await self._analysis.signature(sequence_id, chosen.parameters)
+            signature = await self._analysis.signature(sequence_id, parameters)
             with stage("worker"):
                 result = await self._work(
                     classification.name_class, signature, chosen.source, coverage

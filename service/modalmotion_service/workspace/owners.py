@@ -20,7 +20,9 @@ from modalmotion_service.access.principal import LOCAL, require_owner
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.job_kinds import make_runner
+from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.retention import Retention
 from modalmotion_service.workspace.spool import Spool
@@ -121,7 +123,7 @@ class Owners:
         for task in self._sweeping:
             task.cancel()
         drain = self._settings.drain_seconds
-        await asyncio.gather(*(state.jobs.close(drain) for state in self._states.values()))
+        await asyncio.gather(*(state.runner.close(drain) for state in self._states.values()))
         for state in self._states.values():
             await asyncio.to_thread(state.store.close)
         self._states.clear()
@@ -131,11 +133,11 @@ class Owners:
         store = ResultStore(root, keep_uploads=settings.keep_uploads)
         await asyncio.to_thread(store.open)
         try:
-            store.idempotency.release_unfinished()
+            jobs, keys = Jobs(store.database), IdempotencyKeys(store.database)
+            keys.release_unfinished()
             spool = Spool(root / "spool", settings.reserve_bytes)
             retention = Retention(
-                store,
-                spool,
+                *(jobs, keys, spool),
                 file_age=timedelta(hours=settings.result_hours),
                 job_age=timedelta(days=settings.job_days),
             )
@@ -147,8 +149,8 @@ class Owners:
                 settings.scheduler,
                 settings.workers,
             )
-            runner = make_runner(settings, store, spool, analysis, models, trainer)
-            state = State(settings, store, spool, analysis, models, runner)
+            runner = make_runner(settings, jobs, spool, analysis, models, trainer)
+            state = State(settings, store, spool, analysis, models, jobs, runner, keys)
             await runner.resume()
         except BaseException:
             await asyncio.to_thread(store.close)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 from datetime import UTC, datetime, timedelta
 
-from modalmotion.store import Job, ResultStore
 from modalmotion.store.index.cursor import to_text
+from modalmotion_service.workspace.idempotency import IdempotencyKeys
+from modalmotion_service.workspace.jobs import Job, Jobs
 from modalmotion_service.workspace.spool import Spool
 
 
@@ -15,7 +16,8 @@ class Retention:
 
     Parameters
     ----------
-    store : ResultStore
+    jobs : Jobs
+    keys : IdempotencyKeys
     spool : Spool
         Where the files lie.
     file_age : timedelta
@@ -26,10 +28,16 @@ class Retention:
     """
 
     def __init__(
-        self, store: ResultStore, spool: Spool, *, file_age: timedelta, job_age: timedelta
+        self,
+        jobs: Jobs,
+        keys: IdempotencyKeys,
+        spool: Spool,
+        *,
+        file_age: timedelta,
+        job_age: timedelta,
     ) -> None:
-        self._store = store
-        self._jobs = store.jobs
+        self._jobs = jobs
+        self._keys = keys
         self._spool = spool
         self._file_age = file_age
         self._job_age = max(job_age, file_age)
@@ -38,22 +46,18 @@ class Retention:
         """Names of files in the spool that a job still needs."""
         uploads = {job.request["file"] for job in self._jobs.unfinished() if "file" in job.request}
         return uploads | {
-            job.result["file"]
-            for job in self._store.traces.jobs_with_files()
-            if not self._is_old(job)
+            job.result["file"] for job in self._jobs.with_files() if not self._is_old(job)
         }
 
     def sweep(self) -> int:
         """Remove files, jobs and keys whose time has passed; gives how many files there were."""
-        old = [
-            job.result["file"] for job in self._store.traces.jobs_with_files() if self._is_old(job)
-        ]
+        old = [job.result["file"] for job in self._jobs.with_files() if self._is_old(job)]
         present = [name for name in old if self._spool.at(name).is_file()]
         for name in present:
             self._spool.remove(name)
         past = to_text((datetime.now(UTC) - self._job_age).timestamp())
         self._jobs.forget_before(past)
-        self._store.idempotency.forget_before(past)
+        self._keys.forget_before(past)
         return len(present)
 
     async def sweep_for_ever(self) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.store.disk.atomic import cannot_write, make_folder, sync_folder
 from modalmotion_service.workspace.disk import require_reserve
 
@@ -23,10 +24,13 @@ class SpoolFile:
     path : Path
     sha256 : str
         Of the bytes, in hex; empty where nobody asked for it.
+    facts : Facts
+        What the form that it came in states.
     """
 
     path: Path
     sha256: str = ""
+    facts: Facts = NO_FACTS
 
     def make_durable(self) -> None:
         """Make the bytes survive a crash: before they are acknowledged without being read."""

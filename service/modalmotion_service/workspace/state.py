@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from modalmotion.store import ResultStore
 from modalmotion_service.settings import Settings
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.jobs import JobRunner
+from modalmotion_service.workspace.idempotency import IdempotencyKeys
+from modalmotion_service.workspace.job_runner import JobRunner
+from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.spool import Spool
 
@@ -23,7 +25,9 @@ class State:
     spool : Spool
     analysis : Analysis
     models : Models
-    jobs : JobRunner
+    jobs : Jobs
+    runner : JobRunner
+    idempotency : IdempotencyKeys
     """
 
     settings: Settings
@@ -31,4 +35,6 @@ class State:
     spool: Spool
     analysis: Analysis
     models: Models
-    jobs: JobRunner
+    jobs: Jobs
+    runner: JobRunner
+    idempotency: IdempotencyKeys

@@ -11,14 +11,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.classify import TrainingOptions
+from modalmotion.classification import TrainingOptions
 from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import training as training_task
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.jobs import Report
+from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.spool import Spool, remove_with_beside
 from modalmotion_service.workspace.training_set import Case
 

@@ -9,11 +9,12 @@ import pytest
 from foreign_motions import figures
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from template_surfaces import fit_sequence
 
 from modalmotion.alignment.mean_shape import mean_shape
 from modalmotion.errors import ParameterError
+from modalmotion.fit.basis import make_basis
 from modalmotion.fit.cache import TemplateCache
-from modalmotion.fit.fit import fit_sequence, make_basis
 from modalmotion.mesh import vertex_areas
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
 from modalmotion.signature.making import SignatureParameters, modal_signature

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.noise import _marchenko_pastur
 from modalmotion.choice.noise_level import measure_noise
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
@@ -37,7 +38,7 @@ def pair(
 
 def estimated(sequence: MeshSequence, **said: Any) -> float:
     asked = SignatureParameters(auto=True, **said)
-    return measure_noise(sequence, make_template(sequence), asked).sigma
+    return measure_noise(Fitter.of(sequence, make_template(sequence), asked)).sigma
 
 
 @pytest.mark.parametrize("size", SIZES)

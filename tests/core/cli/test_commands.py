@@ -70,7 +70,7 @@ def test_the_mean_shape_can_be_the_reference(beat: Path, tmp_path: Path) -> None
     assert plot.exists()
     wrong = CliRunner().invoke(main, ["signature", str(beat), "--reference", "median"])
     assert wrong.exit_code == 2
-    assert "no frame" in wrong.output
+    assert "not a frame" in wrong.output
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".vtkhdf", ".zip"])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from modalmotion.classify import classify
+from modalmotion.classification import classify
 from modalmotion.cli import main
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.mesh.sequence import mesh_sequence

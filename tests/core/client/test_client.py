@@ -147,13 +147,19 @@ def test_signatures_are_the_librarys_own_bit_for_bit(
 
 
 def test_raw_numbers_with_a_known_template_leave_nothing_behind(
-    remote: Client, sequence: mm.MeshSequence
+    remote: Client, sequence: mm.MeshSequence, tmp_path: Path
 ) -> None:
     raw = sequence.vertices.astype("<f4").tobytes()
     reading: dict[str, Any] = {"format": "raw", "grid": (32, 64), "topology": "cup"}
     reading["unit"] = "mm"
     template = remote.make_template(raw, **reading)
     assert remote.template(template.id) == template
+    modes = remote.template_modes(template.id, 4)
+    assert modes.labels[-1] == "(0, 1, sin)"
+    assert (modes.shapes**2).mean(axis=0) == pytest.approx(1.0)
+    assert modes.shapes.shape == (2048, len(modes.angular_frequencies))
+    remote.save_template_modes(template.id, tmp_path / "modes.png", 4)
+    assert (tmp_path / "modes.png").read_bytes().startswith(b"\x89PNG")
     narrow = mm.mesh_sequence(
         sequence.vertices.astype(np.float32), grid=(32, 64), topology="cup", unit="mm"
     )
@@ -242,8 +248,8 @@ def test_streams_hold_their_bound(remote: Client, sequence: mm.MeshSequence) -> 
 def test_sequences_are_listed_page_by_page_named_and_deleted(remote: Client) -> None:
     ids = [remote.upload(small(100 + k), subject="listed").id for k in range(5)]
     assert [info.id for info in remote.sequences(subject="listed", page=2)] == ids[::-1]
-    assert remote.rename(ids[0], label="normal").subject == "listed"
-    assert remote.rename(ids[0], subject=None).label == "normal"
+    assert remote.update(ids[0], label="normal").subject == "listed"
+    assert remote.update(ids[0], subject=None).label == "normal"
     assert remote.sequence(ids[0]).subject is None
     remote.delete(ids[0])
     with pytest.raises(mm.NotFoundError) as caught:

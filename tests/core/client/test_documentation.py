@@ -37,5 +37,5 @@ def test_its_code_runs_and_says_what_it_says(
                     n_compared += 1
     finally:
         service.stop()
-    assert n_compared == 23
+    assert n_compared == 26
     assert (tmp_path / "beat.glb").is_file()

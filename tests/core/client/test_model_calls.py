@@ -11,7 +11,7 @@ from running import RunningService
 from training_cohort import cohort
 
 import modalmotion as mm
-from modalmotion.classify import classify, load_model
+from modalmotion.classification import classify, load_model
 from modalmotion.client import BrokenAnswerError, Client, RemoteError
 from modalmotion.client.answers import readouts_of
 from modalmotion.clinical import clinical_readouts

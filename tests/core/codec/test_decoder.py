@@ -118,11 +118,11 @@ def test_foreign_and_future_streams_are_refused_by_name(rng: np.random.Generator
 def test_a_basis_that_differs_is_refused(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from modalmotion.codec.modes.patch_modes import SpringModes
+    from modalmotion.codec.modes.patch_modes import PatchModes
 
     data = encode(small_mesh_of_tube(rng), rms=0.3).data
-    probe = SpringModes.probe
-    monkeypatch.setattr(SpringModes, "probe", lambda modes: -probe(modes))
+    probe = PatchModes.probe
+    monkeypatch.setattr(PatchModes, "probe", lambda modes: -probe(modes))
     with pytest.raises(MalformedFileError, match="spring modes"):
         decode(data)
 

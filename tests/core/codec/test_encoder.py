@@ -16,9 +16,10 @@ from codec_sequences import (
     triangles,
     wobbling,
 )
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy import fft
 
 from modalmotion.codec import Effort, decode, decode_blocks, encode, inspect
 from modalmotion.codec.bits.varint import read_varint, write_varint
@@ -43,6 +44,26 @@ def test_rms_and_max_error_are_kept_and_stated(
         assert encoded.max_error == largest
         encoded = encode(sequence, max_error=target, effort=effort)
         assert errors_of(sequence, decode(encoded.data))[1] <= target
+
+
+@settings(deadline=None, max_examples=8)
+@given(
+    seed=st.integers(0, 1000),
+    n_frames=st.integers(1, 8),
+    n=st.integers(3, 12),
+    share=st.floats(0.01, 10.0),
+)
+# A coarse step rounds learned components to the same one.
+@example(seed=43, n_frames=6, n=9, share=0.2)
+def test_an_error_that_is_large_against_the_extent_is_kept_too(
+    seed: int, n_frames: int, n: int, share: float
+) -> None:
+    amplitudes = np.random.default_rng(seed).normal(size=(n_frames, 3, n))
+    vertices = fft.idct(amplitudes, axis=2, norm="ortho").transpose(0, 2, 1)
+    sequence = mesh_sequence(vertices)
+    target = share * float(np.ptp(vertices, axis=(0, 1)).max())
+    encoded = encode(sequence, max_error=target)
+    assert errors_of(sequence, decode(encoded.data))[1] <= target
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -10,17 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from modalmotion.dynamics import (
-    State,
-    animate,
-    animate_along,
-    directional_mode,
-    mode_oscillators,
-    vibrate,
-)
+from modalmotion.dynamics import animate_along, directional_mode
 from modalmotion.errors import ShapeError
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP, CYLINDER
+from modalmotion.modes.topology import CYLINDER
 
 
 def random_basis(n_vertices: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -28,20 +21,12 @@ def random_basis(n_vertices: int) -> tuple[NDArray[np.float64], NDArray[np.float
     return rng.normal(size=(n_vertices, 3)), rng.normal(size=(n_vertices, 7))
 
 
-def test_each_frame_is_the_reference_and_a_sum_of_modes() -> None:
-    X, shapes = random_basis(40)
-    amplitudes = np.random.default_rng(1).normal(size=(5, 7, 3))
-    for frame, positions in enumerate(animate(X, shapes, amplitudes)):
-        expected = X.copy()
-        for m in range(7):
-            expected += shapes[:, m, None] * amplitudes[frame, m]
-        assert positions == pytest.approx(expected, rel=1e-13, abs=1e-13)
-    assert frame == 4
+X_AXIS = np.array([1.0, 0.0, 0.0])
 
 
 def test_no_amplitude_leaves_the_reference_as_it_is() -> None:
     X, shapes = random_basis(40)
-    (positions,) = animate(X, shapes, np.zeros((1, 7, 3)))
+    (positions,) = animate_along(X, shapes, np.zeros((1, 7)), X_AXIS)
     assert np.array_equal(positions, X)
     assert not np.shares_memory(positions, X)
 
@@ -73,27 +58,6 @@ def test_moving_along_a_direction_is_moving_by_directional_modes() -> None:
         ):
             expected = X + np.sum([s * mode for s, mode in zip(a, modes, strict=True)], axis=0)
             assert positions == pytest.approx(expected, rel=1e-12, abs=1e-12)
-    one = animate_along(X, shapes, amplitudes, np.array([0.0, 1.0, 0.0]))
-    whole = animate(X, shapes, amplitudes[:, :, None] * [0.0, 1.0, 0.0])
-    for a, b in zip(one, whole, strict=True):
-        assert a == pytest.approx(b, rel=1e-13, abs=1e-14)
-
-
-def test_shapes_swing_at_their_frequencies() -> None:
-    lattice = Lattice(CUP, (5, 8), stiffness=3.0)
-    modes = lattice.whole_modes(7)
-    shapes, oscillators = lattice.shapes(modes), mode_oscillators(lattice, modes)
-    X, m = np.random.default_rng(3).normal(size=(40, 3)), 3
-    start = State(np.zeros((7, 3)), np.zeros((7, 3)))
-    start.amplitudes[m, 1] = 2.0
-    period = 2 * np.pi / oscillators.angular_frequencies[m]
-    times = period * np.array([0.0, 0.25, 0.5, 1.0])
-    frames = [*vibrate(X, shapes, oscillators, times, start)]
-    largest = X + 2.0 * directional_mode(shapes[:, m], np.array([0.0, 1.0, 0.0]))
-    assert frames[0] == pytest.approx(largest, abs=1e-14)
-    assert frames[1] == pytest.approx(X, abs=1e-14)
-    assert frames[2] == pytest.approx(2 * X - largest, abs=1e-14)
-    assert frames[3] == pytest.approx(largest, abs=1e-14)
 
 
 def peak_memory(n_frames: int) -> int:
@@ -102,11 +66,11 @@ def peak_memory(n_frames: int) -> int:
     def amplitudes() -> Iterator[NDArray[np.float64]]:
         rng = np.random.default_rng(4)
         for _ in range(n_frames):
-            yield rng.normal(size=(7, 3))
+            yield rng.normal(size=7)
 
     tracemalloc.start()
     try:
-        for _ in animate(X, shapes, amplitudes()):
+        for _ in animate_along(X, shapes, amplitudes(), X_AXIS):
             pass
         return tracemalloc.get_traced_memory()[1]
     finally:
@@ -122,22 +86,22 @@ def test_memory_does_not_grow_with_the_number_of_frames() -> None:
 
 def test_same_bits_on_one_thread_and_on_two() -> None:
     X, shapes = random_basis(11_130)
-    amplitudes = np.random.default_rng(5).normal(size=(10, 7, 3))
+    amplitudes = np.random.default_rng(5).normal(size=(10, 7))
     frames = []
     for n_threads in (1, 2):
         with threadpool_limits(n_threads):
-            frames.append(np.array([*animate(X, shapes, amplitudes)]))
+            frames.append(np.array([*animate_along(X, shapes, amplitudes, X_AXIS)]))
     assert np.array_equal(frames[0], frames[1])
 
 
 def test_what_does_not_fit_is_refused() -> None:
     X, shapes = random_basis(8)
     with pytest.raises(ShapeError):
-        animate(X[:, :2], shapes, np.zeros((1, 7, 3)))
+        animate_along(X[:, :2], shapes, np.zeros((1, 7)), X_AXIS)
     with pytest.raises(ShapeError):
-        animate(X, shapes[:5], np.zeros((1, 7, 3)))
+        animate_along(X, shapes[:5], np.zeros((1, 7)), X_AXIS)
     with pytest.raises(ShapeError) as caught:
-        list(animate(X, shapes, [np.zeros((7, 3)), np.zeros((6, 3))]))
+        list(animate_along(X, shapes, [np.zeros(7), np.zeros(6)], X_AXIS))
     assert caught.value.frame == 1
     with pytest.raises(ShapeError):
         list(animate_along(X, shapes, np.zeros((1, 7)), np.zeros((7, 3))))

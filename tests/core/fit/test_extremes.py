@@ -5,14 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from template_surfaces import Floats, Moving, cup_points, describe, make_ventricle, ventricle
+from template_surfaces import (
+    Floats,
+    Moving,
+    cup_points,
+    describe,
+    fit_sequence,
+    make_ventricle,
+    ventricle,
+)
 
 from modalmotion.errors import ModeCountError
-from modalmotion.fit.basis import LARGEST_CONDITION, factored
-from modalmotion.fit.fit import Fit, fit_sequence, make_basis
+from modalmotion.fit.basis import LARGEST_CONDITION, factored, make_basis
+from modalmotion.fit.fit import Fit
 from modalmotion.mesh import vertex_areas
 from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.modes import ModeLabel, ModeSet, lowest_modes, shapes_at
+from modalmotion.modes import ModeLabel, ModeSet, lowest_modes
 from modalmotion.modes.topology import CUP
 from modalmotion.template import Template, Weights, choose_modes, make_template
 
@@ -77,7 +85,7 @@ def test_number_of_modes_towards_number_of_vertices(n: int) -> None:
     coordinates = np.stack([np.sqrt(rng.random(1572)), rng.random(1572)], axis=1)
     weights = np.full(1572, 1 / 1572)
     modes = square_modes(n)
-    shapes = shapes_at(modes, coordinates)
+    shapes = modes.shapes_at(coordinates)
     if n > 20:
         with pytest.raises(ModeCountError, match="would be noise") as caught:
             factored(modes, shapes, weights)
@@ -95,7 +103,7 @@ def test_number_of_modes_towards_number_of_vertices(n: int) -> None:
 def test_conditions_grow_until_they_are_refused() -> None:
     rng = np.random.default_rng(0)
     coordinates = np.stack([np.sqrt(rng.random(1572)), rng.random(1572)], axis=1)
-    conditions = [np.linalg.cond(shapes_at(square_modes(n), coordinates)) for n in (8, 16, 24)]
+    conditions = [np.linalg.cond(square_modes(n).shapes_at(coordinates)) for n in (8, 16, 24)]
     assert conditions[0] < 1e3 < conditions[1] < LARGEST_CONDITION < conditions[2]
 
 
@@ -104,14 +112,14 @@ def test_fewer_vertices_than_modes(heart: Moving) -> None:
     template = make_template(mesh_sequence(vertices, faces))
     few = factored(
         lowest_modes(CUP, 7),
-        shapes_at(lowest_modes(CUP, 7), template.coordinates[:9]),
+        lowest_modes(CUP, 7).shapes_at(template.coordinates[:9]),
         np.full(9, 1 / 9),
     )
     assert np.isfinite(few.projector).all()
     with pytest.raises(ModeCountError, match="6 vertices") as caught:
         factored(
             lowest_modes(CUP, 7),
-            shapes_at(lowest_modes(CUP, 7), template.coordinates[:6]),
+            lowest_modes(CUP, 7).shapes_at(template.coordinates[:6]),
             np.full(6, 1 / 6),
         )
     assert caught.value.details == {"modes": 7, "most": 6}

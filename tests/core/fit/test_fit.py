@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from slow_fits import assert_same, slow_fit
-from template_surfaces import Moving, describe, make_tube, make_ventricle
+from template_surfaces import Moving, describe, fit_sequence, make_tube, make_ventricle
 
 import modalmotion.alignment.displacements as displacements_module
+from modalmotion.choice.fitter import Fitter
 from modalmotion.errors import TopologyError
-from modalmotion.fit.fit import displacement_blocks, fit_sequence, make_basis, project
+from modalmotion.fit.basis import make_basis
+from modalmotion.fit.fit import project
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.template import Weights, choose_modes, make_template
 from modalmotion.template.body_frame import Components, from_local, local_frames
@@ -67,8 +69,8 @@ def test_blocks_do_not_matter(heart: Moving, block: int, monkeypatch: pytest.Mon
 def test_displacements_are_those_that_are_fitted(heart: Moving) -> None:
     found = describe(heart)
     w = found.template.weights
-    parts = list(displacement_blocks(found.sequence, w, reference=0, remove_rotation=True))
-    u = np.concatenate([displacements * scale for displacements, _, scale in parts])
+    parts = list(Fitter.of(found.sequence, found.template).displacements.blocks())
+    u = np.concatenate([part.u * part.shape.scale for part in parts]).transpose(0, 2, 1)
     assert u.shape == heart[0].shape
     basis = make_basis(found.template, choose_modes(found.template, 7).modes)
     a = found.fit.amplitudes

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from slow_fits import assert_same, slow_fit
-from template_surfaces import Moving, describe, make_ventricle
+from template_surfaces import Moving, describe, fit_sequence, make_ventricle
 
 from modalmotion.errors import ModeCountError, ParameterError, ShapeError
-from modalmotion.fit.fit import Fit, fit_sequence, make_basis
+from modalmotion.fit.basis import make_basis
+from modalmotion.fit.fit import Fit
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.template import choose_modes, make_template
 from modalmotion.template.body_frame import Components, local_frames

@@ -180,4 +180,4 @@ def test_a_bomb_is_refused_in_little_memory_and_time(
 
 
 def test_a_file_after_them_is_read(outcomes: dict[str, tuple[str, float]]) -> None:
-    assert outcomes[HONEST][0].startswith("MeshSequence(3 frames")
+    assert outcomes[HONEST][0].startswith("MeshSequence(n_frames=3,")

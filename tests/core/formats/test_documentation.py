@@ -33,7 +33,7 @@ def test_its_code_runs_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.chdir(tmp_path)
     namespace: dict[str, object] = {}
     ours = blocks("python")
-    assert len(ours) == 4
+    assert len(ours) == 5
     for block in ours:
         exec(compile(block, DOCUMENT.name, "exec"), namespace)  # noqa: S102 - our own document
     for name in ("surface.vtkhdf", "surface.glb"):

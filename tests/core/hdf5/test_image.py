@@ -16,21 +16,20 @@ from hypothesis.extra import numpy as hnp
 from store_samples import assert_same, sample_classification, sample_sequence, sample_signature
 
 from modalmotion.alignment.rigid import Rotations
-from modalmotion.classify.answer.classification import Classification
+from modalmotion.classification.answer.classification import Classification
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.image import (
     INTENDED_USE,
     Attribute,
     Dataset,
     Layout,
-    json_text,
     sealed_image,
     write_image,
 )
 from modalmotion.hdf5.sealed import SEAL_LENGTH
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
-from modalmotion.mesh.spring_modes import SpringSpectrum
-from modalmotion.modes import ModeSet, lowest_modes
+from modalmotion.mesh.spring_modes import SpringModes
+from modalmotion.modes import Modes, lowest_modes
 from modalmotion.modes.topology import CLOSED_CURVE, CUP, SPHERE, TORUS, Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.store import (
@@ -64,8 +63,8 @@ def arrays(draw: Any, *shape: int) -> Any:
 def signatures(draw: st.DrawFn) -> ModalSignature:
     topology: Topology = draw(st.sampled_from([CLOSED_CURVE, CUP, SPHERE, TORUS]))
     n_modes = draw(st.integers(1, 9))
-    springs = SpringSpectrum(arrays(draw, n_modes), draw(IDS))
-    modes: ModeSet | SpringSpectrum = lowest_modes(topology, n_modes)
+    springs = SpringModes(arrays(draw, n_modes), draw(IDS))
+    modes: Modes = lowest_modes(topology, n_modes)
     if draw(st.booleans()):
         modes = springs
     n_frames = draw(st.integers(1, 4))
@@ -188,13 +187,13 @@ def test_a_template_comes_back_bit_for_bit(weights: Weights) -> None:
 
 def test_every_field_has_a_place_in_the_file() -> None:
     # A field that is added without one would come back as something else, or not at all.
-    assert len(fields(ModalSignature)) == 21
+    assert len(fields(ModalSignature)) == 22
     assert len(fields(SignatureParameters)) == 18
     assert len(fields(Landmarks)) == 8
     assert len(fields(GivenLandmarks)) == 4
-    assert len(fields(SpringSpectrum)) == 2
+    assert len(fields(SpringModes)) == 2
     assert len(fields(Rotations)) == 2
-    assert len(fields(MeshSequence)) == 6
+    assert len(fields(MeshSequence)) == 7
     assert len(fields(Classification)) == 12
     assert len(fields(Template)) == 11
 
@@ -220,7 +219,7 @@ def test_any_hdf5_program_reads_the_file_and_learns_what_is_in_it(tmp_path: Path
         path.write_bytes(image)
         with h5py.File(path, "r") as file:
             assert file.attrs["schema"].decode() == f"modalmotion.{kind}"
-            assert file.attrs["schema_version"] == (2 if kind == "classification" else 1)
+            assert file.attrs["schema_version"] == (1 if kind == "signature" else 2)
             assert file.attrs["kind"].decode() == kind
             assert file.attrs["intended_use"].decode() == INTENDED_USE
             assert file.attrs["sequence_id"].decode() == sequence.id
@@ -292,24 +291,3 @@ def test_a_text_that_no_attribute_can_hold_is_refused_before_it_is_written() -> 
     for model in ("a\x00b", "a\nb", "\ud800", "x" * 20_000):
         with pytest.raises(StoreError, match="model"):
             classification_to_hdf5(replace(sample_classification("1" * 64), model=model))
-
-
-def test_a_classification_of_before_there_were_class_sets_rules_nothing_out() -> None:
-    found = sample_classification("0" * 64)
-    attributes: dict[str, Attribute] = {
-        "schema": "modalmotion.classification",
-        "schema_version": 1,
-        "kind": "classification",
-        "intended_use": INTENDED_USE,
-        "model": found.model,
-    }
-    ids = {"sequence_id": found.sequence_id, "model_id": found.model_id}
-    datasets = [
-        Dataset("probabilities", found.probabilities, "1", "class"),
-        *(json_text(name, getattr(found, name)) for name in ("classes", "label", "notes")),
-        json_text("provenance", found.provenance),
-    ]
-    old = classification_from_hdf5(sealed_image(attributes, ids, datasets))
-    assert (old.class_set, old.coverage) == (found.classes, 1.0)
-    assert (old.flags, old.explanation) == ((), ())
-    assert (old.label, old.notes) == (found.label, found.notes)

@@ -9,6 +9,7 @@ from hypothesis import given
 
 from modalmotion import Facts, MeshSequence, ParameterError, mesh_sequence
 from modalmotion.facts import NO_FACTS
+from modalmotion.mesh.hdf5 import sequence_from_hdf5, sequence_to_hdf5
 
 VERTICES = np.arange(24.0).reshape(2, 4, 3)
 
@@ -40,6 +41,14 @@ def test_an_id_does_not_depend_on_facts(facts: Facts) -> None:
         assert stated.facts == facts
         assert stated.id == KNOWN_IDS[name]
         assert stated.with_unit("cm").facts == facts
+
+
+@given(FACTS)
+def test_facts_come_back_from_hdf5(facts: Facts) -> None:
+    sequence = _samples()["mesh"].with_facts(facts)
+    again = sequence_from_hdf5(sequence_to_hdf5(sequence))
+    assert again.facts == facts
+    assert again.id == sequence.id
 
 
 def test_facts_are_checked_against_the_arrays() -> None:

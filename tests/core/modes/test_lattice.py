@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modalmotion.errors import LimitError, ParameterError, ShapeError, TopologyError
-from modalmotion.modes import ModeLabel, ModeSet, lowest_modes, shapes_at
+from modalmotion.modes import ModeLabel, ModeSet, lowest_modes
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import (
     CLOSED_CURVE,
@@ -135,7 +135,7 @@ def test_shapes_are_the_continuums_at_the_natural_coordinates(
     lattice = Lattice(topology, shape)
     modes = lattice.lowest_modes(max(1, lattice.n_nodes // 2))
     ratio = lattice.scales(modes) / np.sqrt(2.0) ** modes.n_waves
-    expected = shapes_at(modes, lattice.natural_coordinates) * ratio
+    expected = modes.shapes_at(lattice.natural_coordinates) * ratio
     assert np.abs(lattice.shapes(modes) - expected).max() <= 1e-13
 
 

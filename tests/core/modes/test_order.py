@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modalmotion.errors import LimitError, ModeCountError
-from modalmotion.modes import ModeLabel, all_modes, lowest_modes, wavenumbers_on, whole_count
+from modalmotion.modes import ModeLabel, all_modes, lowest_modes, whole_count
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.order import squared_keys
 from modalmotion.modes.topology import (
@@ -187,7 +187,7 @@ def test_wave_vectors_of_equal_length_come_by_their_first_wavenumber() -> None:
 @pytest.mark.parametrize("topology", TOPOLOGIES, ids=str)
 def test_integer_keys_are_the_wavenumbers_on_the_reference_surface(topology: Topology) -> None:
     modes = lowest_modes(topology, 400)
-    k = wavenumbers_on(modes, (0.55, 1.0, 0.1)[: topology.n_axes])
+    k = modes.wavenumbers_on((0.55, 1.0, 0.1)[: topology.n_axes])
     key = squared_keys(topology, modes.wavenumbers)
     assert np.sqrt(key * np.pi**2 / 484) == pytest.approx(k, rel=1e-14)
     assert (np.diff(k) >= -1e-12 * k[1:]).all()

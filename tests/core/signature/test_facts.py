@@ -18,6 +18,7 @@ from modalmotion import (
     simulate_ventricle,
 )
 from modalmotion.facts import NO_FACTS
+from modalmotion.signature.hdf5 import signature_from_hdf5, signature_to_hdf5
 from modalmotion.signature.making import resolve_parameters
 from modalmotion.simulate import Acquisition
 from modalmotion.template import GivenLandmarks, template_id
@@ -110,3 +111,9 @@ def test_surfaces_come_back_whatever_the_facts_say_by_now() -> None:
     assert np.array_equal(
         again, reconstruct(signature, MESH.with_facts(Facts(landmarks={"base": 9})))
     )
+
+
+def test_facts_ride_in_the_file_of_a_signature() -> None:
+    for facts in (NO_FACTS, NOT_READ):
+        signature = modal_signature(MESH.with_facts(facts))
+        assert signature_from_hdf5(signature_to_hdf5(signature)).facts == facts

@@ -7,7 +7,7 @@ import re
 import pytest
 from project import ROOT
 
-from modalmotion.classify import load_model
+from modalmotion.classification import load_model
 
 DOCUMENTS = ROOT / "docs"
 

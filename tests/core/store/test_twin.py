@@ -22,7 +22,7 @@ from store_samples import (
     tree,
 )
 
-from modalmotion.classify.answer.classification import Classification
+from modalmotion.classification.answer.classification import Classification
 from modalmotion.errors import NotFoundError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, SignatureParameters

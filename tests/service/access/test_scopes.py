@@ -208,13 +208,14 @@ def test_unknown_paths_and_methods_need_a_key_too(service: Guarded) -> None:
 
 def test_jobs_of_every_owner_are_taken_up_after_a_restart(tmp_path: Path, beat: bytes) -> None:
     from modalmotion.store import ResultStore
+    from modalmotion_service.workspace.jobs import Jobs
 
     with guarded(tmp_path) as service:
         token = service.token("dora")
         link = service.ask("dora", "POST", "/v1/sequences", content=beat).headers["location"]
     with ResultStore(tmp_path / "owners" / "dora") as store:
         request = {"sequence_id": link.rsplit("/", 1)[1], "query": {"modes": 11}}
-        job = store.jobs.create("signature", request)
+        job = Jobs(store.database).create("signature", request)
     with guarded(tmp_path) as service:
         header = {"Authorization": f"Bearer {token}"}
         state = ""

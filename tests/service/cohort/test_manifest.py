@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
+from modalmotion import Facts
 from modalmotion.errors import MalformedFileError
+from modalmotion.facts import facts_as_json
 from modalmotion_service.cohort import read_manifest
 
 HEADING, ROWS = ("Path", "Subject", "Label"), (("a b.npz", "Müller, E.", "rest"), ("c.npz", "", ""))
@@ -78,3 +81,34 @@ def test_a_manifest_that_is_missing_is_not_said_to_be_no_text(tmp_path: Path) ->
     with pytest.raises(MalformedFileError, match="No such file") as caught:
         read_manifest(tmp_path / "scans.csv")
     assert "UTF-8" not in caught.value.remedy
+
+
+def test_facts_stand_in_columns_and_objects(tmp_path: Path) -> None:
+    facts = Facts(
+        tracking="offset", period=0.8, landmarks={"apex": (0, 0, -4)}, covariates={"Age": 61}
+    )
+    rows = tmp_path / "m.csv"
+    rows.write_text(
+        'path,Tracking,period,landmark:apex,covariate:Age\na.npz,offset,0.8,"0,0,-4",61\n'
+    )
+    lines = tmp_path / "m.jsonl"
+    row = {"path": "a.npz", **facts_as_json(facts)}
+    lines.write_text(json.dumps(row) + "\n")
+    for manifest in (rows, lines):
+        assert [entry.facts for entry in read_manifest(manifest)] == [facts]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "path,covariate:age,covariate:age\na.npz,1,2\n",
+        "path,covariate:age,covariate:AGE\na.npz,1,2\n",
+        "path,period\na.npz,nan\n",
+        "path,tracking\na.npz,tissue\n",
+        "path,handedness,coordinates\na.npz,left,LPS\n",
+    ],
+)
+def test_a_bad_fact_names_its_line(tmp_path: Path, text: str) -> None:
+    (tmp_path / "m.csv").write_text(text)
+    with pytest.raises(MalformedFileError, match=r"Line [12] of"):
+        read_manifest(tmp_path / "m.csv")

@@ -16,8 +16,9 @@ import pytest
 from click.testing import CliRunner
 from dask_cluster import DaskCluster
 
+from modalmotion import Acquisition, simulate_ventricle
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats import read_npz
+from modalmotion.formats import read_npz, write_npz
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import ResultStore, verify
 from modalmotion_service.cohort import read_manifest
@@ -152,7 +153,7 @@ def test_a_cohort_is_signed_and_failures_are_told(
     assert "0 signatures made" in again.output
     assert "12 signatures packed" in again.output
     refused = CliRunner().invoke(cohort, [*arguments, "--pack", str(manifest)])
-    assert (refused.exit_code, "is no pack" in refused.output) == (2, True)
+    assert (refused.exit_code, "is not a pack" in refused.output) == (2, True)
     assert "12 known" in again.output
     paths[0].write_bytes(paths[3].read_bytes())
     manifest.write_text(manifest.read_text().replace("P 1,rest", "P 1,stress"))
@@ -262,3 +263,28 @@ def test_a_scheduler_that_stays_away_ends_the_cohort_and_it_resumes(
     assert " 0 files failed" in again.stdout
     assert " 0 known before" not in again.stdout
     check_all(paths, out)
+
+
+def test_facts_of_a_manifest_are_kept_and_read_and_known_again(tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    mesh = simulate_ventricle(n_vertices=120, acquisition=Acquisition(n_frames=3), rng=rng)
+    (tmp_path / "a.npz").write_bytes(write_npz(mesh))
+    manifest, out = tmp_path / "m.csv", tmp_path / "out"
+    manifest.write_text('path,tracking,landmark:theta_zero\na.npz,offset,"30,0,0"\n')
+    arguments = [str(manifest), "-o", str(out), "--workers", "1"]
+    first = CliRunner().invoke(cohort, arguments)
+    assert first.exit_code == 0, first.output
+    with ResultStore(out) as store:
+        facts = store.sequence_record(mesh.id).facts
+        assert (facts.tracking, facts.modality) == ("offset", "simulated")
+        (key,) = store.signatures(mesh.id)
+        assert store.signature(mesh.id, key).landmarks.given == ("theta_zero",)  # type: ignore[union-attr]
+    assert "1 known" in CliRunner().invoke(cohort, arguments).output
+    # Another landmark is another signature; another tracking is not.
+    manifest.write_text('path,tracking,landmark:theta_zero\na.npz,material,"0,30,0"\n')
+    assert "1 signatures made" in CliRunner().invoke(cohort, arguments).output
+    with ResultStore(out) as store:
+        assert len(store.signatures(mesh.id)) == 2
+        assert store.sequence_record(mesh.id).facts.tracking == "material"
+    manifest.write_text('path,tracking,landmark:theta_zero\na.npz,offset,"0,30,0"\n')
+    assert "1 known" in CliRunner().invoke(cohort, arguments).output

@@ -9,7 +9,7 @@ import pytest
 from services import files_of
 from training_cohort import CLASSES, N_PER_CLASS, QUICK, Trained, cohort, finished, train
 
-from modalmotion.classify import DEFAULT_MODEL, load_model
+from modalmotion.classification import DEFAULT_MODEL, load_model
 from modalmotion.formats import read_npz
 from modalmotion.signature.making import modal_signature
 from modalmotion.store import model_from_hdf5
@@ -38,7 +38,7 @@ def test_a_trained_model_is_described_with_its_card(trained: Trained) -> None:
 
 
 def test_the_answer_is_that_of_the_same_model_in_the_library(trained: Trained) -> None:
-    from modalmotion.classify import classify
+    from modalmotion.classification import classify
 
     image = trained.client.get(
         trained.model["links"]["self"], headers={"Accept": "application/x-hdf5"}

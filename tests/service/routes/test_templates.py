@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
+from modalmotion.errors import LimitError
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, simulate_ventricle
+from modalmotion.template import make_template
+from modalmotion.template.vibration_modes import surface_modes
+from modalmotion_service.work.tasks import templates
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +58,43 @@ def test_a_template_has_a_picture(client: TestClient, mesh: bytes) -> None:
     picture = client.get(here, headers={"Accept": "image/png"})
     assert picture.headers["content-type"] == "image/png"
     assert picture.content.startswith(b"\x89PNG")
+
+
+def test_a_template_gives_its_vibration_modes(client: TestClient, mesh: bytes) -> None:
+    here = client.post("/v1/templates", content=mesh).headers["location"]
+    template = make_template(read_npz(mesh).sequence)
+    own = surface_modes(template, 3, wave_speed=2.0)
+    query = {"modes": 3, "wave_speed": 2.0}
+    answer = client.get(f"{here}/modes", params=query).json()
+    assert answer["topology"] == "cup"
+    assert [(*m["wavenumbers"], m["part"]) for m in answer["modes"]] == [
+        (*label.wavenumbers, label.part) for label in own.labels
+    ]
+    assert answer["angular_frequencies"] == pytest.approx(own.angular_frequencies, abs=1e-15)
+    assert answer["shapes"] is None
+    assert any("split" in note for note in answer["notes"])
+    whole = client.get(f"{here}/modes", params={**query, "shapes": "true"}).json()
+    assert np.array(whole["shapes"]) == pytest.approx(own.shapes)
+    npz = client.get(f"{here}/modes", params=query, headers={"Accept": "application/x-npz"})
+    with np.load(io.BytesIO(npz.content)) as arrays:
+        assert arrays["shapes"] == pytest.approx(own.shapes)
+    for accept, start in (("application/x-hdf5", b"\x89HDF"), ("image/png", b"\x89PNG")):
+        given = client.get(f"{here}/modes", params=query, headers={"Accept": accept})
+        assert given.headers["content-type"] == accept
+        assert given.content.startswith(start)
+    known = {"If-None-Match": given.headers["etag"], "Accept": accept}
+    assert client.get(f"{here}/modes", params=query, headers=known).status_code == 304
+
+
+def test_modes_that_a_template_does_not_have_are_refused(client: TestClient, mesh: bytes) -> None:
+    here = client.post("/v1/templates", content=mesh).headers["location"]
+    for query in ("modes=0", "modes=2001", "wave_speed=0", "wave_speed=inf", "mode=3"):
+        assert client.get(f"{here}/modes?{query}").status_code == 422, query
+    too_many = client.get(f"{here}/modes?modes=1000")
+    assert (too_many.status_code, too_many.json()["code"]) == (422, "bad_mode_count")
+    assert client.get(f"/v1/templates/{'0' * 64}/modes").status_code == 404
+    with pytest.raises(LimitError):
+        templates._require_room(2, 1)
 
 
 def test_a_cohort_names_one_template(client: TestClient, mesh: bytes) -> None:

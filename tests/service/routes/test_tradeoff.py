@@ -61,10 +61,22 @@ def test_a_tolerance_out_of_reach_is_a_problem_with_the_best(client: TestClient,
     assert "remedy" in problem
 
 
+def test_51_amplitudes_are_given_exactly(client: TestClient, here: str) -> None:
+    split = {"amplitudes": 51, "split_pairs": True}
+    answer = client.get(f"{here}/signature", params=split).json()
+    own = modal_signature(BEAT, SignatureParameters(amplitudes=51, split_pairs=True))
+    assert answer["shape"] == [8, 17, 3]
+    assert answer["amplitudes"] == own.amplitudes.tolist()
+    assert answer["parameters"]["split_pairs"] is True
+    whole = client.get(f"{here}/signature", params={"amplitudes": 51}).json()
+    assert whole["shape"] == [8, 18, 3]
+
+
 @pytest.mark.parametrize(
     "asked",
     [
         {"modes": 7, "tolerance": 1.0},
+        {"split_pairs": True, "tolerance": 1.0},
         {"tolerance": 1.0, "auto": True},
         {"tolerance": "nan"},
         {"tolerance": -1},

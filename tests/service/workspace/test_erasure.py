@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import sqlite3
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,6 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from job_requests import ASYNC, finished
 
-from modalmotion.store import JobState, ResultStore
 from modalmotion_service.app import create_app
 from modalmotion_service.settings import Settings
 from modalmotion_service.workspace.erasure import erase
@@ -81,77 +79,7 @@ def test_a_job_under_way_is_ended_with_its_sequence(settings: Settings, beat: by
     with TestClient(app) as client:
         sequence_id = client.post("/v1/sequences", content=beat).json()["id"]
         state = app.state.owners.local
-        job = state.store.jobs.create("tradeoff", {"sequence_id": sequence_id})
+        job = state.jobs.create("tradeoff", {"sequence_id": sequence_id})
         asyncio.run(erase(state, sequence_id))
         assert client.get(f"/v1/jobs/{job.id}").status_code == 404
-        assert state.store.jobs.count() == {}
-
-
-def test_kept_answers_are_replaced_at_and_below_a_place_alone(tmp_path: Path) -> None:
-    with ResultStore(tmp_path) as store:
-        places = ("/v1/sequences/ab", "/v1/sequences/ab/classifications", "/v1/sequences/abc", None)
-        for number, place in enumerate(places):
-            headers = {} if place is None else {"location": place}
-            store.idempotency.claim(str(number), "request")
-            store.idempotency.complete(str(number), 201, {"body": "", "headers": headers})
-        store.idempotency.claim("under way", "request")
-        assert store.traces.replace_answers("/v1/sequences/ab", 404, {"body": "gone"}) == 2
-        found = [store.idempotency.get(str(number)) for number in range(4)]
-        assert [answer and answer.status for answer in found] == [404, 404, 201, 201]
-
-
-def test_only_finished_jobs_are_forgotten_and_found_without_reading_all(tmp_path: Path) -> None:
-    with ResultStore(tmp_path) as store:
-        queued = store.jobs.create("signature", {"sequence_id": "ab"}).id
-        done = store.jobs.create("signatures", {"ids": ["cd", "ab"]}).id
-        store.jobs.update(done, state=JobState.FAILED, error={})
-        sent = store.jobs.create("upload", {"file": "x"}).id
-        store.jobs.update(sent, state=JobState.SUCCEEDED, result={"link": "/v1/sequences/ab"})
-        store.jobs.create("upload", {"file": "ab"})
-        found = {job.id for job in store.traces.jobs_about("ab", "/v1/sequences/ab")}
-        assert found == {queued, done, sent}
-        store.traces.forget_jobs(*found)
-        assert {job.id for job in store.traces.jobs_about("ab", "/v1/sequences/ab")} == {queued}
-
-
-def test_no_query_reads_all_jobs_or_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with ResultStore(tmp_path) as store:
-        traces = store.traces
-        connection = sqlite3.connect(tmp_path / "index.sqlite")
-        asked: list[str] = []
-
-        def explain(statement: str, values: tuple[object, ...] = ()) -> list[object]:
-            asked.extend(
-                row[3] for row in connection.execute(f"EXPLAIN QUERY PLAN {statement}", values)
-            )
-            return []
-
-        monkeypatch.setattr(traces._database, "read", explain)
-        traces.jobs_about("ab", "/v1/sequences/ab")
-        traces.jobs_with_files()
-        location = "json_extract(response, '$.headers.location')"
-        update = f"UPDATE idempotency SET status = 1 WHERE {location} = ? OR {location} >= ?"  # noqa: S608
-        explain(update, ("a", "b"))
-        connection.close()
-    about = [step for step in asked if " jobs" in step or " idempotency" in step]
-    assert len(about) == 6
-    assert all("INDEX" in step for step in about), about
-
-
-@pytest.mark.parametrize("state", [JobState.FAILED, JobState.SUCCEEDED, JobState.CANCELLED])
-def test_a_finished_job_names_nobody(tmp_path: Path, state: JobState) -> None:
-    with ResultStore(tmp_path) as store:
-        request = {"file": "x", "query": {"subject": NAME, "label": "rest", "unit": "mm"}}
-        job = store.jobs.create("upload", request)
-        store.jobs.update(job.id, state=JobState.RUNNING, progress=0.5)
-        store.jobs.update(job.id, progress=0.7)
-        # Taken up again after a crash, it needs them.
-        assert store.jobs.get(job.id).request == request
-        store.jobs.update(job.id, state=state)
-        assert store.jobs.get(job.id).request == {"file": "x", "query": {"unit": "mm"}}
-        for other in (7, None, ["subject"], {"modes": 7}):
-            kept = store.jobs.create("other", other)
-            store.jobs.update(kept.id, state=state)
-            assert store.jobs.get(kept.id).request == other
-    for path in tmp_path.rglob("*"):
-        assert not path.is_file() or NAME.encode() not in path.read_bytes(), path
+        assert state.jobs.count() == {}

@@ -1,156 +1,151 @@
-"""Long work as jobs."""
+"""The table of jobs."""
 
 from __future__ import annotations
 
-import io
-import time
+import sqlite3
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import numpy as np
 import pytest
-from fastapi.testclient import TestClient
-from job_requests import ASYNC, finished
 
-from modalmotion.formats import read_npz
+from modalmotion.errors import NotFoundError, ParameterError
+from modalmotion.store import ResultStore
+from modalmotion_service.schemas import JobState
+from modalmotion_service.workspace.idempotency import IdempotencyKeys
+from modalmotion_service.workspace.jobs import Job, Jobs
 
-
-@pytest.fixture(scope="module")
-def client(engine_client: TestClient) -> TestClient:
-    return engine_client
-
-
-@pytest.fixture(scope="module")
-def data_dir(engine_data_dir: Path) -> Path:
-    return engine_data_dir
+NAME = "Mustermann, Erika"
 
 
-def test_an_upload_can_be_left_to_a_job(client: TestClient, beat: bytes) -> None:
-    answer = client.post("/v1/sequences", content=beat, headers=ASYNC)
-    assert answer.status_code == 202
-    assert answer.headers["preference-applied"] == "respond-async"
-    assert answer.headers["location"] == answer.json()["links"]["self"]
-    job = finished(client, answer.json())
-    assert (job["state"], job["progress"]) == ("succeeded", 1.0)
-    assert job["result"] == f"/v1/sequences/{read_npz(beat).sequence.id}"
-    assert client.get(job["result"]).status_code == 200
+@pytest.fixture
+def jobs(tmp_path: Path) -> Iterator[Jobs]:
+    with ResultStore(tmp_path) as store:
+        yield Jobs(store.database)
 
 
-def test_a_job_that_fails_keeps_the_problem(client: TestClient) -> None:
-    answer = client.post("/v1/sequences", content=b"nonsense", headers=ASYNC)
-    job = finished(client, answer.json())
-    assert job["state"] == "failed"
-    assert (job["error"]["code"], job["error"]["status"]) == ("malformed_file", 400)
-    assert job["error"]["remedy"]
-    assert job["result"] is None
+def test_a_job_goes_from_queued_to_finished_and_stays_there(jobs: Jobs) -> None:
+    job = jobs.create("signature", {"modes": 7, "id": "ä"})
+    assert jobs.get(job.id) == job
+    assert (job.state, job.progress, job.is_finished) == (JobState.QUEUED, 0.0, False)
+    assert jobs.update(job.id, state=JobState.RUNNING, progress=0.5)
+    running = jobs.get(job.id)
+    assert (running.state, running.progress, running.result) == (JobState.RUNNING, 0.5, None)
+    assert running.request == {"modes": 7, "id": "ä"}
+    assert running.updated >= job.updated
+    assert jobs.update(job.id, state=JobState.SUCCEEDED, progress=1, result=["a", None])
+    done = jobs.get(job.id)
+    assert (done.result, done.error, done.is_finished) == (["a", None], None, True)
+    assert not jobs.update(job.id, state=JobState.CANCELLED, error="late")
+    assert jobs.get(job.id) == done
 
 
-def test_a_signature_can_be_left_to_a_job(client: TestClient, beat: bytes) -> None:
-    here = client.post("/v1/sequences", content=beat).headers["location"]
-    answer = client.get(f"{here}/signature?modes=18&topology=cup", headers=ASYNC)
-    assert answer.status_code == 202
-    job = finished(client, answer.json())
-    assert client.get(job["result"]).json()["shape"][1] == 18
+def test_of_a_result_and_a_cancellation_the_first_one_stands(jobs: Jobs) -> None:
+    for _ in range(10):
+        job = jobs.create("train", None)
+        with ThreadPoolExecutor(2) as pool:
+            won = [
+                pool.submit(jobs.update, job.id, state=state)
+                for state in (JobState.SUCCEEDED, JobState.CANCELLED)
+            ]
+        assert sorted(future.result() for future in won) == [False, True]
+        expected = JobState.SUCCEEDED if won[0].result() else JobState.CANCELLED
+        assert jobs.get(job.id).state == expected
 
 
-def test_work_that_takes_longer_than_the_client_waits_becomes_a_job(
-    client: TestClient, beat: bytes
-) -> None:
-    answer = client.post("/v1/sequences", content=beat, headers={"Prefer": "wait=0"})
-    assert answer.status_code == 202
-    assert finished(client, answer.json())["state"] == "succeeded"
+def test_unfinished_jobs_are_there_after_a_restart_oldest_first(tmp_path: Path) -> None:
+    with ResultStore(tmp_path) as store:
+        jobs = Jobs(store.database)
+        ids = [jobs.create("a", number).id for number in range(5)]
+        jobs.update(ids[1], state=JobState.FAILED, error={"code": "x"})
+        jobs.update(ids[2], state=JobState.RUNNING)
+    with ResultStore(tmp_path) as store:
+        jobs = Jobs(store.database)
+        assert [job.request for job in jobs.unfinished()] == [0, 2, 3, 4]
+        assert jobs.get(ids[1]).error == {"code": "x"}
 
 
-def test_many_signatures_come_in_one_answer(client: TestClient, beat: bytes) -> None:
-    vertices = read_npz(beat).sequence.vertices
-    ids = []
-    for shift in range(3):
-        buffer = io.BytesIO()
-        np.savez(buffer, vertices=vertices[shift:], grid=(32, 64), topology="cup")
-        ids.append(client.post("/v1/sequences", content=buffer.getvalue()).json()["id"])
-    answer = client.post("/v1/signatures/query", json={"ids": ids, "modes": 7})
-    assert answer.headers["content-type"] == "application/x-npz"
-    packed = np.load(io.BytesIO(answer.content), allow_pickle=False)
-    assert packed["ids"].tolist() == ids
-    for number, sequence_id in enumerate(ids):
-        own = client.get(f"/v1/sequences/{sequence_id}/signature").json()
-        assert np.array_equal(packed[f"amplitudes_{number}"], np.array(own["amplitudes"]))
-    job = client.post("/v1/signatures/query", json={"ids": ids}, headers=ASYNC).json()
-    done = finished(client, job)
-    assert client.get(done["result"]).content == answer.content
-    hdf5 = client.post(
-        "/v1/signatures/query", json={"ids": ids}, headers={"Accept": "application/x-hdf5"}
-    )
-    assert hdf5.content.startswith(b"\x89HDF")
+def test_jobs_are_listed_newest_first_by_state_and_page(jobs: Jobs) -> None:
+    ids = [jobs.create("a", number).id for number in range(7)]
+    for job_id in ids[::2]:
+        jobs.update(job_id, state=JobState.SUCCEEDED)
+
+    def pages(state: JobState | None) -> list[object]:
+        found: list[Job] = []
+        cursor = None
+        while True:
+            page = jobs.list(state=state, limit=2, cursor=cursor)
+            found += page.jobs
+            cursor = page.cursor
+            if cursor is None:
+                return [job.request for job in found]
+
+    assert pages(None) == [6, 5, 4, 3, 2, 1, 0]
+    assert pages(JobState.SUCCEEDED) == [6, 4, 2, 0]
+    assert pages(JobState.QUEUED) == [5, 3, 1]
+    assert pages(JobState.FAILED) == []
+    with pytest.raises(ParameterError):
+        jobs.list(cursor="?")
 
 
-def test_a_finished_job_cannot_be_cancelled(client: TestClient, beat: bytes) -> None:
-    job = client.post("/v1/sequences", content=beat, headers=ASYNC).json()
-    finished(client, job)
-    answer = client.delete(job["links"]["self"])
-    assert (answer.status_code, answer.json()["code"]) == (409, "conflict")
+def test_an_unknown_job_is_not_found(jobs: Jobs) -> None:
+    for call in (jobs.get, lambda name: jobs.update(name, progress=1.0)):
+        with pytest.raises(NotFoundError):
+            call("unknown")
 
 
-def test_a_job_can_be_cancelled(
-    client: TestClient, beat: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import asyncio
-
-    from modalmotion_service.workspace.analysis import Analysis
-
-    async def endless(*_: object) -> None:
-        await asyncio.sleep(3600)
-
-    monkeypatch.setattr(Analysis, "receive", endless)
-    job = client.post("/v1/sequences", content=beat, headers=ASYNC).json()
-    for _ in range(100):
-        if client.get(job["links"]["self"]).json()["state"] == "running":
-            break
-        time.sleep(0.02)
-    answer = client.delete(job["links"]["self"])
-    assert (answer.status_code, answer.json()["state"]) == (200, "cancelled")
-    assert client.get(job["links"]["self"]).json()["state"] == "cancelled"
+def test_only_finished_jobs_are_forgotten_and_found_without_reading_all(jobs: Jobs) -> None:
+    queued = jobs.create("signature", {"sequence_id": "ab"}).id
+    done = jobs.create("signatures", {"ids": ["cd", "ab"]}).id
+    jobs.update(done, state=JobState.FAILED, error={})
+    sent = jobs.create("upload", {"file": "x"}).id
+    jobs.update(sent, state=JobState.SUCCEEDED, result={"link": "/v1/sequences/ab"})
+    jobs.create("upload", {"file": "ab"})
+    found = {job.id for job in jobs.about("ab", "/v1/sequences/ab")}
+    assert found == {queued, done, sent}
+    jobs.forget(*found)
+    assert {job.id for job in jobs.about("ab", "/v1/sequences/ab")} == {queued}
 
 
-def test_jobs_are_listed_from_the_newest(client: TestClient, beat: bytes) -> None:
-    jobs = [client.post("/v1/sequences", content=beat, headers=ASYNC).json() for _ in range(3)]
-    for job in jobs:
-        finished(client, job)
-    page = client.get("/v1/jobs", params={"limit": 2}).json()
-    assert [job["id"] for job in page["jobs"]] == [jobs[2]["id"], jobs[1]["id"]]
-    rest = client.get("/v1/jobs", params={"cursor": page["cursor"]}).json()
-    assert rest["jobs"][0]["id"] == jobs[0]["id"]
-    failed = client.get("/v1/jobs", params={"state": "failed"}).json()["jobs"]
-    assert not {job["id"] for job in failed} & {job["id"] for job in jobs}
+def test_no_query_reads_all_jobs_or_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with ResultStore(tmp_path) as store:
+        jobs, _ = Jobs(store.database), IdempotencyKeys(store.database)
+        connection = sqlite3.connect(tmp_path / "index.sqlite")
+        asked: list[str] = []
+
+        def explain(statement: str, values: tuple[object, ...] = ()) -> list[object]:
+            asked.extend(
+                row[3] for row in connection.execute(f"EXPLAIN QUERY PLAN {statement}", values)
+            )
+            return []
+
+        monkeypatch.setattr(jobs._database, "read", explain)
+        jobs.about("ab", "/v1/sequences/ab")
+        jobs.with_files()
+        location = "json_extract(response, '$.headers.location')"
+        update = f"UPDATE idempotency SET status = 1 WHERE {location} = ? OR {location} >= ?"  # noqa: S608
+        explain(update, ("a", "b"))
+        connection.close()
+    about = [step for step in asked if " jobs" in step or " idempotency" in step]
+    assert len(about) == 6
+    assert all("INDEX" in step for step in about), about
 
 
-@pytest.mark.parametrize("path", ["/v1/jobs/" + "0" * 32, "/v1/jobs/" + "0" * 32 + "/result"])
-def test_an_unknown_job_is_not_found(client: TestClient, path: str) -> None:
-    assert client.get(path).status_code == 404
-    assert client.delete("/v1/jobs/" + "0" * 32).status_code == 404
-
-
-def test_the_spool_is_empty_when_everything_is_done(
-    client: TestClient, beat: bytes, data_dir: Path
-) -> None:
-    spool = data_dir / "spool"
-    # Results that are there to be fetched, and what the cancelled job would have read.
-    before = set(spool.iterdir())
-    finished(client, client.post("/v1/sequences", content=beat, headers=ASYNC).json())
-    here = client.post("/v1/sequences", content=beat).headers["location"]
-    client.get(f"{here}/signature")
-    client.post("/v1/sequences", content=b"nonsense")
-    finished(client, client.post("/v1/sequences", content=b"nonsense", headers=ASYNC).json())
-    for _ in range(200):
-        if set(spool.iterdir()) == before:
-            break
-        time.sleep(0.02)
-    assert set(spool.iterdir()) == before
-
-
-def test_a_finished_job_says_nothing_of_what_it_did_last(client: TestClient, beat: bytes) -> None:
-    job = finished(client, client.post("/v1/sequences", content=beat, headers=ASYNC).json())
-    # Noted as finished by the store a moment before its last words are taken away.
-    client.app.state.owners.local.jobs._texts[job["id"]] = "last words"  # type: ignore[attr-defined]
-    assert client.get(job["links"]["self"]).json()["text"] is None
-    listed = {item["id"]: item for item in client.get("/v1/jobs").json()["jobs"]}
-    assert listed[job["id"]]["text"] is None
+@pytest.mark.parametrize("state", [JobState.FAILED, JobState.SUCCEEDED, JobState.CANCELLED])
+def test_a_finished_job_names_nobody(tmp_path: Path, state: JobState) -> None:
+    with ResultStore(tmp_path) as store:
+        jobs = Jobs(store.database)
+        request = {"file": "x", "query": {"subject": NAME, "label": "rest", "unit": "mm"}}
+        job = jobs.create("upload", request)
+        jobs.update(job.id, state=JobState.RUNNING, progress=0.5)
+        jobs.update(job.id, progress=0.7)
+        # Taken up again after a crash, it needs them.
+        assert jobs.get(job.id).request == request
+        jobs.update(job.id, state=state)
+        assert jobs.get(job.id).request == {"file": "x", "query": {"unit": "mm"}}
+        for other in (7, None, ["subject"], {"modes": 7}):
+            kept = jobs.create("other", other)
+            jobs.update(kept.id, state=state)
+            assert jobs.get(kept.id).request == other
+    for path in tmp_path.rglob("*"):
+        assert not path.is_file() or NAME.encode() not in path.read_bytes(), path

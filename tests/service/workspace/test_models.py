@@ -144,9 +144,10 @@ def test_a_sequence_of_another_topology_ends_the_training_by_name(
 def test_a_model_that_no_longer_reproduces_is_refused_and_others_are_served(
     trained: Trained,
 ) -> None:
-    kept = trained.store.kept_model("wall-motion", 1)
-    record = replace(kept.record, name="drifted", training=None)
-    wrong = trained.store.put_model(replace(kept, record=record, data=kept.data[:-100]))
+    model = trained.store.model("wall-motion", 1)
+    other = model.golden_probabilities + 1e-6
+    drifted = replace(model, name="drifted", golden_probabilities=other)
+    wrong = trained.store.put_model(drifted)
     here = f"/v1/sequences/{trained.ids[1]}/classifications"
     answer = trained.client.post("/v1/classify?model=drifted", content=trained.test[0].body)
     problem = assert_problem(answer, 409, "model_not_reproduced", "drifted@1")

@@ -10,21 +10,22 @@ import pytest
 from fastapi.testclient import TestClient
 from job_requests import ASYNC, finished
 
-from modalmotion.store import JobState, ResultStore
-from modalmotion.store.index import jobs
+from modalmotion.store import ResultStore
 from modalmotion.store.index.cursor import to_text
 from modalmotion_service.app import create_app
+from modalmotion_service.schemas import JobState
 from modalmotion_service.settings import Settings
+from modalmotion_service.workspace.idempotency import IdempotencyKeys
+from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.retention import Retention
 from modalmotion_service.workspace.spool import Spool
 
 
 def made(store: ResultStore, spool: Spool, name: str) -> str:
-    job = store.jobs.create("signatures", {})
+    jobs = Jobs(store.database)
+    job = jobs.create("signatures", {})
     spool.at(name).write_text("result")
-    store.jobs.update(
-        job.id, state=JobState.SUCCEEDED, result={"file": name, "media_type": "text/plain"}
-    )
+    jobs.update(job.id, state=JobState.SUCCEEDED, result={"file": name, "media_type": "text/plain"})
     return job.id
 
 
@@ -32,7 +33,8 @@ def keeping(
     store: ResultStore, spool: Spool, file_seconds: float, job_seconds: float = 3600.0
 ) -> Retention:
     ages = (timedelta(seconds=seconds) for seconds in (file_seconds, job_seconds))
-    return Retention(store, spool, file_age=next(ages), job_age=next(ages))
+    tables = Jobs(store.database), IdempotencyKeys(store.database)
+    return Retention(*tables, spool, file_age=next(ages), job_age=next(ages))
 
 
 def half_an_hour_ago() -> str:
@@ -43,11 +45,11 @@ def test_only_files_whose_time_has_passed_are_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with ResultStore(tmp_path) as store:
-        spool = Spool(tmp_path / "spool")
-        upload = store.jobs.create("upload", {"file": "upload"})
+        jobs, spool = Jobs(store.database), Spool(tmp_path / "spool")
+        upload = jobs.create("upload", {"file": "upload"})
         spool.at("upload").write_text("bytes")
         with monkeypatch.context() as earlier:
-            earlier.setattr(jobs, "now", half_an_hour_ago)
+            earlier.setattr("modalmotion_service.workspace.jobs.now", half_an_hour_ago)
             made(store, spool, "old")
         made(store, spool, "new")
         retention = keeping(store, spool, 900.0)
@@ -56,7 +58,7 @@ def test_only_files_whose_time_has_passed_are_removed(
         assert {path.name for path in spool.folder.iterdir()} == {"new", "upload"}
         assert retention.sweep() == 0
         assert keeping(store, spool, 3600.0).needed() == {"old", "new", "upload"}
-        assert not store.jobs.get(upload.id).is_finished
+        assert not jobs.get(upload.id).is_finished
 
 
 def test_the_results_of_all_jobs_are_kept(tmp_path: Path) -> None:
@@ -70,20 +72,21 @@ def test_finished_jobs_and_keys_are_forgotten_but_none_that_has_work_or_a_file(
     tmp_path: Path,
 ) -> None:
     with ResultStore(tmp_path) as store:
+        jobs, keys = Jobs(store.database), IdempotencyKeys(store.database)
         spool = Spool(tmp_path / "spool")
-        queued = store.jobs.create("upload", {"file": "upload"}).id
-        failed = store.jobs.create("upload", {}).id
-        store.jobs.update(failed, state=JobState.FAILED, error={})
+        queued = jobs.create("upload", {"file": "upload"}).id
+        failed = jobs.create("upload", {}).id
+        jobs.update(failed, state=JobState.FAILED, error={})
         succeeded = made(store, spool, "file")
-        store.idempotency.claim("key", "request")
+        keys.claim("key", "request")
         time.sleep(0.05)
         keeping(store, spool, 3600.0, 0.01).sweep()
-        assert store.jobs.get(failed).is_finished
+        assert jobs.get(failed).is_finished
         keeping(store, spool, 0.01, 3600.0).sweep()
-        assert store.jobs.get(succeeded).is_finished
+        assert jobs.get(succeeded).is_finished
         keeping(store, spool, 0.01, 0.01).sweep()
-        assert [job.id for job in store.jobs.list().jobs] == [queued]
-        assert store.idempotency.forget_before("9999") == 0
+        assert [job.id for job in jobs.list().jobs] == [queued]
+        assert keys.forget_before("9999") == 0
 
 
 def test_a_running_service_removes_them_by_itself(tmp_path: Path, beat: bytes) -> None:

@@ -19,10 +19,12 @@ from training_cohort import cohort, finished, send
 
 from modalmotion.formats import read_npz
 from modalmotion.signature.making import modal_signature
-from modalmotion.store import JobState, ResultStore, model_from_hdf5, signature_to_hdf5
+from modalmotion.store import ResultStore, model_from_hdf5, signature_to_hdf5
 from modalmotion_service.app import create_app
+from modalmotion_service.schemas import JobState
 from modalmotion_service.settings import Settings
-from modalmotion_service.workspace.jobs import JobRunner, Report
+from modalmotion_service.workspace.job_runner import JobRunner, Report
+from modalmotion_service.workspace.jobs import Jobs
 
 
 @pytest.fixture
@@ -130,17 +132,18 @@ def test_a_long_kind_of_job_keeps_the_others_from_waiting(tmp_path: Path) -> Non
             order.append(f"short {request}")
 
         kinds = {"long": long, "short": short}
-        runner = JobRunner(store, kinds, {}, 1, 100, apart={"long": 1})
+        table = Jobs(store.database)
+        runner = JobRunner(table, kinds, {}, 1, 100, apart={"long": 1})
         jobs = [await runner.start("long", number) for number in range(3)]
         jobs += [await runner.start("short", number) for number in range(3)]
         while len(order) < 4:
             await asyncio.sleep(0.01)
         await asyncio.sleep(0.05)
         assert sorted(order) == ["long 0", "short 0", "short 1", "short 2"]
-        assert store.jobs.get(jobs[1].id).state == JobState.QUEUED
+        assert table.get(jobs[1].id).state == JobState.QUEUED
         release.set()
         await runner.close(10.0)
-        assert {store.jobs.get(job.id).state for job in jobs} == {JobState.SUCCEEDED}
+        assert {table.get(job.id).state for job in jobs} == {JobState.SUCCEEDED}
         assert runner._texts == {}
 
     with ResultStore(tmp_path) as store:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.codec.bits.varint import read_varint, write_varint
-from modalmotion.errors import MalformedFileError
+from modalmotion.errors import MalformedFileError, needs_extra
 
 Ints = NDArray[np.int64]
 
@@ -23,11 +23,14 @@ ESCAPE: Final = 15
 
 N_SYMBOLS: Final = 16
 N_CLASSES: Final = 40
+LARGEST_MAGNITUDE: Final = (1 << N_CLASSES) + ESCAPE - 2
+"""Of the last class: larger ones cannot be coded."""
 
 
 def _constriction() -> Any:
     # Imported where it is used: the library itself needs numpy and scipy only.
-    return import_module("constriction").stream
+    with needs_extra("codec"):
+        return import_module("constriction").stream
 
 
 class Coder(Protocol):

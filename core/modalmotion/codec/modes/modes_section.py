@@ -14,7 +14,7 @@ from modalmotion.codec.modes.patch_modes import (
     LARGEST_PATCH,
     MOST_WORK,
     PROBES,
-    SpringModes,
+    PatchModes,
     edges_of,
 )
 from modalmotion.errors import LimitError, MalformedFileError
@@ -29,7 +29,7 @@ _LATTICE: Final = 1
 _SPRINGS: Final = 2
 
 
-def write_modes(modes: LatticeModes | SpringModes) -> bytes:
+def write_modes(modes: LatticeModes | PatchModes) -> bytes:
     """Write which modes these are, and a probe of those that are solved for."""
     if isinstance(modes, LatticeModes):
         parts = [bytes([_LATTICE, len(modes.shape)])]
@@ -40,7 +40,7 @@ def write_modes(modes: LatticeModes | SpringModes) -> bytes:
     return head + struct.pack(f"<{PROBES}h", *modes.probe().tolist())
 
 
-def read_modes(data: bytes, n_vertices: int, faces: Ints) -> Modes:
+def read_modes(data: bytes, n_vertices: int, faces: Ints) -> OrthonormalModes:
     """Make the modes that a stream names.
 
     Raises
@@ -81,7 +81,7 @@ def _read_lattice(data: bytes, n_vertices: int) -> LatticeModes:
     return LatticeModes(topology, tuple(shape), tuple(fineness))
 
 
-def _read_springs(data: bytes, n_vertices: int, faces: Ints) -> SpringModes:
+def _read_springs(data: bytes, n_vertices: int, faces: Ints) -> PatchModes:
     largest, position = read_varint(data, 2)
     probe = np.array(struct.unpack_from(f"<{PROBES}h", data, position), dtype=np.int64)
     if largest < 1 or position + 2 * PROBES != len(data):
@@ -93,7 +93,7 @@ def _read_springs(data: bytes, n_vertices: int, faces: Ints) -> SpringModes:
             remedy="No encoder of this project writes such a stream: refuse its sender.",
             limit="spring_modes",
         )
-    modes = SpringModes(edges_of(faces), n_vertices, largest, data[1])
+    modes = PatchModes(edges_of(faces), n_vertices, largest, data[1])
     if np.abs(modes.probe() - probe).max() > 1:
         raise MalformedFileError(
             "The spring modes that this machine finds are not those of the encoder.",
@@ -105,7 +105,7 @@ def _read_springs(data: bytes, n_vertices: int, faces: Ints) -> SpringModes:
 Floats = NDArray[np.float64]
 
 
-class Modes(Protocol):
+class OrthonormalModes(Protocol):
     """An orthonormal basis of the vertices, smoothest modes first."""
 
     def analyse(self, values: Floats) -> Floats:

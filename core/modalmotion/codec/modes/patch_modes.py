@@ -30,7 +30,7 @@ PROBE_STEP: Final = 1.0 / 4096.0
 
 
 @dataclass(frozen=True, eq=False)
-class SpringModes:
+class PatchModes:
     """Spring modes of patches of a mesh, smoothest first.
 
     Parameters

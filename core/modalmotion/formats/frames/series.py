@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 from xml.parsers import expat
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.limits import NO_LIMITS, ReadLimits
 
-_REMEDY: Final = "Save the series again, or leave the file out: frames are then taken by name."
+_malformed: Final = partial(
+    MalformedFileError,
+    remedy="Save the series again, or leave the file out: frames are then taken by name.",
+)
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,7 @@ def read_series(data: bytes, limits: ReadLimits = NO_LIMITS) -> Series:
     """
     entries = _read_pvd(data) if data.lstrip()[:1] == b"<" else _read_json(data)
     if not entries:
-        raise MalformedFileError("The series file lists no frames.", remedy=_REMEDY)
+        raise _malformed("The series file lists no frames.")
     limits.require("frames", len(entries))
     ordered = sorted(entries, key=lambda entry: entry[0])
     notes = ("The frames were sorted by their times.",) if ordered != entries else ()
@@ -67,17 +71,13 @@ def _read_pvd(data: bytes) -> list[tuple[float, str]]:
     entries: list[tuple[float, str]] = []
 
     def refuse(*_: object) -> None:
-        raise MalformedFileError(
-            "The .pvd file holds a document type or entities, which are never read.",
-            remedy=_REMEDY,
-        )
+        raise _malformed("The .pvd file holds a document type or entities, which are never read.")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         if tag == "VTKFile" and attributes.get("type") != "Collection":
-            raise MalformedFileError(
+            raise _malformed(
                 f"The .pvd file is of the type {attributes.get('type', '')[:40]!r}, not "
-                "'Collection'.",
-                remedy=_REMEDY,
+                "'Collection'."
             )
         if tag == "DataSet":
             if attributes.get("part", "0") not in ("0", ""):
@@ -96,8 +96,8 @@ def _read_pvd(data: bytes) -> list[tuple[float, str]]:
     except (expat.ExpatError, LookupError, ValueError) as error:
         if isinstance(error, MalformedFileError):
             raise
-        raise MalformedFileError(
-            f"The .pvd file is no XML that can be read ({str(error)[:80]}).", remedy=_REMEDY
+        raise _malformed(
+            f"The .pvd file is no XML that can be read ({str(error)[:80]})."
         ) from error
     return entries
 
@@ -109,9 +109,8 @@ def _read_json(data: bytes) -> list[tuple[float, str]]:
     except MalformedFileError:
         raise
     except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise MalformedFileError(
-            f"The .series file is not of the form that ParaView writes ({str(error)[:80]}).",
-            remedy=_REMEDY,
+        raise _malformed(
+            f"The .series file is not of the form that ParaView writes ({str(error)[:80]})."
         ) from error
 
 
@@ -121,9 +120,8 @@ def _entry(time: object, name: object) -> tuple[float, str]:
     except (ValueError, OverflowError):
         value = math.nan
     if not isinstance(name, str) or not name or not math.isfinite(value):
-        raise MalformedFileError(
+        raise _malformed(
             f"An entry of the series file has the time {str(time)[:40]!r} and the file "
-            f"{str(name)[:40]!r}.",
-            remedy=_REMEDY,
+            f"{str(name)[:40]!r}."
         )
     return value, name

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.gltf.container import REMEDY, Container
+from modalmotion.formats.gltf.container import Container, malformed
 from modalmotion.limits import ReadLimits
 
 _TYPES: Final[dict[object, str]] = {
@@ -65,10 +65,9 @@ def read_accessor(
     limits.require("decompressed_bytes", count * n_components * 8)
     code = _TYPES.get(accessor.get("componentType"))
     if code is None or _SIZES.get(accessor.get("type")) != n_components:
-        raise MalformedFileError(
+        raise malformed(
             f"accessors[{index}] of the GLB file holds {str(accessor.get('type'))[:20]} of "
-            f"{str(accessor.get('componentType'))[:20]}, not {n_components} numbers each.",
-            remedy=REMEDY,
+            f"{str(accessor.get('componentType'))[:20]}, not {n_components} numbers each."
         )
     dtype = np.dtype(code)
     values: NDArray[Any]
@@ -107,10 +106,9 @@ def _view(container: Container, index: object) -> _View:
     start = _count(view, "byteOffset", 0)
     end = start + _count(view, "byteLength")
     if end > len(container.binary):
-        raise MalformedFileError(
+        raise malformed(
             f"bufferViews[{index}] of the GLB file ends at byte {end}; {len(container.binary)} "
-            "are there.",
-            remedy=REMEDY,
+            "are there."
         )
     stride = _count(view, "byteStride") if "byteStride" in view else None
     return _View(container.binary[start:end], stride)
@@ -123,10 +121,7 @@ def _strided(
     item = n_components * dtype.itemsize
     end = offset + step * (count - 1) + item if count else offset
     if step < item or end > len(data):
-        raise MalformedFileError(
-            f"An accessor of the GLB file ends at byte {end} of a view of {len(data)}.",
-            remedy=REMEDY,
-        )
+        raise malformed(f"An accessor of the GLB file ends at byte {end} of a view of {len(data)}.")
     if not count:
         return np.zeros(shape, dtype)
     return np.ndarray(shape, dtype, data, offset, (step, dtype.itemsize)).copy()
@@ -136,7 +131,7 @@ def _with_sparse(container: Container, sparse: Any, values: NDArray[Any]) -> NDA
     count = _count(sparse, "count")
     code = _TYPES.get(sparse["indices"].get("componentType"))
     if code is None or np.dtype(code).kind != "u":
-        raise MalformedFileError("A sparse accessor's indices are none.", remedy=REMEDY)
+        raise malformed("A sparse accessor's indices are none.")
     where, what = sparse["indices"], sparse["values"]
     kind = np.dtype(code)
     view = _view(container, where.get("bufferView"))
@@ -148,9 +143,8 @@ def _with_sparse(container: Container, sparse: Any, values: NDArray[Any]) -> NDA
     step = shape[1] * values.dtype.itemsize
     replaced = _strided(view.data, offset, shape, step, values.dtype)
     if count and int(indices.max()) >= len(values):
-        raise MalformedFileError(
-            f"A sparse accessor of the GLB file names item {indices.max()} of {len(values)}.",
-            remedy=REMEDY,
+        raise malformed(
+            f"A sparse accessor of the GLB file names item {indices.max()} of {len(values)}."
         )
     values[indices] = replaced
     return values
@@ -162,7 +156,5 @@ def _count(owner: Any, name: str, default: int | None = None) -> int:
     if isinstance(value, float) and math.isfinite(value) and value == int(value):
         value = int(value)
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 2**62:
-        raise MalformedFileError(
-            f"The GLB file states {name} as {str(value)[:20]!r}.", remedy=REMEDY
-        )
+        raise malformed(f"The GLB file states {name} as {str(value)[:20]!r}.")
     return value

@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import MalformedFileError, ParameterError
+from modalmotion.errors import ParameterError
 from modalmotion.formats.gltf.accessors import read_accessor
-from modalmotion.formats.gltf.container import REMEDY, Container
+from modalmotion.formats.gltf.container import Container, malformed
 from modalmotion.formats.gltf.quaternions import slerp
 from modalmotion.limits import ReadLimits
 
@@ -125,31 +125,25 @@ def _channel(
     n_parts = 3 if mode == "CUBICSPLINE" else 1
     is_whole = len(times) > 0 and values.size % (len(times) * n_parts) == 0
     if mode not in _MODES or times.dtype != np.float64 or not is_whole or not values.size:
-        raise MalformedFileError(
+        raise malformed(
             f"An animation of the GLB file has {len(times)} keys and {len(values)} values "
-            f"({str(mode)[:20]}) for {path}.",
-            remedy=REMEDY,
+            f"({str(mode)[:20]}) for {path}."
         )
     if not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
-        raise MalformedFileError(
-            "An animation of the GLB file has keys that are not finite or do not increase.",
-            remedy=REMEDY,
+        raise malformed(
+            "An animation of the GLB file has keys that are not finite or do not increase."
         )
     shaped = values.astype(np.float64).reshape(len(times), n_parts, -1)
     if path == "rotation" and n_parts == 1:
         shaped = _unit_length(shaped)
     if path != "weights" and shaped.shape[2] != _COMPONENTS[path]:
-        raise MalformedFileError(
-            f"An animation of the GLB file has too many values for {path}.", remedy=REMEDY
-        )
+        raise malformed(f"An animation of the GLB file has too many values for {path}.")
     return Channel(path, mode, times, shaped)
 
 
 def _unit_length(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
     length = np.linalg.norm(quaternions, axis=-1, keepdims=True)
     if not (length > 0).all():
-        raise MalformedFileError(
-            "A rotation in the GLB file is a quaternion of zero length.", remedy=REMEDY
-        )
+        raise malformed("A rotation in the GLB file is a quaternion of zero length.")
     unit: NDArray[np.float64] = quaternions / length
     return unit

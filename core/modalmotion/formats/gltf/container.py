@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 from modalmotion.errors import MalformedFileError
@@ -13,8 +14,10 @@ _VERSION: Final = 2
 _JSON: Final = b"JSON"
 _BINARY: Final = b"BIN\x00"
 
-REMEDY: Final = "Export the animation again as binary glTF (.glb)."
-"""What to do about a file that cannot be read."""
+malformed: Final = partial(
+    MalformedFileError, remedy="Export the animation again as binary glTF (.glb)."
+)
+"""Error for a file that cannot be read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +45,10 @@ class Container:
         listed = self.document.get(kind)
         is_place = isinstance(index, int) and not isinstance(index, bool)
         if not (is_place and isinstance(listed, list) and 0 <= index < len(listed)):
-            raise MalformedFileError(
-                f"The GLB file names {kind}[{str(index)[:20]}], which is not there.", remedy=REMEDY
-            )
+            raise malformed(f"The GLB file names {kind}[{str(index)[:20]}], which is not there.")
         found = listed[index]
         if not isinstance(found, dict):
-            raise MalformedFileError(f"The GLB file's {kind}[{index}] is none.", remedy=REMEDY)
+            raise malformed(f"The GLB file's {kind}[{index}] is none.")
         return found
 
 
@@ -60,14 +61,13 @@ def read_container(data: bytes) -> Container:
         If it is cut, of another version, or its document cannot be read.
     """
     if data[:4] != _MAGIC or len(data) < 20:
-        raise MalformedFileError(f"These {len(data)} bytes are no GLB file.", remedy=REMEDY)
+        raise malformed(f"These {len(data)} bytes are no GLB file.")
     version = int.from_bytes(data[4:8], "little")
     length = int.from_bytes(data[8:12], "little")
     if version != _VERSION or length != len(data):
-        raise MalformedFileError(
+        raise malformed(
             f"The GLB file declares version {version} and {length} bytes; {len(data)} are there "
-            f"(version {_VERSION} is read).",
-            remedy=REMEDY,
+            f"(version {_VERSION} is read)."
         )
     view = memoryview(data)
     parts: dict[bytes, memoryview] = {}
@@ -76,17 +76,15 @@ def read_container(data: bytes) -> Container:
         size = int.from_bytes(data[at : at + 4], "little")
         kind = data[at + 4 : at + 8]
         if len(kind) != 4 or at + 8 + size > len(data):
-            raise MalformedFileError("A part of the GLB file is cut short.", remedy=REMEDY)
+            raise malformed("A part of the GLB file is cut short.")
         parts.setdefault(kind, view[at + 8 : at + 8 + size])
         at += 8 + size
     try:
         document = json.loads(bytes(parts[_JSON]), parse_constant=_no_constant)
     except (KeyError, ValueError, RecursionError) as error:
-        raise MalformedFileError(
-            f"The GLB file's document cannot be read ({str(error)[:80]}).", remedy=REMEDY
-        ) from error
+        raise malformed(f"The GLB file's document cannot be read ({str(error)[:80]}).") from error
     if not isinstance(document, dict):
-        raise MalformedFileError("The GLB file's document is none.", remedy=REMEDY)
+        raise malformed("The GLB file's document is none.")
     return Container(document, parts.get(_BINARY, memoryview(b"")))
 
 

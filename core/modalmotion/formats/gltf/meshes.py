@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.gltf.accessors import read_accessor
-from modalmotion.formats.gltf.container import REMEDY, Container
+from modalmotion.formats.gltf.container import Container, malformed
 from modalmotion.limits import ReadLimits
 
 _TRIANGLES: Final = 4
@@ -78,14 +78,11 @@ def read_morph_mesh(container: Container, index: int, limits: ReadLimits) -> Mor
         faces.append(_faces(container, primitive, size, limits) + start)
         limits.require("faces", sum(len(block) for block in faces))
     if len({len(block) for block in targets}) != 1:
-        raise MalformedFileError(
-            "Parts of a mesh in the GLB file have different numbers of morph targets.",
-            remedy=REMEDY,
-        )
+        raise malformed("Parts of a mesh in the GLB file have different numbers of morph targets.")
     n_targets = len(targets[0])
     weights = np.array(mesh.get("weights", [0.0] * n_targets), dtype=np.float64)
     if weights.shape != (n_targets,) or not np.isfinite(weights).all():
-        raise MalformedFileError("A mesh in the GLB file has other weights.", remedy=REMEDY)
+        raise malformed("A mesh in the GLB file has other weights.")
     return MorphMesh(
         np.concatenate(bases),
         np.concatenate(targets, axis=1),
@@ -105,10 +102,9 @@ def _targets(
             continue
         target = read_accessor(container, accessor, 3, limits, "vertices")
         if len(target) != n_vertices:
-            raise MalformedFileError(
+            raise malformed(
                 f"Morph target {number} of the GLB file has {len(target)} vertices, the mesh "
-                f"{n_vertices}.",
-                remedy=REMEDY,
+                f"{n_vertices}."
             )
         targets[number] = target
     return targets
@@ -124,14 +120,9 @@ def _faces(
     else:
         corners = np.arange(n_vertices)
     if len(corners) % 3 or corners.dtype.kind not in "iu":
-        raise MalformedFileError(
-            f"Triangles in the GLB file have {len(corners)} corners.", remedy=REMEDY
-        )
+        raise malformed(f"Triangles in the GLB file have {len(corners)} corners.")
     if len(corners) and int(corners.max()) >= n_vertices:
-        raise MalformedFileError(
-            f"A triangle of the GLB file names vertex {corners.max()} of {n_vertices}.",
-            remedy=REMEDY,
-        )
+        raise malformed(f"A triangle of the GLB file names vertex {corners.max()} of {n_vertices}.")
     return corners.astype(np.int64).reshape(-1, 3)
 
 

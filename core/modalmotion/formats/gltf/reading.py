@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import InputError, MalformedFileError
 from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.formats.gltf.channels import Channel, Key, read_channels
-from modalmotion.formats.gltf.container import REMEDY, Container, read_container
+from modalmotion.formats.gltf.container import Container, malformed, read_container
 from modalmotion.formats.gltf.meshes import MorphMesh, read_morph_mesh
 from modalmotion.formats.gltf.scene import MeshNode, mesh_nodes, transform_at
 from modalmotion.formats.result import Reading, Source
@@ -67,10 +67,9 @@ def read_glb(
     except InputError:
         raise
     except _MISSHAPEN as error:
-        raise MalformedFileError(
+        raise malformed(
             f"The GLB file's document is not as glTF has it ({type(error).__name__}: "
-            f"{str(error)[:60]}).",
-            remedy=REMEDY,
+            f"{str(error)[:60]})."
         ) from error
 
 
@@ -79,7 +78,7 @@ def _read(container: Container, animation: str | None, limits: ReadLimits) -> Re
     channels, others = read_channels(container, animation, limits)
     nodes = mesh_nodes(container)
     if not nodes:
-        raise MalformedFileError("The GLB file's scene shows no mesh.", remedy=REMEDY)
+        raise malformed("The GLB file's scene shows no mesh.")
     times = _key_times(nodes, channels)
     limits.require("frames", len(times))
     pieces: list[NDArray[np.float64]] = []
@@ -139,9 +138,8 @@ def _positions(
     stated = container.item("nodes", node.chain[-1]).get("weights", mesh.weights)
     weights = np.array(stated, dtype=np.float64)[None] if channel is None else channel.at(times)
     if weights.shape[1:] != (n_targets,) or not np.isfinite(weights).all():
-        raise MalformedFileError(
-            f"The GLB file has {weights.shape[-1]} weights for {n_targets} morph targets.",
-            remedy=REMEDY,
+        raise malformed(
+            f"The GLB file has {weights.shape[-1]} weights for {n_targets} morph targets."
         )
     # x(t) = M(t) (base + sum_i w_i(t) target_i)
     moved = np.tensordot(weights, mesh.targets, axes=(1, 0)) + mesh.base
@@ -159,9 +157,7 @@ def _ours(container: Container) -> dict[str, Any]:
 def _text(ours: dict[str, Any], name: str) -> str | None:
     value = ours.get(name)
     if value is not None and not isinstance(value, str):
-        raise MalformedFileError(
-            f"The GLB file states {name} as {str(value)[:20]!r}.", remedy=REMEDY
-        )
+        raise malformed(f"The GLB file states {name} as {str(value)[:20]!r}.")
     return value
 
 

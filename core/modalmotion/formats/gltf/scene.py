@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.formats.gltf.channels import Channel, Key
-from modalmotion.formats.gltf.container import REMEDY, Container
+from modalmotion.formats.gltf.container import Container, malformed
 from modalmotion.formats.gltf.quaternions import to_matrices
 
 _MOST_NODES: Final = 100_000
@@ -52,9 +52,8 @@ def mesh_nodes(container: Container) -> list[MeshNode]:
         above, index = waiting.pop()
         node = container.item("nodes", index)
         if index in seen:
-            raise MalformedFileError(
-                f"Node {index} of the GLB file stands below two others, or below itself.",
-                remedy=REMEDY,
+            raise malformed(
+                f"Node {index} of the GLB file stands below two others, or below itself."
             )
         seen.add(index)
         if len(seen) > _MOST_NODES:
@@ -133,9 +132,7 @@ def _local(
     }
     n_frames = max(len(values) for values in parts.values())
     if not parts["rotation"].any(axis=1).all():
-        raise MalformedFileError(
-            "A rotation in the GLB file is a quaternion of zero length.", remedy=REMEDY
-        )
+        raise malformed("A rotation in the GLB file is a quaternion of zero length.")
     local = np.zeros((n_frames, 4, 4))
     # M = T R S
     local[:, :3, :3] = to_matrices(parts["rotation"]) * parts["scale"][:, None, :]
@@ -149,9 +146,7 @@ def _numbers(
 ) -> NDArray[np.float64]:
     values = np.array(node.get(name, default), dtype=np.float64)
     if values.shape != (n,) or not np.isfinite(values).all():
-        raise MalformedFileError(
-            f"A node of the GLB file has the {name} {str(node.get(name))[:60]}.", remedy=REMEDY
-        )
+        raise malformed(f"A node of the GLB file has the {name} {str(node.get(name))[:60]}.")
     return values
 
 

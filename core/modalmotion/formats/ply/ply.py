@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -41,7 +42,9 @@ _ORDERS: Final = {
 }
 _LISTS: Final = ("vertex_indices", "vertex_index")
 _LONGEST_HEADER: Final = 1 << 16
-_REMEDY: Final = "Export the frame again as PLY, with 'vertex' and 'face' elements."
+_malformed: Final = partial(
+    MalformedFileError, remedy="Export the frame again as PLY, with 'vertex' and 'face' elements."
+)
 
 # What a comment of ours states: "comment modalmotion unit mm".
 _OURS: Final = b"comment modalmotion "
@@ -70,30 +73,26 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     header = _read_header(data)
     by_name = {element.name: element for element in header.elements}
     if len(by_name) != len(header.elements) or "vertex" not in by_name:
-        raise MalformedFileError(
-            f"The PLY file has the elements {list(by_name)[:8]}.", remedy=_REMEDY
-        )
+        raise _malformed(f"The PLY file has the elements {list(by_name)[:8]}.")
     limits.require("vertices", by_name["vertex"].count)
     if "face" in by_name:
         limits.require("faces", by_name["face"].count)
     if sum(element.count for element in header.elements) > 2 * len(data):
-        raise MalformedFileError(
+        raise _malformed(
             f"The PLY file declares {[(e.name, e.count) for e in header.elements][:8]}, more "
-            f"than its {len(data)} bytes can hold.",
-            remedy=_REMEDY,
+            f"than its {len(data)} bytes can hold."
         )
     columns, lists = read_elements(data, header.body, header.elements, header.order)
     if not all(("vertex", axis) in columns for axis in "xyz"):
-        raise MalformedFileError(
-            "The PLY file's vertices have no x, y and z, or lists of varying length beside them.",
-            remedy=_REMEDY,
+        raise _malformed(
+            "The PLY file's vertices have no x, y and z, or lists of varying length beside them."
         )
     xyz: list[NDArray[Any]] = [columns["vertex", axis] for axis in "xyz"]
     is_single = all(a.dtype == np.float32 for a in xyz)
     positions = np.stack(xyz, axis=1)
     name = next((name for name in _LISTS if ("face", name) in lists), None)
     if name is None and "face" in by_name and by_name["face"].count:
-        raise MalformedFileError("The PLY file's faces have no vertex_indices.", remedy=_REMEDY)
+        raise _malformed("The PLY file's faces have no vertex_indices.")
     none = np.zeros(0, dtype=np.int64)
     sizes, corners = (none, none) if name is None else lists["face", name]
     polygons = triangulate(offsets_of(sizes), corners)
@@ -158,10 +157,7 @@ def _read_header(data: bytes) -> _Header:
     end = head.find(b"end_header")
     newline = head.find(b"\n", end)
     if not head.startswith(b"ply") or end < 0 or newline < 0:
-        raise MalformedFileError(
-            f"These {len(data)} bytes have no PLY header (the file may be cut short).",
-            remedy=_REMEDY,
-        )
+        raise _malformed(f"These {len(data)} bytes have no PLY header (the file may be cut short).")
     found: dict[str, str | None] = {}
     elements: list[Element] = []
     statements = list(space_in(head[:end]))
@@ -179,11 +175,9 @@ def _read_header(data: bytes) -> _Header:
             else:
                 elements[-1] = elements[-1].with_property(_property(words))
         except (KeyError, IndexError, ValueError):
-            raise MalformedFileError(
-                f"The PLY header has a line {line[:60]!r}.", remedy=_REMEDY
-            ) from None
+            raise _malformed(f"The PLY header has a line {line[:60]!r}.") from None
     if "order" not in found:
-        raise MalformedFileError("The PLY header states no format.", remedy=_REMEDY)
+        raise _malformed("The PLY header states no format.")
     return _Header(found["order"], tuple(elements), tuple(statements), newline + 1)
 
 

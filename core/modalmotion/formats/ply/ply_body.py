@@ -6,6 +6,7 @@ import struct
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from typing import Any, Final
 
@@ -15,7 +16,9 @@ from numpy.typing import NDArray
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.text import lines_of
 
-_REMEDY: Final = "The file may be cut short: send it again, or export it anew."
+_malformed: Final = partial(
+    MalformedFileError, remedy="The file may be cut short: send it again, or export it anew."
+)
 _BLOCK_ROWS: Final = 30_000
 _STRUCT_CODES: Final = {
     "i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d",
@@ -95,9 +98,7 @@ def read_elements(
     lists: Lists = {}
     for element in elements:
         if element.count and not element.properties:
-            raise MalformedFileError(
-                f"The PLY element {element.name!r} has no properties.", remedy=_REMEDY
-            )
+            raise _malformed(f"The PLY element {element.name!r} has no properties.")
     if order is None:
         lines = lines_of(memoryview(data)[start:])
         for element in elements:
@@ -108,10 +109,9 @@ def read_elements(
             start = _read_binary(data, start, element, order, columns, lists)
         rest = data[start : start + 1000].strip()
     if rest:
-        raise MalformedFileError(
+        raise _malformed(
             "The PLY file holds more than its header declares "
-            f"({[(e.name, e.count) for e in elements][:8]}).",
-            remedy=_REMEDY,
+            f"({[(e.name, e.count) for e in elements][:8]})."
         )
     return columns, lists
 
@@ -128,10 +128,8 @@ def _read_text(lines: Iterator[bytes], element: Element, columns: Columns, lists
             try:
                 _read_row(line.split(), element, numbers, sizes, items)
             except (ValueError, IndexError, OverflowError):
-                raise MalformedFileError(
-                    f"Row {start + n_read} of the PLY element {element.name!r} reads "
-                    f"{line[:60]!r}.",
-                    remedy=_REMEDY,
+                raise _malformed(
+                    f"Row {start + n_read} of the PLY element {element.name!r} reads {line[:60]!r}."
                 ) from None
             n_read += 1
         if n_read != n_rows:
@@ -256,15 +254,12 @@ def _unpack(data: bytes, at: int, order: str, count_type: str, element: Element)
         raise _too_few(element, 0)
     size: int = struct.unpack_from(order + _STRUCT_CODES[count_type], data, at)[0]
     if size < 0:
-        raise MalformedFileError(
-            f"A list of the PLY element {element.name!r} has {size} items.", remedy=_REMEDY
-        )
+        raise _malformed(f"A list of the PLY element {element.name!r} has {size} items.")
     return size
 
 
 def _too_few(element: Element, n_read: int) -> MalformedFileError:
-    return MalformedFileError(
+    return _malformed(
         f"The PLY file declares {element.count} rows of {element.name!r} but ends after "
-        f"{n_read} of them.",
-        remedy=_REMEDY,
+        f"{n_read} of them."
     )

@@ -5,6 +5,7 @@ Imported only inside the process of `parser_child`: VTK can bring down the proce
 
 from __future__ import annotations
 
+from functools import partial
 from importlib import import_module
 from typing import Any, Final
 
@@ -16,7 +17,9 @@ from modalmotion.formats.frames.frame import space_in
 from modalmotion.formats.parser.answer import Parsed
 from modalmotion.limits import ReadLimits
 
-_REMEDY: Final = "Save the frame again as a polygonal surface (vtkPolyData)."
+_malformed: Final = partial(
+    MalformedFileError, remedy="Save the frame again as a polygonal surface (vtkPolyData)."
+)
 # ParaView keeps the time of a frame under this name.
 _TIME: Final = "TimeValue"
 
@@ -47,11 +50,11 @@ def _parse(reader: Any, limits: ReadLimits) -> Parsed:
     reader.Update()
     # A reader that meets an error hands out what it has, the rest being whatever was in memory.
     if (text := str(said.GetOutput())).strip():
-        raise MalformedFileError(f"VTK cannot read the file: {_last_words(text)}.", remedy=_REMEDY)
+        raise _malformed(f"VTK cannot read the file: {_last_words(text)}.")
     surface = reader.GetOutput()
     n_points = surface.GetNumberOfPoints()
     if n_points == 0:
-        raise MalformedFileError("The VTK file holds no points.", remedy=_REMEDY)
+        raise _malformed("The VTK file holds no points.")
     limits.require("vertices", n_points)
     limits.require("faces", surface.GetNumberOfPolys())
     if surface.GetNumberOfStrips():
@@ -79,9 +82,7 @@ def _module(name: str) -> Any:
 
 def _require_offsets(offsets: NDArray[np.int64], corners: NDArray[np.int64]) -> None:
     if offsets[0] != 0 or offsets[-1] != len(corners) or (np.diff(offsets) < 0).any():
-        raise MalformedFileError(
-            "The VTK file's polygons do not add up to its list of corners.", remedy=_REMEDY
-        )
+        raise _malformed("The VTK file's polygons do not add up to its list of corners.")
 
 
 def _ignored(surface: Any) -> list[str]:

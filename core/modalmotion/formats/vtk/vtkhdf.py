@@ -7,6 +7,7 @@ connectivity does, which may be the same for all.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -24,7 +25,9 @@ OURS: Final = "modalmotion"
 """Group beside "VTKHDF" for what the format has no place for: unit, topology, grid."""
 
 _POLYGONS: Final = TOPOLOGIES.index("Polygons")
-_REMEDY: Final = "Save the surface again as VTKHDF from ParaView or VTK."
+_malformed: Final = partial(
+    MalformedFileError, remedy="Save the surface again as VTKHDF from ParaView or VTK."
+)
 
 
 def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
@@ -69,7 +72,7 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
         corners=_integers(polygons, "Connectivity"),
     )
     if not len(n_points) == len(cells.n_cells) == len(cells.n_corners):
-        raise MalformedFileError("The VTKHDF file's lists of parts differ.", remedy=_REMEDY)
+        raise _malformed("The VTKHDF file's lists of parts differ.")
     faces = _same_faces(cells, steps, limits)
     vertices = _positions(root["Points"], n_points[steps.parts], steps.points, limits)
     if "Strips" in root and _integers(root["Strips"], "NumberOfCells").any():
@@ -129,14 +132,11 @@ def _steps(root: Any, n_parts: int) -> _Steps:
     times = np.asarray(group["Values"][()], dtype=np.float64)
     lengths = {len(a) for a in (parts, points, cells, corners, times)}
     if n_steps < 1 or lengths != {n_steps}:
-        raise MalformedFileError(
-            f"The VTKHDF file declares {n_steps} steps but lists {sorted(lengths)}.",
-            remedy=_REMEDY,
-        )
+        raise _malformed(f"The VTKHDF file declares {n_steps} steps but lists {sorted(lengths)}.")
     if "NumberOfParts" in group and (several := _integers(group, "NumberOfParts").max()) > 1:
         raise _several_parts(int(several))
     if parts.min() < 0 or parts.max() >= n_parts:
-        raise MalformedFileError("A step of the VTKHDF file names no part.", remedy=_REMEDY)
+        raise _malformed("A step of the VTKHDF file names no part.")
     return _Steps(parts, points, cells, corners, times)
 
 
@@ -161,9 +161,8 @@ def _same_faces(cells: _Cells, steps: _Steps, limits: ReadLimits) -> Triangles:
         corners = cells.corners[corner : corner + n_corners] if corner >= 0 else cells.corners[:0]
         fits = len(offsets) == n_cells + 1 and len(corners) == n_corners
         if not fits or offsets[0] != 0 or offsets[-1] != n_corners or (np.diff(offsets) < 0).any():
-            raise MalformedFileError(
+            raise _malformed(
                 f"Frame {frame}: the polygons of the VTKHDF file do not add up to its lists.",
-                remedy=_REMEDY,
                 frame=frame,
             )
         if first is None:
@@ -175,7 +174,7 @@ def _same_faces(cells: _Cells, steps: _Steps, limits: ReadLimits) -> Triangles:
                 frame=frame,
             )
     if first is None:
-        raise MalformedFileError("The VTKHDF file holds no step.", remedy=_REMEDY)
+        raise _malformed("The VTKHDF file holds no step.")
     return triangulate(*first)
 
 
@@ -183,9 +182,8 @@ def _positions(
     points: Any, n_points: NDArray[np.int64], starts: NDArray[np.int64], limits: ReadLimits
 ) -> NDArray[Any]:
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
-        raise MalformedFileError(
-            f"The VTKHDF file's points have the shape {points.shape} of {points.dtype}.",
-            remedy=_REMEDY,
+        raise _malformed(
+            f"The VTKHDF file's points have the shape {points.shape} of {points.dtype}."
         )
     different = np.flatnonzero(n_points != n_points[0])
     if different.size:
@@ -197,10 +195,7 @@ def _positions(
         )
     n = int(n_points[0])
     if n < 0 or starts.min() < 0 or int(starts.max()) + n > len(points):
-        raise MalformedFileError(
-            f"The VTKHDF file holds {len(points)} points, fewer than its steps name.",
-            remedy=_REMEDY,
-        )
+        raise _malformed(f"The VTKHDF file holds {len(points)} points, fewer than its steps name.")
     dtype = np.dtype(np.float32 if points.dtype.itemsize == 4 else np.float64)
     # Steps may all name the same points, so this can be far more than the file declares.
     limits.require("decompressed_bytes", len(starts) * n * 3 * dtype.itemsize)
@@ -214,9 +209,8 @@ def _integers(group: Any, name: str, columns: int | None = None) -> NDArray[np.i
     dataset = group[name]
     fits = dataset.ndim == 1 if columns is None else dataset.shape[1:] == (columns,)
     if dataset.dtype.kind not in "iu" or not fits:
-        raise MalformedFileError(
-            f"The VTKHDF file's {name!r} has the shape {dataset.shape} of {dataset.dtype}.",
-            remedy=_REMEDY,
+        raise _malformed(
+            f"The VTKHDF file's {name!r} has the shape {dataset.shape} of {dataset.dtype}."
         )
     return np.asarray(dataset[()], dtype=np.int64)
 

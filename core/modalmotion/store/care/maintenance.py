@@ -5,24 +5,24 @@ from __future__ import annotations
 import contextlib
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
+from modalmotion.errors import CorruptFileError, NotFoundError, OlderFileError, StoreError
 from modalmotion.progress import Progress
+from modalmotion.store.care.older_forms import rewrite_older
 from modalmotion.store.care.recovery import Reconciliation, reconcile
 from modalmotion.store.disk.atomic import remove_durably
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder
-from modalmotion.store.index.database import Database
+from modalmotion.store.index.database import Database, GuestTable, renew
 from modalmotion.store.index.index import Index
-from modalmotion.store.index.model_index import ModelIndex
 
 
 def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
     """Build the index of a store anew from its files, whose seals are all checked.
 
-    Sequences with subject, label and time, and all results, come from the files. Jobs and
-    idempotency keys are in the index alone: they are kept if it can be read.
+    Sequences with subject, label and time, and all results, come from the files. Tables of
+    others, such as a service's jobs, are in the index alone: they are kept if it can be read.
+    Files that an older version wrote are rewritten first.
 
     Parameters
     ----------
@@ -38,15 +38,22 @@ def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
     """
     folder = existing_store(root)
     with folder_lock(folder.lock):
-        database, jobs_lost = _usable(folder)
+        # Before the index, which says by its version whether the files are today's.
+        older = rewrite_older(folder)
+        database, guests_lost = _usable(folder)
         try:
             index = Index(database)
-            ModelIndex(database).prepare()
             found = reconcile(folder, index, thorough=True, progress=progress)
             index.set_clean(True)
         finally:
             database.close()
-    return replace(found, jobs_lost=jobs_lost)
+    return replace(
+        found,
+        guests_lost=guests_lost,
+        rewritten=older.rewritten,
+        refused=older.refused,
+        damaged=tuple(file for file in found.damaged if file not in older.refused),
+    )
 
 
 def existing_store(root: Path) -> Folder:
@@ -67,31 +74,22 @@ def existing_store(root: Path) -> Folder:
 
 
 def _usable(folder: Folder) -> tuple[Database, bool]:
-    """Index to write to, and whether jobs were lost with a damaged one."""
-    kept: dict[str, list[Any]] = {}
-    try:
-        database = Database(folder.index)
-    except CorruptFileError:
-        jobs_lost = True
-    else:
+    """Index to write to, and whether tables of others were lost with a damaged one."""
+    guests: list[GuestTable] | None = None
+    with contextlib.suppress(CorruptFileError):
+        try:
+            database = Database(folder.index)
+        except OlderFileError:
+            renew(folder.index)
+            database = Database(folder.index)
         if not database.faults():
             return database, False
         with contextlib.suppress(StoreError):
-            kept = {
-                "INSERT INTO jobs VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)": database.read(
-                    "SELECT * FROM jobs"
-                ),
-                "INSERT INTO idempotency VALUES (?, ?, ?, ?, ?)": database.read(
-                    "SELECT * FROM idempotency"
-                ),
-            }
-        jobs_lost = not kept
+            guests = database.guests()
         with contextlib.suppress(StoreError):
             database.close()
     # The log goes first: beside a new index an old one would be a danger.
     remove_durably(*reversed(folder.index_files))
     database = Database(folder.index)
-    with database.write() as connection:
-        for statement, rows in kept.items():
-            connection.executemany(statement, rows)
-    return database, jobs_lost
+    database.receive(guests or ())
+    return database, guests is None

@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Final
 
-from modalmotion.classify.model.hdf5 import read_kept_model
-from modalmotion.classify.model.record import ModelRecord
-from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
+from modalmotion.classification.answer import hdf5 as classification_hdf5
+from modalmotion.classification.model.hdf5 import read_kept_model
+from modalmotion.classification.model.record import ModelRecord
+from modalmotion.errors import CorruptFileError, NotFoundError, OlderFileError, StoreError
 from modalmotion.hdf5.contents import require_match
-from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.sealed import is_sound
 from modalmotion.mesh.hdf5 import read_sequence
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
+from modalmotion.signature import hdf5 as signature_hdf5
 from modalmotion.store.deletion import finish_deletion
 from modalmotion.store.disk.atomic import remove_durably, write_atomic
-from modalmotion.store.folder import Folder, ResultName, Scan
+from modalmotion.store.folder import Folder, ResultKind, ResultName, Scan
 from modalmotion.store.index.cursor import to_text
 from modalmotion.store.index.index import Index, put_records, put_results
 from modalmotion.store.index.model_index import ModelIndex, put_models
 from modalmotion.store.model_deletion import deleted_record, finish_model_deletion
 from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
+
+_FORMS: Final[dict[ResultKind, Form]] = {
+    "signature": signature_hdf5.FORM,
+    "classification": classification_hdf5.FORM,
+}
 
 
 @shown()
@@ -43,10 +52,15 @@ class Reconciliation:
         Files that do not read, left where they are; such results are not in the index.
     orphans : tuple of str
         Results of no sequence, and files that are none of the store's.
-    jobs_lost : bool
-        Whether the index was so damaged that jobs and idempotency keys are lost.
+    guests_lost : bool
+        Whether the index was so damaged that tables of others in it, a service's jobs and
+        idempotency keys, are lost.
     n_models : int
         Versions of models in the index now, without deleted ones.
+    rewritten : dict of str to int
+        Files of older versions that hold today's schema now, by kind; `rebuild` alone does it.
+    refused : dict of str to str
+        Files of older versions that could not be taken, left where they are, and why.
     """
 
     n_sequences: int
@@ -56,8 +70,10 @@ class Reconciliation:
     restored: tuple[str, ...]
     damaged: tuple[str, ...]
     orphans: tuple[str, ...]
-    jobs_lost: bool = False
+    guests_lost: bool = False
     n_models: int = 0
+    rewritten: dict[str, int] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
 
 
 def reconcile(
@@ -76,6 +92,8 @@ def reconcile(
 
     Raises
     ------
+    OlderFileError
+        If it is not thorough, and a file was written by an older version.
     StoreError
         If a file cannot be removed or written; the index is as it was.
     """
@@ -95,7 +113,8 @@ def reconcile(
     for number, sequence_id in enumerate(there):
         try:
             record, is_new = _record(folder, scan, sequence_id, known.get(sequence_id))
-        except StoreError:
+        except StoreError as error:
+            _pass_over(error, thorough=thorough)
             path = folder.record(sequence_id)
             damaged.append(folder.short(path if path.exists() else folder.upload(sequence_id)))
             continue
@@ -115,11 +134,12 @@ def reconcile(
             orphans.append(folder.short(path))
             continue
         try:
-            rows.append((name, digests.get(name) or digest_of(load_sealed(path)[1])))
-        except StoreError:
+            rows.append((name, digests.get(name) or _FORMS[name.kind].digest(path)))
+        except StoreError as error:
+            _pass_over(error, thorough=thorough)
             damaged.append(folder.short(path))
         _tell(progress, number, len(there) + len(results))
-    models = _models(folder, index, scan, damaged)
+    models = _models(folder, index, scan, damaged, thorough=thorough)
     with index.database.write() as connection:
         connection.execute("DELETE FROM sequences")
         put_records(connection, records)
@@ -138,7 +158,9 @@ def reconcile(
     )
 
 
-def _models(folder: Folder, index: Index, scan: Scan, damaged: list[str]) -> list[ModelRecord]:
+def _models(
+    folder: Folder, index: Index, scan: Scan, damaged: list[str], *, thorough: bool
+) -> list[ModelRecord]:
     """Read the records of all versions of models, which are few, from their files."""
     known = {record.reference: record for record in ModelIndex(index.database).all()}
     records = []
@@ -147,7 +169,8 @@ def _models(folder: Folder, index: Index, scan: Scan, damaged: list[str]) -> lis
         try:
             kept, contents = read_kept_model(path)
             require_match(path, contents, model=reference.name, version=reference.version)
-        except StoreError:
+        except StoreError as error:
+            _pass_over(error, thorough=thorough)
             damaged.append(folder.short(path))
         else:
             records.append(kept.record)
@@ -186,6 +209,12 @@ def _record_from_upload(path: Path, sequence_id: str) -> SequenceRecord:
     sequence, contents = read_sequence(path)
     require_match(path, contents, sequence_id=sequence_id)
     return record_of(sequence, created=to_text(path.stat().st_mtime), has_upload=True)
+
+
+def _pass_over(error: StoreError, *, thorough: bool) -> None:
+    """Go on after a file that does not read, unless `rebuild` would take it and is not run."""
+    if isinstance(error, OlderFileError) and not thorough:
+        raise error
 
 
 def _tell(progress: Progress | None, number: int, total: int) -> None:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from modalmotion.classify.answer.hdf5 import read_classification
-from modalmotion.classify.model.hdf5 import read_kept_model
-from modalmotion.classify.model.record import ModelRecord, ModelReference
+from modalmotion.classification.answer.hdf5 import read_classification
+from modalmotion.classification.model.hdf5 import read_kept_model
+from modalmotion.classification.model.record import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.sealed import digest_of, load_sealed
@@ -165,10 +165,7 @@ class _Check:
             index = Index(database)
             self.rows = {record.id: record for record in index.records()}
             self.digests = index.results()
-            models = ModelIndex(database)
-            # An index of before models were kept has no such table, until the next `open`.
-            found = models.all() if models.exists else []
-            self.models = {record.reference: record for record in found}
+            self.models = {record.reference: record for record in ModelIndex(database).all()}
             self.is_clean = index.is_clean
             self.has_index = True
         except StoreError as error:

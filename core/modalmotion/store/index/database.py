@@ -1,17 +1,19 @@
-"""The SQLite file of a store: its tables, and who may use it when."""
+"""The SQLite file of a store: its tables, those of its guests, and who may use it when."""
 
 from __future__ import annotations
 
+import contextlib
 import sqlite3
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.errors import CorruptFileError, StoreError
+from modalmotion.errors import CorruptFileError, OlderFileError, StoreError
 
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
 
 _TABLES: Final = (
     """CREATE TABLE state (
@@ -21,7 +23,7 @@ _TABLES: Final = (
         id TEXT PRIMARY KEY, n_frames INTEGER NOT NULL, n_vertices INTEGER NOT NULL,
         n_faces INTEGER NOT NULL, topology TEXT, grid TEXT, unit TEXT,
         has_times INTEGER NOT NULL, subject TEXT, label TEXT, created TEXT NOT NULL,
-        has_upload INTEGER NOT NULL
+        has_upload INTEGER NOT NULL, facts TEXT NOT NULL DEFAULT '{}', span REAL
     ) WITHOUT ROWID""",
     "CREATE INDEX sequences_by_time ON sequences (created, id)",
     "CREATE INDEX sequences_by_subject ON sequences (subject, created, id)",
@@ -32,21 +34,38 @@ _TABLES: Final = (
         model_id TEXT NOT NULL, key TEXT NOT NULL, sha256 TEXT NOT NULL,
         PRIMARY KEY (sequence_id, kind, model_id, key)
     ) WITHOUT ROWID""",
-    """CREATE TABLE jobs (
-        id TEXT PRIMARY KEY, kind TEXT NOT NULL, state TEXT NOT NULL, progress REAL NOT NULL,
-        request TEXT NOT NULL, result TEXT, error TEXT, created TEXT NOT NULL,
-        updated TEXT NOT NULL
+    """CREATE TABLE models (
+        name TEXT NOT NULL, version INTEGER NOT NULL, id TEXT NOT NULL, classes TEXT NOT NULL,
+        parameters TEXT NOT NULL, created TEXT NOT NULL, training TEXT, deleted TEXT,
+        PRIMARY KEY (name, version)
     ) WITHOUT ROWID""",
-    "CREATE INDEX jobs_by_time ON jobs (created, id)",
-    "CREATE INDEX jobs_by_state ON jobs (state, created, id)",
-    """CREATE TABLE idempotency (
-        key TEXT PRIMARY KEY, fingerprint TEXT NOT NULL, status INTEGER, response TEXT,
-        created TEXT NOT NULL
-    ) WITHOUT ROWID""",
-    "CREATE INDEX idempotency_by_time ON idempotency (created)",
+)
+_OWN_TABLES: Final = ("state", "sequences", "results", "models")
+
+# What an index of version 1 lacks; its rows stay.
+_SINCE_1: Final = (
+    "ALTER TABLE sequences ADD COLUMN facts TEXT NOT NULL DEFAULT '{}'",
+    "ALTER TABLE sequences ADD COLUMN span REAL",
 )
 
-_REBUILD = "Run `modalmotion store rebuild` on the folder."
+_REBUILD = "Run `modalmotion store rebuild FOLDER`."
+
+
+@dataclass(frozen=True)
+class GuestTable:
+    """A table of the file that is not the store's own.
+
+    Parameters
+    ----------
+    name : str
+    statement : str
+        That makes it.
+    rows : list of tuple
+    """
+
+    name: str
+    statement: str
+    rows: list[tuple[Any, ...]]
 
 
 class Database:
@@ -108,6 +127,44 @@ class Database:
                     self._writer.execute("ROLLBACK")
                 raise
 
+    def extend(self, statements: Iterable[str]) -> None:
+        """Make tables of another owner in the file, such as a service's jobs.
+
+        They are written to as the store's own, are in every backup of it, and stay when the
+        index is built anew.
+
+        Parameters
+        ----------
+        statements : iterable of str
+            `CREATE TABLE IF NOT EXISTS ...` and `CREATE INDEX IF NOT EXISTS ...`.
+        """
+        with self.write() as connection:
+            for statement in statements:
+                connection.execute(statement)
+
+    def guests(self) -> list[GuestTable]:
+        """Read the tables that `extend` has made, to put them into a new index."""
+        names = ", ".join("?" * len(_OWN_TABLES))
+        tables = self.read(
+            "SELECT name, sql FROM sqlite_master "  # noqa: S608 (of constants)
+            f"WHERE type = 'table' AND name NOT LIKE 'sqlite_%' AND name NOT IN ({names})",
+            _OWN_TABLES,
+        )
+        return [
+            GuestTable(name, sql, self.read(f'SELECT * FROM "{name}"'))  # noqa: S608 (own schema)
+            for name, sql in tables
+        ]
+
+    def receive(self, guests: Iterable[GuestTable]) -> None:
+        """Make tables that `guests` has read, with their rows."""
+        with self.write() as connection:
+            for guest in guests:
+                connection.execute(guest.statement)
+                for row in guest.rows:
+                    places = ", ".join("?" * len(row))
+                    statement = f'INSERT INTO "{guest.name}" VALUES ({places})'  # noqa: S608
+                    connection.execute(statement, row)
+
     def close(self) -> None:
         """Close both connections; the write-ahead log is merged into the file."""
         with self._write_lock, self._read_lock, _explained():
@@ -129,6 +186,13 @@ class Database:
         if version == SCHEMA_VERSION:
             return
         (n_tables,) = self._writer.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        if 0 < version < SCHEMA_VERSION:
+            raise OlderFileError(
+                f"The index has version {version} of its schema; this program knows "
+                f"{SCHEMA_VERSION}.",
+                remedy=f"{_REBUILD[:-1]}, which keeps all that is in it.",
+                details={"schema_version": version, "known": SCHEMA_VERSION},
+            )
         if version != 0 or n_tables:
             raise StoreError(
                 f"The index has version {version} of its schema; this program knows "
@@ -142,6 +206,24 @@ class Database:
             self._writer.execute(statement)
         self._writer.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         self._writer.execute("COMMIT")
+
+
+def renew(path: Path) -> None:
+    """Bring an index that an older version wrote up to today's schema.
+
+    Raises
+    ------
+    CorruptFileError
+        If it is damaged.
+    StoreError
+        If it cannot be written; it is as it was.
+    """
+    with _explained(), contextlib.closing(_connect(path)) as connection:
+        connection.execute("BEGIN IMMEDIATE")
+        for statement in _SINCE_1:
+            connection.execute(statement)
+        connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        connection.execute("COMMIT")
 
 
 def _connect(path: Path) -> sqlite3.Connection:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterable, Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
+from modalmotion.facts import Facts, facts_from_json
 from modalmotion.representation import shown
 from modalmotion.store.folder import ResultKind, ResultName
 from modalmotion.store.index.cursor import from_cursor, require_limit, to_cursor
 from modalmotion.store.index.database import Database
-from modalmotion.store.record import SequenceRecord
+from modalmotion.store.record import SequenceRecord, record_values
 
 
 @shown()
@@ -148,9 +150,9 @@ def put_records(connection: sqlite3.Connection, records: Iterable[SequenceRecord
     """Write records inside a transaction."""
     # An upsert: INSERT OR REPLACE would delete the row first, and its results with it.
     connection.executemany(
-        "INSERT INTO sequences VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "
+        "INSERT INTO sequences VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "
         "ON CONFLICT (id) DO UPDATE SET subject = excluded.subject, label = excluded.label, "
-        "has_upload = excluded.has_upload",
+        "has_upload = excluded.has_upload, facts = excluded.facts, span = excluded.span",
         (_row(record) for record in records),
     )
 
@@ -165,13 +167,20 @@ def put_results(connection: sqlite3.Connection, results: Iterable[tuple[ResultNa
 
 
 def _row(record: SequenceRecord) -> tuple[Any, ...]:
-    values = list(astuple(record))
-    values[5] = None if record.grid is None else json.dumps(record.grid)
-    return tuple(values)
+    values = record_values(record)
+    values["grid"] = None if record.grid is None else json.dumps(record.grid)
+    values["facts"] = json.dumps(values["facts"])
+    return tuple(values.values())
 
 
 def _record(row: tuple[Any, ...]) -> SequenceRecord:
     values = list(row)
     values[5] = None if row[5] is None else tuple(json.loads(row[5]))
-    values[7], values[11] = bool(row[7]), bool(row[11])
+    values[7], values[11], values[12] = bool(row[7]), bool(row[11]), _facts(row[12])
     return SequenceRecord(*values)
+
+
+@lru_cache(maxsize=64)
+def _facts(text: str) -> Facts:
+    # Most sequences of a store state the same few.
+    return facts_from_json(json.loads(text))

@@ -8,16 +8,9 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
-from modalmotion.classify.model.record import ModelRecord
+from modalmotion.classification.model.record import ModelRecord
 from modalmotion.store.index.database import Database
 
-# Made where it is missing: indexes of before models were kept stay as they are otherwise, and
-# programs of that time pass the table by.
-_TABLE: Final = """CREATE TABLE IF NOT EXISTS models (
-    name TEXT NOT NULL, version INTEGER NOT NULL, id TEXT NOT NULL, classes TEXT NOT NULL,
-    parameters TEXT NOT NULL, created TEXT NOT NULL, training TEXT, deleted TEXT,
-    PRIMARY KEY (name, version)
-) WITHOUT ROWID"""
 _COLUMNS: Final = "name, version, id, classes, parameters, created, training, deleted"
 
 
@@ -31,17 +24,6 @@ class ModelIndex:
 
     def __init__(self, database: Database) -> None:
         self._database = database
-
-    @property
-    def exists(self) -> bool:
-        """Whether the table is there."""
-        statement = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'models'"
-        return bool(self._database.read(statement))
-
-    def prepare(self) -> None:
-        """Make the table where it is missing."""
-        with self._database.write() as connection:
-            connection.execute(_TABLE)
 
     def versions(self, name: str) -> list[ModelRecord]:
         """All versions of that name, deleted ones too, from the first to the newest."""

@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 
 from starlette.responses import Response
 
-from modalmotion.store import Job
 from modalmotion_service.http.preferences import Preference
 from modalmotion_service.schemas import JobAnswer
+from modalmotion_service.workspace.jobs import Job
 from modalmotion_service.workspace.state import State
 
 T = TypeVar("T")
@@ -39,7 +39,7 @@ async def result_or_job(
         wait = min(wait, preference.wait_seconds)
     if preference.is_async:
         work.close()
-        return await state.jobs.start(kind, request)
+        return await state.runner.start(kind, request)
     task = asyncio.ensure_future(work)
     try:
         await asyncio.wait([task], timeout=wait)
@@ -49,16 +49,34 @@ async def result_or_job(
     if task.done():
         return task.result()
     try:
-        return await state.jobs.start(kind, request, instead_of=task)
+        return await state.runner.start(kind, request, instead_of=task)
     except BaseException:
         task.cancel()
         raise
 
 
+def job_answer(job: Job, text: str | None = None) -> JobAnswer:
+    """Write a job out, with what it is doing now in words."""
+    here = f"/v1/jobs/{job.id}"
+    result = job.result or {}
+    return JobAnswer(
+        id=job.id,
+        kind=job.kind,
+        state=job.state,
+        progress=job.progress,
+        text=text or None,
+        result=f"{here}/result" if "file" in result else result.get("link"),
+        error=job.error,
+        created=job.created,
+        updated=job.updated,
+        links={"self": here},
+    )
+
+
 def accepted(job: Job) -> Response:
     """Answer 202 with a job."""
     return Response(
-        JobAnswer.of(job).model_dump_json(),
+        job_answer(job).model_dump_json(),
         status_code=202,
         media_type="application/json",
         headers={

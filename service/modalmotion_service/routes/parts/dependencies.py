@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
+from dataclasses import replace
 from typing import Annotated
 
 from fastapi import Depends, Header, Request
-from starlette.datastructures import UploadFile
+from starlette.datastructures import FormData, UploadFile
 
-from modalmotion.errors import MalformedFileError
+from modalmotion.errors import MalformedFileError, ParameterError
+from modalmotion.facts import Facts, column_of, facts_from_texts, is_fact
 from modalmotion.store import ResultStore
 from modalmotion_service.access.keys import key_required
 from modalmotion_service.access.principal import principal_of
@@ -89,7 +91,29 @@ async def _receive(request: Request, state: State) -> SpoolFile:
                     "The form has no file part named 'file'.",
                     remedy="Send one part named 'file', or the bytes as the raw body.",
                 )
-            return await state.spool.receive(_pieces(part), hashed=hashed)
+            facts = _facts_in(form)
+            file = await state.spool.receive(_pieces(part), hashed=hashed)
+            return replace(file, facts=facts)
+
+
+def _facts_in(form: FormData) -> Facts:
+    """Read the facts that fields of a form state, by the names that columns of tables have.
+
+    Raises
+    ------
+    ParameterError
+        If one cannot be read, or is stated twice.
+    """
+    texts: dict[str, str] = {}
+    for heading, value in form.multi_items():
+        name = column_of(heading)
+        if isinstance(value, str) and is_fact(name):
+            if name in texts:
+                raise ParameterError(
+                    f"The form has two fields '{name[:80]}'.", remedy="Send one of them."
+                )
+            texts[name] = value
+    return facts_from_texts(texts)
 
 
 async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:

@@ -10,9 +10,9 @@ from typing import Annotated
 from fastapi import Header
 from starlette.responses import Response
 
-from modalmotion.store import ResultStore
 from modalmotion_service.errors import ConflictError, IdempotencyMismatchError
 from modalmotion_service.http.conditional import tag_of
+from modalmotion_service.workspace.idempotency import IdempotencyKeys
 
 IdempotencyKey = Annotated[
     str | None,
@@ -28,7 +28,7 @@ _KEPT_HEADERS = ("content-type", "location", "etag", "preference-applied")
 
 
 async def idempotent_answer(
-    store: ResultStore,
+    keys: IdempotencyKeys,
     key: str | None,
     fingerprint: tuple[str, ...],
     make: Callable[[], Awaitable[Response]],
@@ -37,7 +37,7 @@ async def idempotent_answer(
 
     Parameters
     ----------
-    store : ResultStore
+    keys : IdempotencyKeys
     key : str or None
         None makes the answer anew.
     fingerprint : tuple of str
@@ -55,18 +55,18 @@ async def idempotent_answer(
     if key is None:
         return await make()
     mark = tag_of(*fingerprint)
-    known = await asyncio.to_thread(store.idempotency.claim, key, mark)
+    known = await asyncio.to_thread(keys.claim, key, mark)
     if known is None:
         try:
             answer = await make()
         except BaseException:
-            await asyncio.to_thread(store.idempotency.release, key)
+            await asyncio.to_thread(keys.release, key)
             raise
         kept = {
             "body": base64.b64encode(bytes(answer.body)).decode("ascii"),
             "headers": {n: v for n, v in answer.headers.items() if n in _KEPT_HEADERS},
         }
-        await asyncio.to_thread(store.idempotency.complete, key, answer.status_code, kept)
+        await asyncio.to_thread(keys.complete, key, answer.status_code, kept)
         return answer
     if known.fingerprint != mark:
         raise IdempotencyMismatchError(

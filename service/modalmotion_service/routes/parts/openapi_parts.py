@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from modalmotion.facts import NAMES
 from modalmotion_service.schemas import JobAnswer, Problem
 
 BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
@@ -11,14 +12,18 @@ BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 UPLOAD_BODY: Final[dict[str, Any]] = {
     "requestBody": {
         "required": True,
-        "description": "The file's bytes, or a form with one part named 'file'.",
+        "description": "The file's bytes, or a form with one part named 'file' and "
+        "fields that state facts: by name as in the query, or landmark:apex and covariate:age.",
         "content": {
             "application/octet-stream": BINARY,
             "multipart/form-data": {
                 "schema": {
                     "type": "object",
                     "required": ["file"],
-                    "properties": {"file": {"type": "string", "format": "binary"}},
+                    "properties": {
+                        "file": {"type": "string", "format": "binary"},
+                        **{name: {"type": "string"} for name in NAMES},
+                    },
                 }
             },
         },

@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from modalmotion.classify import Classification, Model, ModelCard, classify, load_model
+from modalmotion.classification import Classification, Model, ModelCard, classify, load_model
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import model_from_hdf5, signature_from_hdf5
 from modalmotion_service.schemas import ReadingAnswer

@@ -8,6 +8,7 @@ import numpy as np
 
 from modalmotion.clinical import clinical_readouts
 from modalmotion.exports.surfaces import SurfaceFormat, write_superposed
+from modalmotion.facts import Facts
 from modalmotion.pictures.readouts import volume_figure
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import sequence_from_hdf5, signature_from_hdf5, template_from_hdf5
@@ -39,10 +40,11 @@ def measure_trade(
     template: Path | None,
     media_type: str,
     output: Path,
+    facts: Facts,
 ) -> dict[str, float]:
     """Measure the trade on a kept sequence, as JSON or PNG; gives milliseconds by stage."""
     found = measure_tradeoff(
-        sequence_from_hdf5(sequence),
+        sequence_from_hdf5(sequence).with_facts(facts),
         parameters,
         most_modes=front_modes,
         components=None if components is None else (components,),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalmotion.stopwatch import Stopwatch
-from modalmotion.store import SequenceRecord, record_of, sequence_to_hdf5
+from modalmotion.store import SequenceRecord, record_of, upload_image
 from modalmotion_service.schemas import ReadingAnswer
 from modalmotion_service.work.tasks.files import write_whole
 from modalmotion_service.work.upload import Upload
@@ -28,5 +28,5 @@ def ingest(upload: Upload, image: Path) -> tuple[SequenceRecord, ReadingAnswer, 
         reading = upload.read()
     with watch.stage("image"):
         record = record_of(reading.sequence, created="", has_upload=True)
-        write_whole(image, sequence_to_hdf5(reading.sequence))
+        write_whole(image, upload_image(reading.sequence))
     return record, ReadingAnswer.of(reading), watch.milliseconds

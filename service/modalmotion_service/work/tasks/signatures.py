@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from modalmotion.exports.signature_pack import write_pack
+from modalmotion.facts import Facts
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.comparison import Comparison, compare
@@ -18,6 +20,7 @@ from modalmotion.store import (
     SequenceRecord,
     sequence_from_hdf5,
     signature_from_hdf5,
+    signature_image,
     signature_to_hdf5,
 )
 from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, RAW
@@ -43,7 +46,7 @@ def sign(
     with watch.stage("fit"):
         signature = modal_signature(loaded, parameters, template=named, cache=cache_for(named))
     with watch.stage("image"):
-        write_whole(image, signature_to_hdf5(signature))
+        write_whole(image, signature_image(signature))
     return watch.milliseconds
 
 
@@ -65,9 +68,15 @@ def sign_upload(
     return body, watch.milliseconds
 
 
-def signature_as_json(path: Path, file: str) -> bytes:
-    """Write a kept signature out as the service's JSON."""
-    return SignatureAnswer.of(signature_from_hdf5(path), file).model_dump_json().encode()
+def signature_as_json(path: Path, file: str, facts: Facts) -> bytes:
+    """Write a kept signature and the facts of its sequence out as the service's JSON."""
+    signature = replace(signature_from_hdf5(path), facts=facts)
+    return SignatureAnswer.of(signature, file).model_dump_json().encode()
+
+
+def signature_with_facts(path: Path, facts: Facts) -> bytes:
+    """Write a kept signature and the facts of its sequence out as HDF5."""
+    return signature_to_hdf5(replace(signature_from_hdf5(path), facts=facts))
 
 
 def draw_signature(sequence: Path, signature: Path) -> bytes:

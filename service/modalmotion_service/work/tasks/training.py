@@ -8,8 +8,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from modalmotion.classify import CaseFile, Model, TrainingOptions, train
-from modalmotion.classify.training.parallel import joblib_backend
+from modalmotion.classification import CaseFile, Model, TrainingOptions, train
+from modalmotion.classification.training.parallel import joblib_backend
 from modalmotion.errors import ModalMotionError, ParameterError
 from modalmotion.store import kept_model, model_to_hdf5
 from modalmotion_service.errors import ClusterError

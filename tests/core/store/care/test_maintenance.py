@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import pytest
 from click.testing import CliRunner
 from damaged_stores import N, damage, flip_signature, flip_upload, four_kept
+from guest_table import STATEMENT
 from project import ROOT
 from store_samples import KEY, assert_same, sample_sequence, sample_signature, tree
 
@@ -18,7 +20,7 @@ from modalmotion.errors import CorruptFileError
 from modalmotion.exports.signature_pack import export
 from modalmotion.store import ResultStore, rebuild, template_to_hdf5, verify
 from modalmotion.store.folder import Folder, ResultName
-from modalmotion.store.record import read_record, record_to_json
+from modalmotion.store.record import FORM, read_record, record_values
 from modalmotion.template import make_template
 
 
@@ -30,9 +32,10 @@ def root(tmp_path: Path) -> Path:
 def index_of(root: Path) -> dict[str, list[tuple[object, ...]]]:
     connection = sqlite3.connect(root / "index.sqlite")
     try:
+        connection.execute(STATEMENT)
         return {
-            table: connection.execute(f"SELECT * FROM {table} ORDER BY 1, 2, 3, 4").fetchall()  # noqa: S608
-            for table in ("sequences", "results", "models", "jobs", "idempotency")
+            table: connection.execute(f"SELECT * FROM {table} ORDER BY 1, 2").fetchall()  # noqa: S608
+            for table in ("sequences", "results", "models", "visits")
         }
     finally:
         connection.close()
@@ -44,20 +47,17 @@ def test_a_rebuilt_index_is_the_old_one(root: Path) -> None:
     found = rebuild(root, progress=lambda done, total: seen.append((done, total)))
     assert (found.n_sequences, found.n_results) == (N, 3 * N)
     assert (found.restored, found.damaged, found.orphans) == ((), (), ())
-    assert not found.jobs_lost
+    assert not found.guests_lost
     assert index_of(root) == before
     assert tree(root) == files
     assert seen == [(i + 1, 4 * N) for i in range(4 * N)]
 
 
-def test_an_index_that_is_lost_comes_back_without_jobs(root: Path) -> None:
+def test_an_index_that_is_lost_comes_back_without_its_guests(root: Path) -> None:
     before = index_of(root)
     (root / "index.sqlite").unlink()
     rebuild(root)
-    after = index_of(root)
-    for table in ("sequences", "results", "models"):
-        assert after[table] == before[table]
-    assert (after["jobs"], after["idempotency"]) == ([], [])
+    assert index_of(root) == {**before, "visits": []}
 
 
 def test_a_lost_index_is_built_anew_by_opening_too(root: Path) -> None:
@@ -69,7 +69,7 @@ def test_a_lost_index_is_built_anew_by_opening_too(root: Path) -> None:
 
 
 @pytest.mark.parametrize("place", [0, 50, 99])
-def test_a_damaged_index_is_built_anew_and_says_whether_jobs_are_lost(
+def test_a_damaged_index_is_built_anew_and_says_whether_guests_are_lost(
     place: int, root: Path
 ) -> None:
     before = index_of(root)
@@ -82,11 +82,11 @@ def test_a_damaged_index_is_built_anew_and_says_whether_jobs_are_lost(
     found = rebuild(root)
     after = index_of(root)
     assert (after["sequences"], after["results"]) == (before["sequences"], before["results"])
-    assert found.jobs_lost is (after["jobs"] == [])
+    assert found.guests_lost is (after["visits"] == [])
     assert verify(root).is_sound
 
 
-def test_jobs_survive_a_damaged_index_where_they_can_be_read(root: Path) -> None:
+def test_guests_survive_a_damaged_index_where_they_can_be_read(root: Path) -> None:
     before = index_of(root)
     connection = sqlite3.connect(root / "index.sqlite")
     (page,) = connection.execute(
@@ -97,7 +97,7 @@ def test_jobs_survive_a_damaged_index_where_they_can_be_read(root: Path) -> None
     content[(page - 1) * 4096 : page * 4096] = b"\xa5" * 4096
     (root / "index.sqlite").write_bytes(content)
     assert any(fault.file == "index.sqlite" for fault in verify(root).faults)
-    assert not rebuild(root).jobs_lost
+    assert not rebuild(root).guests_lost
     assert index_of(root) == before
 
 
@@ -212,17 +212,14 @@ def test_the_commands_say_what_they_found(root: Path, tmp_path: Path) -> None:
     assert f"{KEY}.h5: damaged" in text
 
 
-def test_a_record_of_a_newer_version_is_not_overwritten(
-    root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_record_of_a_newer_version_is_not_overwritten(root: Path) -> None:
     folder, name = Folder(root), sample_sequence(1).id
     path = folder.record(name)
     with ResultStore(root) as store:
         record = store.sequence_record(name)
-    with monkeypatch.context() as patch:
-        patch.setattr("modalmotion.store.record.SCHEMA_VERSION", 2)
-        patch.setattr("modalmotion.store.record.asdict", lambda _: {"unheard": "of"})
-        newer = record_to_json(record)
+    newer = replace(FORM, version=FORM.version + 1).write(
+        {**record_values(record), "unheard": "of"}
+    )
     path.write_bytes(newer)
     assert [fault.file for fault in verify(root).faults] == [folder.short(path)]
     assert rebuild(root).damaged == (folder.short(path),)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from template_surfaces import PHASES, SQUEEZE, describe, shared
+from template_surfaces import PHASES, SQUEEZE, describe, fit_sequence, shared
 
-from modalmotion.fit.fit import fit_sequence, make_basis
+from modalmotion.fit.basis import make_basis
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.signature.distance import signature_distance
 from modalmotion.template import GivenLandmarks, choose_modes, make_template

@@ -1,0 +1,83 @@
+"""One sequence on one template, centred once, and fitted as parameters ask."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.alignment.displacements import Displacements
+from modalmotion.alignment.reference import displacements_from
+from modalmotion.choice.parameters import SignatureParameters
+from modalmotion.fit.basis import Basis
+from modalmotion.fit.fit import Fit, fit_displacements
+from modalmotion.fit.superposition import Superposition
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.template import Template
+from modalmotion.template.body_frame import Components, local_frames
+
+
+@dataclass(frozen=True, eq=False)
+class Fitter:
+    """Fits of any modes to one sequence on one template.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+        In the template's topology.
+    template : Template
+    parameters : SignatureParameters
+    displacements : Displacements
+        Of the sequence, from the reference that the parameters name.
+    """
+
+    sequence: MeshSequence
+    template: Template
+    parameters: SignatureParameters
+    displacements: Displacements
+
+    @staticmethod
+    def of(
+        sequence: MeshSequence, template: Template, parameters: SignatureParameters | None = None
+    ) -> Fitter:
+        """Centre a sequence on a template; 7 modes against frame 0 by default."""
+        asked = SignatureParameters() if parameters is None else parameters
+        displacements = displacements_from(
+            asked.reference,
+            sequence,
+            template.weights,
+            template.isolated,
+            remove_rotation=asked.remove_rotation,
+        )
+        return Fitter(sequence, template, asked, displacements)
+
+    def asking(self, **changes: Any) -> Fitter:
+        """Fit otherwise, from the same reference: parameters that no template depends on."""
+        asked = replace(self.parameters, **changes)
+        displacements = replace(self.displacements, remove_rotation=asked.remove_rotation)
+        return replace(self, parameters=asked, displacements=displacements)
+
+    @cached_property
+    def frames(self) -> NDArray[np.float64] | None:
+        """Local directions of the components, (vertices, 3, 3) float64; None for x, y, z.
+
+        Raises
+        ------
+        TopologyError
+            If the surface has no axis to split components by.
+        """
+        if self.parameters.components == Components.CARTESIAN:
+            return None
+        return local_frames(self.template)
+
+    def fit(self, basis: Basis) -> Fit:
+        """Fit factored modes to every frame; errors as `fit_displacements`."""
+        return fit_displacements(self.displacements, basis, self.frames)
+
+    def superposition(self, shapes: NDArray[np.float64]) -> Superposition:
+        """Superpose shapes, (vertices, modes) float64, on the reference."""
+        start = self.displacements.start
+        return Superposition(start, self.template.weights @ start, shapes, self.frames)

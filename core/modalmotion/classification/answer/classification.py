@@ -1,0 +1,70 @@
+"""What a classifier says of one sequence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.answer.explanation import ModeContribution
+from modalmotion.representation import shown
+
+NO_MOTION = "no motion"
+NOISE = "noise"
+OUT_OF_DOMAIN = "out of domain"
+UNREADABLE = "unreadable"
+FLAGS = (NO_MOTION, NOISE, OUT_OF_DOMAIN, UNREADABLE)
+"""Nothing moves; nothing but noise moves; unlike any training case; not a signature that the
+model reads (another topology, other modes, one frame). Where one is set, there is no label."""
+
+
+@shown("label", "probability", "class_set", "coverage", "flags", "model")
+@dataclass(frozen=True, eq=False)
+class Classification:
+    """A motion class with its probability, or none where the model cannot tell.
+
+    Parameters
+    ----------
+    sequence_id : str
+    model : str
+        Name of the model.
+    model_id : str
+        sha256 of the model's arrays, in hex.
+    label : str or None
+        The most probable class; None where the model abstains (see `notes`).
+    classes : tuple of str
+    probabilities : (classes,) float64
+        They add up to 1.
+    class_set : tuple of str
+        Classes that cannot be ruled out: of cases like the training ones it holds the true
+        class with the probability `coverage`, whatever the class is.
+    coverage : float
+        As asked for.
+    flags : tuple of str
+        Of `FLAGS`; empty where there is nothing to hold against the answer.
+    explanation : tuple of ModeContribution
+        What moved the prediction, the strongest first; empty where there is none.
+    notes : tuple of str
+        Why it abstains, and what a user should know of the model.
+    provenance : dict
+        Versions of the software that made it.
+    """
+
+    sequence_id: str
+    model: str
+    model_id: str
+    label: str | None
+    classes: tuple[str, ...]
+    probabilities: NDArray[np.float64]
+    class_set: tuple[str, ...]
+    coverage: float
+    flags: tuple[str, ...]
+    explanation: tuple[ModeContribution, ...]
+    notes: tuple[str, ...]
+    provenance: dict[str, str]
+
+    @property
+    def probability(self) -> float:
+        """Probability of the most probable class."""
+        return float(self.probabilities.max())

@@ -1,0 +1,211 @@
+"""What a model says of a signature: a class, or why it gives none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.answer.classification import (
+    NO_MOTION,
+    NOISE,
+    OUT_OF_DOMAIN,
+    UNREADABLE,
+    Classification,
+)
+from modalmotion.classification.answer.explanation import explain
+from modalmotion.classification.features import READINGS, Column, MotionFeatures
+from modalmotion.classification.model.model import Model
+from modalmotion.classification.model.shipped import load_model
+from modalmotion.classification.options import require_coverage
+from modalmotion.mesh.sequence import MEAN, MeshSequence
+from modalmotion.signature.making import ModalSignature, modal_signature, provenance
+
+_REFERENCE_NOTE = (
+    "The signature is measured from one frame, so the answer depends on which it is; fitted with "
+    "the model's signature parameters, which name the mean shape, it does not."
+)
+_MIRRORED_NOTE = (
+    "The columns run left-handed about the axis from the apex; the motion was read accordingly."
+)
+
+
+def classify(
+    motion: ModalSignature | MeshSequence, model: Model | None = None, coverage: float = 0.9
+) -> Classification:
+    """Name the class of a motion, or abstain.
+
+    Parameters
+    ----------
+    motion : ModalSignature or MeshSequence
+        A signature is best fitted with `model.signature_parameters`, as a sequence is here: of
+        another reference it is answered with a note. Other differences are not answered.
+    model : Model, optional
+        The shipped one by default.
+    coverage : float
+        Probability with which the class set is to hold the true class.
+
+    Returns
+    -------
+    Classification
+        Without a label, with equal probabilities and all classes in the set, where the model
+        cannot tell; flags and the first note say why. "No motion" is such an answer and no
+        class: it is a measurement against a limit, and amplitudes that are noise should not be
+        given a kind of motion.
+
+    Raises
+    ------
+    ParameterError
+        If the coverage is not above 0 and below 1.
+    """
+    require_coverage(coverage)
+    chosen = load_model() if model is None else model
+    signature = motion
+    if isinstance(signature, MeshSequence):
+        signature = modal_signature(signature, chosen.signature_parameters)
+    refusal = _unreadable(signature, chosen)
+    read = None if refusal is not None else _read(signature, chosen)
+    if read is not None:
+        refusal = read.refusal
+    if read is None or refusal is not None:
+        flag, why = refusal or (UNREADABLE, "")
+        return _abstention(signature, chosen, coverage, flag, why)
+    logs = chosen.log_shares(read.values[None])
+    probabilities = np.exp(logs[0] - logs.max())
+    probabilities /= probabilities.sum()
+    label = chosen.classes[int(probabilities.argmax())]
+    notes = [*chosen.notes.get(label, ()), *chosen.notes.get("", ())]
+    if chosen.signature_parameters.reference == MEAN != signature.parameters.reference:
+        notes.append(_REFERENCE_NOTE)
+    if read.is_mirrored:
+        notes.insert(0, _MIRRORED_NOTE)
+    few = chosen.calibration.too_few(coverage)
+    if few:
+        names = ", ".join(chosen.classes[k] for k in few)
+        notes.append(
+            f"Too few cases to rule out {names} at a coverage of {coverage:.3g}: every class set "
+            f"holds {'it' if len(few) == 1 else 'them'}."
+        )
+    held = chosen.calibration.holds(probabilities[None], coverage)[0]
+    return Classification(
+        sequence_id=signature.sequence_id,
+        model=chosen.name,
+        model_id=chosen.id,
+        label=label,
+        classes=chosen.classes,
+        probabilities=probabilities,
+        class_set=tuple(c for c, keep in zip(chosen.classes, held, strict=True) if keep),
+        coverage=coverage,
+        flags=(),
+        explanation=explain(signature, chosen, read.values, read.columns, probabilities),
+        notes=tuple(notes),
+        provenance=provenance(),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Read:
+    values: NDArray[np.float64]
+    columns: tuple[Column, ...]
+    is_mirrored: bool
+    refusal: tuple[str, str] | None
+
+
+def _abstention(
+    signature: ModalSignature, model: Model, coverage: float, flag: str, why: str
+) -> Classification:
+    n = len(model.classes)
+    return Classification(
+        sequence_id=signature.sequence_id,
+        model=model.name,
+        model_id=model.id,
+        label=None,
+        classes=model.classes,
+        probabilities=np.full(n, 1.0 / n),
+        class_set=model.classes,
+        coverage=coverage,
+        flags=(flag,),
+        explanation=(),
+        notes=(why, *model.notes.get("", ())),
+        provenance=provenance(),
+    )
+
+
+def _unreadable(signature: ModalSignature, model: Model) -> tuple[str, str] | None:
+    """Flag and reason why the signature cannot be read by the model at all."""
+    known, modes = model.readable, signature.modes
+    if signature.n_frames < 2:
+        return UNREADABLE, "No class: one frame shows no motion."
+    if signature.surface not in known.topologies:
+        return OUT_OF_DOMAIN, (
+            f"No class: the model reads signatures of the topology "
+            f"{' or '.join(known.topologies)}, this one's is {signature.surface}. State the "
+            "topology if it is wrong."
+        )
+    if modes.connectivity_id != known.connectivity_id:
+        return OUT_OF_DOMAIN, (
+            "No class: the model reads recordings of one mesh only, and this is another: spring "
+            "modes do not compare between meshes."
+        )
+    if len(modes) != known.n_modes:
+        return UNREADABLE, (
+            f"No class: the model reads signatures of {known.n_modes} modes, this one has "
+            f"{len(modes)}. Fit it with {known.n_modes} modes."
+        )
+    asked, needed = signature.parameters, known.parameters
+    if (asked.weights, asked.remove_rotation, asked.components) != (
+        needed.weights,
+        needed.remove_rotation,
+        needed.components,
+    ):
+        return UNREADABLE, (
+            f"No class: the model reads signatures with {needed.weights} weights, rotation "
+            f"{'removed' if needed.remove_rotation else 'kept'} and {needed.components} "
+            "components. Fit it with the model's signature parameters."
+        )
+    if model.reader.walls and not _zero_is_known(signature):
+        return UNREADABLE, (
+            "No class: the model tells walls apart, but the zero of theta is not determined by "
+            "this shape. State the landmark theta_zero."
+        )
+    if model.reader.has_axis and not min(signature.lengths) > 0:
+        return UNREADABLE, "No class: the surface is collapsed in its reference frame."
+    return None
+
+
+def _zero_is_known(signature: ModalSignature) -> bool:
+    return signature.landmarks is not None and "theta_zero" not in signature.landmarks.weak
+
+
+def _read(signature: ModalSignature, model: Model) -> _Read:
+    """Features in the reading that is nearest to what the model knows."""
+    found = model.reader.read(signature)
+    distances = model.distance(found.kinds)
+    nearest = int(distances.argmin())
+    return _Read(
+        values=found.values[nearest],
+        columns=found.columns,
+        is_mirrored=len(found.values) > 1 and READINGS[nearest].is_mirrored,
+        refusal=_refusal(found, float(distances[nearest]), model),
+    )
+
+
+def _refusal(found: MotionFeatures, distance: float, model: Model) -> tuple[str, str] | None:
+    domain = model.domain
+    if found.motion < domain.least_motion or found.motion == 0.0:
+        return NO_MOTION, (
+            f"No class, no motion: it deforms by {found.motion:.2%} of its size, less than "
+            f"{domain.least_motion:.2%}."
+        )
+    if found.smooth_share < domain.least_smooth:
+        return NOISE, (
+            "No class: the motion is mostly noise from frame to frame (a smooth one would hold "
+            f"1, this one {found.smooth_share:.2f})."
+        )
+    if distance > domain.limit:
+        return OUT_OF_DOMAIN, (
+            f"No class: the motion is unlike any that the model was trained on (distance "
+            f"{distance:.2f} from the nearest class, limit {domain.limit:.2f})."
+        )
+    return None

@@ -1,0 +1,102 @@
+"""Classifications as HDF5."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import asdict
+from pathlib import Path
+from typing import Final
+
+from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer.explanation import ModeContribution
+from modalmotion.hdf5.contents import Contents
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import Dataset, json_text
+from modalmotion.signature.making import SignatureParameters
+
+FORM: Final = Form("classification", 2)
+
+
+def classification_key(parameters: SignatureParameters, coverage: float) -> str:
+    """Short name of what was asked of a model: which signature, and how sure a class set."""
+    return hashlib.sha256(f"{parameters.key} {coverage!r}".encode()).hexdigest()[:16]
+
+
+def classification_to_hdf5(
+    classification: Classification, *, parameters_key: str | None = None
+) -> bytes:
+    """Write a classification as a sealed HDF5 file in memory.
+
+    Parameters
+    ----------
+    classification : Classification
+    parameters_key : str, optional
+        Key of what was asked; see `classification_key`.
+
+    Returns
+    -------
+    bytes
+        The same for the same classification.
+
+    Raises
+    ------
+    StoreError
+        If the name of the model is no text that HDF5 can hold.
+    """
+    ids = {"sequence_id": classification.sequence_id, "model_id": classification.model_id}
+    if parameters_key is not None:
+        ids["parameters_key"] = parameters_key
+    datasets = [
+        Dataset("probabilities", classification.probabilities, "1", "class"),
+        json_text("classes", classification.classes),
+        json_text("label", classification.label),
+        json_text("class_set", classification.class_set),
+        json_text("coverage", classification.coverage),
+        json_text("flags", classification.flags),
+        json_text("explanation", [asdict(part) for part in classification.explanation]),
+        json_text("notes", classification.notes),
+        json_text("provenance", classification.provenance),
+    ]
+    return FORM.image(ids, datasets, model=classification.model)
+
+
+def classification_from_hdf5(source: bytes | Path) -> Classification:
+    """Read a classification, bit for bit as it was written.
+
+    Parameters
+    ----------
+    source : bytes or Path
+
+    Raises
+    ------
+    StoreError
+        As `Form.read` says.
+    """
+    return read_classification(source)[0]
+
+
+def read_classification(source: bytes | Path) -> tuple[Classification, Contents]:
+    """Read a classification together with the contents of its file."""
+    with FORM.read(source) as contents:
+        classes = tuple(contents.json("classes", list))
+        label = contents.json("label", object)
+        if label not in (None, *classes):
+            raise ValueError(f"the label {str(label)[:80]!r} is none of the classes")
+        classification = Classification(
+            sequence_id=contents.text("sequence_id"),
+            model=contents.text("model"),
+            model_id=contents.text("model_id"),
+            label=None if label is None else str(label),
+            classes=classes,
+            probabilities=contents.array("probabilities", (len(classes),)),
+            notes=tuple(contents.json("notes", list)),
+            provenance=contents.json("provenance", dict),
+            class_set=tuple(contents.json("class_set", list)),
+            coverage=float(contents.json("coverage", float)),
+            flags=tuple(contents.json("flags", list)),
+            explanation=tuple(
+                ModeContribution(**{**part, "modes": tuple(part["modes"])})
+                for part in contents.json("explanation", list)
+            ),
+        )
+    return classification, contents

@@ -1,0 +1,124 @@
+"""Probabilities of classes from features, as plain arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.estimators.temperature import softmax
+from modalmotion.representation import shown
+
+# Below this a probability is rounding.
+_LEAST: float = 1e-12
+
+
+@shown()
+@dataclass(frozen=True, eq=False)
+class Scorer:
+    """A linear or Gaussian-kernel score of each class.
+
+    Parameters
+    ----------
+    anchors : (anchors, features) float64
+        Standardised; none for a linear score.
+    gamma : float
+        k(z, a) = exp(-gamma |z - a|^2).
+    weights : (features or anchors, classes) float64
+        Of z, or of the kernels at the anchors.
+    intercepts : (classes,) float64
+    temperature : float
+        The scorer's probabilities are softmax(scores / temperature).
+    """
+
+    anchors: NDArray[np.float64]
+    gamma: float
+    weights: NDArray[np.float64]
+    intercepts: NDArray[np.float64]
+    temperature: float
+
+    def __post_init__(self) -> None:
+        for array in (self.anchors, self.weights, self.intercepts):
+            array.setflags(write=False)
+
+    def probabilities(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Probabilities, (cases, classes) float64, of standardised features."""
+        if len(self.anchors):
+            z = _gaussian(z, self.anchors, self._anchor_squares, self.gamma)
+        return softmax((z @ self.weights + self.intercepts) / self.temperature)
+
+    @cached_property
+    def _anchor_squares(self) -> NDArray[np.float64]:
+        return _squares(self.anchors)
+
+
+@shown()
+@dataclass(frozen=True, eq=False)
+class Blend:
+    """Mean of the probabilities of scorers, made reliable.
+
+    Parameters
+    ----------
+    centre, scale : (features,) float64
+        Standardisation: z = (x - centre) / scale; the scale of a constant feature is infinite.
+    scorers : tuple of Scorer
+    temperature : float
+        Probabilities are softmax(log(mean) / temperature).
+    """
+
+    centre: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    scorers: tuple[Scorer, ...]
+    temperature: float
+
+    def __post_init__(self) -> None:
+        for array in (self.centre, self.scale):
+            array.setflags(write=False)
+
+    def standardised(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Features in standard deviations from the training cases' mean."""
+        z: NDArray[np.float64] = (features - self.centre) / self.scale
+        return z
+
+    def log_shares(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Log probabilities but for a constant, (cases, classes), of features (cases, features)."""
+        z = self.standardised(features)
+        return blended([scorer.probabilities(z) for scorer in self.scorers]) / self.temperature
+
+
+def blended(shares: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Log of the mean of probabilities."""
+    mean = sum(shares[1:], shares[0]) / len(shares)
+    logs: NDArray[np.float64] = np.log(np.maximum(mean, _LEAST))
+    return logs
+
+
+def kernel(
+    z: NDArray[np.float64], anchors: NDArray[np.float64], gamma: float
+) -> NDArray[np.float64]:
+    """exp(-gamma |z - a|^2), (cases, anchors) float64."""
+    return _gaussian(z, anchors, _squares(anchors), gamma)
+
+
+def _gaussian(
+    z: NDArray[np.float64],
+    anchors: NDArray[np.float64],
+    anchor_squares: NDArray[np.float64],
+    gamma: float,
+) -> NDArray[np.float64]:
+    # |z - a|^2 = |z|^2 + |a|^2 - 2 z.a
+    squares = z @ anchors.T
+    squares *= -2.0
+    squares += anchor_squares
+    squares += _squares(z)[:, None]
+    np.maximum(squares, 0.0, out=squares)
+    squares *= -gamma
+    values: NDArray[np.float64] = np.exp(squares, out=squares)
+    return values
+
+
+def _squares(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    squares: NDArray[np.float64] = np.einsum("ij,ij->i", rows, rows)
+    return squares

@@ -1,0 +1,29 @@
+"""Features of a motion: numbers that do not depend on pose, size, start angle or sampling."""
+
+from modalmotion.classification.features.alignment import align, mean_motion
+from modalmotion.classification.features.axis import READINGS, AxisReading, axis_features
+from modalmotion.classification.features.axis_parts import has_axis
+from modalmotion.classification.features.columns import Column, MotionFeatures, kind_of, powers_of
+from modalmotion.classification.features.reader import (
+    FeatureReader,
+    MotionTerms,
+    motion_of,
+    surface_size,
+)
+
+__all__ = [
+    "READINGS",
+    "AxisReading",
+    "Column",
+    "FeatureReader",
+    "MotionFeatures",
+    "MotionTerms",
+    "align",
+    "axis_features",
+    "has_axis",
+    "kind_of",
+    "mean_motion",
+    "motion_of",
+    "powers_of",
+    "surface_size",
+]

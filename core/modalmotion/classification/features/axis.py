@@ -1,0 +1,299 @@
+"""Features of a surface with an axis: contraction, twist, shortening, and what is one-sided.
+
+The amplitudes are read in a body frame that the motion itself gives. Over one period each is a
+mean, which is dropped, and harmonics.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.features.axis_parts import Parts, parts_of, readable_modes
+from modalmotion.classification.features.columns import Column, MotionFeatures
+from modalmotion.classification.features.temporal import (
+    elapsed_share,
+    harmonics,
+    one_turn,
+    smooth_share,
+)
+from modalmotion.errors import ParameterError
+from modalmotion.modes import Modes
+from modalmotion.signature.making import ModalSignature
+
+Vectors = NDArray[np.float64]
+Spectrum = NDArray[np.complex128]
+Direction = tuple[float, float, float]
+
+
+class AxisReading(NamedTuple):
+    """What the amplitudes cannot say by themselves.
+
+    Parameters
+    ----------
+    is_mirrored : bool
+        Whether theta runs left-handed about the axis, as columns of a lattice may.
+    is_inverted : bool
+        Whether inward is opposite to what shortening suggests.
+    """
+
+    is_mirrored: bool = False
+    is_inverted: bool = False
+
+
+READINGS: Final = tuple(AxisReading(m, i) for m in (False, True) for i in (False, True))
+"""All readings; which of them holds is decided by what a model knows."""
+
+
+class _Layout(NamedTuple):
+    """What the features of all motions in the same modes have in common.
+
+    Parameters
+    ----------
+    columns : tuple of Column
+    signs : (readings, features) float64
+        What the other readings turn round in the first one.
+    deforming : (n,) int64
+        Modes that are no translation of the whole.
+    """
+
+    columns: tuple[Column, ...]
+    signs: Vectors
+    deforming: NDArray[np.int64]
+
+
+def axis_features(
+    signature: ModalSignature, n_signed: int = 2, n_sized: int = 1, *, walls: bool = False
+) -> MotionFeatures:
+    """Read the features of a motion about an axis from its signature.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+        Of a cup, cylinder or sphere. Its frames cover one period: the frame after the last
+        would be the first again, or the last is (see `one_turn`).
+    n_signed, n_sized : int
+        Harmonics of the parts with a sign, and of those without.
+    walls : bool
+        Whether the zero of theta is a known place on the body: parts without a sign then have
+        components towards it and across, so that walls are told apart.
+
+    Returns
+    -------
+    MotionFeatures
+        In percent of the surface's size; square roots of that for parts without a sign. One
+        row for each of `READINGS`.
+
+    Raises
+    ------
+    TopologyError
+        If the surface is none of these, or has no extent.
+    ModeCountError
+        If the modes (1, 0) and (0, 1) are not in the signature.
+    ShapeError
+        If there are fewer than two frames.
+    ParameterError
+        If the amplitudes are not Cartesian.
+
+    Notes
+    -----
+    e3 is the direction of the sum of c x s over time and p, for the cosine and sine amplitudes
+    of (p, 1): the axis about which theta is right-handed, since a wall that moves along its
+    radius has c = u e1, s = u e2. With w(v) = v.e1 + i v.e2 the parts are
+
+    - radial p and turning p, (w(c) - i w(s)) / 2 of (p, 1): contraction, and a level turning
+      against the others (twist), where (0, 1) is radial on the whole;
+    - axial p and across p, e3 and w of (p, 0): shortening, and bending of the axis;
+    - oval p, (w(c) + i w(s)) / 2 of (p, 1): rings becoming ellipses;
+    - tilt p, e3.c - i e3.s of (p, 1): rings tilting;
+    - side, lobe and wave (p, p'), the same three of p' > 1: what p' - 1, p' + 1 and p' walls do.
+
+    (0, 0), the translation of the whole, is left out. Phases count from the first harmonic of
+    the contraction, so the start of the recording does not matter. Radial, turning and axial
+    parts have a sign: the cosine and sine of each harmonic are given. The direction of the
+    others is arbitrary: their lengths in phase and out of phase are. A rotation of the world
+    turns e1, e2 and e3; another start angle turns c and s into one another; neither changes a
+    feature.
+    """
+    modes = readable_modes(signature)
+    signature = one_turn(signature)
+    parts, layout = parts_of(modes), _layout(modes, n_signed, n_sized, walls)
+    # Percent of the size; the roots are taken apart so that no product overflows.
+    along, around = signature.lengths
+    a = signature.amplitudes / math.sqrt(along)
+    a /= math.sqrt(around)
+    a *= 100.0
+    a -= np.add.reduce(a) / len(a)
+    frame = _body_frame(a, parts, None if not walls else _theta_zero(signature))
+    n, n_modes = len(a), len(modes)
+    # Components along e1, e2 and e3.
+    b = (a.reshape(-1, 3) @ frame).reshape(n, n_modes, 3)
+    share = elapsed_share(signature)
+    count = max(n_signed, n_sized)
+    spectrum = harmonics(share, b.reshape(n, -1), count).reshape(count, n_modes, 3)
+    signed, x, y = _read(spectrum, parts, _radial_line(b, parts))
+    values = _values(signed, x, y, n_signed, n_sized, walls)
+    deformation = b[:, layout.deforming].reshape(n, -1)
+    return MotionFeatures(
+        columns=layout.columns,
+        values=values * layout.signs,
+        motion=math.sqrt(np.vdot(deformation, deformation) / n) / 100.0,
+        smooth_share=smooth_share(share, deformation, is_cycle=True),
+    )
+
+
+def _body_frame(a: Vectors, parts: Parts, towards: Vectors | None) -> Vectors:
+    """e1, e2 and e3 as columns, (3, 3) float64; e1 is towards the zero of theta where known."""
+    first = parts.first
+    c, s = a[:, parts.cosines[first]].reshape(-1, 3), a[:, parts.sines[first]].reshape(-1, 3)
+    # The sum of c x s is what is not symmetric in the sum of c s'.
+    m = (c.T @ s).tolist()
+    e3 = _unit((m[1][2] - m[2][1], m[2][0] - m[0][2], m[0][1] - m[1][0]))
+    if towards is None:
+        least = min(range(3), key=lambda k: abs(e3[k]))
+        start: Direction = (float(least == 0), float(least == 1), float(least == 2))
+    else:
+        start = _cross(e3, (float(towards[0]), float(towards[1]), float(towards[2])))
+    e1 = _unit(_cross(start, e3))
+    return np.array([e1, _cross(e3, e1), e3]).T
+
+
+def _radial_line(b: Vectors, parts: Parts) -> complex:
+    """Give the turn about the axis, of modulus 1, that makes radial motion of (0, 1) real."""
+    k = parts.first[0]
+    c, s = b[:, parts.cosines[k]], b[:, parts.sines[k]]
+    # (w(c) - i w(s)) / 2 but for the half, of the mode (0, 1).
+    x, y = c[:, 0] + s[:, 1], c[:, 1] - s[:, 0]
+    # The line in the complex plane along which (0, 1) moves most is the radial one.
+    gauge = cmath.exp(-0.5j * math.atan2(2.0 * (x @ y), x @ x - y @ y))
+    # A ring narrows while the axis shortens: (1, 0) is positive at the apex end.
+    axial = b[:, parts.unpaired[0], 2]
+    if gauge.real * (x @ axial) - gauge.imag * (y @ axial) > 0:
+        gauge = -gauge
+    return gauge
+
+
+def _read(spectrum: Spectrum, parts: Parts, gauge: complex) -> tuple[Spectrum, Spectrum, Spectrum]:
+    """Harmonics of the parts with a sign, and of both components of those without."""
+    c, s, flat = (
+        spectrum[:, chosen].transpose(2, 0, 1)
+        for chosen in (parts.cosines, parts.sines, parts.unpaired)
+    )
+    n_rings = len(parts.first)
+    # (w(c) - i w(s)) / 2 = ((c1 + s2) + i (c2 - s1)) / 2, turned by the gauge where p' = 1.
+    x, y = (c[0] + s[1]) / 2, (c[1] - s[0]) / 2
+    g, k = gauge.real, gauge.imag
+    x1, y1 = x[:, :n_rings], y[:, :n_rings]
+    signed = np.concatenate([x1 * g - y1 * k, x1 * k + y1 * g, flat[2]], axis=1)
+    # (w(c) + i w(s)) / 2 = ((c1 - s2) + i (c2 + s1)) / 2 and e3.c - i e3.s
+    real = [flat[0], (c[0] - s[1]) / 2, c[2], x[:, n_rings:]]
+    imaginary = [flat[1], (c[1] + s[0]) / 2, -s[2], y[:, n_rings:]]
+    return signed, np.concatenate(real, axis=1), np.concatenate(imaginary, axis=1)
+
+
+def _values(
+    signed: Spectrum, x: Spectrum, y: Spectrum, n_signed: int, n_sized: int, walls: bool
+) -> Vectors:
+    """Real features, phases counted from the height of the contraction."""
+    # At phase 0 the contraction, which is the opposite of "radial 0", is at its height.
+    clock = cmath.phase(-signed[0, 0])
+    turns = np.exp(-1j * clock * np.arange(1, len(signed) + 1))[:, None]
+    with_sign = _by_part(signed[:n_signed] * turns[:n_signed])
+    u, v = _by_part(x[:n_sized] * turns[:n_sized]), _by_part(y[:n_sized] * turns[:n_sized])
+    without = np.concatenate([u, v], axis=1) if walls else np.sqrt(np.hypot(u, v))
+    # "radial 0 sin 1" is zero by the choice of the clock.
+    return np.concatenate(
+        [with_sign[0, :1], with_sign[0, 2:], with_sign[1:].ravel(), without.ravel()]
+    )
+
+
+def _by_part(z: Spectrum) -> Vectors:
+    """Give cosine and sine of each harmonic, (parts, 2 harmonics), of (harmonics, parts)."""
+    return z.T.copy().view(np.float64)
+
+
+@lru_cache(maxsize=64)
+def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
+    parts = parts_of(modes)
+    return _Layout(
+        columns=_columns(parts, n_signed, n_sized, walls),
+        signs=np.stack([_signs(parts, reading, n_signed, n_sized, walls) for reading in READINGS]),
+        deforming=np.flatnonzero(modes.wavenumbers.any(axis=1)),
+    )
+
+
+def _signs(parts: Parts, reading: AxisReading, n_signed: int, n_sized: int, walls: bool) -> Vectors:
+    """Signs by which a reading differs from the first one.
+
+    A theta that runs left-handed turns s and e3 round. Where e1 is towards the zero of theta, e2
+    goes with them, and w becomes its conjugate; elsewhere e1 does, and w becomes the opposite of
+    its conjugate. Both make the radial line its mirror image, radial and axial parts their
+    opposite, and keep turning. Inward and outward exchanged turns radial and turning round. Where
+    radial parts are turned round the height of the contraction is half a period later.
+    """
+    n_rings, n_pairs = len(parts.first), len(parts.cosines)
+    n_flat, n_others = len(parts.unpaired), len(parts.others)
+    mirrored = -1.0 if reading.is_mirrored else 1.0
+    inverted = -1.0 if reading.is_inverted else 1.0
+    later = mirrored * inverted
+    by_part = [mirrored * inverted] * n_rings + [inverted] * n_rings + [mirrored] * n_flat
+    signed = np.array(by_part)[:, None] * _of_harmonics(n_signed, later)
+    if walls:
+        # e1, e2 and, of tilt, e3.c and -e3.s; "towards zero" and "across zero".
+        plane, tilt = (1.0, mirrored), (mirrored, 1.0)
+        sides = [plane] * (n_flat + n_pairs) + [tilt] * n_pairs + [plane] * n_others
+        sized = (np.array(sides)[:, :, None] * _of_harmonics(n_sized, later)).ravel()
+    else:
+        sized = np.ones(2 * n_sized * (n_flat + 2 * n_pairs + n_others))
+    return np.concatenate([np.delete(signed, 1), sized])
+
+
+def _of_harmonics(count: int, later: float) -> Vectors:
+    """Give the sign of cosine and sine of each harmonic half a period later, if `later` is -1."""
+    return np.repeat(later ** np.arange(1, count + 1), 2)
+
+
+def _columns(parts: Parts, n_signed: int, n_sized: int, walls: bool) -> tuple[Column, ...]:
+    found = [
+        Column(f"{part.name} {phase} {h}", part.modes)
+        for part in parts.signed
+        for h in range(1, n_signed + 1)
+        for phase in ("cos", "sin")
+    ]
+    del found[1]
+    sides = (" towards zero", " across zero") if walls else ("",)
+    found += [
+        Column(f"{part.name}{side} {phase} {h}", part.modes, power=1.0 if walls else 0.5)
+        for part in parts.sized
+        for side in sides
+        for h in range(1, n_sized + 1)
+        for phase in ("cos", "sin")
+    ]
+    return tuple(found)
+
+
+def _theta_zero(signature: ModalSignature) -> Vectors:
+    if signature.landmarks is None:
+        raise ParameterError(
+            "The surface has no zero of theta, so walls cannot be told apart.",
+            remedy="State the landmark theta_zero.",
+        )
+    return signature.landmarks.theta_zero
+
+
+def _cross(a: Direction, b: Direction) -> Direction:
+    """Vector product; numpy's own costs twenty times as much on one pair."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def _unit(vector: Direction) -> Direction:
+    """Give the unit vector along `vector`; any one where nothing moves."""
+    length = math.hypot(*vector)
+    if length == 0.0:
+        return (0.0, 0.0, 1.0)
+    return (vector[0] / length, vector[1] / length, vector[2] / length)

@@ -1,0 +1,39 @@
+"""A motion in a few numbers, for few cases: which modes, how directed, when."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.features.columns import Column
+from modalmotion.classification.features.invariants import Waves, signed_root, stacked
+
+
+def summary(motion: NDArray[np.complex128], waves: Waves, *, is_cycle: bool) -> NDArray[np.float64]:
+    """Values of the columns of `summary_columns`, (features,) float64; see `invariants`."""
+    z = stacked(motion, waves)
+    squares = np.abs(z) ** 2
+    # Over terms, or over everything else.
+    by_wave, by_term = squares.sum(axis=(0, 2, 3)), squares.sum(axis=(1, 2, 3))
+    both = np.concatenate([z.real, z.imag]).reshape(-1, 3)
+    spread = np.linalg.svd(both, compute_uv=False, full_matrices=False)
+    parts = [np.sqrt(by_wave), np.sqrt(by_term), spread]
+    if not is_cycle:
+        # The start of a course is known, so the signs of its terms to each other say when.
+        flat = motion.real.reshape(len(motion), -1)
+        i, j = np.triu_indices(len(motion), 1)
+        parts.append(signed_root((flat @ flat.T)[i, j]))
+    return np.concatenate(parts)
+
+
+def summary_columns(waves: Waves, n_terms: int, *, is_cycle: bool) -> tuple[Column, ...]:
+    """Names of what `summary` gives."""
+    everything = waves.all_modes
+    term = "harmonic" if is_cycle else "term"
+    found = [Column(f"size {name}", waves.modes(k)) for k, name in enumerate(waves.names)]
+    found += [Column(f"size {term} {h}", everything) for h in range(1, n_terms + 1)]
+    found += [Column(f"spread {axis}", everything) for axis in (1, 2, 3)]
+    if not is_cycle:
+        pairs = zip(*np.triu_indices(n_terms, 1), strict=True)
+        found += [Column(f"term {i + 1} with {j + 1}", everything) for i, j in pairs]
+    return tuple(found)

@@ -1,0 +1,355 @@
+"""Models as HDF5: plain arrays and plain texts, checked on reading; nothing in them is run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
+from modalmotion.classification.estimators.scorer import Blend, Scorer
+from modalmotion.classification.features import Column, FeatureReader
+from modalmotion.classification.model.card import ModelCard
+from modalmotion.classification.model.conformal import Calibration
+from modalmotion.classification.model.domain import Domain
+from modalmotion.classification.model.model import Model, Readable
+from modalmotion.classification.model.record import ModelRecord, require_model_name
+from modalmotion.classification.options import MOST_HARMONICS
+from modalmotion.errors import CorruptFileError, ModelNotReproducedError
+from modalmotion.hdf5.contents import Contents
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import Dataset, json_text
+from modalmotion.representation import shown
+
+FORM: Final = Form("model", 2)
+
+# The golden batch must come out as it was stored, but for the last digits.
+_GOLDEN_TOLERANCE: Final = 1e-9
+
+_LARGEST: Final = 512 * 2**20
+
+# Datasets of the model's own, with their axes; all but these and its texts say what it is.
+_AXES: Final = {
+    "typical": "part, term, mode, direction",
+    "centre": "feature",
+    "scale": "feature",
+    "n_anchors": "scorer",
+    "anchors": "anchor, feature",
+    "gammas": "scorer",
+    "weights": "feature or anchor, class",
+    "intercepts": "scorer, class",
+    "temperatures": "scorer",
+    "temperature": "",
+    "machine": "byte",
+    "means": "class, kind",
+    "whitening": "kind, direction",
+    "limits": "limit",
+    "n_scores": "class",
+    "scores": "score",
+    "golden_features": "case, feature",
+    "golden_probabilities": "case, class",
+    "readable": "",
+    "reader": "",
+    "columns": "",
+    "notes": "",
+}
+
+
+@shown("record.name", "record.version", "record.id")
+@dataclass(frozen=True)
+class KeptModel:
+    """A model as a file holds it, its arrays not interpreted.
+
+    Parameters
+    ----------
+    record : ModelRecord
+        Version 0 until a store has given it a number.
+    card : dict
+        How it was made and tested, and what it is for; JSON values.
+    arrays : dict of str to ndarray
+        All that its answers depend on, as in the file: texts as JSON.
+    """
+
+    record: ModelRecord
+    card: dict[str, Any]
+    arrays: dict[str, NDArray[Any]]
+
+
+def kept_model(model: Model, *, training: str | None = None) -> KeptModel:
+    """Take a model to pieces that a store can keep.
+
+    Parameters
+    ----------
+    model : Model
+    training : str, optional
+        See `ModelRecord`.
+    """
+    record = ModelRecord(
+        name=model.name,
+        version=0,
+        id=model.id,
+        classes=model.classes,
+        parameters=model.signature_parameters,
+        created="",
+        training=training,
+    )
+    return KeptModel(record, model.card.as_json(), _arrays(model))
+
+
+def numbered(kept: KeptModel, version: int, created: str) -> KeptModel:
+    """Give a model its number and its time."""
+    return replace(kept, record=replace(kept.record, version=version, created=created))
+
+
+def model_to_hdf5(model: Model | KeptModel) -> bytes:
+    """Write a model as a sealed HDF5 file in memory.
+
+    Parameters
+    ----------
+    model : Model or KeptModel
+
+    Returns
+    -------
+    bytes
+        The same for the same model, version and times.
+
+    Raises
+    ------
+    ParameterError
+        If its name cannot be kept.
+    """
+    kept = kept_model(model) if isinstance(model, Model) else model
+    record = kept.record
+    datasets = [
+        *(
+            Dataset(name, array, "none" if array.dtype.kind in "Su" else "1", _AXES[name])
+            for name, array in sorted(kept.arrays.items())
+        ),
+        json_text("classes", record.classes),
+        json_text("parameters", parameters_as_json(record.parameters)),
+        json_text("card", kept.card),
+        json_text("origin", {"created": record.created, "training": record.training}),
+    ]
+    name = require_model_name(record.name)
+    return FORM.image({"model_id": record.id}, datasets, model=name, version=record.version)
+
+
+def read_kept_model(source: bytes | Path) -> tuple[KeptModel, Contents]:
+    """Read a model's file without interpreting the model in it."""
+    _require_size(source)
+    with FORM.read(source) as contents:
+        return _kept(contents), contents
+
+
+def model_from_hdf5(source: bytes | Path) -> Model:
+    """Read a model and have it predict its golden batch again.
+
+    Parameters
+    ----------
+    source : bytes or Path
+
+    Raises
+    ------
+    StoreError
+        As `Form.read` says.
+    ModelNotReproducedError
+        If the file is whole, and the model in it does not answer here as where it was made.
+    """
+    _require_size(source)
+    with FORM.read(source) as contents:
+        kept = _kept(contents)
+        model = _model(kept, contents)
+    if model.id != kept.record.id:
+        raise CorruptFileError(
+            f"{contents.name} holds another model than {kept.record.reference}, as it says: its "
+            f"sha256 is {model.id[:12]}…, not {kept.record.id[:12]}….",
+            remedy="Restore it from a copy, or delete this version and train it again.",
+        )
+    _require_golden(model, kept.record)
+    return model
+
+
+def _require_size(source: bytes | Path) -> None:
+    if isinstance(source, bytes):
+        name, size = "The HDF5 image", len(source)
+    else:
+        name, size = f"'{source.name}'", source.stat().st_size if source.is_file() else 0
+    if size > _LARGEST:
+        raise CorruptFileError(
+            f"{name} has {size} bytes; a model has at most {_LARGEST}.", remedy="Name a model."
+        )
+
+
+def _kept(contents: Contents) -> KeptModel:
+    origin = contents.json("origin", dict)
+    number = contents.attributes["version"]
+    if not isinstance(number, int):
+        raise TypeError("the version is not a number")
+    record = ModelRecord(
+        name=contents.text("model"),
+        version=number,
+        id=contents.text("model_id"),
+        classes=tuple(map(str, contents.json("classes", list))),
+        parameters=parameters_from_json(contents.json("parameters", dict)),
+        created=origin["created"],
+        training=origin["training"],
+    )
+    arrays = {name: array for name, array in contents.arrays.items() if name in _AXES}
+    return KeptModel(record, contents.json("card", dict), arrays)
+
+
+def _arrays(model: Model) -> dict[str, NDArray[Any]]:
+    reader, blend, domain = model.reader, model.blend, model.domain
+    d, n = len(model.columns), len(model.classes)
+    scores = model.calibration.scores
+    arrays = {
+        "centre": blend.centre,
+        "scale": blend.scale,
+        "n_anchors": np.array([len(s.anchors) for s in blend.scorers], dtype=np.int64),
+        "anchors": np.concatenate([np.zeros((0, d)), *(s.anchors for s in blend.scorers)]),
+        "gammas": np.array([s.gamma for s in blend.scorers], dtype=np.float64),
+        "weights": np.concatenate([np.zeros((0, n)), *(s.weights for s in blend.scorers)]),
+        "intercepts": np.array([s.intercepts for s in blend.scorers]).reshape(-1, n),
+        "temperatures": np.array([s.temperature for s in blend.scorers], dtype=np.float64),
+        "temperature": np.array(blend.temperature, dtype=np.float64),
+        "machine": np.frombuffer(model.machine, dtype=np.uint8),
+        "means": domain.means,
+        "whitening": domain.whitening,
+        "limits": np.array([domain.limit, domain.least_motion, domain.least_smooth]),
+        "n_scores": np.array([len(of_class) for of_class in scores], dtype=np.int64),
+        "scores": np.concatenate(scores),
+        "golden_features": model.golden_features,
+        "golden_probabilities": model.golden_probabilities,
+    }
+    if reader.typical is not None:
+        arrays["typical"] = np.stack([reader.typical.real, reader.typical.imag])
+    texts = {
+        "readable": {
+            "topologies": model.readable.topologies,
+            "n_modes": model.readable.n_modes,
+            "connectivity_id": model.readable.connectivity_id,
+        },
+        "reader": {name: getattr(reader, name) for name in (*_FLAGS, "n_harmonics")},
+        "columns": [[c.name, c.modes, c.power] for c in model.columns],
+        "notes": model.notes,
+    }
+    return {**arrays, **{name: json_text(name, text).values for name, text in texts.items()}}
+
+
+# Of a reader.
+_FLAGS: Final = ("has_axis", "is_cycle", "walls", "adds_modes", "is_brief")
+
+
+def _model(kept: KeptModel, contents: Contents) -> Model:
+    record = kept.record
+    readable = contents.json("readable", dict)
+    columns = tuple(
+        Column(str(name), tuple(map(int, modes)), float(power))
+        for name, modes, power in contents.json("columns", list)
+    )
+    d, n = len(columns), len(record.classes)
+    blend = _blend(contents, d, n)
+    machine = contents.array("machine", (None,)).astype(np.uint8).tobytes()
+    golden = contents.array("golden_features", (None, d))
+    limit, least_motion, least_smooth = contents.array("limits", (3,)).tolist()
+    n_scores = contents.array("n_scores", (n,)).astype(np.int64)
+    scores = contents.array("scores", (int(n_scores.sum()),))
+    n_modes = int(readable["n_modes"])
+    if (
+        len(set(record.classes)) < max(n, 2)
+        or bool(blend.scorers) == bool(machine)
+        or not len(golden)
+        or not all(0 <= mode < n_modes for column in columns for mode in column.modes)
+    ):
+        raise ValueError("the parts of the model do not fit together")
+    return Model(
+        name=record.name,
+        classes=record.classes,
+        readable=Readable(
+            topologies=tuple(map(str, readable["topologies"])),
+            n_modes=n_modes,
+            connectivity_id=str(readable["connectivity_id"]),
+            parameters=record.parameters,
+        ),
+        reader=_reader(contents),
+        columns=columns,
+        blend=blend,
+        machine=machine,
+        domain=Domain(
+            means=contents.array("means", (n, d + 1)),
+            whitening=contents.array("whitening", (d + 1, d + 1)),
+            limit=limit,
+            least_motion=least_motion,
+            least_smooth=least_smooth,
+        ),
+        calibration=Calibration(tuple(np.split(scores, np.cumsum(n_scores)[:-1]))),
+        golden_features=golden,
+        golden_probabilities=contents.array("golden_probabilities", (len(golden), n)),
+        notes={
+            str(label): tuple(map(str, texts))
+            for label, texts in contents.json("notes", dict).items()
+        },
+        card=ModelCard.from_json(kept.card),
+    )
+
+
+def _reader(contents: Contents) -> FeatureReader:
+    values = contents.json("reader", dict)
+    n_harmonics, typical = int(values["n_harmonics"]), None
+    if not 1 <= n_harmonics <= MOST_HARMONICS:
+        raise ValueError(f"it reads {n_harmonics} harmonics")
+    if "typical" in contents.arrays:
+        real, imaginary = contents.array("typical", (2, None, None, 3))
+        typical = real + 1j * imaginary
+    flags = {name: bool(values[name]) for name in _FLAGS}
+    return FeatureReader(n_harmonics=n_harmonics, typical=typical, **flags)
+
+
+def _blend(contents: Contents, d: int, n: int) -> Blend:
+    n_anchors = contents.array("n_anchors", (None,)).astype(np.int64)
+    k = len(n_anchors)
+    # A linear scorer has no anchors, and weighs the features.
+    n_weights = np.where(n_anchors > 0, n_anchors, d)
+    if (n_anchors < 0).any():
+        raise ValueError("a scorer has fewer than no anchors")
+    anchors = contents.array("anchors", (int(n_anchors.sum()), d))
+    weights = contents.array("weights", (int(n_weights.sum()), n))
+    # Of no scorers, a split gives one empty part all the same.
+    parts = zip(
+        np.split(anchors, np.cumsum(n_anchors)[:-1]),
+        contents.array("gammas", (k,)).tolist(),
+        np.split(weights, np.cumsum(n_weights)[:-1]),
+        contents.array("intercepts", (k, n)),
+        contents.array("temperatures", (k,)).tolist(),
+        strict=False,
+    )
+    return Blend(
+        centre=contents.array("centre", (d,)),
+        scale=contents.array("scale", (d,)),
+        scorers=tuple(Scorer(*part) for part in parts),
+        temperature=float(contents.number("temperature")),
+    )
+
+
+def _require_golden(model: Model, record: ModelRecord) -> None:
+    try:
+        # A foreign model may divide by zero; its probabilities are none then.
+        with np.errstate(all="ignore"):
+            predicted = model.probabilities(model.golden_features)
+            apart = np.abs(predicted - model.golden_probabilities).max()
+        reason = f"a probability of its golden batch is off by {apart:.2g}."
+    except CorruptFileError as error:
+        apart, reason = np.inf, error.message
+    except (ValueError, TypeError, AttributeError, IndexError) as error:
+        apart, reason = np.inf, f"its estimator cannot be asked ({str(error)[:100]})."
+    if not apart <= _GOLDEN_TOLERANCE:
+        named = record.reference
+        raise ModelNotReproducedError(
+            f"The model {named} is whole, but is not what it was when it was made: {reason}",
+            remedy="Name another version, train it again, or use the versions of the libraries "
+            "that its card states.",
+            details={"model": named.name, "version": named.version},
+        )

@@ -1,0 +1,172 @@
+"""A model: what it reads, how it scores, how sure it may be, and what it is for."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.estimators.machine import machine_log_shares
+from modalmotion.classification.estimators.scorer import Blend
+from modalmotion.classification.estimators.temperature import softmax
+from modalmotion.classification.features import Column, FeatureReader
+from modalmotion.classification.model.card import ModelCard
+from modalmotion.classification.model.conformal import Calibration
+from modalmotion.classification.model.domain import Domain
+from modalmotion.representation import shown
+from modalmotion.signature.making import SignatureParameters
+
+
+@shown()
+@dataclass(frozen=True)
+class Readable:
+    """Which signatures a model reads.
+
+    Parameters
+    ----------
+    topologies : tuple of str
+        "mesh" for the spring modes of one mesh.
+    n_modes : int
+    connectivity_id : str
+        Of that mesh; empty for modes in closed form.
+    parameters : SignatureParameters
+        Of the signatures; any landmarks will do, and any frame as reference that is one.
+    """
+
+    topologies: tuple[str, ...]
+    n_modes: int
+    connectivity_id: str
+    parameters: SignatureParameters
+
+
+@shown("name", "classes", "readable.topologies", "readable.n_modes", "id")
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A classifier of motions that is trained.
+
+    Parameters
+    ----------
+    name : str
+    classes : tuple of str
+    readable : Readable
+    reader : FeatureReader
+    columns : tuple of Column
+        The features.
+    blend : Blend
+        Standardisation and scorers; without scorers where there is a machine.
+    machine : bytes
+        skops archive of an estimator that is no plain arrays; empty otherwise.
+    domain : Domain
+    calibration : Calibration
+    golden_features : (cases, features) float64
+    golden_probabilities : (cases, classes) float64
+        What the model must say of them.
+    notes : dict of str to tuple of str
+        What a user should know with every answer (under "") or with a class.
+    card : ModelCard
+    """
+
+    name: str
+    classes: tuple[str, ...]
+    readable: Readable
+    reader: FeatureReader
+    columns: tuple[Column, ...]
+    blend: Blend
+    machine: bytes
+    domain: Domain
+    calibration: Calibration
+    golden_features: NDArray[np.float64]
+    golden_probabilities: NDArray[np.float64]
+    notes: dict[str, tuple[str, ...]]
+    card: ModelCard
+
+    def __post_init__(self) -> None:
+        self.golden_features.setflags(write=False)
+        self.golden_probabilities.setflags(write=False)
+
+    @cached_property
+    def id(self) -> str:
+        """Identity: sha256 in hex of everything that an answer depends on."""
+        text = json.dumps(_identity(self), sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    @property
+    def signature_parameters(self) -> SignatureParameters:
+        """Parameters of the signatures it reads."""
+        return self.readable.parameters
+
+    def log_shares(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Log probabilities but for a constant, (cases, classes), of features (cases, features)."""
+        if self.machine:
+            return machine_log_shares(self.machine, features)
+        return self.blend.log_shares(features)
+
+    def probabilities(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Probabilities, (cases, classes) float64, of features (cases, features)."""
+        return softmax(self.log_shares(features))
+
+    def distance(self, kinds: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distance to the nearest class, (cases,) float64, of `MotionFeatures.kinds`."""
+        return self.domain.distance(kinds)
+
+
+def _identity(model: Model) -> dict[str, Any]:
+    """Everything of a model that an answer depends on, in the one form that is hashed."""
+    reader, domain, blend = model.reader, model.domain, model.blend
+    return {
+        "name": model.name,
+        "classes": list(model.classes),
+        "topologies": list(model.readable.topologies),
+        "n_modes": model.readable.n_modes,
+        "connectivity_id": model.readable.connectivity_id,
+        "parameters": model.readable.parameters.as_plain(),
+        "reader": {
+            "has_axis": reader.has_axis,
+            "is_cycle": reader.is_cycle,
+            "n_harmonics": reader.n_harmonics,
+            "walls": reader.walls,
+            "typical": None
+            if reader.typical is None
+            else _packed(np.stack([reader.typical.real, reader.typical.imag])),
+            "adds_modes": reader.adds_modes,
+            "is_brief": reader.is_brief,
+        },
+        "columns": [[c.name, list(c.modes), c.power] for c in model.columns],
+        "centre": _packed(blend.centre),
+        "scale": _packed(blend.scale),
+        "scorers": [
+            {
+                "anchors": _packed(s.anchors),
+                "gamma": s.gamma,
+                "weights": _packed(s.weights),
+                "intercepts": _packed(s.intercepts),
+                "temperature": s.temperature,
+            }
+            for s in blend.scorers
+        ],
+        "temperature": blend.temperature,
+        "machine": base64.b64encode(model.machine).decode(),
+        "domain": {
+            "means": _packed(domain.means),
+            "whitening": _packed(domain.whitening),
+            "limit": domain.limit,
+            "least_motion": domain.least_motion,
+            "least_smooth": domain.least_smooth,
+        },
+        "calibration": [_packed(scores) for scores in model.calibration.scores],
+        "golden_features": _packed(model.golden_features),
+        "golden_probabilities": _packed(model.golden_probabilities),
+        "notes": {label: list(texts) for label, texts in model.notes.items()},
+    }
+
+
+def _packed(array: NDArray[np.float64]) -> dict[str, Any]:
+    """Array as little-endian float64 in base64, with its shape."""
+    data = np.ascontiguousarray(array, dtype="<f8").tobytes()
+    return {"shape": list(array.shape), "float64": base64.b64encode(data).decode()}

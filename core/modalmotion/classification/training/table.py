@@ -1,0 +1,245 @@
+"""What training keeps of labelled signatures: their features, nothing else."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.features import (
+    Column,
+    FeatureReader,
+    MotionTerms,
+    kind_of,
+    mean_motion,
+    powers_of,
+)
+from modalmotion.classification.model.model import Readable
+from modalmotion.classification.options import PoseOf, TrainingOptions
+from modalmotion.classification.training.case_groups import group_cases
+from modalmotion.classification.training.case_reading import ReadCase, read_cases, require_alike
+from modalmotion.classification.training.case_row import CaseRow
+from modalmotion.classification.training.cases import CaseFile, TrainingCase
+from modalmotion.classification.training.feature_choices import feature_choices, tells_walls
+from modalmotion.errors import ParameterError
+from modalmotion.mesh.sequence import MEAN
+from modalmotion.signature.making import ModalSignature
+from modalmotion.template import GivenLandmarks
+
+# Motions that the typical one is made of; more cost time and move it little.
+_MOST_TYPICAL: Final = 200
+
+
+@dataclass(frozen=True, eq=False)
+class CaseTable:
+    """Features of a training set.
+
+    Parameters
+    ----------
+    example : ModalSignature
+        One of them, for its modes.
+    readable : Readable
+    readers : tuple of FeatureReader
+        Choices of features that may be tried; a typical motion is still to be found.
+    classes : tuple of str
+    y : (cases,) int64
+    groups : (cases,) int64
+        Cases that must not be on both sides of a split.
+    subjects : tuple of str
+    hash : str
+        sha256 in hex of ids, labels and subjects, in any order.
+    values : (cases, readings, features) float64
+        About an axis; else empty.
+    motions : mapping of bool to tuple of MotionTerms
+        Where modes are read as they are: as cycles, under True, and as courses.
+    about_axis : (cases, 2) float64
+        Size and smooth share of each motion, about an axis; else empty.
+    notes : tuple of str
+    """
+
+    example: ModalSignature
+    readable: Readable
+    readers: tuple[FeatureReader, ...]
+    classes: tuple[str, ...]
+    y: NDArray[np.int64]
+    groups: NDArray[np.int64]
+    subjects: tuple[str, ...]
+    hash: str
+    values: NDArray[np.float64]
+    about_axis: NDArray[np.float64]
+    motions: Mapping[bool, tuple[MotionTerms, ...]]
+    notes: tuple[str, ...]
+    _kept: dict[FeatureReader, NDArray[np.float64]] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    def fitted(
+        self, reader: FeatureReader, rows: NDArray[np.int64], pose: PoseOf | str
+    ) -> FeatureReader:
+        """Give the reader the typical motion of some cases."""
+        if reader.typical is None or pose == PoseOf.FIXED:
+            return reader
+        chosen = rows[:: -(-len(rows) // _MOST_TYPICAL)]
+        motions = [self.motions[reader.is_cycle][i].terms for i in chosen]
+        return replace(reader, typical=mean_motion(motions, is_cycle=reader.is_cycle))
+
+    def features(self, reader: FeatureReader) -> NDArray[np.float64]:
+        """Features of all cases, (cases, readings, features) float64."""
+        if reader.has_axis and not reader.adds_modes:
+            return self.values
+        if reader.typical is not None:
+            return self._modes(reader)
+        # The same in all folds.
+        if reader not in self._kept:
+            modes = self._modes(reader)
+            if reader.has_axis:
+                repeated = np.repeat(modes, self.values.shape[1], axis=1)
+                modes = np.concatenate([self.values, repeated], axis=2)
+            self._kept[reader] = modes
+        return self._kept[reader]
+
+    def _modes(self, reader: FeatureReader) -> NDArray[np.float64]:
+        waves = reader.waves(self.example)
+        return np.stack([reader.values(waves, m) for m in self.motions[reader.is_cycle]])[:, None]
+
+    def sizes(self, reader: FeatureReader) -> NDArray[np.float64]:
+        """Size and smooth share of each motion, (cases, 2) float64."""
+        if reader.has_axis:
+            return self.about_axis
+        motions = self.motions[reader.is_cycle]
+        return np.array([(motion.size, motion.smooth_share) for motion in motions])
+
+    def kinds(
+        self, reader: FeatureReader, values: NDArray[np.float64], rows: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Give the kinds (`kind_of`) of some cases, (cases, readings, columns) float64."""
+        motions = self.sizes(reader)[rows, :1]
+        return kind_of(values, motions, powers_of(self.columns(reader)))
+
+    def columns(self, reader: FeatureReader) -> tuple[Column, ...]:
+        """Names of the features."""
+        return reader.read(self.example).columns
+
+
+def collect(
+    cases: Iterable[TrainingCase | CaseFile],
+    options: TrainingOptions,
+    progress: Callable[[int], None] | None = None,
+) -> CaseTable:
+    """Read the features of labelled signatures, a few at a time, wherever joblib works.
+
+    Raises
+    ------
+    ParameterError
+        If a label is missing, a signature cannot be used or is of another kind than the
+        others, one recording has two classes, or there are fewer than two classes.
+    """
+    rows: list[CaseRow] = []
+    by_id: dict[str, list[CaseRow]] = {}
+    labels: dict[str, str] = {}
+    first: ReadCase | None = None
+    topologies: dict[str, list[str]] = {}
+    n_same = 0
+    for number, read in enumerate(read_cases(cases, options)):
+        row = read.row
+        first = read if first is None else first
+        require_alike(read, first, number)
+        known = labels.setdefault(row.sequence_id, row.label)
+        if known != row.label:
+            raise ParameterError(
+                f"The recording {row.sequence_id[:12]} has two classes, {known!r} "
+                f"and {row.label!r}.",
+                remedy="Give each recording one class.",
+                details={"case": number, "sequence_id": row.sequence_id},
+            )
+        topologies.setdefault(read.surface, []).append(row.sequence_id)
+        # The same recording with the same modes says nothing new; as another topology it does.
+        same = by_id.setdefault(row.sequence_id, [])
+        if any(np.array_equal(r.cycle.terms, row.cycle.terms) for r in same):
+            n_same += 1
+        else:
+            rows.append(row)
+            same.append(row)
+        if progress is not None:
+            progress(number + 1)
+    example = None if first is None else first.signature
+    classes = tuple(sorted({row.label for row in rows}))
+    if example is None or len(classes) < 2:
+        raise ParameterError(
+            f"The training cases have {len(classes)} class(es).",
+            remedy="Give cases of at least two classes.",
+            details={"classes": list(classes)},
+        )
+    notes = [f"{n_same} cases came twice and counted once."] if n_same else []
+    return _table(rows, classes, example, topologies, options, notes)
+
+
+def class_counts(labels: Iterable[str]) -> dict[str, int]:
+    """How often each label occurs, sorted by label."""
+    return dict(sorted(Counter(labels).items()))
+
+
+def _table(
+    rows: list[CaseRow],
+    classes: tuple[str, ...],
+    example: ModalSignature,
+    topologies: dict[str, list[str]],
+    options: TrainingOptions,
+    notes: list[str],
+) -> CaseTable:
+    walls = tells_walls(rows, options)
+    readers = feature_choices(rows, example, options, walls, n_topologies=len(topologies))
+    if not readers:
+        common, *rare = sorted(topologies, key=lambda name: -len(topologies[name]))
+        ids = [name for topology in rare for name in topologies[topology]]
+        raise ParameterError(
+            f"The training cases have the topologies {', '.join(sorted(topologies))}: most are "
+            f"{common}, and {len(ids)} are not, such as {', '.join(i[:12] for i in ids[:3])}.",
+            remedy="Give cases of one topology; only cups and cylinders over a cycle mix.",
+            details={"sequence_ids": ids[:20], "n_sequences": len(ids)},
+        )
+    values, about_axis = np.zeros((0, 0, 0)), np.zeros((0, 2))
+    if readers[0].has_axis:
+        read = [row.walls if walls else row.axis for row in rows]
+        values = np.array([found.values for found in read if found is not None])
+        about_axis = np.array([found[1:] for found in read if found is not None])
+    subjects, groups, mixed = group_cases(rows)
+    if mixed:
+        notes = [*notes, f"{mixed} recordings are of two subjects each; these are kept together."]
+    lines = sorted(f"{r.sequence_id} {r.label} {s}" for r, s in zip(rows, subjects, strict=True))
+    reference = example.parameters.reference
+    parameters = replace(
+        example.parameters,
+        template=None,
+        landmarks=GivenLandmarks(),
+        grid=None,
+        reference=MEAN if reference == MEAN else 0,
+    )
+    return CaseTable(
+        example=example,
+        readable=Readable(
+            topologies=tuple(sorted(topologies)),
+            n_modes=len(example.modes),
+            connectivity_id=example.modes.connectivity_id,
+            parameters=parameters,
+        ),
+        readers=readers,
+        classes=classes,
+        y=np.array([classes.index(row.label) for row in rows]),
+        groups=groups,
+        subjects=subjects,
+        hash=hashlib.sha256("\n".join(lines).encode()).hexdigest(),
+        values=values,
+        about_axis=about_axis,
+        motions={
+            True: tuple(row.cycle for row in rows),
+            False: tuple(row.course for row in rows),
+        },
+        notes=tuple(notes),
+    )

@@ -1,0 +1,172 @@
+"""Training of a model. scikit-learn is imported here, and only when a model is trained."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sized
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.estimators.machine import machine_to_bytes
+from modalmotion.classification.estimators.scorer import Blend, Scorer
+from modalmotion.classification.model.conformal import Calibration, calibrate
+from modalmotion.classification.model.digits import rounded
+from modalmotion.classification.model.domain import Domain, domain_limit, motion_limits
+from modalmotion.classification.model.model import Model
+from modalmotion.classification.options import TrainingOptions
+from modalmotion.classification.training.cases import CaseFile, TrainingCase
+from modalmotion.classification.training.fold_fit import FoldFit, fit_rows, predict_fold
+from modalmotion.classification.training.splits import split_cases
+from modalmotion.classification.training.table import CaseTable, collect
+from modalmotion.classification.training.training_card import empty_card, training_card
+
+_N_GOLDEN: Final = 10
+
+WALLS_NOTE: Final = (
+    "Walls are not told apart: the zero of theta is not known, so only features that do not "
+    "depend on it are used, and the class does not say where."
+)
+
+
+def train(
+    cases: Iterable[TrainingCase | CaseFile],
+    name: str,
+    options: TrainingOptions | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> Model:
+    """Train a model on labelled signatures.
+
+    Parameters
+    ----------
+    cases : iterable of TrainingCase or CaseFile
+        Read a few at a time; nothing but their features is kept.
+    name : str
+    options : TrainingOptions, optional
+    progress : callable, optional
+        Called with the share that is done, 0 to 1, and what is done now.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    ParameterError
+        If a label is missing, a signature cannot be used or is of another kind than the
+        others, one recording has two classes, or there are fewer than two classes.
+
+    Notes
+    -----
+    Settings, typical motion and estimator are chosen anew within each fold, so that accuracy,
+    calibration and class sets are of cases that took no part in anything.
+
+    Cases are read and folds are fitted through joblib: wherever `parallel.joblib_backend`, or
+    joblib's own `parallel_config`, says. The model does not depend on it.
+    """
+    from joblib import Parallel, delayed
+
+    chosen = TrainingOptions() if options is None else options
+    told = progress or _silent
+    sized = len(cases) if isinstance(cases, Sized) else 0
+
+    def reading(number: int) -> None:
+        share = 0.4 * (number / sized) if sized else 0.0
+        told(share, f"reading case {number}")
+
+    table = collect(cases, chosen, reading)
+    splits = split_cases(table, chosen)
+    n, n_classes = len(table), len(table.classes)
+    probabilities = np.full((n, n_classes), 1.0 / n_classes)
+    distances = np.zeros(n)
+    every = np.arange(n)
+    works = [delayed(predict_fold)(table, *fold, chosen) for fold in splits.folds]
+    works.append(delayed(fit_rows)(table, every, chosen))
+    found = Parallel(return_as="generator", batch_size=1)(works)
+    for k, (_, outer) in enumerate(splits.folds):
+        told(0.4 + 0.5 * k / (len(splits.folds) + 1), f"fold {k + 1} of {len(splits.folds)}")
+        probabilities[outer], distances[outer] = next(found)
+    told(0.4 + 0.5 * len(splits.folds) / (len(splits.folds) + 1), "all cases")
+    fitted = next(found)
+    model = _model(table, fitted, name, probabilities, distances, bool(splits.folds), chosen)
+    card = training_card(table, chosen, splits, probabilities, fitted)
+    told(1.0, "trained")
+    return replace(model, card=replace(card, notes=(*table.notes, *splits.notes, *card.notes)))
+
+
+def _silent(share: float, text: str) -> None:
+    """Tell nobody."""
+    del share, text
+
+
+def _model(
+    table: CaseTable,
+    fitted: FoldFit,
+    name: str,
+    probabilities: NDArray[np.float64],
+    distances: NDArray[np.float64],
+    is_validated: bool,
+    options: TrainingOptions,
+) -> Model:
+    estimator = fitted.estimator
+    blend, machine = _rounded_blend(estimator, fitted), b""
+    if estimator.blend_ is None:
+        machine = machine_to_bytes(estimator)
+    least_motion, least_smooth = motion_limits(*table.sizes(fitted.reader).T)
+    limit = np.inf
+    calibration = Calibration(tuple(np.zeros(0) for _ in table.classes))
+    if is_validated:
+        limit = domain_limit(distances, options.known_share)
+        calibration = calibrate(rounded(probabilities), table.y, len(table.classes))
+    golden = rounded(fitted.X[:: max(1, len(fitted.X) // _N_GOLDEN)][:_N_GOLDEN])
+    always: tuple[str, ...] = ()
+    if _has_closed(table) and not fitted.reader.walls:
+        always = (WALLS_NOTE,)
+    typical = fitted.reader.typical
+    if typical is not None:
+        typical = rounded(typical.real) + 1j * rounded(typical.imag)
+    model = Model(
+        name=name,
+        classes=table.classes,
+        readable=table.readable,
+        reader=replace(fitted.reader, typical=typical),
+        columns=table.columns(fitted.reader),
+        blend=blend,
+        machine=machine,
+        domain=Domain(
+            rounded(fitted.means),
+            rounded(fitted.whitening),
+            float(rounded(np.array(limit))),
+            float(rounded(np.array(least_motion))),
+            float(rounded(np.array(least_smooth))),
+        ),
+        calibration=calibration,
+        golden_features=golden,
+        golden_probabilities=np.zeros((len(golden), len(table.classes))),
+        notes={"": always},
+        card=empty_card(table),
+    )
+    return replace(model, golden_probabilities=model.probabilities(golden))
+
+
+def _has_closed(table: CaseTable) -> bool:
+    topology = table.example.topology
+    return topology is not None and bool(topology.closed_axes)
+
+
+def _rounded_blend(estimator: Any, fitted: FoldFit) -> Blend:
+    centre, scale = rounded(fitted.centre), rounded(fitted.scale)
+    if estimator.blend_ is None:
+        return Blend(centre, scale, (), 1.0)
+    scorers = tuple(
+        Scorer(
+            rounded(s.anchors),
+            float(s.gamma),
+            rounded(s.weights),
+            rounded(s.intercepts),
+            float(rounded(np.array(s.temperature))),
+        )
+        for s in estimator.blend_.scorers
+    )
+    return Blend(centre, scale, scorers, float(rounded(np.array(estimator.blend_.temperature))))

@@ -1,0 +1,330 @@
+"""Commands that show vibration modes: their table and pictures, and motions made of them."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import click
+import numpy as np
+
+from modalmotion.cli.files import read, sequence_argument
+from modalmotion.cli.options import (
+    Member,
+    example,
+    json_option,
+    list_written,
+    output_option,
+    surface_options,
+)
+from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.modes import ModeLabel
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.naming import parse_label
+from modalmotion.modes.topology import Topology
+from modalmotion.numerals import counted, numeral
+from modalmotion.signature.making import (
+    SignatureParameters,
+    resolve_parameters,
+    resolve_template,
+)
+from modalmotion.template import Template, make_template
+from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.vibration_modes import (
+    VibrationModes,
+    lattice_modes,
+    lattice_modes_named,
+    surface_modes,
+    surface_modes_named,
+)
+
+_GRIDS: Final = {1: (64,), 2: (32, 64), 3: (8, 8, 16)}
+_PICTURES: Final = (".png", ".svg", ".pdf")
+_MODE_FILES: Final = (*_PICTURES, ".glb", ".npz", ".h5")
+_ANIMATIONS: Final = (".glb", ".vtkhdf", ".npz", ".zip", ".gif")
+_NUMBERED: Final = re.compile(r"%0?[0-9]*d")
+
+_DIRECTION = click.option(
+    "--direction",
+    type=Member(Direction),
+    default=Direction.NORMAL.value,
+    show_default=True,
+    help="Along what the vertices move.",
+)
+
+
+class _Surface(NamedTuple):
+    """What is asked about: a lattice by its name, the surface in a file, or both."""
+
+    lattice: Lattice | None
+    template: Template | None
+    unit: str | None
+
+
+@click.command(epilog=example("modes cylinder --grid 32,64 --modes 7 -o modes.png"))
+@sequence_argument
+@click.option("--modes", default=7, show_default=True, help="How many; no pair is split.")
+@surface_options
+@_DIRECTION
+@output_option(
+    "Picture (.png, .svg, .pdf), animation (.glb), or shapes (.npz, .h5) to write.", required=False
+)
+@json_option
+def modes(
+    source: Path,
+    modes: int,
+    grid: tuple[int, ...] | None,
+    topology: str | None,
+    direction: Direction,
+    output: Path | None,
+    as_json: bool,
+    **said: Any,
+) -> None:
+    """List the vibration modes of a lattice or of the surface in FILE.
+
+    FILE may be the name of a topology: curve, plane, cylinder, torus, cup, sphere or the ends of
+    each axis; its frequencies are those of a lattice with K = M = 1. Those of a surface in a file
+    are w = c k on its own lengths, c one length unit per s.
+    """
+    if output is not None:
+        _require_suffix(output, _MODE_FILES)
+        _require_folder(output.parent)
+    surface = _surface(source, grid, topology, said)
+    found = _lowest(surface, modes)
+    if as_json:
+        click.echo(json.dumps(_numbers(found), indent=2))
+    else:
+        click.echo("\n".join(_table(found)))
+    if output is not None:
+        _write_modes(output, surface, found, direction)
+    list_written(output, as_json=as_json)
+
+
+@click.command(epilog=example("animate beat.npz --mode 1,1,cos=5 --mode 0,2,sin=3 -o swing.glb"))
+@sequence_argument
+@click.option(
+    "--mode",
+    "terms",
+    multiple=True,
+    required=True,
+    metavar="LABEL=AMPLITUDE",
+    help="Such as 1,1,cos=5, in the unit of FILE; 'spring 3=5' on a mesh. Again for more.",
+)
+@output_option(
+    ".glb, .vtkhdf, .npz, .zip (of PLY), .gif, numbered pictures such as frame_%03d.png, or a "
+    "folder for them."
+)
+@_DIRECTION
+@click.option("--frames", default=48, show_default=True, help="Over one period of the slowest.")
+@click.option("--seconds", default=2.0, show_default=True, help="That this period lasts.")
+@click.option(
+    "--damping", default=0.0, show_default=True, help="Share of each mode's critical damping."
+)
+@click.option("--together", is_flag=True, help="All modes swing in the same period.")
+@surface_options
+def animate(
+    source: Path,
+    terms: tuple[str, ...],
+    output: Path,
+    direction: Direction,
+    frames: int,
+    seconds: float,
+    damping: float,
+    together: bool,
+    grid: tuple[int, ...] | None,
+    topology: str | None,
+    **said: Any,
+) -> None:
+    """Add modes over the surface in FILE and let them swing.
+
+    Frame 0 is the surface displaced by all of them; then it is let go, and each mode swings as
+    a cosine at its own frequency, stretched in time so that the slowest takes --seconds. Mode 0
+    does not swing. FILE may be the name of a topology, as of `modalmotion modes`; its radius is 1.
+    """
+    from modalmotion.exports.swing import swing
+
+    labels, amplitudes = _terms(terms)
+    _require_target(output)
+    surface = _surface(source, grid, topology, said)
+    if surface.lattice is not None:
+        found = lattice_modes_named(surface.lattice, labels)
+    else:
+        found = surface_modes_named(_template(surface), labels)
+    template = _template(surface)
+    moved = swing(
+        template,
+        found,
+        np.array(amplitudes),
+        directions_on(template, direction),
+        n_frames=frames,
+        seconds=seconds,
+        damping=damping,
+        together=together,
+        unit=surface.unit,
+    )
+    _write_animation(output, template, moved, seconds / frames)
+    click.echo(
+        f"{counted(frames, 'frame')} of {counted(len(labels), 'mode')} over "
+        f"{counted(template.n_vertices, 'vertex', 'vertices')}"
+    )
+    list_written(output)
+
+
+def _surface(
+    source: Path, grid: tuple[int, ...] | None, topology: str | None, said: dict[str, Any]
+) -> _Surface:
+    """Read the file, or make the lattice whose name stands in its place."""
+    if not source.exists():
+        try:
+            named = Topology.parse(str(source))
+        except TopologyError:
+            named = None
+        if named is not None:
+            lattice = Lattice(named, _GRIDS[named.n_axes] if grid is None else grid)
+            if named.n_axes == 3:
+                return _Surface(lattice, None, None)
+            return _Surface(lattice, make_template(standard_surface(lattice)), None)
+    sequence = read(source, grid=grid, topology=topology, **said)
+    parameters = resolve_parameters(sequence, SignatureParameters())
+    return _Surface(None, resolve_template(sequence, parameters), sequence.unit)
+
+
+def _template(surface: _Surface) -> Template:
+    if surface.template is None:
+        raise TopologyError(
+            "A volume has no surface to draw or to move.",
+            remedy="Ask for the table or for its shapes (.npz, .h5), or name a surface.",
+        )
+    return surface.template
+
+
+def _lowest(surface: _Surface, n_modes: int) -> VibrationModes:
+    if surface.lattice is not None:
+        return lattice_modes(surface.lattice, n_modes)
+    return surface_modes(_template(surface), n_modes)
+
+
+def _terms(terms: tuple[str, ...]) -> tuple[list[ModeLabel], list[float]]:
+    labels: list[ModeLabel] = []
+    amplitudes = []
+    for term in terms:
+        name, _, value = term.rpartition("=")
+        labels.append(parse_label(name))
+        try:
+            amplitudes.append(float(value))
+        except ValueError:
+            raise ParameterError(
+                f"{value[:40]!r} in {term[:60]!r} is not an amplitude.",
+                remedy="Write LABEL=AMPLITUDE, such as 1,1,cos=5.",
+            ) from None
+    return labels, amplitudes
+
+
+def _table(found: VibrationModes) -> list[str]:
+    lines = [
+        f"{found.surface}: {counted(len(found), 'mode')}; w in {found.frequency_unit}",
+        f"  {'label':>20} {'w':>12}",
+    ]
+    largest = float(found.angular_frequencies.max())
+    for label, w in zip(found.labels, found.angular_frequencies.tolist(), strict=True):
+        lines.append(f"  {label!s:>20} {numeral(w, 4, of=largest):>12}")
+    return lines + [f"note: {note}" for note in found.notes]
+
+
+def _numbers(found: VibrationModes) -> dict[str, object]:
+    return {
+        "surface": found.surface,
+        "frequency_unit": found.frequency_unit,
+        "modes": [
+            {"label": str(label), "angular_frequency": w}
+            for label, w in zip(found.labels, found.angular_frequencies.tolist(), strict=True)
+        ],
+        "notes": list(found.notes),
+    }
+
+
+def _write_modes(
+    output: Path, surface: _Surface, found: VibrationModes, direction: Direction
+) -> None:
+    from modalmotion.exports.swing import one_by_one
+    from modalmotion.exports.vibration_modes import modes_to_hdf5, modes_to_npz
+    from modalmotion.formats import write_glb
+    from modalmotion.store import write_atomic
+
+    if output.suffix == ".npz":
+        write_atomic(output, modes_to_npz(found))
+    elif output.suffix == ".h5":
+        write_atomic(output, modes_to_hdf5(found))
+    elif output.suffix == ".glb":
+        template = _template(surface)
+        along = directions_on(template, direction)
+        moved = one_by_one(template, found, along, surface.unit)
+        write_atomic(output, write_glb(moved.morph_animation()))
+    else:
+        from modalmotion.pictures.modes import modes_figure
+
+        modes_figure(_template(surface), found).savefig(output)
+
+
+def _write_animation(output: Path, template: Template, moved: Any, step: float) -> None:
+    from modalmotion.exports.surfaces import SUFFIXES, SurfaceFormat, write_surfaces
+    from modalmotion.formats import write_glb
+    from modalmotion.store import write_atomic
+
+    if output.suffix in SUFFIXES:
+        form = SUFFIXES[output.suffix]
+        if form == SurfaceFormat.GLB:
+            write_atomic(output, write_glb(moved.morph_animation()))
+            return
+        fields = {"displacement": np.stack([*moved.heights()])}
+        write_atomic(output, write_surfaces(moved.sequence(), form, fields))
+        return
+    from modalmotion.pictures.movie import Extent, draw_frames, write_gif, write_png
+
+    extent = Extent(template, moved.positions(), moved.heights())
+    pictures = draw_frames(template, moved.positions(), moved.heights(), extent)
+    if output.suffix == ".gif":
+        write_atomic(output, write_gif(pictures, step))
+        return
+    for path, picture in zip(_numbered(output, moved.n_frames), pictures, strict=True):
+        write_atomic(path, write_png(picture))
+
+
+def _numbered(output: Path, n_frames: int) -> Iterator[Path]:
+    """Name a picture for each frame: by the pattern, or in the folder."""
+    if output.suffix != ".png":
+        output.mkdir(exist_ok=True)
+        output = output / f"frame_%0{len(str(n_frames - 1))}d.png"
+    return (output.with_name(output.name % frame) for frame in range(n_frames))
+
+
+def _require_target(output: Path) -> None:
+    """Refuse what cannot be written before anything is worked out."""
+    if output.suffix == ".png":
+        name = _NUMBERED.sub("", output.name, count=1)
+        if name == output.name or "%" in name:
+            raise click.BadParameter(
+                f"{output.name} names one picture for all frames; number them: frame_%03d.png.",
+                param_hint="--output",
+            )
+    elif output.suffix:
+        _require_suffix(output, (*_ANIMATIONS, ".png"))
+    _require_folder(output.parent)
+
+
+def _require_suffix(output: Path, suffixes: tuple[str, ...]) -> None:
+    if output.suffix not in suffixes:
+        raise click.BadParameter(
+            f"{output.name} ends with none of {', '.join(suffixes)}.", param_hint="--output"
+        )
+
+
+def _require_folder(folder: Path) -> None:
+    if not folder.is_dir():
+        raise click.BadParameter(
+            f"The folder {str(folder)!r} does not exist; make it first.", param_hint="--output"
+        )

@@ -1,0 +1,180 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from enum import Enum
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureParameters
+from modalmotion.mesh.sequence import MEAN, Reference
+from modalmotion.template import Weights
+from modalmotion.template.body_frame import Components
+
+E = TypeVar("E", bound=Enum)
+T = TypeVar("T")
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+class Member(click.Choice[E]):
+    """A member of an enumeration, by its value."""
+
+    def normalize_choice(self, choice: object, ctx: click.Context | None) -> str:
+        """Give the text that stands for a member."""
+        text = choice.value if isinstance(choice, Enum) else choice
+        return super().normalize_choice(text, ctx)
+
+
+class GridShape(click.ParamType[tuple[int, ...]]):
+    """A lattice shape such as 32,64."""
+
+    name = "N,N'"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, ...]:
+        """Read the numbers between commas."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            return tuple(int(n) for n in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not a lattice shape; write it as 32,64.", param, ctx)
+
+
+class ReferenceShape(click.ParamType[Reference]):
+    """A frame's number, or the mean shape."""
+
+    name = "FRAME|mean"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Reference:
+        """Read a number or `MEAN`."""
+        if value == MEAN:
+            return MEAN
+        try:
+            return int(str(value))
+        except ValueError:
+            self.fail(f"{value!r} is not a frame; give its number, or {MEAN}.", param, ctx)
+
+
+def several(*options: Decorator) -> Decorator:
+    """Join options to one decorator; help lists them in this order."""
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+def output_option(text: str, **settings: Any) -> Decorator:
+    """Make the option -o, --output for a file to write."""
+    kind = click.Path(path_type=Path)
+    return click.option("-o", "--output", **{"required": True, "type": kind, **settings}, help=text)
+
+
+mode_options = several(
+    click.option("--modes", type=int, help="Modes, 3 amplitudes a frame each.  [default: 7]"),
+    click.option("--amplitudes", type=int, help="In place of modes: amplitudes a frame."),
+    click.option(
+        "--split-pairs",
+        is_flag=True,
+        help="Not to round up to whole cosine-sine pairs: the last one then depends on where "
+        "theta is zero.",
+    ),
+    click.option("--tolerance", type=float, help="Largest error, in mm."),
+    click.option(
+        "--tolerance-of",
+        type=Member(ErrorKind),
+        default=ErrorKind.RMS.value,
+        show_default=True,
+        help="RMS over all frames, or the largest of any vertex.",
+    ),
+    click.option("--tolerance-share", type=float, help="Error as a share of the RMS motion."),
+    click.option("--auto", is_flag=True, help="Stop where the residual is noise."),
+    click.option(
+        "--order",
+        type=Member(ModeOrder),
+        default=ModeOrder.FIXED.value,
+        show_default=True,
+        help="Which modes come first.",
+    ),
+    click.option("--most-modes", type=int, help="Limit for tolerance, auto and energy."),
+    click.option("--harmonics", type=int, help="Limit each amplitude's path over time."),
+)
+"""How many modes, in one of several ways."""
+
+surface_options = several(
+    click.option("--topology", help="cup, cylinder, plane, ...; over what the file states."),
+    click.option(
+        "--grid", type=GridShape(), help="Lattice shape such as 32,64; over the file's own."
+    ),
+)
+reference_option = click.option(
+    "--reference",
+    type=ReferenceShape(),
+    default=0,
+    show_default=True,
+    help="Frame to measure from, or mean: of all frames, wherever the recording starts.",
+)
+weights_option = click.option(
+    "--weights",
+    type=Member(Weights),
+    default=Weights.AREA.value,
+    show_default=True,
+    help="How much each vertex counts.",
+)
+components_option = click.option(
+    "--components",
+    type=Member(Components),
+    default=Components.CARTESIAN.value,
+    show_default=True,
+    help="x, y, z or radial, tangential, axial.",
+)
+rotation_option = click.option(
+    "--keep-rotation",
+    "remove_rotation",
+    flag_value=False,
+    default=True,
+    help="Leave each frame's rotation in the motion.",
+)
+plot_option = click.option(
+    "--plot", type=click.Path(path_type=Path), help="Picture to write (PNG, SVG, PDF)."
+)
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
+
+_PARAMETERS = ("amplitudes", *(field.name for field in fields(SignatureParameters)))
+
+
+def signature_parameters(options: dict[str, Any]) -> SignatureParameters:
+    """Take the parameters of a signature out of the options of a command."""
+    names = [name for name in _PARAMETERS if name in options]
+    return SignatureParameters(**{name: options.pop(name) for name in names})
+
+
+def kind_of(output: Path, kinds: Mapping[str, T]) -> T:
+    """Look up what the suffix of a file to write stands for."""
+    if output.suffix not in kinds:
+        raise click.BadParameter(
+            f"{output.name} ends with none of {', '.join(kinds)}.", param_hint="--output"
+        )
+    return kinds[output.suffix]
+
+
+def example(line: str) -> str:
+    """Write the line with which a command's help ends."""
+    return f"Example: modalmotion {line}"
+
+
+def list_written(*paths: Path | None, as_json: bool = False) -> None:
+    """Print the files that were written, apart from an answer in JSON."""
+    for path in paths:
+        if path is not None:
+            click.echo(f"written: {path}", err=as_json)

@@ -1,0 +1,165 @@
+"""The form of a file: what every HDF5 file of ours says of itself, written and read here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from modalmotion.errors import CorruptFileError, ModalMotionError, OlderFileError, StoreError
+from modalmotion.hdf5.contents import Contents, contents_of, header_of
+from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, sealed_image
+from modalmotion.hdf5.sealed import digest_of, load_sealed
+
+REBUILD: Final = "Run `modalmotion store rebuild FOLDER` on the folder of its store"
+
+
+@dataclass(frozen=True)
+class Form:
+    """A kind of file and the version of its schema: the only one that is written and read.
+
+    Parameters
+    ----------
+    kind : str
+        "signature", "sequence", "classification", "model", "template" or "export".
+    version : int
+        Raised when what is written changes; `store rebuild` then rewrites older files.
+    """
+
+    kind: str
+    version: int
+
+    def header(self, **more: Attribute | None) -> dict[str, Attribute]:
+        """Attributes of the root that say what a file is, and more of them but for None."""
+        return {
+            "schema": f"modalmotion.{self.kind}",
+            "schema_version": self.version,
+            "kind": self.kind,
+            "intended_use": INTENDED_USE,
+            **{name: value for name, value in more.items() if value is not None},
+        }
+
+    def image(
+        self, ids: Mapping[str, str], datasets: Sequence[Dataset], **more: Attribute | None
+    ) -> bytes:
+        """Write a sealed file in memory, the same bytes for the same contents.
+
+        Parameters
+        ----------
+        ids : mapping
+            ASCII text that differs from file to file.
+        datasets : sequence of Dataset
+        **more : text, int, tuple of int or None
+            Further attributes; see `header`.
+
+        Raises
+        ------
+        StoreError
+            If an attribute is not a text that HDF5 can hold.
+        """
+        return sealed_image(self.header(**more), ids, datasets)
+
+    def digest(self, path: Path) -> str:
+        """sha256 that a file of this form states of itself, its seal and header checked.
+
+        Raises
+        ------
+        NotFoundError, OlderFileError, CorruptFileError
+            As `read` does.
+        """
+        name, data = load_sealed(path)
+        with _explained(name, self.kind):
+            self._require(header_of(name, data))
+        return digest_of(data)
+
+    @contextmanager
+    def read(self, source: bytes | Path) -> Iterator[Contents]:
+        """Read a sealed file; what is wrong with it inside the block becomes a CorruptFileError.
+
+        Parameters
+        ----------
+        source : bytes or Path
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such file.
+        OlderFileError
+            If it was written by an older version.
+        CorruptFileError
+            If it is damaged, foreign, of another kind or written by a newer version.
+        """
+        name, data = load_sealed(source)
+        with _explained(name, self.kind):
+            contents = contents_of(name, data)
+            self._require(contents)
+            yield contents
+
+    def _require(self, contents: Contents) -> None:
+        form = _form(contents)
+        if form.kind != self.kind:
+            raise CorruptFileError(
+                f"{contents.name} holds {form.kind[:80]!r}, not a {self.kind} of modalmotion.",
+                remedy=f"Name a file that holds a {self.kind}.",
+            )
+        if form.version != self.version:
+            is_older = 1 <= form.version < self.version
+            raise (OlderFileError if is_older else CorruptFileError)(
+                f"{contents.name} has version {form.version} of its schema; this program reads "
+                f"{self.version}.",
+                remedy=f"{REBUILD}, or make the file again."
+                if is_older
+                else "Read it with the modalmotion that wrote it, or a newer one.",
+                details={"schema_version": form.version, "known": self.version},
+            )
+
+
+def form_of(path: Path) -> Form:
+    """Form of a sealed file, whatever it is.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such file.
+    CorruptFileError
+        If it is damaged, or is not a file of modalmotion's.
+    """
+    name, data = load_sealed(path)
+    with _explained(name, "result"):
+        return _form(header_of(name, data))
+
+
+def _form(contents: Contents) -> Form:
+    version = contents.attributes["schema_version"]
+    if not isinstance(version, int):
+        raise TypeError("the version of the schema is not a number")
+    return Form(contents.text("schema").removeprefix("modalmotion."), version)
+
+
+@contextmanager
+def _explained(name: str, kind: str) -> Iterator[None]:
+    try:
+        yield
+    except StoreError:
+        raise
+    except _UNREADABLE as error:
+        # The seal is right, so the file was not damaged: it was written like this.
+        reason = error.message if isinstance(error, ModalMotionError) else str(error)
+        raise CorruptFileError(
+            f"{name} does not hold a {kind} as modalmotion writes it ({reason[:200]}).",
+            remedy="Name an HDF5 file written by modalmotion.",
+        ) from error
+
+
+# What h5py, JSON and our own readers raise on files that were written by others.
+_UNREADABLE: Final = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)

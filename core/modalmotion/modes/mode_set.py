@@ -1,0 +1,232 @@
+"""Modes of one topology, in closed form: names, shapes and frequencies on a continuum.
+
+The limit of fine lattices: the shapes solve (6) between the nodes too, and the frequencies are
+those of (7) while waves are long. Equation numbers are those of Nastar (1994).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.modes.label import ModeLabel, half_periods, odd_at_pole, scales_of
+from modalmotion.modes.modes import Surface
+from modalmotion.modes.separable import Separable, separate
+from modalmotion.modes.topology import CLOSED, End, Topology
+from modalmotion.representation import shown
+
+
+@shown("topology", "wavenumbers")
+@dataclass(frozen=True, eq=False)
+class ModeSet:
+    """Modes of one topology, in order.
+
+    Parameters
+    ----------
+    topology : Topology
+    wavenumbers : (modes, axes) int64
+    is_sine : (modes,) bool
+        True for the sine of a pair.
+    """
+
+    topology: Topology
+    wavenumbers: NDArray[np.int64]
+    is_sine: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        self.wavenumbers.setflags(write=False)
+        self.is_sine.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.is_sine)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, ModeSet):
+            return NotImplemented
+        return self is other or (
+            self.topology == other.topology
+            and np.array_equal(self.wavenumbers, other.wavenumbers)
+            and np.array_equal(self.is_sine, other.is_sine)
+        )
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.topology, self.wavenumbers.tobytes(), self.is_sine.tobytes()))
+
+    @cached_property
+    def labels(self) -> tuple[ModeLabel, ...]:
+        """The modes' labels, in order."""
+        return tuple(
+            ModeLabel(tuple(p), "sin" if sine else "cos")
+            for p, sine in zip(self.wavenumbers.tolist(), self.is_sine.tolist(), strict=True)
+        )
+
+    @cached_property
+    def half_periods(self) -> NDArray[np.int64]:
+        """Half periods of each shape along each axis, twice counted on non-closed axes.
+
+        Returns
+        -------
+        (modes, axes) int64
+            On a closed axis the signed number of whole periods p; on any other axis the
+            integer h of cos(h pi s / 2) or sin(h pi s / 2).
+        """
+        return half_periods(self.topology, self.wavenumbers)
+
+    @cached_property
+    def is_odd_at_pole(self) -> NDArray[np.bool_]:
+        """Whether the factor along each axis is the sine that vanishes at a pole.
+
+        Returns
+        -------
+        (modes, axes) bool
+        """
+        return odd_at_pole(self.topology, self.wavenumbers)
+
+    @cached_property
+    def n_waves(self) -> NDArray[np.int64]:
+        """Number of factors of each shape that are no constant, all closed axes together one.
+
+        Returns
+        -------
+        (modes,) int64
+        """
+        closed = list(self.topology.closed_axes)
+        others = [i for i in range(self.topology.n_axes) if i not in closed]
+        h = self.half_periods
+        n_others = np.count_nonzero(h[:, others], axis=1)
+        return np.asarray(n_others + (h[:, closed] != 0).any(axis=1), dtype=np.int64)
+
+    @cached_property
+    def extents(self) -> tuple[tuple[int, int], ...]:
+        """Least and largest wavenumber along each axis; 0 and 0 of no modes."""
+        return tuple((int(p.min(initial=0)), int(p.max(initial=0))) for p in self.wavenumbers.T)
+
+    @cached_property
+    def separable(self) -> Separable:
+        """The modes as sums of products of one function per axis."""
+        return separate(self.topology, self.half_periods, self.is_odd_at_pole, self.is_sine)
+
+    @cached_property
+    def coefficients(self) -> NDArray[np.float64]:
+        """Sign of each term of `separable` times the scale of its mode on a continuum.
+
+        Returns
+        -------
+        (terms,) float64
+        """
+        return self.separable.signs * scales_of(self.n_waves)[self.separable.mode]
+
+    @property
+    def connectivity_id(self) -> str:
+        """Empty: these modes belong to every mesh of the topology."""
+        return ""
+
+    @property
+    def names(self) -> ModeSet:
+        """These modes themselves: nothing had to be solved for."""
+        return self
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What they are stored as."""
+        return {"wavenumbers": self.wavenumbers, "is_sine": self.is_sine.astype(np.uint8)}
+
+    def take(self, indices: NDArray[np.int64] | list[int] | slice) -> ModeSet:
+        """Modes at the given indices, in that order."""
+        return ModeSet(self.topology, self.wavenumbers[indices], self.is_sine[indices])
+
+    @staticmethod
+    def of(topology: Topology, labels: tuple[ModeLabel, ...] | list[ModeLabel]) -> ModeSet:
+        """Modes with the given labels, in that order."""
+        wavenumbers = np.array([label.wavenumbers for label in labels], dtype=np.int64)
+        return ModeSet(
+            topology,
+            wavenumbers.reshape(len(labels), topology.n_axes),
+            np.array([label.part == "sin" for label in labels], dtype=np.bool_),
+        )
+
+    def shapes_at(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Evaluate mode shapes Phi, the solutions of (6), at natural coordinates.
+
+        Parameters
+        ----------
+        coordinates : (vertices, axes) float64
+            s in [0, 1] on open and pole axes, theta in turns on closed ones.
+
+        Returns
+        -------
+        (vertices, modes) float64
+            Phi, each column with mean square 1 over the natural coordinates, whatever surface
+            they map. At a pole every mode that turns about it is zero.
+        """
+        # (6) phi = scale * product over the axes of
+        #     open:    cos(p pi s)
+        #     closed:  cos or sin(2 pi p theta), of all closed axes together cos or sin(a + b)
+        #     cup:     cos(r pi s) where p' is even, sin((r + 1/2) pi s) where it is odd
+        #     sphere:  cos(r pi s) where p' is even, sin((r + 1) pi s) where it is odd
+        shapes = np.full((len(coordinates), len(self)), scales_of(self.n_waves))
+        phase = np.zeros_like(shapes)
+        for axis, ends in enumerate(self.topology.ends):
+            x = coordinates[:, axis, None]
+            h = self.half_periods[:, axis]
+            if ends == CLOSED:
+                phase += 2 * np.pi * h * x
+            else:
+                odd = self.is_odd_at_pole[:, axis]
+                y = h * (np.pi / 2) * x
+                shapes *= np.where(odd, np.sin(y), np.cos(y))
+            if End.POLE in ends:
+                on_pole = x <= 0 if ends[1] != End.POLE else (x <= 0) | (x >= 1)
+                turns = self.wavenumbers[:, axis + 1] != 0
+                shapes[on_pole & turns] = 0.0
+        if self.topology.closed_axes:
+            shapes *= np.where(self.is_sine, np.sin(phase), np.cos(phase))
+        return shapes
+
+    def shapes_on(self, surface: Surface) -> NDArray[np.float64]:
+        """Evaluate the shapes at the vertices of a surface, (vertices, modes) float64."""
+        return self.shapes_at(surface.coordinates)
+
+    def wavenumbers_on(self, lengths: tuple[float, ...]) -> NDArray[np.float64]:
+        """Physical wavenumbers |k| on a surface with the given axis lengths.
+
+        Parameters
+        ----------
+        lengths : tuple of float
+            Length along each axis (circumference on closed ones).
+
+        Returns
+        -------
+        (modes,) float64, rad per length unit
+        """
+        k = np.zeros(len(self))
+        for axis, ends in enumerate(self.topology.ends):
+            half_turn = 2 * np.pi if ends == CLOSED else np.pi / 2
+            # hypot, for the squares of very short lengths overflow.
+            k = np.hypot(k, half_turn * self.half_periods[:, axis] / lengths[axis])
+        return k
+
+    def frequencies_on(self, surface: Surface, wave_speed: float) -> NDArray[np.float64]:
+        """Angular frequencies w = c k, (modes,) float64, rad per s: see `Modes`."""
+        finite = tuple(length if length > 0 else np.inf for length in surface.lengths)
+        frequencies: NDArray[np.float64] = wave_speed * self.wavenumbers_on(finite)
+        return frequencies
+
+    def length_of(
+        self,
+        lengths: tuple[float, ...],
+        angular_frequencies: NDArray[np.float64],  # noqa: ARG002 (springs need them)
+        wave_speed: float,  # noqa: ARG002
+    ) -> float:
+        """Geometric mean of the lengths along the coordinates; 1 if one of them is zero."""
+        if len(lengths) and min(lengths) > 0:
+            return float(np.exp(np.log(np.array(lengths)).mean()))
+        return 1.0

@@ -1,0 +1,60 @@
+"""From where a surface is seen."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.mesh import face_normals, oriented_faces
+from modalmotion.template.template import Template
+
+# From how far above a surface is seen, in radians.
+_TILT: Final = 0.2
+
+
+def upright(template: Template) -> NDArray[np.float64]:
+    """Columns that lay the axis upright, its end on top, and theta = 0 to the front.
+
+    Returns
+    -------
+    (3, 3) float64
+        Of positions as rows: x to the right, y away from the viewer, z up.
+    """
+    landmarks = template.landmarks
+    closed = () if template.surface is None else template.surface.closed_axes
+    if landmarks is None:
+        used = np.delete(template.vertices / size_of(template), template.isolated, axis=0)
+        _, _, (first, second, third) = np.linalg.svd(used - used.mean(axis=0), full_matrices=False)
+        # A torus lies, a sheet is seen from its normal.
+        axis, zero = (third, first) if len(closed) == 2 else (second, third)
+    elif closed:
+        axis, zero = landmarks.axis, landmarks.theta_zero
+    else:
+        axis, zero = landmarks.theta_zero, landmarks.axis
+    return np.stack([np.cross(axis, zero), -zero, axis], axis=1)
+
+
+def size_of(template: Template) -> float:
+    """Largest coordinate, by which positions are divided before they are drawn."""
+    return float(np.abs(template.vertices).max()) or 1.0
+
+
+def tilted(view: NDArray[np.float64], tilt: float = _TILT) -> NDArray[np.float64]:
+    """Look at it a little from above, by so many radians."""
+    c, s = np.cos(tilt), np.sin(tilt)
+    turned: NDArray[np.float64] = view @ np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
+    return turned
+
+
+def faces_viewer(vertices: NDArray[np.float64], template: Template) -> NDArray[np.bool_]:
+    """Which triangles show their outside: all of a sheet, which has none."""
+    faces = oriented_faces(template.faces, len(vertices))
+    if faces is None or not template.topology.closed_axes:
+        return np.ones(len(template.faces), dtype=np.bool_)
+    normals = face_normals(vertices, faces)
+    centres = vertices[faces].mean(axis=1)
+    outward = float(np.einsum("ij,ij->", normals, centres - centres.mean(axis=0)))
+    towards: NDArray[np.bool_] = normals[:, 1] * np.sign(outward) < 0
+    return towards

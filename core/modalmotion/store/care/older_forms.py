@@ -1,0 +1,226 @@
+"""Files that older versions wrote, rewritten as today's; only `rebuild` reads them."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.choice.parameters import parameters_from_json
+from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer.hdf5 import classification_to_hdf5
+from modalmotion.classification.estimators.scorer import Blend, Scorer
+from modalmotion.classification.features import Column, FeatureReader
+from modalmotion.classification.model.card import ModelCard
+from modalmotion.classification.model.conformal import Calibration
+from modalmotion.classification.model.domain import Domain
+from modalmotion.classification.model.hdf5 import (
+    kept_model,
+    model_from_hdf5,
+    model_to_hdf5,
+    numbered,
+)
+from modalmotion.classification.model.model import Model, Readable
+from modalmotion.errors import ModalMotionError, StoreError
+from modalmotion.hdf5.contents import Contents
+from modalmotion.hdf5.form import Form, form_of
+from modalmotion.mesh.hdf5 import sequence_from_hdf5, sequence_in, sequence_to_hdf5
+from modalmotion.store.disk.atomic import write_atomic
+from modalmotion.store.disk.sealed_json import JsonForm
+from modalmotion.store.folder import Folder
+from modalmotion.store.record import FORM as RECORD
+from modalmotion.store.record import record_from, record_to_json
+
+
+@dataclass(frozen=True)
+class Rewriting:
+    """What became of the files of older versions.
+
+    Parameters
+    ----------
+    rewritten : dict of str to int
+        Files that hold today's schema now, by kind.
+    refused : dict of str to str
+        Files that could not be taken, as they were, and why.
+    """
+
+    rewritten: dict[str, int]
+    refused: dict[str, str]
+
+
+def rewrite_older(folder: Folder) -> Rewriting:
+    """Rewrite the files of a store that have an older schema, each as a whole or not at all.
+
+    What is damaged is passed over: bringing index and folder together names it.
+
+    Parameters
+    ----------
+    folder : Folder
+        Held by this process alone.
+
+    Raises
+    ------
+    StoreError
+        If a file cannot be written; run again, it goes on where it stopped.
+    """
+    rewritten: Counter[str] = Counter()
+    refused: dict[str, str] = {}
+    for path in _files(folder):
+        try:
+            form = form_of(path)
+        except StoreError:
+            continue
+        if form not in OLDER:
+            continue
+        try:
+            with form.read(path) as contents:
+                image = OLDER[form](contents)
+        except ModalMotionError as error:
+            refused[folder.short(path)] = str(error)
+        else:
+            write_atomic(path, image)
+            rewritten[form.kind] += 1
+    for sequence_id in sorted(folder.scan().records):
+        try:
+            data = _record(folder, sequence_id)
+        except StoreError:
+            continue
+        write_atomic(folder.record(sequence_id), data)
+        rewritten["record"] += 1
+    return Rewriting(dict(rewritten), refused)
+
+
+def _files(folder: Folder) -> Iterator[Path]:
+    scan = folder.scan()
+    yield from map(folder.upload, sorted(scan.uploads - scan.deletions))
+    yield from map(folder.template, sorted(scan.templates))
+    yield from map(folder.result, sorted(scan.results))
+    yield from map(folder.model, sorted(scan.models - scan.deleted_models))
+
+
+def _record(folder: Folder, sequence_id: str) -> bytes:
+    """Add what a record of version 1 did not say, for which vertices are looked at.
+
+    Raises
+    ------
+    StoreError
+        If it is not such a record.
+    """
+    record = record_from(OLD_RECORD.read(folder.record(sequence_id)))
+    span = None
+    if record.has_times and record.has_upload:
+        with contextlib.suppress(StoreError):
+            span = sequence_from_hdf5(folder.upload(sequence_id)).span
+    return record_to_json(replace(record, span=span))
+
+
+def _sequence(contents: Contents) -> bytes:
+    """Version 1 had no facts: nothing is known of them."""
+    return sequence_to_hdf5(sequence_in(contents))
+
+
+def _classification(contents: Contents) -> bytes:
+    """Add what version 1 did not say: it ruled nothing out, so its set is that of all classes."""
+    classes = tuple(contents.json("classes", list))
+    label = contents.json("label", object)
+    return classification_to_hdf5(
+        Classification(
+            sequence_id=contents.text("sequence_id"),
+            model=contents.text("model"),
+            model_id=contents.text("model_id"),
+            label=None if label is None else str(label),
+            classes=classes,
+            probabilities=contents.array("probabilities", (len(classes),)),
+            class_set=classes,
+            coverage=1.0,
+            flags=(),
+            explanation=(),
+            notes=tuple(contents.json("notes", list)),
+            provenance=contents.json("provenance", dict),
+        ),
+        parameters_key=contents.optional_text("parameters_key"),
+    )
+
+
+def _model(contents: Contents) -> bytes:
+    """Take a model out of the JSON text, with arrays in base64, that version 1 was."""
+    stored = json.loads(contents.array("contents", (None,)).tobytes())
+    if stored["schema"] != 4:
+        raise ValueError(f"its model has the schema {stored['schema']!r}, not 4")
+    if stored["machine"]:
+        # skops names a class by its module, and the modules have moved.
+        raise StoreError(
+            "Its support vector machine or forest is bound to the program that trained it.",
+            remedy="Train it again.",
+        )
+    reader, domain = stored["reader"], stored["domain"]
+    if reader["typical"] is not None:
+        real, imaginary = _array(reader["typical"])
+        reader["typical"] = real + 1j * imaginary
+    scorers = tuple(
+        Scorer(
+            anchors=_array(one["anchors"]),
+            gamma=one["gamma"],
+            weights=_array(one["weights"]),
+            intercepts=_array(one["intercepts"]),
+            temperature=one["temperature"],
+        )
+        for one in stored["scorers"]
+    )
+    model = Model(
+        name=stored["name"],
+        classes=tuple(stored["classes"]),
+        readable=Readable(
+            topologies=tuple(stored["topologies"]),
+            n_modes=stored["n_modes"],
+            connectivity_id=stored["connectivity_id"],
+            parameters=parameters_from_json(contents.json("parameters", dict)),
+        ),
+        reader=FeatureReader(**reader),
+        columns=tuple(
+            Column(name, tuple(modes), power) for name, modes, power in stored["columns"]
+        ),
+        blend=Blend(
+            _array(stored["centre"]), _array(stored["scale"]), scorers, stored["temperature"]
+        ),
+        machine=b"",
+        domain=Domain(
+            **{**domain, "means": _array(domain["means"]), "whitening": _array(domain["whitening"])}
+        ),
+        calibration=Calibration(tuple(map(_array, stored["calibration"]))),
+        golden_features=_array(stored["golden_features"]),
+        golden_probabilities=_array(stored["golden_probabilities"]),
+        notes={label: tuple(texts) for label, texts in stored["notes"].items()},
+        card=ModelCard.from_json(stored["card"]),
+    )
+    origin = contents.json("origin", dict)
+    kept = kept_model(model, training=origin["training"])
+    image = model_to_hdf5(numbered(kept, contents.attributes["version"], origin["created"]))
+    # Nothing is written that does not answer as it did.
+    if model_from_hdf5(image).id != contents.text("model_id"):
+        raise ValueError("it holds another model than it says")
+    return image
+
+
+def _array(stored: dict[str, Any]) -> NDArray[np.float64]:
+    data = base64.b64decode(stored["float64"], validate=True)
+    return np.frombuffer(data, dtype="<f8").astype(np.float64).reshape(stored["shape"])
+
+
+OLDER: Final[dict[Form, Callable[[Contents], bytes]]] = {
+    Form("classification", 1): _classification,
+    Form("sequence", 1): _sequence,
+    Form("model", 1): _model,
+}
+"""How each older form is rewritten."""
+
+OLD_RECORD: Final = JsonForm(RECORD.kind, 1, RECORD.remedy)
+"""Form of the records of sequences that are rewritten."""

@@ -1,0 +1,42 @@
+"""Jobs: long work, and how far it is."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Any
+
+from pydantic import BaseModel, Field
+
+
+class JobState(StrEnum):
+    """How far a job is; the last three are final."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+class JobAnswer(BaseModel):
+    """Long work, and how far it is."""
+
+    id: str
+    kind: str = Field(
+        description="upload, signature, signatures, encoding, classification or training."
+    )
+    state: JobState
+    progress: float = Field(description="Share that is done, 0 to 1.")
+    text: str | None = Field(description="What is done now, in words; null where nothing is.")
+    result: str | None = Field(description="Link to the result; null until there is one.")
+    error: dict[str, Any] | None = Field(description="The problem it failed with.")
+    created: str = Field(description="ISO 8601 in UTC.")
+    updated: str = Field(description="ISO 8601 in UTC.")
+    links: dict[str, str]
+
+
+class JobPageAnswer(BaseModel):
+    """A page of the list of jobs."""
+
+    jobs: list[JobAnswer]
+    cursor: str | None = Field(description="For the next page; null on the last.")

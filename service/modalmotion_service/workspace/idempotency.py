@@ -1,0 +1,141 @@
+"""The table of idempotency keys, in the file of the store's index."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any, Final
+
+from modalmotion.store.index.cursor import now
+from modalmotion.store.index.database import Database
+
+_TABLES: Final = (
+    """CREATE TABLE IF NOT EXISTS idempotency (
+        key TEXT PRIMARY KEY, fingerprint TEXT NOT NULL, status INTEGER, response TEXT,
+        created TEXT NOT NULL
+    ) WITHOUT ROWID""",
+    "CREATE INDEX IF NOT EXISTS idempotency_by_time ON idempotency (created)",
+    (
+        "CREATE INDEX IF NOT EXISTS idempotency_by_place "
+        "ON idempotency (json_extract(response, '$.headers.location'))"
+    ),
+)
+
+
+@dataclass(frozen=True)
+class IdempotentRequest:
+    """One row of the table of idempotency keys.
+
+    Parameters
+    ----------
+    key : str
+        As the client chose it.
+    fingerprint : str
+        What it was sent with; another one under the same key is a mistake of the client.
+    status : int or None
+        Of the answer; None while the request is under way.
+    response : JSON value
+        The answer.
+    created : str
+        UTC, ISO 8601 with microseconds.
+    """
+
+    key: str
+    fingerprint: str
+    status: int | None
+    response: Any
+    created: str
+
+
+class IdempotencyKeys:
+    """The table of idempotency keys.
+
+    Parameters
+    ----------
+    database : Database
+        Of the store; the table is made in it where it is missing.
+    """
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        database.extend(_TABLES)
+
+    def claim(self, key: str, fingerprint: str) -> IdempotentRequest | None:
+        """Take a key for a request that is about to be done.
+
+        Returns
+        -------
+        IdempotentRequest or None
+            None where the key was free and is taken now; else what it was taken with.
+        """
+        with self._database.write() as connection:
+            done = connection.execute(
+                "INSERT OR IGNORE INTO idempotency VALUES (?, ?, NULL, NULL, ?)",
+                (key, fingerprint, now()),
+            )
+            if done.rowcount == 1:
+                return None
+            row = connection.execute("SELECT * FROM idempotency WHERE key = ?", (key,)).fetchone()
+        return _request(row)
+
+    def get(self, key: str) -> IdempotentRequest | None:
+        """Request that a key was taken with, None where it is free."""
+        rows = self._database.read("SELECT * FROM idempotency WHERE key = ?", (key,))
+        return _request(rows[0]) if rows else None
+
+    def complete(self, key: str, status: int, response: Any) -> None:
+        """Keep the answer, to be given again."""
+        with self._database.write() as connection:
+            connection.execute(
+                "UPDATE idempotency SET status = ?, response = ? WHERE key = ?",
+                (status, json.dumps(response), key),
+            )
+
+    def release(self, key: str) -> None:
+        """Free a key whose request had no effect."""
+        with self._database.write() as connection:
+            connection.execute("DELETE FROM idempotency WHERE key = ?", (key,))
+
+    def release_unfinished(self) -> int:
+        """Free the keys of requests that ended with the process; returns how many."""
+        with self._database.write() as connection:
+            return connection.execute("DELETE FROM idempotency WHERE status IS NULL").rowcount
+
+    def forget_before(self, created: str) -> int:
+        """Free the keys taken before a time (UTC, ISO 8601); returns how many."""
+        with self._database.write() as connection:
+            return connection.execute(
+                "DELETE FROM idempotency WHERE created < ?", (created,)
+            ).rowcount
+
+    def replace_answers(self, place: str, status: int, response: Any) -> int:
+        """Have requests that made what lies at or below a place be answered otherwise.
+
+        Parameters
+        ----------
+        place : str
+            The `location` among the headers of the answers that are kept.
+        status : int
+        response : JSON value
+
+        Returns
+        -------
+        int
+            Answers replaced. Their keys stay taken: what was deleted is not to come back by a
+            request that is sent again.
+        """
+        location = "json_extract(response, '$.headers.location')"
+        # Below a place lies what comes between "/" and the character after it.
+        below = (f"{place}/", f"{place}0")
+        with self._database.write() as connection:
+            return connection.execute(
+                f"UPDATE idempotency SET status = ?, response = ? "  # noqa: S608 (of constants)
+                f"WHERE {location} = ? OR ({location} >= ? AND {location} < ?)",
+                (status, json.dumps(response), place, *below),
+            ).rowcount
+
+
+def _request(row: tuple[Any, ...]) -> IdempotentRequest:
+    key, fingerprint, status, response, created = row
+    answer = None if response is None else json.loads(response)
+    return IdempotentRequest(key, fingerprint, status, answer, created)

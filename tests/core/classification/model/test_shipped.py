@@ -1,0 +1,235 @@
+"""What the shipped model says of ventricles it has not seen, and when it says nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from modalmotion.classification import Classification, classify, evaluate, load_model
+from modalmotion.classification.training.train_shipped import training_cases
+from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
+from modalmotion.modes import lowest_modes
+from modalmotion.modes.topology import CUP, PLANE
+from modalmotion.signature.making import SignatureParameters, modal_signature
+from modalmotion.simulate import Acquisition, MotionClass, VentricleParameters, simulate_ventricle
+from modalmotion.template import Weights
+from modalmotion.template.body_frame import Components
+
+CLEAR = {
+    MotionClass.NORMAL: {},
+    MotionClass.HYPOKINESIA: {
+        "ejection_fraction": 0.28,
+        "longitudinal_shortening": 0.09,
+        "apex_rotation": 4.5,
+        "base_rotation": -2.0,
+        "radius": 29.0,
+    },
+    MotionClass.AKINESIA: {"ejection_fraction": 0.42, "akinesia": 1.0},
+    MotionClass.DYSSYNCHRONY: {
+        "ejection_fraction": 0.35,
+        "longitudinal_shortening": 0.11,
+        "delay": 0.12,
+        "septal_flash": 0.25,
+        "apex_rotation": 5.0,
+    },
+    MotionClass.REDUCED_TORSION: {"apex_rotation": 1.0, "base_rotation": 1.0},
+}
+PARAMETERS = SignatureParameters(reference=MEAN)
+CHANGES = [
+    "moved",
+    "start angle",
+    "other way round",
+    "frame rate",
+    "float32",
+    "metres",
+    "start phase",
+    "closed",
+]
+
+
+@cache
+def ventricle(label: MotionClass, n_vertices: int | None = None, **options: float) -> MeshSequence:
+    acquisition = replace(Acquisition(n_frames=24), **options)  # type: ignore[arg-type]
+    parameters = VentricleParameters(shape_variation=1.0, motion_variation=1.0)
+    return simulate_ventricle(
+        replace(parameters, **CLEAR[label]),
+        grid=(16, 40),
+        n_vertices=n_vertices,
+        acquisition=acquisition,
+        rng=np.random.default_rng(21),
+    )
+
+
+def answer(sequence: MeshSequence) -> Classification:
+    return classify(sequence)
+
+
+@cache
+def plain_answer(label: MotionClass) -> Classification:
+    return answer(ventricle(label))
+
+
+def with_vertices(sequence: MeshSequence, vertices: np.ndarray, **changes: str) -> MeshSequence:
+    return mesh_sequence(
+        vertices,
+        sequence.faces,
+        grid=sequence.grid,
+        topology=sequence.topology,
+        times=sequence.times,
+        unit=changes.get("unit", sequence.unit),
+    )
+
+
+def changed(label: MotionClass, change: str) -> MeshSequence:
+    sequence = ventricle(label)
+    x = sequence.vertices
+    grid = x.reshape(len(x), 16, 40, 3)
+    match change:
+        case "moved":
+            turn = Rotation.from_rotvec([1.0, 2.0, -0.5]).as_matrix()
+            return with_vertices(sequence, x @ turn.T + [50.0, -20.0, 300.0])
+        case "start angle":
+            return with_vertices(sequence, np.roll(grid, 13, axis=2).reshape(x.shape))
+        case "other way round":
+            return replace(
+                with_vertices(sequence, grid[:, :, ::-1].reshape(x.shape)),
+                faces=np.zeros((0, 3), dtype=np.int64),
+            )
+        case "frame rate":
+            return ventricle(label, n_frames=48)
+        case "float32":
+            return with_vertices(sequence, x.astype(np.float32))
+        case "metres":
+            return with_vertices(sequence, x / 1000.0, unit="m")
+        case "start phase":
+            return ventricle(label, start_phase=0.9)
+        case "closed":
+            return ventricle(label, n_frames=25, is_closed=True)
+    raise AssertionError(change)
+
+
+@pytest.mark.parametrize("label", MotionClass)
+def test_clear_cases_are_named_on_lattices_and_triangulations(label: MotionClass) -> None:
+    for n_vertices in (None, 900):
+        found = answer(ventricle(label, n_vertices, noise=0.6))
+        assert found.label == label
+        assert found.probability > 0.6
+        assert found.probabilities.sum() == pytest.approx(1.0)
+        assert any("no patient" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("label", MotionClass)
+def test_the_answer_does_not_depend_on_how_it_was_recorded(label: MotionClass, change: str) -> None:
+    plain, other = plain_answer(label), answer(changed(label, change))
+    assert plain.label == other.label == label
+    assert np.abs(plain.probabilities - other.probabilities).max() <= 0.01
+    is_mirrored = any("left-handed" in note for note in other.notes)
+    assert is_mirrored == (change == "other way round")
+
+
+def test_a_fresh_cohort_is_mostly_right_and_mostly_known() -> None:
+    result = evaluate(load_model(), training_cases(4, seed=77))
+    assert result.accuracy > 0.8
+    assert result.abstained < 0.1
+
+
+def test_reduced_torsion_comes_with_a_warning() -> None:
+    found = answer(ventricle(MotionClass.REDUCED_TORSION))
+    assert "contours" in found.notes[0]
+
+
+def assert_abstains(found: Classification, why: str) -> None:
+    assert found.label is None
+    assert len(found.flags) == 1
+    assert found.class_set == found.classes
+    assert why in found.notes[0]
+    assert found.probabilities == pytest.approx(np.full(5, 0.2))
+    assert any("no patient" in note for note in found.notes)
+
+
+def test_it_abstains_where_nothing_moves(rng: np.random.Generator) -> None:
+    sequence = ventricle(MotionClass.NORMAL)
+    first = sequence.vertices[:1]
+    still = with_vertices(sequence, np.repeat(first, 24, axis=0))
+    assert_abstains(answer(still), "no motion")
+    shaking = still.vertices + rng.normal(0.0, 0.6, still.vertices.shape)
+    assert_abstains(answer(with_vertices(sequence, shaking)), "no motion")
+    turns = Rotation.from_rotvec(np.outer(np.linspace(0.0, 1.0, 24), [0.3, 1.0, 0.2]))
+    turning = np.einsum("fij,nj->fni", turns.as_matrix(), first[0])
+    assert_abstains(answer(with_vertices(sequence, turning)), "no motion")
+
+
+def test_it_abstains_on_noise_and_on_the_unknown(rng: np.random.Generator) -> None:
+    sequence = ventricle(MotionClass.NORMAL)
+    signature = modal_signature(sequence, PARAMETERS)
+    shape = signature.amplitudes.shape
+    noise = replace(signature, amplitudes=rng.normal(0.0, 3.0, shape))
+    assert_abstains(classify(noise), "noise")
+    # As smooth as a beat, as large as a beat, and no beat.
+    phase = 2 * np.pi * np.arange(24) / 24
+    wobble = np.cos(phase[:, None, None] + rng.uniform(0.0, 6.0, shape[1:])) * 3.0
+    assert_abstains(classify(replace(signature, amplitudes=wobble)), "unlike any")
+
+
+def test_it_abstains_on_what_it_cannot_read() -> None:
+    sequence = ventricle(MotionClass.NORMAL)
+    single = mesh_sequence(sequence.vertices[:1], grid=(16, 40), topology="cup", unit="mm")
+    assert_abstains(answer(single), "one frame")
+    assert_abstains(answer(replace(sequence, topology=PLANE)), "plane")
+    for changes, why in (
+        ({"modes": 18}, "18"),
+        ({"weights": Weights.UNIFORM}, "area weights"),
+        ({"remove_rotation": False}, "rotation removed"),
+        ({"components": Components.CYLINDRICAL}, "cartesian"),
+        ({"closed_form": False}, "mesh"),
+    ):
+        parameters = replace(PARAMETERS, amplitudes=None, **changes)
+        assert_abstains(classify(modal_signature(sequence, parameters)), why)
+    flat = replace(modal_signature(sequence, PARAMETERS), lengths=(0.0, 0.0))
+    assert_abstains(classify(flat), "collapsed")
+
+
+def test_two_frames_get_an_answer_or_a_reason() -> None:
+    sequence = ventricle(MotionClass.NORMAL)
+    two = mesh_sequence(sequence.vertices[[0, 10]], grid=(16, 40), topology="cup", unit="mm")
+    found = answer(two)
+    assert found.label is not None or "No class" in found.notes[0]
+
+
+def test_a_signature_of_one_frame_as_reference_is_answered_with_a_note() -> None:
+    sequence = ventricle(MotionClass.DYSSYNCHRONY)
+    for reference in (0, 1):
+        found = classify(modal_signature(sequence, SignatureParameters(reference=reference)))
+        assert found.label == MotionClass.DYSSYNCHRONY
+        assert any("mean shape" in note for note in found.notes)
+
+
+def test_a_sequence_is_fitted_as_the_model_asks() -> None:
+    model = load_model()
+    assert model.signature_parameters == SignatureParameters(reference=MEAN)
+    sequence = ventricle(MotionClass.DYSSYNCHRONY)
+    one, other = answer(sequence), classify(modal_signature(sequence, PARAMETERS))
+    assert np.array_equal(one.probabilities, other.probabilities)
+    assert one.notes == other.notes
+    assert not any("mean shape" in note for note in one.notes)
+    assert model.readable.n_modes == len(lowest_modes(CUP, 7))
+
+
+@pytest.mark.parametrize("name", ["heart/lv_grid_32x64", "heart/lv_endocardium"])
+def test_a_real_ventricle_gets_an_honest_answer(
+    name: str, real_sequence: Callable[[str], MeshSequence]
+) -> None:
+    found = answer(real_sequence(name))
+    # It was fitted to contours, so it hardly twists (2 degrees) while it ejects 59 %.
+    if found.label is None:
+        assert "No class" in found.notes[0]
+    else:
+        assert found.label == MotionClass.REDUCED_TORSION
+        assert "contours" in found.notes[0]
+    assert any("no patient" in note for note in found.notes)

@@ -1,0 +1,242 @@
+"""Training: reproducible, honest about what it met, and refused where it makes no sense."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from classify_samples import cohort, curve, curves, curves_model, small_model
+
+from modalmotion.classification import (
+    TrainingCase,
+    TrainingOptions,
+    classify,
+    evaluate,
+    model_to_hdf5,
+    only_modes,
+    train,
+)
+from modalmotion.errors import ParameterError
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.reconstruction import reconstruct
+from modalmotion.simulate import simulate_ventricle
+
+# Where the law is not about how scores come about: the quickest estimator.
+QUICK = TrainingOptions(estimator="linear")
+
+
+def test_training_again_gives_the_same_model_to_the_byte() -> None:
+    assert model_to_hdf5(train(cohort(6), "small")) == model_to_hdf5(small_model())
+    first, other = (train(cases, "small", QUICK) for cases in (cohort(6), cohort(6)[1:]))
+    assert first.id != other.id
+
+
+def test_a_model_tells_new_curves_apart_whatever_their_pose() -> None:
+    model = curves_model()
+    assert model.readable.topologies == ("open curve",)
+    found = evaluate(model, curves(10, seed=4))
+    assert found.accuracy >= 0.9
+    assert found.n_cases == sum(map(sum, found.confusion)) == 20
+    assert model.card.accuracy is not None
+    assert model.card.accuracy >= 0.9
+
+
+def test_the_pose_of_a_curve_changes_nothing() -> None:
+    model = curves_model()
+    a, b = curve("tip", np.random.default_rng(1)), curve("tip", np.random.default_rng(1))
+    turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    b = replace(b, vertices=b.vertices @ turn.T + [5.0, -8.0, 100.0])
+    one, other = (classify(modal_signature(sequence), model) for sequence in (a, b))
+    assert one.label == other.label == "tip"
+    assert one.probabilities == pytest.approx(other.probabilities, abs=1e-6)
+
+
+def test_spring_modes_of_one_mesh_can_be_learned_and_another_mesh_is_refused() -> None:
+    asked = SignatureParameters(closed_form=False)
+
+    def case(number: int, label: str, grid: tuple[int, int] = (8, 12)) -> TrainingCase:
+        rng = np.random.default_rng(number)
+        beat = simulate_ventricle(grid=grid)
+        moved = beat.vertices + 0.1 * rng.standard_normal(beat.vertices.shape)
+        if label == "late":
+            moved[:, ::2, 2] += 3.0 * np.sin(np.linspace(0.0, 6.28, len(moved)))[:, None]
+        return TrainingCase(modal_signature(replace(beat, vertices=moved), asked), label)
+
+    cases = [case(n, label) for n in range(6) for label in ("plain", "late")]
+    model = train(cases, "springs")
+    assert model.readable.topologies == ("mesh",)
+    assert model.signature_parameters.closed_form is False
+    assert evaluate(model, [case(50, "plain"), case(51, "late")]).accuracy == 1.0
+    other = case(1, "plain", (8, 14))
+    assert classify(other.signature, model).flags == ("out of domain",)
+    with pytest.raises(ParameterError, match="another mesh"):
+        train([*cases, other], "mixed")
+
+
+def test_one_class_missing_labels_and_no_cases_are_refused() -> None:
+    cases = cohort(6)
+    with pytest.raises(ParameterError, match="1 class"):
+        train([c for c in cases if c.label == "normal"], "one")
+    with pytest.raises(ParameterError, match="0 class"):
+        train([], "none")
+    for label in ("", "  "):
+        with pytest.raises(ParameterError, match="case 1 has no label"):
+            train([cases[0], replace(cases[1], label=label), *cases[2:]], "unlabelled")
+
+
+def test_one_recording_of_two_classes_is_refused() -> None:
+    cases = cohort(6)
+    with pytest.raises(ParameterError, match="two classes"):
+        train([*cases, replace(cases[0], label="other")], "torn")
+
+
+def test_a_recording_that_came_twice_counts_once() -> None:
+    cases = cohort(6)
+    model = train([*cases, cases[0], cases[3]], "small")
+    assert model.card.n_cases == dict.fromkeys(model.classes, 6)
+    assert any("came twice" in note for note in model.card.notes)
+    assert model.id == small_model().id
+
+
+def test_no_subject_is_on_both_sides_of_a_split() -> None:
+    from modalmotion.classification.training.splits import split_cases
+    from modalmotion.classification.training.table import collect
+
+    # Three recordings of each subject, and one recording that is said to be of two.
+    cases = [replace(c, subject=f"s{n // 6}-{c.label}") for n, c in enumerate(cohort(12))]
+    cases.append(replace(cases[0], subject=cases[6].subject))
+    options = TrainingOptions()
+    table = collect(cases, options)
+    splits, is_grouped, _ = split_cases(table, options)
+    assert is_grouped
+    for inner, outer in splits:
+        assert not set(table.groups[inner]) & set(table.groups[outer])
+        inside = {table.subjects[i] for i in inner}
+        assert not inside & {table.subjects[i] for i in outer}
+    model = train(cases, "grouped", QUICK)
+    assert model.card.is_grouped
+    assert max(model.card.n_subjects.values()) <= 5
+
+
+def test_a_class_of_one_subject_is_said_to_be_unknown_beyond_it() -> None:
+    cases = [replace(c, subject="only" if c.label == "normal" else c.subject) for c in cohort(6)]
+    model = train(cases, "alone", QUICK)
+    assert not model.card.is_grouped
+    assert any("one subject only" in note for note in model.card.notes)
+
+
+def test_cases_of_different_modes_are_refused() -> None:
+    signature = modal_signature(simulate_ventricle(grid=(12, 24)), SignatureParameters(modes=18))
+    with pytest.raises(ParameterError, match="modes"):
+        train([*cohort(6), TrainingCase(signature, "normal")], "mixed")
+
+
+def test_what_is_measured_from_a_frame_and_from_the_mean_shape_is_not_mixed() -> None:
+    beat = simulate_ventricle(grid=(12, 24))
+    other = modal_signature(beat, TrainingOptions().signature_parameters)
+    with pytest.raises(ParameterError, match="reference mean"):
+        train([*cohort(6), TrainingCase(other, "normal")], "mixed")
+    about = [
+        TrainingCase(replace(c.signature, parameters=other.parameters), c.label, c.subject)
+        for c in cohort(6)
+    ]
+    assert train(about, "mean", QUICK).signature_parameters == other.parameters
+    assert small_model().signature_parameters.reference == 0
+
+
+def test_one_frame_is_refused() -> None:
+    still = modal_signature(simulate_ventricle(grid=(12, 24)))
+    still = replace(still, amplitudes=still.amplitudes[:1], times=None)
+    with pytest.raises(ParameterError, match="one frame"):
+        train([*cohort(6), TrainingCase(still, "normal")], "still")
+
+
+def test_a_class_with_few_cases_is_in_every_set_and_that_is_said() -> None:
+    found = classify(cohort(2, seed=5)[0].signature, small_model())
+    assert found.class_set == small_model().classes
+    assert any("Too few cases" in note for note in found.notes)
+
+
+def test_progress_rises_to_one() -> None:
+    heard: list[float] = []
+    train(cohort(6), "heard", QUICK, lambda share, text: heard.append(share))
+    assert heard == sorted(heard)
+    assert heard[-1] == 1.0
+
+
+def test_class_weights_pull_towards_a_class() -> None:
+    cases = cohort(6)
+    plain, pulled = (
+        train(cases, "weights", TrainingOptions(class_weights=weights, estimator="linear"))
+        for weights in ("none", {"normal": 50.0})
+    )
+    k = plain.classes.index("normal")
+    X = plain.golden_features
+    before, after = (model.probabilities(X)[:, k] for model in (plain, pulled))
+    others = before < 0.5
+    assert others.any()
+    assert after[others].mean() > 1.5 * before[others].mean()
+    assert pulled.id != plain.id
+
+
+def test_an_explanation_names_the_modes_that_move_the_answer() -> None:
+    sequence = simulate_ventricle(grid=(12, 24))
+    signature = modal_signature(sequence)
+    model = train(cohort(12), "explained", QUICK)
+    model = replace(model, domain=replace(model.domain, limit=np.inf))
+    found = classify(signature, model)
+    assert found.explanation
+    scores = [abs(part.score) for part in found.explanation]
+    assert scores == sorted(scores, reverse=True)
+    moving = signature.amplitudes - signature.amplitudes.mean(axis=0)
+    place = {str(label): k for k, label in enumerate(signature.modes.labels)}
+    for part in found.explanation:
+        rows = [place[label] for label in part.modes]
+        expected = np.sqrt((moving[:, rows] ** 2).sum(axis=(1, 2)).mean())
+        assert part.amplitude == pytest.approx(expected)
+        assert part.unit == "mm"
+    # The scores of a linear model add up to its lead over that of an average case, but for
+    # features of several modes, which belong to none.
+    linear = model.blend.scorers[0]
+    read = model.reader.read(signature)
+    z = model.blend.standardised(read.values[model.distance(read.kinds).argmin()])
+    first, second = np.argsort(-found.probabilities)[:2]
+    parts = [{place[label] for label in part.modes} for part in found.explanation]
+    told = np.array([any(set(c.modes) <= part for part in parts) for c in model.columns])
+    lead = (z @ (told[:, None] * linear.weights))[[first, second]] @ [1.0, -1.0]
+    total = sum(part.score for part in found.explanation)
+    assert total == pytest.approx(lead / linear.temperature / model.blend.temperature, rel=1e-6)
+    shown = only_modes(signature, found.explanation[0].modes)
+    positions = reconstruct(shown, sequence)
+    assert positions.shape == sequence.vertices.shape
+    assert np.ptp(positions, axis=0).max() > 0.1
+    with pytest.raises(ParameterError, match="no mode"):
+        only_modes(signature, ["(9, 9, cos)"])
+
+
+def noisy(signature: ModalSignature, number: int) -> ModalSignature:
+    rng = np.random.default_rng(number)
+    jitter = 0.2 * rng.standard_normal(signature.amplitudes.shape)
+    return replace(
+        signature, amplitudes=signature.amplitudes + jitter, sequence_id=f"{number:064d}"
+    )
+
+
+@pytest.mark.soak
+def test_ten_thousand_sequences_are_learned_in_bounded_memory() -> None:
+    base = cohort(6)
+
+    def cases() -> Iterator[TrainingCase]:
+        for number in range(10_000):
+            case = base[number % len(base)]
+            yield TrainingCase(noisy(case.signature, number), case.label)
+
+    tracemalloc.start()
+    model = train(cases(), "many", TrainingOptions(folds=2))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert sum(model.card.n_cases.values()) == 10_000
+    assert peak < 2**30

@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from modalmotion import Facts, ParameterError
+from modalmotion.cli import main
+from modalmotion.cli.cases import read_manifest
+from modalmotion.cli.stated_facts import stated_facts
+from modalmotion.errors import MalformedFileError
+from modalmotion.facts import facts_from_json
+from modalmotion.signature.hdf5 import signature_from_hdf5
+
+ALL = ["--tracking", "OFFSET", "--handedness", "right", "--coordinates", "LPS", "--period", "2"]
+ALL += ["--cavity", "lv", "--modality", "MR", "--landmark", "apex=0,0,-40", "--landmark", "RV=7"]
+ALL += ["--covariate", "age=61", "--covariate", "sex=f"]
+
+FACTS = Facts(
+    tracking="offset",
+    handedness="right",
+    coordinates="LPS",
+    period=2.0,
+    cavity="lv",
+    modality="MR",
+    landmarks={"apex": (0, 0, -40), "RV": 7},
+    covariates={"age": 61, "sex": "f"},
+)
+
+
+@pytest.fixture
+def beat(tmp_path: Path) -> Path:
+    path = tmp_path / "beat.npz"
+    run = CliRunner().invoke(main, ["simulate", "-o", str(path), "--frames", "3", "--grid", "6,8"])
+    assert run.exit_code == 0, run.output
+    return path
+
+
+def test_options_go_over_the_file_and_are_shown_and_written(beat: Path, tmp_path: Path) -> None:
+    out = tmp_path / "beat.h5"
+    run = CliRunner().invoke(main, ["signature", str(beat), "-o", str(out), "--json", *ALL])
+    assert run.exit_code == 0, run.output
+    assert facts_from_json(json.loads(run.stdout)["facts"]) == FACTS
+    assert signature_from_hdf5(out).facts == FACTS
+    text = CliRunner().invoke(main, ["signature", str(beat), *ALL]).stdout
+    assert "facts: offset, right, LPS, lv, MR, period 2 s, 2 landmarks, 2 covariates" in text
+    assert "61" not in text.split("facts: ")[1].splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--covariate", "age=1", "--covariate", "age=2"],
+        ["--landmark", "apex"],
+        ["--landmark", "apex=1,2"],
+        ["--period", "0.01"],
+        ["--tracking", "tissue"],
+        ["--handedness", "left", "--coordinates", "RAS"],
+    ],
+)
+def test_bad_facts_end_a_command_with_a_line_and_no_traceback(
+    beat: Path, options: list[str]
+) -> None:
+    run = CliRunner().invoke(main, ["signature", str(beat), *options])
+    assert run.exit_code in (1, 2)
+    assert "Error" in run.output
+    assert run.exception is None or isinstance(run.exception, SystemExit)
+
+
+def test_options_are_taken_out_of_what_was_said() -> None:
+    said = {"tracking": "material", "covariate": ("age=61",), "unit": "mm"}
+    assert stated_facts(said) == Facts(tracking="material", covariates={"age": 61})
+    assert said == {"unit": "mm"}
+    with pytest.raises(ParameterError, match="stated twice"):
+        stated_facts({"landmark": ("apex=1", " apex=2")})
+
+
+def test_cohorts_have_their_facts_in_their_table(tmp_path: Path) -> None:
+    run = CliRunner().invoke(main, ["simulate-cohort", "-o", str(tmp_path), "--per-class", "1"])
+    assert run.exit_code == 0, run.output
+    files = read_manifest(tmp_path / "cases.csv")
+    with (tmp_path / "cases.csv").open() as table:
+        rows = list(csv.DictReader(table))
+    for file, row in zip(files, rows, strict=True):
+        assert (file.facts.tracking, file.facts.modality) == ("material", "simulated")
+        assert file.facts.period == float(row["period"])
+
+
+def test_a_manifest_states_facts_in_columns_and_each_once(tmp_path: Path) -> None:
+    (tmp_path / "a.npz").touch()
+    manifest = tmp_path / "cases.csv"
+    manifest.write_text("path,label,Cavity,covariate:Age\na.npz,x,RV,61\n")
+    assert read_manifest(manifest)[0].facts == Facts(cavity="rv", covariates={"Age": 61})
+    for text, message in (
+        ("path,label,cavity,cavity\na.npz,x,lv,lv\n", "2 columns 'cavity'"),
+        ("path,label,covariate:age\na.npz,x,nan\n", "Line 2 of 'cases.csv': The covariate 'age'"),
+    ):
+        manifest.write_text(text)
+        with pytest.raises(MalformedFileError, match=message):
+            read_manifest(manifest)

@@ -1,0 +1,77 @@
+"""Every command runs twice in one process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+from training_cohort import cohort
+
+from modalmotion.cli import main
+
+COMMANDS = main.list_commands(click.Context(main))
+
+# What each does at little cost. These run until they are ended, or cost a training.
+LONG = {"serve", "worker", "train", "evaluate"}
+CHEAP = {
+    "audit": "verify --data-dir {store}",
+    "cohort": "{folder} -o {store}",
+    "keys": "list --data-dir {store}",
+    "owners": "list --data-dir {store}",
+    "store": "verify {store}",
+    "animate": "cup --mode 1,1,cos=0.1 -o {out}.glb",
+    "classify": "{beat}",
+    "decode": "{stream} -o {out}.npz",
+    "encode": "{beat} -o {out}.stream --max-error 1",
+    "modes": "{beat}",
+    "readouts": "{beat}",
+    "reconstruct": "{beat} -o {out}.npz",
+    "signature": "{beat} -o {out}.h5",
+    "simulate": "-o {out}.npz",
+    "simulate-cohort": "-o {out} --per-class 1 --seed 1",
+    "tradeoff": "{beat} --tolerance 2",
+}
+
+
+def run(*arguments: str) -> str:
+    done = CliRunner().invoke(main, list(arguments))
+    assert done.exit_code == 0, f"{arguments}: {done.output}"
+    return done.output
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_twice(name: str) -> None:
+    assert run(name, "--help") == run(name, "--help")
+
+
+@pytest.fixture(scope="module")
+def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("twice")
+    (folder / "in").mkdir()
+    (folder / "in" / "beat.npz").write_bytes(next(cohort(1, seed=3)).body)
+    places = {
+        "folder": folder / "in",
+        "beat": folder / "in" / "beat.npz",
+        "store": folder / "store",
+        "stream": folder / "beat.stream",
+        "out": folder / "out",
+    }
+    run("encode", str(places["beat"]), "-o", str(places["stream"]), "--max-error", "1")
+    run("cohort", str(places["folder"]), "-o", str(places["store"]))
+    run(
+        "keys", "create", "--owner", "local", "--scopes", "read", "--data-dir", str(places["store"])
+    )
+    return places
+
+
+def test_no_command_is_forgotten() -> None:
+    assert CHEAP.keys() | LONG == set(COMMANDS)
+
+
+@pytest.mark.parametrize("name", sorted(CHEAP))
+def test_a_cheap_job_twice(name: str, places: dict[str, Path]) -> None:
+    arguments = CHEAP[name].format(**places).split()
+    run(name, *arguments)
+    run(name, *arguments)

@@ -1,0 +1,246 @@
+"""Facts over HTTP: stated, shown, changed, audited; read where they are part of a key."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from access_parts import guarded
+from fastapi.testclient import TestClient
+
+from modalmotion import Facts, SignatureParameters, simulate_ventricle
+from modalmotion.facts import NO_FACTS, facts_as_json
+from modalmotion.formats import write_npz
+from modalmotion.mesh.hdf5 import sequence_from_hdf5
+from modalmotion.signature.hdf5 import signature_from_hdf5
+from modalmotion.simulate import Acquisition
+from modalmotion.template import GivenLandmarks
+from modalmotion_service.access.scopes import Scope
+
+HDF5 = {"Accept": "application/x-hdf5"}
+
+# A mesh, on which landmarks are read.
+MESH = simulate_ventricle(
+    n_vertices=150, acquisition=Acquisition(n_frames=3), rng=np.random.default_rng(5)
+).with_facts(NO_FACTS)
+
+
+@pytest.fixture(scope="module")
+def client(shared_client: TestClient) -> TestClient:
+    return shared_client
+
+
+@pytest.fixture(scope="module")
+def data_dir(shared_data_dir: Path) -> Path:
+    return shared_data_dir
+
+
+@pytest.fixture
+def send(client: TestClient) -> Callable[..., Any]:
+    """Send the mesh, a little larger for each number, so that it is another sequence."""
+
+    def post(number: int, facts: Facts = NO_FACTS, **request: Any) -> Any:
+        larger = MESH.vertices * (1 + number / 1000)
+        body = write_npz(type(MESH)(larger, MESH.faces, times=MESH.times, unit="mm"))
+        if "data" in request:
+            return client.post("/v1/sequences", files={"file": body}, **request)
+        if facts.stated:
+            body = write_npz(
+                type(MESH)(larger, MESH.faces, times=MESH.times, unit="mm", facts=facts)
+            )
+        return client.post("/v1/sequences", content=body, **request)
+
+    return post
+
+
+def test_facts_come_in_file_query_and_form(client: TestClient, send: Callable[..., Any]) -> None:
+    facts = Facts(tracking="offset", period=2.0, landmarks={"apex": 3}, covariates={"age": 61})
+    ways = [
+        send(1, facts),
+        send(2, params={"tracking": "offset", "period": "2", "landmarks": '{"apex": 3}',
+                        "covariates": '{"age": 61}'}),
+        send(3, data={"tracking": "Offset", "period": "2", "landmark:apex": "3",
+                      "covariate:age": "61"}),
+    ]  # fmt: skip
+    for answer in ways:
+        assert answer.status_code == 201, answer.text
+        assert answer.json()["facts"] == facts_as_json(facts)
+        assert client.get(answer.json()["links"]["self"]).json()["facts"] == facts_as_json(facts)
+    listed = client.get("/v1/sequences", params={"limit": 3}).json()["sequences"]
+    assert [one["facts"] for one in listed] == [facts_as_json(facts)] * 3
+    plain = send(4).json()
+    assert plain["facts"] == facts_as_json(NO_FACTS)
+    # The query goes over the form, and both over the file.
+    both = send(5, data={"tracking": "offset", "cavity": "lv"}, params={"tracking": "material"})
+    assert (both.json()["facts"]["tracking"], both.json()["facts"]["cavity"]) == ("material", "lv")
+
+
+def test_a_known_sequence_keeps_its_facts_and_says_so(send: Callable[..., Any]) -> None:
+    send(10, params={"tracking": "offset"})
+    again = send(10, params={"tracking": "material"})
+    assert again.status_code == 200
+    assert again.json()["facts"]["tracking"] == "offset"
+    assert "keeps its facts; tracking" in again.json()["reading"]["notes"][-1]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("tracking", "tissue"),
+        ("handedness", "up"),
+        ("coordinates", "XYZ"),
+        ("cavity", "heart"),
+        ("period", "nan"),
+        ("period", "-1"),
+        ("period", "0.01"),
+        ("modality", "x" * 41),
+        ("landmarks", "{"),
+        ("landmarks", '{"apex": 150}'),
+        ("landmarks", '{"apex": [0, 0, NaN]}'),
+        ("landmarks", '{"apex": 1, "apex": 2}'),
+        ("covariates", "[" * 20_000),
+        ("covariates", '{"age": true}'),
+        ("covariates", json.dumps({f"n{k}": 1 for k in range(101)})),
+    ],
+)
+def test_a_bad_fact_is_refused(send: Callable[..., Any], name: str, value: str) -> None:
+    for answer in (send(20, params={name: value}), send(20, data={name: value})):
+        assert answer.status_code == 422, answer.text
+        assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_facts_that_contradict_each_other_are_refused_by_name(send: Callable[..., Any]) -> None:
+    answer = send(21, params={"coordinates": "LPS", "handedness": "left"})
+    assert answer.status_code == 422
+    assert "'left' contradicts the coordinates 'LPS'" in answer.text
+    twice = send(21, data={"covariate:age": ["1", "2"]})
+    assert (twice.status_code, "two fields" in twice.text) == (422, True)
+
+
+def test_patch_changes_what_it_names_and_null_resets(
+    client: TestClient, send: Callable[..., Any]
+) -> None:
+    first = Facts(tracking="offset", covariates={"age": 61, "sex": "f"})
+    here = send(30, first).json()["links"]["self"]
+    tag = client.get(here).headers["etag"]
+
+    def changed(**facts: Any) -> Any:
+        answer = client.patch(here, json={"facts": facts})
+        assert answer.status_code == 200, answer.text
+        assert client.get(here).json() == answer.json()
+        return answer.json()["facts"]
+
+    assert changed() == facts_as_json(first)
+    assert changed(period=1.5)["tracking"] == "offset"
+    assert client.get(here).headers["etag"] != tag
+    assert changed(covariates={"age": None, "height": 1.7})["covariates"] == {
+        "height": 1.7,
+        "sex": "f",
+    }
+    assert changed(tracking=None, period=None, covariates=None) == facts_as_json(NO_FACTS)
+    assert client.patch(here, json={"subject": "P", "facts": {"cavity": "rv"}}).json()["subject"]
+    assert client.patch(here, json={"facts": None}).json()["facts"] == facts_as_json(NO_FACTS)
+
+
+@pytest.mark.parametrize(
+    "facts",
+    [
+        {"tracking": "tissue"},
+        {"colour": "red"},
+        {"period": -1},
+        {"period": 0.01},
+        {"period": "soon"},
+        {"coordinates": "RAS", "handedness": "left"},
+        {"landmarks": {"apex": 150}},
+        {"landmarks": {"apex": [1, 2]}},
+        {"landmarks": {"apex": "7"}},
+        {"landmarks": []},
+        {"covariates": {"age": []}},
+        {"covariates": {"age": True}},
+        {"covariates": {"Age": 1, "age": 2}},
+        {"covariates": {f"n{k}": 1 for k in range(101)}},
+        [],
+        "offset",
+    ],
+)
+def test_a_bad_change_is_refused_and_changes_nothing(
+    client: TestClient, send: Callable[..., Any], facts: Any
+) -> None:
+    here = send(31, Facts(tracking="offset")).json()["links"]["self"]
+    before = client.get(here).json()
+    answer = client.patch(here, json={"facts": facts, "subject": "nobody"})
+    assert answer.status_code == 422, answer.text
+    assert client.get(here).json() == before
+
+
+def test_a_change_misses_results_that_read_the_fact_and_no_others(
+    client: TestClient, send: Callable[..., Any], data_dir: Path
+) -> None:
+    here = send(40).json()["links"]["self"]
+    link = f"{here}/signature?modes=4"
+    first = client.get(link)
+    assert SignatureParameters(modes=4).key in first.json()["file"]
+
+    client.patch(here, json={"facts": {"tracking": "material", "covariates": {"age": 61}}})
+    same = client.get(link)
+    assert same.json()["file"] == first.json()["file"]
+    assert same.json()["facts"]["tracking"] == "material"
+    # It shows facts, so that what a client has is no longer all of it.
+    assert same.headers["etag"] != first.headers["etag"]
+    image = client.get(link, headers=HDF5)
+    assert signature_from_hdf5(image.content).facts == Facts(
+        tracking="material", covariates={"age": 61}
+    )
+    assert signature_from_hdf5(data_dir / same.json()["file"]).facts == NO_FACTS
+
+    client.patch(here, json={"facts": {"landmarks": {"theta_zero": [30, 0, 0]}}})
+    other = client.get(link)
+    stated = GivenLandmarks(theta_zero=(30.0, 0.0, 0.0))
+    assert SignatureParameters(modes=4, landmarks=stated).key in other.json()["file"]
+    assert other.json()["landmarks"]["given"] == ["theta_zero"]
+    assert other.json()["amplitudes"] != first.json()["amplitudes"]
+    asked = client.get(f"{link}&theta_zero=30,0,0")
+    assert asked.json() == other.json()
+    for path in ("readouts?modes=4", "tradeoff?modes=4&front_modes=4"):
+        assert client.get(f"{here}/{path}").status_code == 200
+
+    client.patch(here, json={"facts": {"landmarks": None}})
+    assert client.get(link).json()["file"] == first.json()["file"]
+    kept = sequence_from_hdf5(next(data_dir.rglob(f"{here[-64:]}.h5")))
+    assert kept.facts == NO_FACTS
+
+
+def test_stateless_answers_carry_the_facts_that_were_sent(client: TestClient) -> None:
+    body = write_npz(MESH.with_facts(Facts(tracking="offset", landmarks={"apex": 3})))
+    answer = client.post("/v1/signature", content=body, params={"modality": "CT"})
+    assert answer.json()["facts"]["modality"] == "CT"
+    assert answer.json()["landmarks"]["given"] == ["apex"]
+    image = client.post("/v1/signature", content=body, headers=HDF5)
+    assert signature_from_hdf5(image.content).facts.tracking == "offset"
+
+
+def test_only_who_may_write_changes_facts_and_the_log_has_names_without_values(
+    tmp_path: Path,
+) -> None:
+    with guarded(tmp_path) as service:
+        body = write_npz(MESH)
+        sent = service.ask("alice", "POST", "/v1/sequences", content=body)
+        here = f"/v1/sequences/{sent.json()['id']}"
+        change = {"json": {"facts": {"covariates": {"illness": "unmistakable"}, "period": 2.0}}}
+        assert service.ask("alice", "PATCH", here, Scope.READ, **change).status_code == 403
+        assert service.ask("bob", "PATCH", here, **change).status_code == 404
+        assert service.ask("alice", "PATCH", here, **change).status_code == 200
+        assert service.ask("alice", "PATCH", here, **change).status_code == 200
+        entries = service.ask("alice", "GET", "/v1/audit").json()["entries"]
+        patches = [one for one in entries if one["method"] == "PATCH" and one["status"] == 200]
+        # The second one changed nothing.
+        assert [one["ids"][1:] for one in patches] == [[], ["facts.period", "facts.covariates"]]
+    for path in (tmp_path / "access").rglob("*"):
+        if path.is_file():
+            data = path.read_bytes()
+            assert b"unmistakable" not in data
+            assert b"illness" not in data

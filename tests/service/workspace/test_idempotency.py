@@ -1,0 +1,66 @@
+"""The table of idempotency keys."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from modalmotion.store import ResultStore
+from modalmotion_service.workspace.idempotency import IdempotencyKeys
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> Iterator[IdempotencyKeys]:
+    with ResultStore(tmp_path) as store:
+        yield IdempotencyKeys(store.database)
+
+
+def test_a_key_is_claimed_once_and_answers_again_what_was_answered(keys: IdempotencyKeys) -> None:
+    assert keys.get("k") is None
+    assert keys.claim("k", "sent") is None
+    under_way = keys.claim("k", "sent")
+    assert under_way is not None
+    assert (under_way.fingerprint, under_way.status, under_way.response) == ("sent", None, None)
+    keys.complete("k", 201, {"id": "a"})
+    again = keys.claim("k", "otherwise")
+    assert again is not None
+    assert (again.fingerprint, again.status, again.response) == ("sent", 201, {"id": "a"})
+    assert keys.get("k") == again
+    keys.release("k")
+    assert keys.claim("k", "otherwise") is None
+
+
+def test_of_many_requests_at_once_one_has_the_key(keys: IdempotencyKeys) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        claims = list(pool.map(lambda n: keys.claim("k", str(n)), range(32)))
+    assert claims.count(None) == 1
+
+
+def test_keys_of_requests_that_died_and_of_long_ago_are_freed(tmp_path: Path) -> None:
+    with ResultStore(tmp_path) as store:
+        keys = IdempotencyKeys(store.database)
+        keys.claim("dead", "a")
+        keys.claim("done", "a")
+        keys.complete("done", 200, None)
+    with ResultStore(tmp_path) as store:
+        keys = IdempotencyKeys(store.database)
+        assert keys.release_unfinished() == 1
+        assert keys.get("dead") is None
+        assert keys.forget_before("2020") == 0
+        assert keys.forget_before("9999") == 1
+        assert keys.get("done") is None
+
+
+def test_kept_answers_are_replaced_at_and_below_a_place_alone(keys: IdempotencyKeys) -> None:
+    places = ("/v1/sequences/ab", "/v1/sequences/ab/classifications", "/v1/sequences/abc", None)
+    for number, place in enumerate(places):
+        headers = {} if place is None else {"location": place}
+        keys.claim(str(number), "request")
+        keys.complete(str(number), 201, {"body": "", "headers": headers})
+    keys.claim("under way", "request")
+    assert keys.replace_answers("/v1/sequences/ab", 404, {"body": "gone"}) == 2
+    found = [keys.get(str(number)) for number in range(4)]
+    assert [answer and answer.status for answer in found] == [404, 404, 201, 201]

@@ -1,0 +1,139 @@
+"""Files as version 0.1.0 wrote them, by h5py alone, and a store that is made of them."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import io
+import json
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+from sealed_files import sealed
+
+from modalmotion.choice.parameters import parameters_as_json
+from modalmotion.classification import Classification, Model
+from modalmotion.mesh.sequence import MeshSequence
+
+INTENDED_USE = "Description of surface motion."
+
+
+def old_file(
+    attributes: dict[str, str | int],
+    datasets: dict[str, Any],
+    lists: dict[str, NDArray[np.int64]] | None = None,
+) -> bytes:
+    """Sealed HDF5 image: text as fixed-length strings, anything but an array as JSON."""
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        for name, value in attributes.items():
+            file.attrs[name] = np.bytes_(value) if isinstance(value, str) else np.int64(value)
+        for name, numbers in (lists or {}).items():
+            file.attrs[name] = numbers
+        for name, value in datasets.items():
+            is_array = isinstance(value, np.ndarray)
+            file[name] = value if is_array else np.bytes_(json.dumps(value))
+    return sealed(buffer.getvalue())
+
+
+def header(kind: str, schema_version: int, /, **more: str | int) -> dict[str, str | int]:
+    return {
+        "schema": f"modalmotion.{kind}",
+        "schema_version": schema_version,
+        "kind": kind,
+        "intended_use": INTENDED_USE,
+        **more,
+    }
+
+
+def old_classification(found: Classification, key: str) -> bytes:
+    """Version 1: without class sets, flags and explanations."""
+    attributes = header(
+        "classification",
+        1,
+        model=found.model,
+        sequence_id=found.sequence_id,
+        model_id=found.model_id,
+        parameters_key=key,
+    )
+    texts = {name: getattr(found, name) for name in ("classes", "label", "notes", "provenance")}
+    return old_file(attributes, {"probabilities": found.probabilities, **texts})
+
+
+def old_sequence(sequence: MeshSequence) -> bytes:
+    """Version 1: without facts. A lattice with times and a unit."""
+    assert sequence.topology is not None
+    attributes = header(
+        "sequence",
+        1,
+        unit=str(sequence.unit),
+        topology=sequence.topology.name,
+        sequence_id=sequence.id,
+    )
+    grid = np.array(sequence.grid)
+    arrays = {name: getattr(sequence, name) for name in ("vertices", "faces", "times")}
+    return old_file(attributes, arrays, {"grid": grid})
+
+
+def old_model(model: Model, version: int, *, machine: bytes = b"", training: str = "t") -> bytes:
+    """Version 1: JSON text, with arrays in base64, in a dataset of bytes."""
+    blend, domain, reader = model.blend, model.domain, model.reader
+    stored = {
+        "schema": 4,
+        "id": model.id,
+        "name": model.name,
+        "classes": list(model.classes),
+        "topologies": list(model.readable.topologies),
+        "n_modes": model.readable.n_modes,
+        "connectivity_id": model.readable.connectivity_id,
+        "parameters": model.signature_parameters.as_plain(),
+        "reader": {
+            **{name: getattr(reader, name) for name in reader.__dataclass_fields__},
+            "typical": None
+            if reader.typical is None
+            else _packed(np.stack([reader.typical.real, reader.typical.imag])),
+        },
+        "columns": [[c.name, list(c.modes), c.power] for c in model.columns],
+        "centre": _packed(blend.centre),
+        "scale": _packed(blend.scale),
+        "scorers": [_plain(scorer) for scorer in blend.scorers],
+        "temperature": blend.temperature,
+        "machine": base64.b64encode(machine).decode(),
+        "domain": _plain(domain),
+        "calibration": [_packed(scores) for scores in model.calibration.scores],
+        "golden_features": _packed(model.golden_features),
+        "golden_probabilities": _packed(model.golden_probabilities),
+        "notes": model.notes,
+        "card": model.card.as_json(),
+    }
+    attributes = header("model", 1, model=model.name, version=version, model_id=model.id)
+    datasets = {
+        "contents": np.frombuffer(json.dumps(stored).encode(), dtype=np.uint8),
+        "classes": model.classes,
+        "parameters": parameters_as_json(model.signature_parameters),
+        "card": stored["card"],
+        "origin": {"created": "2026-01-02T03:04:05.000006Z", "training": training},
+    }
+    return old_file(attributes, datasets)
+
+
+def _packed(array: np.ndarray[Any, Any]) -> dict[str, Any]:
+    data = np.ascontiguousarray(array, dtype="<f8").tobytes()
+    return {"shape": list(array.shape), "float64": base64.b64encode(data).decode()}
+
+
+def _plain(value: Any) -> dict[str, Any]:
+    fields = {name: getattr(value, name) for name in value.__dataclass_fields__}
+    return {k: _packed(v) if isinstance(v, np.ndarray) else v for k, v in fields.items()}
+
+
+def set_index_version(root: Path, version: int) -> None:
+    """Let the index of a store say that it is of another version."""
+    with contextlib.closing(sqlite3.connect(root / "index.sqlite")) as connection:
+        for column in ("facts", "span"):
+            connection.execute(f"ALTER TABLE sequences DROP COLUMN {column}")
+        connection.execute(f"PRAGMA user_version = {version}")

@@ -1,0 +1,125 @@
+"""Draws the figures of docs/lattice.md, after figures 1, 2 and 3 of Nastar (1994).
+
+Shapes, dispersion and speeds of a chain; modes of plane, cylinder and torus; modes added over a
+cylinder at several amplitudes::
+
+    python tools/figures.py
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from PIL import Image
+
+from modalmotion.dynamics import dispersion, group_velocity, phase_velocity
+from modalmotion.dynamics.animation import animate_along
+from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.naming import parse_label
+from modalmotion.modes.topology import CYLINDER, OPEN_CURVE, PLANE, TORUS
+from modalmotion.pictures.modes import COLOURS, draw_shape
+from modalmotion.pictures.movie import Extent, draw_moved
+from modalmotion.template import make_template
+from modalmotion.template.directions import Direction, directions_on
+from modalmotion.template.vibration_modes import lattice_modes, lattice_modes_named
+
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "figures"
+BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
+
+
+def chain() -> Figure:
+    """Draw a chain's shapes, its dispersion relation (7), and the speeds of its waves."""
+    figure = Figure(figsize=(10.0, 3.0), dpi=100, layout="constrained")
+    shapes, relation, speeds = figure.subplots(1, 3)
+    lattice = Lattice(OPEN_CURVE, (16,))
+    modes = lattice_modes(lattice, 4)
+    x = lattice.natural_coordinates[:, 0]
+    for mode in range(1, 4):
+        shapes.plot(x, modes.shapes[:, mode] - 3.5 * mode, "o-", markersize=3, color=BLUE)
+        shapes.text(1.02, -3.5 * mode, str(modes.labels[mode]), va="center", fontsize=8)
+    shapes.set(title="Shapes of an open chain of 16 nodes", xlabel="x", yticks=[], xlim=(0, 1.3))
+    shapes.set_xticks([0.0, 0.5, 1.0])
+    k = np.linspace(-np.pi, np.pi, 201)[:, None]
+    own = np.pi * np.arange(16) / 16
+    relation.plot(k, dispersion(lattice, k), color=BLUE, label="w = 2 |sin(k a / 2)|")
+    relation.plot(k, np.abs(k), "--", color="#7d8791", linewidth=1, label="long waves: w = c k")
+    relation.plot(own, dispersion(lattice, own[:, None]), "o", color=ORANGE, markersize=3)
+    relation.set(title="Dispersion relation, K = M = a = 1", xlabel="k (rad)", ylim=(0, 3.1))
+    relation.legend(fontsize=8, loc="upper center")
+    half = k[101:]
+    speeds.plot(half, phase_velocity(lattice, half), color=BLUE, label="phase, w / k")
+    speeds.plot(half, group_velocity(lattice, half), color=GREEN, label="group, dw / dk")
+    speeds.set(title="Speed of crests and of pulses", xlabel="k (rad)", ylim=(0, 1.1))
+    speeds.legend(fontsize=8)
+    return figure
+
+
+def surfaces() -> Figure:
+    """Draw the first modes of a plane, a cylinder and a torus."""
+    figure = Figure(figsize=(10.0, 5.4), dpi=100, layout="constrained")
+    scale = ScalarMappable(Normalize(-2.0, 2.0), COLOURS)
+    for row, topology in enumerate((PLANE, CYLINDER, TORUS)):
+        lattice = Lattice(topology, (20, 40))
+        template = make_template(standard_surface(lattice))
+        modes = lattice_modes(lattice, 12)
+        cosines = [k for k, label in enumerate(modes.labels) if label.part == "cos"][1:7]
+        for column, mode in enumerate(cosines):
+            panel: Any = figure.add_subplot(3, 6, 6 * row + column + 1, projection="3d")
+            draw_shape(panel, template, modes.shapes[:, mode], scale)
+            panel.set_title(str(modes.labels[mode]), fontsize=9)
+    return figure
+
+
+def superposition() -> Figure:
+    """Draw modes added over a cylinder, one after the other, and at growing amplitudes."""
+    lattice = Lattice(CYLINDER, (24, 48))
+    template = make_template(standard_surface(lattice))
+    labels = [parse_label(text) for text in ("1,1,cos", "0,2,sin", "2,3,cos")]
+    modes = lattice_modes_named(lattice, labels)
+    panels = (
+        ("at rest", (0.0, 0.0, 0.0)),
+        ("0.15 (1, 1, cos)", (0.15, 0.0, 0.0)),
+        ("+ 0.15 (0, 2, sin)", (0.15, 0.15, 0.0)),
+        ("+ 0.08 (2, 3, cos)", (0.15, 0.15, 0.08)),
+        ("the sum, half of it", (0.075, 0.075, 0.04)),
+        ("the sum, turned round", (-0.15, -0.15, -0.08)),
+    )
+    amplitudes = np.array([a for _, a in panels])
+    normals = directions_on(template, Direction.RADIAL)
+    positions = [*animate_along(template.vertices, modes.shapes, amplitudes, normals)]
+    heights = [modes.shapes @ a for a in amplitudes]
+    extent = Extent(template, positions, heights)
+    figure = Figure(figsize=(8.0, 5.4), dpi=100, layout="constrained")
+    for number, (title, _) in enumerate(panels):
+        panel: Any = figure.add_subplot(2, 3, number + 1, projection="3d")
+        draw_moved(panel, template, positions[number], heights[number], extent)
+        panel.set_title(title, fontsize=9)
+    return figure
+
+
+FIGURES = {
+    "lattice-chain.png": chain,
+    "lattice-modes.png": surfaces,
+    "lattice-superposition.png": superposition,
+}
+"""By the name of the file."""
+
+
+def draw(folder: Path = FOLDER) -> None:
+    """Write all figures to a folder."""
+    for name, make in FIGURES.items():
+        buffer = io.BytesIO()
+        make().savefig(buffer, format="png")
+        # A third of the size, and no difference that is seen.
+        Image.open(buffer).convert("RGB").quantize(128).save(folder / name, optimize=True)
+
+
+if __name__ == "__main__":
+    draw()
