@@ -137,9 +137,12 @@ def from_bytes(data: bytes, expected: object) -> Any:
 @lru_cache(maxsize=256)
 def result_type(function: Callable[..., Any]) -> object:
     """Give the type of a task's result, from its annotation; plain values where there is none."""
+    # Of the result alone: types of arguments may be there for type checkers only.
+    stated = {"return": getattr(function, "__annotations__", {}).get("return", Any)}
+    task = types.SimpleNamespace(__annotations__=stated)
     try:
-        return get_type_hints(function).get("return", Any)
-    except (TypeError, NameError):
+        return get_type_hints(task, getattr(function, "__globals__", {}))["return"]
+    except (NameError, TypeError):
         return Any
 
 
