@@ -56,15 +56,15 @@ def modal_animation(
         raise ParameterError(
             f"{max_targets} targets were asked for.", remedy="Ask for none or more."
         )
-    asked = signature.parameters
-    if asked.components != Components.CARTESIAN:
+    parameters = signature.parameters
+    if parameters.components != Components.CARTESIAN:
         raise ParameterError(
             "The amplitudes are radial, tangential and axial, which turn from vertex to vertex.",
             remedy="Fit with components = cartesian.",
         )
-    resolved = resolve_sequence(sequence, asked)
-    used = resolve_template(resolved, asked, template)
-    start = reference_positions(sequence, asked.reference)
+    resolved = resolve_sequence(sequence, parameters)
+    used = resolve_template(resolved, parameters, template)
+    start = reference_positions(sequence, parameters.reference)
     centre = used.weights @ start
     # (2) u = sum_p a_p phi_p, each shape taken about its own mean, which moves the whole.
     phi = signature.modes.shapes_on(used)

@@ -1,4 +1,4 @@
-"""What a surface encloses once its openings are closed."""
+"""Cavities: what a surface encloses once its openings are closed."""
 
 from __future__ import annotations
 
@@ -95,35 +95,35 @@ def cavity_of(faces: NDArray[np.int64], n_vertices: int) -> Cavity:
         If there are no triangles, if they are several pieces or no surface, or if the surface
         has one side only.
     """
-    found = connectivity_of(faces, n_vertices)
-    proper = np.delete(faces, found.degenerate, axis=0)
+    connectivity = connectivity_of(faces, n_vertices)
+    proper = np.delete(faces, connectivity.degenerate, axis=0)
     if not len(proper):
         raise TopologyError(
             "There are no triangles, so nothing is enclosed.",
             remedy="Send a surface: triangles, or a lattice of two axes with its topology.",
         )
-    if len(found.non_manifold_edges):
-        vertex = int(found.non_manifold_edges[0, 0])
+    if len(connectivity.non_manifold_edges):
+        vertex = int(connectivity.non_manifold_edges[0, 0])
         raise TopologyError(
-            f"{len(found.non_manifold_edges)} edges belong to three triangles or more (one of "
-            f"them at vertex {vertex}): such a surface has no inside.",
+            f"{len(connectivity.non_manifold_edges)} edges belong to three triangles or more (one "
+            f"of them at vertex {vertex}): such a surface has no inside.",
             remedy="Send the wall of the cavity alone, without inner sheets or repeated triangles.",
             vertex=vertex,
-            details=found.details(),
+            details=connectivity.details(),
         )
-    if found.n_components > 1:
+    if connectivity.n_components > 1:
         raise TopologyError(
-            f"The triangles are {found.n_components} separate pieces: which of them bound the "
-            "cavity, and whether one lies inside another, cannot be told.",
+            f"The triangles are {connectivity.n_components} separate pieces: which of them bound "
+            "the cavity, and whether one lies inside another, cannot be told.",
             remedy="Send the surface of one cavity at a time.",
-            details=found.details(),
+            details=connectivity.details(),
         )
     wound = oriented_faces(proper, n_vertices)
     if wound is None:
         raise TopologyError(
             "The surface has one side only, so it has no inside.",
             remedy="Send a surface with two sides.",
-            details=found.details(),
+            details=connectivity.details(),
         )
     return Cavity(wound)
 

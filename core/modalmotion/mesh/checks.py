@@ -110,7 +110,7 @@ def require_faces(faces: Any, n_vertices: int, n_frames: int = 0) -> NDArray[np.
     Raises
     ------
     ShapeError
-        If it is no integer array of that shape.
+        If it is not an integer array of that shape.
     ConnectivityError
         Naming the first face out of range.
     """

@@ -1,4 +1,4 @@
-"""Frames as they come: out of order, and some of them twice."""
+"""Order of frames: sorting by time, dropping repetitions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tu
     ----------
     vertices : (frames, vertices, 3) float
     times : (frames,) array_like, s
-        Left as it is where it is no list of finite numbers, one for each frame: the check of
+        Left as it is where it is not a list of finite numbers, one for each frame: the check of
         sequences says what is wrong with it.
 
     Returns

@@ -143,7 +143,7 @@ class MeshSequence:
         Raises
         ------
         ParameterError
-            If the unit is none of `MM_PER_UNIT`.
+            If the unit is not in `MM_PER_UNIT`.
         """
         _require_unit(unit)
         return replace(self, unit=unit)

@@ -28,9 +28,9 @@ def main_trajectories(signature: ModalSignature) -> NDArray[np.float64]:
     # A = U S V^T; the first row of V^T is the direction with the largest sum of squares.
     of_modes = signature.body_amplitudes.transpose(1, 0, 2)
     _, _, directions = np.linalg.svd(of_modes, full_matrices=False)
-    found: NDArray[np.float64] = np.einsum("mfd,md->fm", of_modes, directions[:, 0])
-    farthest = np.take_along_axis(found, np.abs(found).argmax(axis=0)[None], axis=0)
-    return np.where(farthest < 0.0, -found, found)
+    trajectories: NDArray[np.float64] = np.einsum("mfd,md->fm", of_modes, directions[:, 0])
+    farthest = np.take_along_axis(trajectories, np.abs(trajectories).argmax(axis=0)[None], axis=0)
+    return np.where(farthest < 0.0, -trajectories, trajectories)
 
 
 def draw_trajectories(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:

@@ -182,23 +182,23 @@ def resolve_places(
         If a vertex does not exist, a point is not three finite numbers, or two corners
         coincide.
     """
-    found = {}
+    positions = {}
     for name in given.names:
         value = getattr(given, name)
         if name != "corners":
-            found[name] = _position(name, value, vertices)
+            positions[name] = _position(name, value, vertices)
             continue
         if not isinstance(value, tuple) or len(value) != 4:
             raise ParameterError(
                 f"{value!r} are not four corners.",
                 remedy="Give the corners at (s, t) = (0, 0), (1, 0), (1, 1), (0, 1).",
             )
-        found[name] = np.stack([_position("corners", place, vertices) for place in value])
-        if len(np.unique(found[name], axis=0)) < 4:
+        positions[name] = np.stack([_position("corners", place, vertices) for place in value])
+        if len(np.unique(positions[name], axis=0)) < 4:
             raise ParameterError(
                 "Two of the four corners are the same place.", remedy="Give four corners."
             )
-    return found
+    return positions
 
 
 def require_used(given: GivenLandmarks, topology: Topology | None, *, is_lattice: bool) -> None:

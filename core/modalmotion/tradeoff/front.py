@@ -127,7 +127,7 @@ def measure_front(
             found = resolve_template(other, resolve_parameters(other, asked))
             more, _ = _branches(Fitter.of(other, found, asked), most_modes, components)
         except InputError:
-            # A surface may be laid out in one way only; the others are no part of the front.
+            # A surface may be laid out in one way only; the others are not part of the front.
             continue
         branches += more
     return Front(tuple(branches), own.n_frames, own.n_vertices, own.unit, motion)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -125,6 +127,29 @@ def towards(
     return unit
 
 
+def theta_zero(
+    surface: Surface,
+    given: Mapping[str, NDArray[np.float64]],
+    origin: NDArray[np.float64],
+    axis: NDArray[np.float64],
+    by_shape: Callable[[Surface, NDArray[np.float64]], tuple[NDArray[np.float64], float]],
+) -> tuple[NDArray[np.float64], float]:
+    """Direction in which theta is 0, and how well it is determined, 0 to 1.
+
+    Parameters
+    ----------
+    surface : Surface
+    given : mapping of str to (3,) float64
+        Positions of the stated landmarks; "theta_zero" decides where it is one of them.
+    origin, axis : (3,) float64
+    by_shape : callable
+        `lean` or `widest_across`: how the shape decides otherwise.
+    """
+    if "theta_zero" in given:
+        return towards(given["theta_zero"], origin, axis, surface.area**0.5), 1.0
+    return by_shape(surface, axis)
+
+
 def azimuth(
     offsets: NDArray[np.float64], axis: NDArray[np.float64], zero: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -165,7 +190,7 @@ def degree(surface: Surface, coordinates: NDArray[np.float64], topology: Topolog
     """How many times the coordinates cover their rectangle, folds counted backwards.
 
     1 where every place has its own pair of coordinates; less where theta turns back on itself
-    or the axis meets the surface at places that are no poles.
+    or the axis meets the surface at places that are not poles.
     """
     faces = oriented_faces(surface.faces, len(surface.vertices))
     if faces is None:

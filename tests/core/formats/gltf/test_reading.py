@@ -198,7 +198,7 @@ GOOD = glb(scene(), *ARRAYS)
     ("data", "error", "words"),
     [
         (GOOD[: len(GOOD) // 2], MalformedFileError, "declares version 2"),
-        (GOOD[:15], MalformedFileError, "no GLB"),
+        (GOOD[:15], MalformedFileError, "not a GLB"),
         (GOOD[:4] + b"\x01" + GOOD[5:], MalformedFileError, "version 1"),
         (write_container({"a": 1}, b"").replace(b'"a"', b"'a'"), MalformedFileError, "document"),
         (write_container([], b""), MalformedFileError, "document is none"),  # type: ignore[arg-type]
