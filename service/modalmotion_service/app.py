@@ -43,7 +43,7 @@ from modalmotion_service.routes import (
 )
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.engine import open_engine
-from modalmotion_service.work.executor import WorkerPool
+from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.workspace.job_kinds import trainings_at_once
 from modalmotion_service.workspace.owners import Owners
 
@@ -100,7 +100,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         version=API_VERSION,
         docs_url=None,
         redoc_url=None,
-        # One address for one thing; a redirect would repeat whatever host the client names.
+        # One address for one thing; a redirect would repeat any host that the client names.
         redirect_slashes=False,
         summary="Modal signatures and motion classes of nonrigidly moving surfaces.",
         description=INTENDED_USE,
