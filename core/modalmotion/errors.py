@@ -3,22 +3,22 @@
 ::
 
     ModalMotionError
-    ├── InputError (ValueError)         what came cannot be used as it is
+    ├── InputError (ValueError)         input that cannot be used as it is
     │   ├── MalformedFileError          bytes that are not a readable file of the format
     │   ├── ShapeError                  arrays of the wrong shape, type or length
     │   ├── NonFiniteError              NaN or infinity; names frame and vertex
     │   ├── ConnectivityError           faces that name vertices that do not exist
-    │   ├── TopologyError               a surface without the asked natural coordinates
+    │   ├── TopologyError               a surface without the requested natural coordinates
     │   ├── ModeCountError              more modes than the surface can determine, or none
     │   ├── ParameterError              an option outside its range
-    │   ├── ToleranceError              an error that no number of modes holds
+    │   ├── ToleranceError              an error that no number of modes meets
     │   └── LimitError                  larger than a stated limit
     ├── MissingExtraError (ModuleNotFoundError)  a package that an extra installs is absent
-    └── StoreError                      results that cannot be kept or read back
-        ├── NotFoundError               nothing is kept under that id
+    └── StoreError                      results that cannot be stored or read back
+        ├── NotFoundError               nothing is stored under that id
         ├── CorruptFileError            a result file that does not read as written
         ├── OlderFileError              a file that an older version wrote; `store rebuild` takes it
-        └── ModelNotReproducedError     a model that no longer answers as when it was made
+        └── ModelNotReproducedError     a model whose answers differ from those at its training
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def _rebuild(kind: type[ModalMotionError], state: dict[str, object]) -> ModalMot
 
 
 class InputError(ModalMotionError, ValueError):
-    """What came cannot be used as it is."""
+    """The input cannot be used as it is."""
 
     code = "invalid_input"
 
@@ -110,13 +110,13 @@ class ConnectivityError(InputError):
 
 
 class TopologyError(InputError):
-    """The surface has no natural coordinates of the asked topology."""
+    """The surface has no natural coordinates of the requested topology."""
 
     code = "unsupported_topology"
 
 
 class ModeCountError(InputError):
-    """More modes were asked for than the surface can determine, or none."""
+    """More modes were requested than the surface can determine, or none."""
 
     code = "bad_mode_count"
 
@@ -128,7 +128,7 @@ class ParameterError(InputError):
 
 
 class ToleranceError(InputError):
-    """No number of modes holds the error that was asked for; the best is in the details."""
+    """No number of modes meets the requested error; the best is in the details."""
 
     code = "tolerance_unreachable"
 
@@ -147,7 +147,7 @@ class MissingExtraError(ModalMotionError, ModuleNotFoundError):
 
 @contextmanager
 def needs_extra(extra: str) -> Iterator[None]:
-    """Answer an import that fails in the block with the command that installs what is absent."""
+    """Turn a failed import in the block into an error that names the installing command."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -159,13 +159,13 @@ def needs_extra(extra: str) -> Iterator[None]:
 
 
 class StoreError(ModalMotionError):
-    """A result cannot be kept or read back."""
+    """A result cannot be stored or read back."""
 
     code = "store_error"
 
 
 class NotFoundError(StoreError):
-    """Nothing is kept under that id."""
+    """Nothing is stored under that id."""
 
     code = "not_found"
 
@@ -183,6 +183,6 @@ class OlderFileError(StoreError):
 
 
 class ModelNotReproducedError(StoreError):
-    """A model does not answer here as it did where it was made."""
+    """A model's answers here differ from those where it was trained."""
 
     code = "model_not_reproduced"

@@ -1,4 +1,4 @@
-"""How large an input may be, checked against what it declares before it is read."""
+"""Limits on the size of an input, checked on its declared sizes before it is read."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class ReadLimits:
     ----------
     frames, vertices, faces : int
     decompressed_bytes : int
-        Of all arrays together, as they stand in memory; of all files in an archive.
+        Of all arrays together, in memory; of all files in an archive.
     """
 
     frames: int = 10_000
@@ -36,7 +36,7 @@ class ReadLimits:
         Raises
         ------
         LimitError
-            Naming the limit, its value and what came.
+            Names the limit, its value and the declared size.
         """
         most: int = getattr(self, name)
         if value > most:

@@ -1,14 +1,14 @@
-"""Numbers for people, whatever their unit."""
+"""Numbers for people, in any unit."""
 
 from __future__ import annotations
 
 from typing import Final
 
-# Least digits that a length is worth, and how much longer a number may be than they are.
+# Significant digits of very small and very large numbers, and where the large ones begin.
 _DIGITS: Final = 3
 _LONGEST: Final = 1e7
 
-# Of the motion: what is less is the rounding of double precision.
+# Share of `of`; a smaller number is the rounding of double precision.
 _ROUNDING: Final = 1e-12
 
 
@@ -21,9 +21,9 @@ def numeral(value: float, decimals: int = 3, *, of: float = 0.0) -> str:
     ----------
     value : float
     decimals : int
-        Where three digits need no more.
+        Unless three digits need more.
     of : float
-        What the number is a part of: beside it, rounding is shown as zero.
+        Size that the number is a part of: its rounding is shown as zero.
     """
     size = abs(value)
     if size <= _ROUNDING * abs(of):

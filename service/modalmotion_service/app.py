@@ -100,7 +100,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         version=API_VERSION,
         docs_url=None,
         redoc_url=None,
-        # One address for one thing; a redirect would repeat whatever host the client names.
+        # One address for one thing; a redirect would repeat any host that the client names.
         redirect_slashes=False,
         summary="Modal signatures and motion classes of nonrigidly moving surfaces.",
         description=INTENDED_USE,

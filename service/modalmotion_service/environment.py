@@ -1,4 +1,4 @@
-"""Settings from the environment, with what is wrong there said by its name."""
+"""Settings from the environment; errors name the variables."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def read_settings(**stated: Any) -> Settings:
     Raises
     ------
     ParameterError
-        If a value is none that the setting can have; all of them are named.
+        If a value is not valid for its setting; all of them are named.
     """
     try:
         return Settings(**stated)
     except ValidationError as error:
         faults = [
-            f"{_PREFIX}{str(found['loc'][0]).upper()} is {found['input']!r}: {found['msg']}."
-            for found in error.errors()
+            f"{_PREFIX}{str(fault['loc'][0]).upper()} is {fault['input']!r}: {fault['msg']}."
+            for fault in error.errors()
         ]
         raise ParameterError(
             " ".join(faults), remedy="docs/service.md lists the settings with their defaults."
@@ -45,7 +45,7 @@ def read_settings(**stated: Any) -> Settings:
 
 
 def unknown_variables(environment: Mapping[str, str] = os.environ) -> Iterator[tuple[str, str]]:
-    """Give variables that look like settings and are none, and the setting each is nearest to.
+    """Give variables that look like settings but are not, each with the nearest setting.
 
     A setting that is misspelt has its default: a service that should demand keys may not.
     """
@@ -54,4 +54,4 @@ def unknown_variables(environment: Mapping[str, str] = os.environ) -> Iterator[t
         end = name.upper().removeprefix(_PREFIX)
         if end == name.upper() or end in known or _OF_OTHERS.fullmatch(end):
             continue
-        yield name, "".join(f"{_PREFIX}{found}" for found in get_close_matches(end, known, n=1))
+        yield name, "".join(f"{_PREFIX}{match}" for match in get_close_matches(end, known, n=1))

@@ -12,7 +12,7 @@ class SlowClientError(ModalMotionError):
 
 
 class BusyError(ModalMotionError):
-    """As much is under way as is done at once."""
+    """Too many requests or jobs are under way."""
 
     code = "busy"
 
@@ -24,12 +24,12 @@ class ConflictError(ModalMotionError):
 
 
 class AuthenticationError(ModalMotionError):
-    """No key came, or none that is valid.
+    """The key is missing or not valid.
 
     Attributes
     ----------
     key_id : str or None
-        Of a key that was one, for the audit log; the answer does not tell it.
+        Of a key that is no longer active, for the audit log; the answer does not show it.
     """
 
     code = "unauthenticated"
@@ -37,13 +37,13 @@ class AuthenticationError(ModalMotionError):
 
 
 class ForbiddenError(ModalMotionError):
-    """Whoever asks is known, and may not do this."""
+    """The sender is known, but may not do this."""
 
     code = "forbidden"
 
 
 class RateLimitedError(ModalMotionError):
-    """More requests came than may in that time."""
+    """Too many requests within a minute."""
 
     code = "rate_limited"
 

@@ -16,12 +16,12 @@ ENTRIES_PER_FILE: Final = 1_000_000
 
 
 class Settings(BaseSettings):
-    """What an operator may choose; `/v1/limits` publishes the limits."""
+    """Settings of an operator; `/v1/limits` publishes the limits."""
 
     model_config = SettingsConfigDict(env_prefix="MODALMOTION_", frozen=True)
 
     data_dir: Path = Field(Path("modalmotion-data"), description="Folder that results lie in.")
-    keep_uploads: bool = Field(True, description="Whether uploaded vertices are kept.")
+    keep_uploads: bool = Field(True, description="Whether uploaded vertices are stored.")
     log_level: Literal["debug", "info", "warning", "error"] = Field(
         "info", description="Least level that is logged; requests are logged as info."
     )
@@ -71,7 +71,7 @@ class Settings(BaseSettings):
         168.0,
         gt=0,
         le=1e6,
-        description="How long the file that a job has made is kept, from the job's end on.",
+        description="How long the file of a job is kept after the job's end.",
     )
     job_days: float = Field(
         90.0,
@@ -82,7 +82,7 @@ class Settings(BaseSettings):
 
     max_body_bytes: int = Field(256_000_000, gt=0, description="Largest request body.")
     max_json_bytes: int = Field(
-        16_000_000, gt=0, description="Largest body of a request that is no upload."
+        16_000_000, gt=0, description="Largest body of a request that is not an upload."
     )
     max_frames: int = Field(10_000, gt=0, description="Most frames in a sequence.")
     max_vertices: int = Field(2_000_000, gt=0, description="Most vertices in a frame.")
@@ -143,7 +143,7 @@ class Settings(BaseSettings):
 
     @property
     def limits(self) -> dict[str, float]:
-        """Everything a client may run into, by the name that errors give it."""
+        """All limits on clients, by the names in errors."""
         of_readers = ("frames", "vertices", "faces", "decompressed_bytes")
         counts = ("query_ids", "training_sequences", "concurrent_requests", "unfinished_jobs")
         of_owner = "concurrent_requests_of_owner"

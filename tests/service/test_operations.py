@@ -98,9 +98,9 @@ def test_keys_are_made_and_data_is_taken_away_by_the_documented_commands(
         for subject, unit in (("P%207", "mm"), ("P%207", "cm"), ("P%208", "m")):
             path = f"/v1/sequences?subject={subject}&unit={unit}"
             assert service.request("POST", path, beat, header, 150).status == 201
-        show, remove = commands("Whose data, and taking it away")
+        show, remove = commands("Owners and deletion")
         assert re.search(r"^lab +3 ", run(show), re.MULTILINE)
-        (code,) = blocks("Whose data, and taking it away", "python")
+        (code,) = blocks("Owners and deletion", "python")
         exec(code.replace(":8000", f":{service.port}"), {"KEY": key})  # noqa: S102 (our own document)
         left = service.request("GET", "/v1/sequences", None, header).json["sequences"]
         assert [one["subject"] for one in left] == ["P 8"]

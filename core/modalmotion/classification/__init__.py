@@ -1,4 +1,4 @@
-"""Motion classes: models that are trained, tested and asked, and what they say of a signature."""
+"""Motion classes: models, their training and tests, and their answers for signatures."""
 
 from modalmotion.classification.answer.classification import FLAGS, Classification
 from modalmotion.classification.answer.classifier import classify

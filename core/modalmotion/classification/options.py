@@ -20,7 +20,7 @@ MOST_HARMONICS: Final = 8
 
 
 class Estimator(StrEnum):
-    """What turns features into scores; `AUTO` chooses inside the training folds."""
+    """Kind of estimator of scores from features; `AUTO` chooses inside the training folds."""
 
     AUTO = "auto"
     LINEAR = "linear"
@@ -38,7 +38,7 @@ class ClassWeights(StrEnum):
 
 
 class Timing(StrEnum):
-    """What a recording is: one turn of a cycle, or a movement with a beginning and an end."""
+    """Kind of recording: one turn of a cycle, or a movement with a beginning and an end."""
 
     AUTO = "auto"
     CYCLE = "cycle"
@@ -53,7 +53,7 @@ class PoseOf(StrEnum):
 
 
 class Walls(StrEnum):
-    """Whether walls are told apart by the zero of theta; `AUTO` where every case was given one."""
+    """Whether the zero of theta tells walls apart; `AUTO` where every case states that zero."""
 
     AUTO = "auto"
     YES = "yes"
@@ -141,12 +141,12 @@ class TrainingOptions:
             frozen = MappingProxyType({str(k): float(w) for k, w in weights.items()})
             object.__setattr__(self, "class_weights", frozen)
         else:
-            chosen = _member(ClassWeights, "class_weights", weights)
-            object.__setattr__(self, "class_weights", chosen)
+            member = _member(ClassWeights, "class_weights", weights)
+            object.__setattr__(self, "class_weights", member)
 
     @property
     def signature_parameters(self) -> SignatureParameters:
-        """What the signatures of training cases are best fitted with.
+        """Recommended parameters for the signatures of training cases.
 
         From the mean shape, for the shape of one frame depends on where a recording starts.
         """
@@ -161,7 +161,7 @@ class TrainingOptions:
 
     @staticmethod
     def from_json(values: Mapping[str, Any]) -> TrainingOptions:
-        """Read what `as_json` gave; what is left out has its default.
+        """Read the output of `as_json`; missing options take their defaults.
 
         Raises
         ------

@@ -49,7 +49,7 @@ def signature(
 ) -> None:
     """Fit the modal signature of the sequence in FILE.
 
-    FILE is a file of any format that is understood, a folder of frames, or a pattern of their
+    FILE is a file of any known format, a folder of frames, or a pattern of their
     names such as 'scan_*.ply'.
     """
     from modalmotion.store import signature_to_hdf5, write_atomic
@@ -79,7 +79,9 @@ def signature(
 @output_option("File to write: .npz, .vtkhdf, .glb or .zip (of PLY).")
 @mode_options
 @surface_options
-@click.option("--max-targets", type=int, help="Of a GLB: most morph targets, by energy.")
+@click.option(
+    "--max-targets", type=int, help="Of a GLB: largest number of morph targets, by energy."
+)
 def reconstruct(source: Path, output: Path, max_targets: int | None, **options: Any) -> None:
     """Write the surfaces that a few modes of the sequence in FILE stand for."""
     from modalmotion.exports.surfaces import SUFFIXES, write_superposed
@@ -98,7 +100,7 @@ def reconstruct(source: Path, output: Path, max_targets: int | None, **options: 
 
 
 def summary(result: ModalSignature, price: Price) -> dict[str, object]:
-    """Give the numbers that sum a signature up."""
+    """Return the summary numbers of a signature."""
     return {
         "topology": result.surface,
         "n_frames": result.n_frames,
@@ -157,7 +159,7 @@ def _lines(result: ModalSignature, price: Price) -> str:
 
 
 def price_lines(price: Price) -> list[str]:
-    """Say what a description costs."""
+    """Write the price of a description."""
     times = ", ".join(f"{name} {spent:.1f} ms" for name, spent in price.milliseconds.items())
     lines = [
         (

@@ -37,7 +37,7 @@ class LabelledFile:
     label : str
     subject : str or None
     facts : Facts
-        Over those that the file states.
+        Override those that the file states.
     """
 
     path: Path
@@ -47,7 +47,7 @@ class LabelledFile:
 
 
 def labelled_files(sources: Sequence[Path]) -> list[LabelledFile]:
-    """Find what is named: the rows of one .csv manifest, or files by the folders they lie in.
+    """List the labelled files: rows of one .csv manifest, or files by their folders.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def training_cases(
     files : sequence of LabelledFile
     parameters : SignatureParameters
     stated : dict
-        Of all files, over what they say themselves; see `files.read`.
+        Options of all files, which override their own statements; see `files.read`.
 
     Raises
     ------

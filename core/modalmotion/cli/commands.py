@@ -32,7 +32,7 @@ COMMANDS: Final = {
     "tradeoff": ("tradeoff_command", "Measure what each choice of modes costs and loses."),
     "train": ("model_commands", "Train a model on labelled sequences."),
 }
-"""Module and one line for each; what a command needs is imported when it is called."""
+"""Module and help line of each; a command's imports happen when it is called."""
 
 
 class _Commands(click.Group):
@@ -64,7 +64,7 @@ class _Commands(click.Group):
         if name in COMMANDS:
             return COMMANDS[name][1]
         for entry in entry_points(group="modalmotion.commands", name=name):
-            # A distribution may keep its lines beside its commands, so that none is imported.
+            # A distribution may hold its lines beside its commands, so that no command is imported.
             lines = getattr(import_module(entry.module.rpartition(".")[0]), "LINES", {})
             if name in lines:
                 return str(lines[name])
@@ -72,8 +72,8 @@ class _Commands(click.Group):
         return "" if command is None else command.get_short_help_str(limit=80)
 
 
-def _command(found: object) -> click.Command | None:
-    return found if isinstance(found, click.Command) else None
+def _command(value: object) -> click.Command | None:
+    return value if isinstance(value, click.Command) else None
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})

@@ -18,7 +18,7 @@ from modalmotion.mesh.sequence import MeshSequence
 
 
 def _one_path(_: click.Context, parameter: click.Parameter, paths: tuple[Path, ...]) -> Path:
-    """Give the one path that was named; shells spread a pattern that stands without quotes."""
+    """Return the one path; shells expand a pattern without quotes to many."""
     if len(paths) > 1:
         raise click.BadParameter(
             f"{len(paths)} files are named, the first {paths[0].name!r}, the last "
@@ -38,10 +38,12 @@ sequence_argument = several(
         type=click.Path(path_type=Path),
         callback=_one_path,
     ),
-    click.option("--unit", help="Length unit: m, cm, mm, um or nm; over the file's own."),
+    click.option("--unit", help="Length unit: m, cm, mm, um or nm; overrides the file's own."),
     click.option("--format", type=Member(Format), help="Recognised from the content by default."),
     click.option(
-        "--frame-interval", type=float, help="Seconds from frame to frame; over the file's own."
+        "--frame-interval",
+        type=float,
+        help="Seconds from frame to frame; overrides the file's own.",
     ),
     click.option("--n-vertices", type=int, help="Of raw numbers: vertices a frame."),
     click.option(
@@ -53,7 +55,7 @@ sequence_argument = several(
     ),
     fact_options,
 )
-"""FILE, as `source`, and what can be stated about it, under the names of `ReadOptions`."""
+"""FILE, as `source`, and the options that describe it, named as in `ReadOptions`."""
 
 
 def read(
@@ -69,7 +71,7 @@ def read(
     source : Path
     quiet : bool
     facts : Facts
-        Over those of the file; options that state facts go over them.
+        Override the file's own; options that state facts override these.
     **stated
         Other fields of `ReadOptions`, and options that state facts.
     """

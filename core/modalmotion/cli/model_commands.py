@@ -32,16 +32,16 @@ if TYPE_CHECKING:
     from modalmotion.classification import Model, TrainingCase
 
 _HELP: Final = {
-    "modes": "Of the signatures; 3 amplitudes a frame each.",
-    "harmonics": "Of each part of the motion.",
+    "modes": "Modes of the signatures; 3 amplitudes a frame each.",
+    "harmonics": "Harmonics of each part of the motion.",
     "timing": "cycle: one turn of a cycle; course: a movement with a beginning and an end.",
     "pose": "any: recordings may be turned any way; fixed: they share their coordinates.",
-    "estimator": "What turns features into scores; auto chooses by cross-validation.",
+    "estimator": "Turns features into scores; auto chooses by cross-validation.",
     "class_weights": "balanced: rare classes count as much as frequent ones.",
-    "folds": "Of the grouped cross-validation.",
-    "coverage": "Level that the card reports class sets at.",
-    "known_share": "Share of cases like the training ones that the model is to know.",
-    "seed": "Of everything that is random.",
+    "folds": "Folds of the grouped cross-validation.",
+    "coverage": "Level of the card's class sets.",
+    "known_share": "Share of cases like the training ones that the model accepts as known.",
+    "seed": "Seed of all random numbers.",
 }
 
 _COVERAGE = click.option(
@@ -54,7 +54,7 @@ _COVERAGE = click.option(
 
 
 def _training_options(command: Callable[..., None]) -> Callable[..., None]:
-    # Those of the library, each under its own name; the library checks their ranges.
+    # Options of the library under their own names; the library checks their ranges.
     from modalmotion.classification import TrainingOptions
 
     for name, value in reversed(TrainingOptions().as_json().items()):
@@ -77,14 +77,14 @@ _labelled_files = several(
         required=True,
         type=click.Path(path_type=Path),
     ),
-    click.option("--unit", help="Length unit of all files, over their own."),
-    click.option("--topology", help="Topology of all files, over their own."),
+    click.option("--unit", help="Length unit of all files; overrides their own."),
+    click.option("--topology", help="Topology of all files; overrides their own."),
 )
 
 
 @click.command(epilog=example("train cases.csv --name mine -o mine.h5"))
 @_labelled_files
-@click.option("--name", required=True, help="Of the model: lower-case letters, digits, . _ -")
+@click.option("--name", required=True, help="Name of the model: lower-case letters, digits, . _ -")
 @click.option(
     "-o", "--out", required=True, type=click.Path(path_type=Path), help="File to write (HDF5)."
 )
@@ -102,20 +102,20 @@ def train(
     """Train a model on labelled sequences.
 
     MANIFEST is a table (.csv) with the columns path, label and, where it is known, subject:
-    sequences of one subject are never on both sides of a split. In its place files may be
-    named, each in a folder that is called like its class: normal/*.npz akinesia/*.npz
+    sequences of one subject are never on both sides of a split. In its place you may
+    name files, each in a folder named after its class: normal/*.npz akinesia/*.npz
     """
     from modalmotion.classification import TrainingOptions
     from modalmotion.classification import train as fit
     from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
 
     require_model_name(name)
-    chosen = TrainingOptions.from_json(options)
+    training_options = TrainingOptions.from_json(options)
     files = labelled_files(sources)
     stated = {"unit": unit, "topology": topology}
     with _TrainingBar() as bar:
-        cases = bar.after(training_cases(files, chosen.signature_parameters, stated))
-        model = fit(cases, name, chosen, bar)
+        cases = bar.after(training_cases(files, training_options.signature_parameters, stated))
+        model = fit(cases, name, training_options, bar)
     write_atomic(out, model_to_hdf5(model))
     if plot is not None:
         from modalmotion.pictures.model_card import card_figure
@@ -147,10 +147,12 @@ def evaluate(
     """
     from modalmotion.classification import evaluate as test
 
-    chosen = model_named(model)
+    stored_model = model_named(model)
     files = labelled_files(sources)
     stated = {"unit": unit, "topology": topology}
-    result = test(chosen, training_cases(files, chosen.signature_parameters, stated), coverage)
+    result = test(
+        stored_model, training_cases(files, stored_model.signature_parameters, stated), coverage
+    )
     if plot is not None:
         from modalmotion.pictures.model_card import measured_figure
 
@@ -172,7 +174,7 @@ def evaluate(
     "--model",
     default="ventricle-simulated",
     show_default=True,
-    help="Model to ask: the name of one that is shipped, or a file.",
+    help="Model: the name of a shipped one, or a file.",
 )
 @_COVERAGE
 @surface_options
@@ -190,9 +192,11 @@ def classify(
     from modalmotion.classification import classify as ask
     from modalmotion.signature.making import modal_signature
 
-    chosen = model_named(model)
+    stored_model = model_named(model)
     sequence = read(source, **stated)
-    result = ask(modal_signature(sequence, chosen.signature_parameters), chosen, coverage)
+    result = ask(
+        modal_signature(sequence, stored_model.signature_parameters), stored_model, coverage
+    )
     if plot is not None:
         from modalmotion.pictures.classification import answer_figure
 
@@ -202,14 +206,14 @@ def classify(
 
 
 def model_named(which: str) -> Model:
-    """Load the model in a file, or the one of that name that comes with the package.
+    """Load the model in a file, or the shipped model of that name.
 
     Raises
     ------
     NotFoundError
-        If there is neither.
+        If neither exists.
     CorruptFileError, ModelNotReproducedError
-        If it is damaged, or does not answer as where it was made.
+        If it is damaged, or its answers differ from those where it was trained.
     """
     from modalmotion.classification import load_model
 
@@ -224,7 +228,7 @@ class _TrainingBar:
         self._bar: Any = None
 
     def after(self, cases: Iterator[TrainingCase]) -> Iterator[TrainingCase]:
-        """Give the cases, and show the bar from then on."""
+        """Yield the cases, and show the bar from then on."""
         yield from cases
         self._bar = click.progressbar(length=1000, label="training", file=sys.stderr)
         self._bar.__enter__()

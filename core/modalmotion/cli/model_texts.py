@@ -1,4 +1,4 @@
-"""What the commands of models print."""
+"""Text output of the model commands."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def card_lines(name: str, model_id: str, card: ModelCard) -> str:
-    """Say what a model was made of and how it does."""
+    """Write a model's training cases and its measured accuracy."""
     n_cases = sum(card.n_cases.values())
     lines = [f"{name} (id {model_id[:12]}): {n_cases} sequences of {len(card.classes)} classes"]
     lines += [
@@ -30,7 +30,7 @@ def card_lines(name: str, model_id: str, card: ModelCard) -> str:
 
 
 def evaluation_lines(result: Evaluation) -> str:
-    """Say what a test found."""
+    """Write the results of a test."""
     lines = [
         f"{result.model} (id {result.model_id[:12]}) on {result.n_cases} sequences",
         accuracy_text(result.accuracy, result.accuracy_interval),
@@ -45,7 +45,7 @@ def evaluation_lines(result: Evaluation) -> str:
 
 
 def accuracy_text(share: float, interval: tuple[float, float] | None) -> str:
-    """Say an accuracy with its interval, in percent."""
+    """Write an accuracy with its interval, in percent."""
     if interval is None:
         return f"accuracy {100 * share:.1f} %"
     low, high = interval
@@ -53,7 +53,7 @@ def accuracy_text(share: float, interval: tuple[float, float] | None) -> str:
 
 
 def _matrix(classes: tuple[str, ...], confusion: tuple[tuple[int, ...], ...]) -> list[str]:
-    """Write out counts of answers (columns) by true class (rows)."""
+    """Write counts of answers (columns) by true class (rows)."""
     if not confusion:
         return []
     answers = [*classes, "no class"][: len(confusion[0])]
@@ -73,13 +73,13 @@ def _matrix(classes: tuple[str, ...], confusion: tuple[tuple[int, ...], ...]) ->
 def _sets(coverage: float, by_class: dict[str, float], size: float | None) -> list[str]:
     if not by_class:
         return []
-    held = ", ".join(f"{label} {100 * share:.1f} %" for label, share in by_class.items())
+    shares = ", ".join(f"{label} {100 * share:.1f} %" for label, share in by_class.items())
     mean = "" if size is None else f"; {size:.2f} classes in a set"
-    return [f"class sets at {100 * coverage:g} % hold the true class: {held}{mean}"]
+    return [f"class sets at {100 * coverage:g} % hold the true class: {shares}{mean}"]
 
 
 def answer_lines(result: Classification) -> str:
-    """Say what a model says of a sequence."""
+    """Write a model's answer for a sequence."""
     if result.label is None:
         lines = [f"{result.model}: no class"]
     else:
@@ -99,7 +99,7 @@ def answer_lines(result: Classification) -> str:
 
 
 def answer_json(result: Classification) -> str:
-    """Write out what a model says of a sequence as JSON."""
+    """Write a model's answer for a sequence as JSON."""
     answer = {
         "sequence_id": result.sequence_id,
         "model": result.model,

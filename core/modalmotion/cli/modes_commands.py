@@ -1,4 +1,4 @@
-"""Commands that show vibration modes: their table and pictures, and motions made of them."""
+"""Commands that show vibration modes: their table and pictures, and motions composed of them."""
 
 from __future__ import annotations
 
@@ -53,12 +53,12 @@ _DIRECTION = click.option(
     type=Member(Direction),
     default=Direction.NORMAL.value,
     show_default=True,
-    help="Along what the vertices move.",
+    help="Direction in which the vertices move.",
 )
 
 
 class _Surface(NamedTuple):
-    """What is asked about: a lattice by its name, the surface in a file, or both."""
+    """Subject of a command: a lattice by its name, the surface in a file, or both."""
 
     lattice: Lattice | None
     template: Template | None
@@ -82,7 +82,7 @@ def modes(
     direction: Direction,
     output: Path | None,
     as_json: bool,
-    **said: Any,
+    **stated: Any,
 ) -> None:
     """List the vibration modes of a lattice or of the surface in FILE.
 
@@ -93,14 +93,14 @@ def modes(
     if output is not None:
         _require_suffix(output, _MODE_FILES)
         _require_folder(output.parent)
-    surface = _surface(source, grid, topology, said)
-    found = _lowest(surface, modes)
+    surface = _surface(source, grid, topology, stated)
+    vibration_modes = _lowest(surface, modes)
     if as_json:
-        click.echo(json.dumps(_numbers(found), indent=2))
+        click.echo(json.dumps(_numbers(vibration_modes), indent=2))
     else:
-        click.echo("\n".join(_table(found)))
+        click.echo("\n".join(_table(vibration_modes)))
     if output is not None:
-        _write_modes(output, surface, found, direction)
+        _write_modes(output, surface, vibration_modes, direction)
     list_written(output, as_json=as_json)
 
 
@@ -112,15 +112,17 @@ def modes(
     multiple=True,
     required=True,
     metavar="LABEL=AMPLITUDE",
-    help="Such as 1,1,cos=5, in the unit of FILE; 'spring 3=5' on a mesh. Again for more.",
+    help="Such as 1,1,cos=5, in the unit of FILE; 'spring 3=5' on a mesh. Repeat for more.",
 )
 @output_option(
     ".glb, .vtkhdf, .npz, .zip (of PLY), .gif, numbered pictures such as frame_%03d.png, or a "
     "folder for them."
 )
 @_DIRECTION
-@click.option("--frames", default=48, show_default=True, help="Over one period of the slowest.")
-@click.option("--seconds", default=2.0, show_default=True, help="That this period lasts.")
+@click.option(
+    "--frames", default=48, show_default=True, help="Frames over one period of the slowest mode."
+)
+@click.option("--seconds", default=2.0, show_default=True, help="Duration of this period.")
 @click.option(
     "--damping", default=0.0, show_default=True, help="Share of each mode's critical damping."
 )
@@ -137,27 +139,27 @@ def animate(
     together: bool,
     grid: tuple[int, ...] | None,
     topology: str | None,
-    **said: Any,
+    **stated: Any,
 ) -> None:
     """Add modes over the surface in FILE and let them swing.
 
     Frame 0 is the surface displaced by all of them; then it is let go, and each mode swings as
     a cosine at its own frequency, stretched in time so that the slowest takes --seconds. Mode 0
-    does not swing. FILE may be the name of a topology, as of `modalmotion modes`; its radius is 1.
+    does not swing. FILE may be the name of a topology, as for `modalmotion modes`; its radius is 1.
     """
     from modalmotion.exports.swing import swing
 
     labels, amplitudes = _terms(terms)
     _require_target(output)
-    surface = _surface(source, grid, topology, said)
+    surface = _surface(source, grid, topology, stated)
     if surface.lattice is not None:
-        found = lattice_modes_named(surface.lattice, labels)
+        vibration_modes = lattice_modes_named(surface.lattice, labels)
     else:
-        found = surface_modes_named(_template(surface), labels)
+        vibration_modes = surface_modes_named(_template(surface), labels)
     template = _template(surface)
-    moved = swing(
+    motion = swing(
         template,
-        found,
+        vibration_modes,
         np.array(amplitudes),
         directions_on(template, direction),
         n_frames=frames,
@@ -166,7 +168,7 @@ def animate(
         together=together,
         unit=surface.unit,
     )
-    _write_animation(output, template, moved, seconds / frames)
+    _write_animation(output, template, motion, seconds / frames)
     click.echo(
         f"{counted(frames, 'frame')} of {counted(len(labels), 'mode')} over "
         f"{counted(template.n_vertices, 'vertex', 'vertices')}"
@@ -175,7 +177,7 @@ def animate(
 
 
 def _surface(
-    source: Path, grid: tuple[int, ...] | None, topology: str | None, said: dict[str, Any]
+    source: Path, grid: tuple[int, ...] | None, topology: str | None, stated: dict[str, Any]
 ) -> _Surface:
     """Read the file, or make the lattice whose name stands in its place."""
     if not source.exists():
@@ -188,7 +190,7 @@ def _surface(
             if named.n_axes == 3:
                 return _Surface(lattice, None, None)
             return _Surface(lattice, make_template(standard_surface(lattice)), None)
-    sequence = read(source, grid=grid, topology=topology, **said)
+    sequence = read(source, grid=grid, topology=topology, **stated)
     parameters = resolve_parameters(sequence, SignatureParameters())
     return _Surface(None, resolve_template(sequence, parameters), sequence.unit)
 
@@ -224,31 +226,38 @@ def _terms(terms: tuple[str, ...]) -> tuple[list[ModeLabel], list[float]]:
     return labels, amplitudes
 
 
-def _table(found: VibrationModes) -> list[str]:
+def _table(vibration_modes: VibrationModes) -> list[str]:
     lines = [
-        f"{found.surface}: {counted(len(found), 'mode')}; w in {found.frequency_unit}",
+        (
+            f"{vibration_modes.surface}: {counted(len(vibration_modes), 'mode')}; "
+            f"w in {vibration_modes.frequency_unit}"
+        ),
         f"  {'label':>20} {'w':>12}",
     ]
-    largest = float(found.angular_frequencies.max())
-    for label, w in zip(found.labels, found.angular_frequencies.tolist(), strict=True):
+    largest = float(vibration_modes.angular_frequencies.max())
+    for label, w in zip(
+        vibration_modes.labels, vibration_modes.angular_frequencies.tolist(), strict=True
+    ):
         lines.append(f"  {label!s:>20} {numeral(w, 4, of=largest):>12}")
-    return lines + [f"note: {note}" for note in found.notes]
+    return lines + [f"note: {note}" for note in vibration_modes.notes]
 
 
-def _numbers(found: VibrationModes) -> dict[str, object]:
+def _numbers(vibration_modes: VibrationModes) -> dict[str, object]:
     return {
-        "surface": found.surface,
-        "frequency_unit": found.frequency_unit,
+        "surface": vibration_modes.surface,
+        "frequency_unit": vibration_modes.frequency_unit,
         "modes": [
             {"label": str(label), "angular_frequency": w}
-            for label, w in zip(found.labels, found.angular_frequencies.tolist(), strict=True)
+            for label, w in zip(
+                vibration_modes.labels, vibration_modes.angular_frequencies.tolist(), strict=True
+            )
         ],
-        "notes": list(found.notes),
+        "notes": list(vibration_modes.notes),
     }
 
 
 def _write_modes(
-    output: Path, surface: _Surface, found: VibrationModes, direction: Direction
+    output: Path, surface: _Surface, vibration_modes: VibrationModes, direction: Direction
 ) -> None:
     from modalmotion.exports.swing import one_by_one
     from modalmotion.exports.vibration_modes import modes_to_hdf5, modes_to_npz
@@ -256,21 +265,21 @@ def _write_modes(
     from modalmotion.store import write_atomic
 
     if output.suffix == ".npz":
-        write_atomic(output, modes_to_npz(found))
+        write_atomic(output, modes_to_npz(vibration_modes))
     elif output.suffix == ".h5":
-        write_atomic(output, modes_to_hdf5(found))
+        write_atomic(output, modes_to_hdf5(vibration_modes))
     elif output.suffix == ".glb":
         template = _template(surface)
         along = directions_on(template, direction)
-        moved = one_by_one(template, found, along, surface.unit)
-        write_atomic(output, write_glb(moved.morph_animation()))
+        motion = one_by_one(template, vibration_modes, along, surface.unit)
+        write_atomic(output, write_glb(motion.morph_animation()))
     else:
         from modalmotion.pictures.modes import modes_figure
 
-        modes_figure(_template(surface), found).savefig(output)
+        modes_figure(_template(surface), vibration_modes).savefig(output)
 
 
-def _write_animation(output: Path, template: Template, moved: Any, step: float) -> None:
+def _write_animation(output: Path, template: Template, motion: Any, step: float) -> None:
     from modalmotion.exports.surfaces import SUFFIXES, SurfaceFormat, write_surfaces
     from modalmotion.formats import write_glb
     from modalmotion.store import write_atomic
@@ -278,19 +287,19 @@ def _write_animation(output: Path, template: Template, moved: Any, step: float) 
     if output.suffix in SUFFIXES:
         form = SUFFIXES[output.suffix]
         if form == SurfaceFormat.GLB:
-            write_atomic(output, write_glb(moved.morph_animation()))
+            write_atomic(output, write_glb(motion.morph_animation()))
             return
-        fields = {"displacement": np.stack([*moved.heights()])}
-        write_atomic(output, write_surfaces(moved.sequence(), form, fields))
+        fields = {"displacement": np.stack([*motion.heights()])}
+        write_atomic(output, write_surfaces(motion.sequence(), form, fields))
         return
     from modalmotion.pictures.movie import Extent, draw_frames, write_gif, write_png
 
-    extent = Extent(template, moved.positions(), moved.heights())
-    pictures = draw_frames(template, moved.positions(), moved.heights(), extent)
+    extent = Extent(template, motion.positions(), motion.heights())
+    pictures = draw_frames(template, motion.positions(), motion.heights(), extent)
     if output.suffix == ".gif":
         write_atomic(output, write_gif(pictures, step))
         return
-    for path, picture in zip(_numbered(output, moved.n_frames), pictures, strict=True):
+    for path, picture in zip(_numbered(output, motion.n_frames), pictures, strict=True):
         write_atomic(path, write_png(picture))
 
 
@@ -303,7 +312,7 @@ def _numbered(output: Path, n_frames: int) -> Iterator[Path]:
 
 
 def _require_target(output: Path) -> None:
-    """Refuse what cannot be written before anything is worked out."""
+    """Refuse an output that cannot be written, before any work."""
     if output.suffix == ".png":
         name = _NUMBERED.sub("", output.name, count=1)
         if name == output.name or "%" in name:

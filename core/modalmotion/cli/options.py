@@ -24,7 +24,7 @@ class Member(click.Choice[E]):
     """A member of an enumeration, by its value."""
 
     def normalize_choice(self, choice: object, ctx: click.Context | None) -> str:
-        """Give the text that stands for a member."""
+        """Return the text of a member."""
         text = choice.value if isinstance(choice, Enum) else choice
         return super().normalize_choice(text, ctx)
 
@@ -86,7 +86,7 @@ mode_options = several(
     click.option(
         "--split-pairs",
         is_flag=True,
-        help="Not to round up to whole cosine-sine pairs: the last one then depends on where "
+        help="Do not round up to whole cosine-sine pairs: the last one then depends on where "
         "theta is zero.",
     ),
     click.option("--tolerance", type=float, help="Largest error, in mm."),
@@ -112,9 +112,9 @@ mode_options = several(
 """How many modes, in one of several ways."""
 
 surface_options = several(
-    click.option("--topology", help="cup, cylinder, plane, ...; over what the file states."),
+    click.option("--topology", help="cup, cylinder, plane, ...; overrides the file's own."),
     click.option(
-        "--grid", type=GridShape(), help="Lattice shape such as 32,64; over the file's own."
+        "--grid", type=GridShape(), help="Lattice shape such as 32,64; overrides the file's own."
     ),
 )
 reference_option = click.option(
@@ -122,7 +122,7 @@ reference_option = click.option(
     type=ReferenceShape(),
     default=0,
     show_default=True,
-    help="Frame to measure from, or mean: of all frames, wherever the recording starts.",
+    help="Frame to measure from, or mean: the mean shape of all frames.",
 )
 weights_option = click.option(
     "--weights",
@@ -160,7 +160,7 @@ def signature_parameters(options: dict[str, Any]) -> SignatureParameters:
 
 
 def kind_of(output: Path, kinds: Mapping[str, T]) -> T:
-    """Look up what the suffix of a file to write stands for."""
+    """Look up the kind that an output file's suffix names."""
     if output.suffix not in kinds:
         raise click.BadParameter(
             f"{output.name} ends with none of {', '.join(kinds)}.", param_hint="--output"
@@ -169,7 +169,7 @@ def kind_of(output: Path, kinds: Mapping[str, T]) -> T:
 
 
 def example(line: str) -> str:
-    """Write the line with which a command's help ends."""
+    """Write the last line of a command's help."""
     return f"Example: modalmotion {line}"
 
 

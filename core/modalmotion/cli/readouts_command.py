@@ -52,7 +52,7 @@ def readouts(source: Path, plot: Path | None, as_json: bool, **options: Any) -> 
 
 
 def volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]:
-    """Give lines on volume and ejection fraction, none where nothing is enclosed."""
+    """Return lines on volume and ejection fraction; empty if the surface encloses nothing."""
     try:
         readouts = clinical_readouts(signature, sequence)
     except TopologyError:

@@ -28,22 +28,22 @@ _STATED: Final = ("tracking", "handedness", "period", "cavity", "modality")
 """Facts that the simulator knows."""
 
 _HELP: Final = {
-    "length": "Of the cavity from apex to base at end diastole, mm.",
-    "radius": "Of the widest short-axis section at end diastole, mm.",
+    "length": "Length of the cavity from apex to base at end diastole, mm.",
+    "radius": "Radius of the widest short-axis section at end diastole, mm.",
     "truncation": "Polar angle at which the base cuts the spheroid, degrees.",
     "ejection_fraction": "Share of the end-diastolic volume that is ejected.",
-    "longitudinal_shortening": "Of the wall along the axis at end systole, as a share.",
+    "longitudinal_shortening": "Shortening of the wall along the axis at end systole, as a share.",
     "apex_share": "Share of the shortening that raises the apex, not lowers the base.",
-    "apex_rotation": "At end systole, degrees; counterclockwise seen from the apex.",
-    "base_rotation": "At end systole, degrees; counterclockwise seen from the apex.",
-    "period": "Of one heartbeat, s.",
+    "apex_rotation": "Of the apex at end systole, degrees; counterclockwise seen from the apex.",
+    "base_rotation": "Of the base at end systole, degrees; counterclockwise seen from the apex.",
+    "period": "Duration of one heartbeat, s.",
     "early_filling": "Share of the filling before the atrial kick.",
     "akinesia": "Share of the contraction lost at the centre of a region.",
-    "akinesia_azimuth": "Of the region's centre, degrees; 0 lateral, 90 inferior.",
-    "akinesia_height": "Of the region's centre, 0 apex to 1 base.",
+    "akinesia_azimuth": "Azimuth of the region's centre, degrees; 0 lateral, 90 inferior.",
+    "akinesia_height": "Height of the region's centre, 0 apex to 1 base.",
     "akinesia_extent": "From the region's centre to its edge, degrees.",
-    "delay": "Of the late wall's contraction behind the opposite wall's, s.",
-    "delay_azimuth": "Of the late wall, degrees; 0 lateral.",
+    "delay": "Delay of the late wall's contraction behind the opposite wall's, s.",
+    "delay_azimuth": "Azimuth of the late wall, degrees; 0 lateral.",
     "septal_flash": "Early contraction of the early wall, as a share of a full one.",
     "shape_variation": "RMS of random fields added to the surface, mm.",
     "motion_variation": "RMS of random fields added to the motion at end systole, mm.",
@@ -71,8 +71,8 @@ def _parameter_options(command: Callable[..., None]) -> Callable[..., None]:
     "--noise", default=0.0, show_default=True, help="Standard deviation of coordinates, mm."
 )
 @click.option("--grid", type=GridShape(), default="32,64", show_default=True, help="Lattice shape.")
-@click.option("--vertices", type=int, help="Triangulate so many vertices, in place of a lattice.")
-@click.option("--seed", default=0, show_default=True, help="Of all random numbers.")
+@click.option("--vertices", type=int, help="Triangulate this many vertices, in place of a lattice.")
+@click.option("--seed", default=0, show_default=True, help="Seed of all random numbers.")
 @_parameter_options
 def simulate(
     output: Path,
@@ -116,7 +116,7 @@ def simulate(
 @click.option(
     "--noise", default=0.6, show_default=True, help="Standard deviation of coordinates, mm."
 )
-@click.option("--seed", default=0, show_default=True, help="Of all random numbers.")
+@click.option("--seed", default=0, show_default=True, help="Seed of all random numbers.")
 def simulate_cohort(output: Path, per_class: int, noise: float, seed: int) -> None:
     """Simulate labelled ventricles that differ in motion, shape, mesh, frames and pose."""
     output.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,7 @@ from modalmotion.facts.facts import stated_twice
 
 _HELP: Final = {
     "tracking": "Whether vertices follow tissue (material) or slide over it (offset).",
-    "handedness": "Of the coordinate system.",
+    "handedness": "Handedness of the coordinate system.",
     "coordinates": "Which way x, y and z point in a patient.",
     "cavity": "What the surface encloses.",
 }
@@ -25,37 +25,37 @@ fact_options = several(
         click.option(f"--{name}", type=click.Choice(words, case_sensitive=False), help=_HELP[name])
         for name, words in WORDS.items()
     ),
-    click.option("--period", type=float, help="Of a cycle, in seconds."),
+    click.option("--period", type=float, help="Period of a cycle, in seconds."),
     click.option("--modality", help="How it was recorded: MR, CT, US, simulated."),
     click.option(
         "--landmark",
         metavar="NAME=PLACE",
         multiple=True,
-        help="A vertex's number or a point x,y,z; again for more. apex, base and theta_zero "
+        help="A vertex's number or a point x,y,z; repeat for more. apex, base and theta_zero "
         "place the natural coordinates.",
     ),
     click.option(
         "--covariate",
         metavar="NAME=VALUE",
         multiple=True,
-        help="A number or a word, such as age=61; again for more.",
+        help="A number or a word, such as age=61; repeat for more.",
     ),
 )
-"""Facts, over the file's own; `stated_facts` reads them."""
+"""Facts, which override the file's own; `stated_facts` reads them."""
 
 FACT_OPTIONS: Final = (*WORDS, "period", "modality", *_MANY)
 """Names of these options."""
 
 
-def stated_facts(said: dict[str, Any]) -> Facts:
-    """Take these options out of all that were said.
+def stated_facts(options: dict[str, Any]) -> Facts:
+    """Take the options that state facts out of all options.
 
     Raises
     ------
     ParameterError
         If one is out of range, or something is stated twice.
     """
-    texts: dict[str, Any] = {name: said.pop(name, None) for name in FACT_OPTIONS}
+    texts: dict[str, Any] = {name: options.pop(name, None) for name in FACT_OPTIONS}
     for kind in _MANY:
         for pair in texts.pop(kind) or ():
             name, equals, value = pair.partition("=")

@@ -15,14 +15,14 @@ from modalmotion.cli.options import example
 _FOLDER = click.argument(
     "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="FOLDER"
 )
-_OWNER = click.option("--owner", help="Whose store in a service's data folder FOLDER.")
+_OWNER = click.option("--owner", help="Owner of the store, in a service's data folder FOLDER.")
 
 
 @click.group()
 def store() -> None:
     """Look after a folder of results: back up, verify, rebuild, export.
 
-    But for `backup`, no server may have it open.
+    Except for `backup`, no server may have it open.
     """
 
 
@@ -74,7 +74,7 @@ def _rebuild(name: str, root: Path) -> None:
 @_OWNER
 def verify(folder: Path, owner: str | None) -> None:
     """Check every file of each store in FOLDER; ends with 1 if something is wrong."""
-    # All of them, whatever the first one is like.
+    # All stores, even if the first has faults.
     are_sound = [_verify(name, root) for name, root in _stores_of(folder, owner)]
     if not all(are_sound):
         raise click.exceptions.Exit(1)
@@ -119,7 +119,7 @@ def export(folder: Path, out: Path, owner: str | None) -> None:
 def backup(folder: Path, copy: Path) -> None:
     """Copy the store in FOLDER to the folder COPY; a server may have it open.
 
-    Given again, it copies what is new, and removes what was deleted.
+    Run again, it copies new files, and removes those deleted since.
     """
     from modalmotion.store import backup as run
 
@@ -132,7 +132,7 @@ def backup(folder: Path, copy: Path) -> None:
 
 
 def _stores_of(folder: Path, owner: str | None) -> list[tuple[str, Path]]:
-    """List stores, with what lines about them begin with; a service's all by default."""
+    """List stores with the prefix of their output lines; all of a service by default."""
     others = [path for path in sorted((folder / "owners").glob("*")) if path.is_dir()]
     if owner is not None or not others:
         return [("", _store_of(folder, owner))]

@@ -30,19 +30,19 @@ from modalmotion.tradeoff.plain import as_plain
 @click.command(epilog=example("tradeoff beat.npz --tolerance 1 --plot tradeoff.png"))
 @sequence_argument
 @mode_options
-@click.option("--topology", help="Over what the file states; the only one that is measured.")
+@click.option("--topology", help="Overrides the file's own; the only topology that is measured.")
 @click.option("--grid", type=GridShape(), help="Lattice shape; over the file's own.")
 @click.option(
     "--components",
     type=Member(Components),
-    help="The only ones that are measured.  [default: all that the surface has]",
+    help="The only components that are measured.  [default: all that the surface has]",
 )
 @click.option(
     "--front-modes",
     type=click.IntRange(1, 2000),
     default=MOST_OF_FRONT,
     show_default=True,
-    help="Modes that the front reaches to.",
+    help="Largest number of modes on the front.",
 )
 @plot_option
 @json_option
@@ -90,10 +90,10 @@ def _lines(result: Tradeoff) -> str:
         )
         lines.append(f"{branch.topology}, {branch.components}: RMS by modes {errors}")
     for kind, error in result.scene.errors.items():
-        moved = (
+        text = (
             f"{numeral(error.rms, of=motion)} {unit} RMS, {numeral(error.max, of=motion)} at most"
         )
-        lines.append(f"as {with_article(kind)} motion: {moved}")
+        lines.append(f"as {with_article(kind)} motion: {text}")
     if result.noise is not None:
         lines.append(result.noise.note(front.unit))
     lines.append(f"chosen: {describe(result)}")
@@ -109,7 +109,7 @@ def _lines(result: Tradeoff) -> str:
 
 
 def describe(result: Tradeoff) -> str:
-    """Say in a line what was chosen."""
+    """Describe the choice in a line."""
     price, signature = result.chosen.price, result.chosen.signature
     if signature is None:
         return f"{result.chosen.kind} motion, {price.amplitudes_per_frame} numbers a frame"

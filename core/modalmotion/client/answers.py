@@ -34,9 +34,9 @@ class SequenceInfo:
     created : str
         When it was first received, ISO 8601 in UTC.
     facts : Facts
-        What is stated of it.
+        Facts stated about it.
     answer : dict
-        All that the service says of it.
+        The full answer of the service.
     """
 
     id: str
@@ -66,7 +66,7 @@ class TemplateInfo:
     n_vertices, n_faces : int
     notes : list of str
     answer : dict
-        All that the service says of it, such as landmarks and how well they are determined.
+        The full answer of the service, with landmarks and how well they are determined.
     """
 
     id: str
@@ -80,21 +80,21 @@ class TemplateInfo:
 @shown("label", "probability", "probabilities", "model")
 @dataclass(frozen=True)
 class ClassAnswer:
-    """What a model says of one sequence.
+    """A model's answer for one sequence.
 
     Parameters
     ----------
     label : str or None
-        Most probable class; None where the model abstains.
+        Most probable class; None if the model abstains.
     probability : float
         Of the most probable class.
     probabilities : dict
         Of each class.
     model, model_id : str
     notes : list of str
-        Why it abstains, and what a user should know of the model.
+        Why it abstains, and caveats of the model.
     answer : dict
-        All that the service says.
+        The full answer of the service.
     """
 
     label: str | None
@@ -121,9 +121,9 @@ class ModelInfo:
         trained or shipped.
     classes : list of str
     versions : list of int
-        All of its name that there are.
+        All versions of this name.
     answer : dict
-        All that the service says of it, such as its card.
+        The full answer of the service, with its card.
     """
 
     name: str
@@ -146,15 +146,15 @@ class Readouts:
         ml; cubed length units where the unit is unknown.
     times : (frames,) float64, s, or None
     volumes, bounds : (frames,) float64, `volume_unit`
-        From the signature; the surface's own are at most that far from it.
+        From the signature; the surface's own volume differs by at most the bound.
     ejection_fraction : float, percent
     ejection_fraction_range : tuple of float, percent
     mesh_volumes : (frames,) float64, `volume_unit`
-        Of the frames as they were sent.
+        Of the frames as sent.
     mesh_ejection_fraction : float, percent
     notes : list of str
     answer : dict
-        All that the service says.
+        The full answer of the service.
     """
 
     volume_unit: str
@@ -179,7 +179,7 @@ class SignatureArrays:
     id : str
         Of the sequence.
     label : str
-        Class as users say; empty where nobody does.
+        Class stated by users; empty if unknown.
     modes : tuple of str
         Names of the modes.
     amplitudes : (frames, modes, 3) float64, length unit
@@ -218,7 +218,7 @@ class TemplateModes:
 @shown("data", "rms", "max_error", "kg_error", "transform")
 @dataclass(frozen=True)
 class CompressedSequence:
-    """A compressed stream, and what the service measured on it after decoding it.
+    """A compressed stream, and its errors as the service measured them after decoding.
 
     Parameters
     ----------
@@ -239,12 +239,12 @@ class CompressedSequence:
 
 
 def value_of(kind: Callable[..., T], answer: Any) -> T:
-    """Make a value of the members of a JSON answer that it has fields for.
+    """Build a value from the members of a JSON answer that its fields name.
 
     Raises
     ------
     BrokenAnswerError
-        If a member is not there.
+        If a member is missing.
     """
     names = [name for name in kind.__annotations__ if name != "answer"]
     try:
@@ -254,7 +254,7 @@ def value_of(kind: Callable[..., T], answer: Any) -> T:
         return kind(**members, answer=answer)
     except (KeyError, TypeError, ParameterError) as error:
         raise BrokenAnswerError(
-            f"The answer is not what is understood here: {error} is not there.",
+            f"The answer cannot be read: {error} is missing.",
             remedy="Check the address, and the versions of service and client.",
         ) from error
 
@@ -265,19 +265,19 @@ def readouts_of(answer: Any) -> Readouts:
     Raises
     ------
     BrokenAnswerError
-        If a member is not there.
+        If a member is missing.
     """
     with understood("a description of volumes"):
         own, mesh, times = answer["from_signature"], answer["of_mesh"], answer["times"]
-        ejected = own["ejection_fraction"]
-        high = ejected["high"]
+        fraction = own["ejection_fraction"]
+        high = fraction["high"]
         return Readouts(
             volume_unit=answer["volume_unit"],
             times=None if times is None else np.array(times, dtype=np.float64),
             volumes=np.array(own["volumes"], dtype=np.float64),
             bounds=np.array(own["bounds"], dtype=np.float64),
-            ejection_fraction=ejected["value"],
-            ejection_fraction_range=(ejected["low"], np.inf if high is None else high),
+            ejection_fraction=fraction["value"],
+            ejection_fraction_range=(fraction["low"], np.inf if high is None else high),
             mesh_volumes=np.array(mesh["volumes"], dtype=np.float64),
             mesh_ejection_fraction=mesh["ejection_fraction"]["value"],
             notes=answer["notes"],
@@ -298,8 +298,8 @@ def compressed_of(answer: Answer) -> CompressedSequence:
         )
     except (KeyError, ValueError) as error:
         raise BrokenAnswerError(
-            "The answer does not say what was measured on the stream.",
-            remedy="Check that nothing on the way takes headers off.",
+            "The answer lacks the measured errors of the stream.",
+            remedy="Check that no proxy removes headers.",
         ) from error
 
 

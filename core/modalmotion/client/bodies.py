@@ -1,4 +1,4 @@
-"""Bodies of requests, sent in pieces, again where needed."""
+"""Request bodies, sent in pieces, and again for a retry."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
 
 Source = str | Path | bytes | bytearray | memoryview | MeshSequence
-"""What can be sent: a file by its path, the bytes of one, or a sequence."""
+"""Source of an upload: a file by its path, the bytes of a file, or a sequence."""
 
-# Large enough that Python is not what takes the time, small enough to be no copy of note.
+# Large enough that Python's overhead is small, small enough that copies do not matter.
 _PIECE: Final = 1 << 18
 
 
@@ -31,11 +31,11 @@ class Body:
     Parameters
     ----------
     pieces : function
-        Gives it from the beginning, each time it is called.
+        Yields the body from its beginning, at each call.
     n_bytes : int
-        That progress is counted in.
+        Total that progress counts up to.
     length : int or None
-        Of what goes over the wire; None where it is known only when all has been sent.
+        Bytes sent over the wire; None if known only at the end.
     media_type : str
     """
 
@@ -45,7 +45,7 @@ class Body:
     media_type: str = "application/octet-stream"
 
     def sent(self, progress: Progress | None) -> Iterator[bytes]:
-        """Give the pieces, and say how far it is after each."""
+        """Yield the pieces, and report progress after each."""
         done = 0
         for piece in self.pieces():
             yield piece
@@ -55,12 +55,12 @@ class Body:
 
 
 def body_of(source: Source) -> Body:
-    """Make the body that a source is sent as; no copy of the whole is made.
+    """Make the body of a source, without copying the whole.
 
     Raises
     ------
     MalformedFileError
-        If there is no such file.
+        If the file cannot be read.
     """
     if isinstance(source, MeshSequence):
         arrays = {name: np.asarray(array) for name, array in npz_arrays(source).items()}
@@ -78,7 +78,7 @@ def body_of(source: Source) -> Body:
 
 
 def json_body(value: object) -> Body:
-    """Make a body of a JSON value."""
+    """Make the body of a JSON value."""
     text = json.dumps(value).encode()
     return Body(lambda: iter([text]), len(text), len(text), "application/json")
 
@@ -102,7 +102,7 @@ def _npz_pieces(arrays: dict[str, np.ndarray[Any, Any]]) -> Iterator[bytes]:
     sink = _Sink()
     with zipfile.ZipFile(sink, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():
-            # A fixed date: sent again, it must be the same request.
+            # A fixed date: a repeated request must be the same bytes.
             info = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
             with archive.open(info, "w", force_zip64=True) as member:
                 whole = np.ascontiguousarray(array)
@@ -122,7 +122,7 @@ def _npy_header(array: np.ndarray[Any, Any]) -> bytes:
 
 
 class _Sink(io.RawIOBase):
-    """A stream that cannot be rewound, and gives what was written to it."""
+    """A stream that cannot be rewound, and hands over the bytes written to it."""
 
     def __init__(self) -> None:
         self._pieces: list[bytes] = []
@@ -135,9 +135,9 @@ class _Sink(io.RawIOBase):
         return len(data)
 
     def take(self) -> bytes:
-        taken = b"".join(self._pieces)
+        content = b"".join(self._pieces)
         self._pieces.clear()
-        return taken
+        return content
 
 
 def _unreadable(path: Path, error: OSError) -> MalformedFileError:

@@ -51,23 +51,23 @@ class Calls:
     def _started(
         self, call: Call, read: Callable[[Answer], T], progress: Progress | None = None
     ) -> Job[T]:
-        """Have the service make a job of a call.
+        """Start a call as a job of the service.
 
         Raises
         ------
         BrokenAnswerError
-            If it answers with the result all the same.
+            If it answers with the result at once.
         """
         answer = self._connection.send(call.with_headers(Prefer="respond-async"), progress)
         if answer.status != 202:
             raise BrokenAnswerError(
-                f"The service answered {answer.status} where a job was asked for.",
+                f"The service answered {answer.status} and started no job.",
                 remedy="Make the call that waits for its result.",
             )
         return Job(self._connection, JobStatus.of(answer.json), read, call.accept)
 
     def _pages(self, path: str, member: str, **query: Option) -> Iterator[dict[str, Any]]:
-        """Members of a list, one page after the other."""
+        """Yield the members of a list, page by page."""
         cursor: str | None = None
         while True:
             page = self._get(path, {**query, "cursor": cursor}).json
@@ -90,7 +90,7 @@ def sequence_path(sequence_id: str, *parts: str) -> str:
 
 
 def sequence_of(answer: Answer) -> MeshSequence:
-    """Read a sequence that came as .npz."""
+    """Read a sequence from an .npz answer."""
     return read_npz(answer.content).sequence
 
 
@@ -120,11 +120,11 @@ def require_suffix(path: Path, known: dict[str, str]) -> str:
     Raises
     ------
     ParameterError
-        If it stands for none.
+        If the suffix is unknown.
     """
     media_type = known.get(path.suffix.lower())
     if media_type is None:
         raise ParameterError(
-            f"'{path.name}' does not say what to write.", remedy=f"Use one of {', '.join(known)}."
+            f"'{path.name}' has an unknown suffix.", remedy=f"Use one of {', '.join(known)}."
         )
     return media_type

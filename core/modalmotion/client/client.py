@@ -38,16 +38,16 @@ class Client(SequenceCalls, SignatureCalls, ReadoutCalls, ModelCalls, CodecCalls
     timeout : float, s
         For connecting, and for each pause within a request or an answer.
     retries : Retries, optional
-        How often what may be repeated is sent again, and how long a call may take in all.
+        How often a repeatable request is sent, and how long a call may take in all.
     transport : httpx2.BaseTransport, optional
         In place of the network, such as an application in the same process.
     most_bytes : int
-        Of an answer, unpacked; longer ones are not read to their end.
+        Largest answer, unpacked; longer ones are not read to their end.
 
     Raises
     ------
     ParameterError
-        If the address or the key cannot be one.
+        If the address or the key is invalid.
 
     Examples
     --------
@@ -68,8 +68,8 @@ class Client(SequenceCalls, SignatureCalls, ReadoutCalls, ModelCalls, CodecCalls
         sleep: Callable[[float], None] = time.sleep,
         most_bytes: int = MOST_BYTES,
     ) -> None:
-        chosen = Retries() if retries is None else retries
-        super().__init__(Connection(base_url, key, timeout, chosen, transport, sleep, most_bytes))
+        schedule = Retries() if retries is None else retries
+        super().__init__(Connection(base_url, key, timeout, schedule, transport, sleep, most_bytes))
 
     def __enter__(self) -> Self:
         return self
@@ -90,7 +90,7 @@ class Client(SequenceCalls, SignatureCalls, ReadoutCalls, ModelCalls, CodecCalls
         return True
 
     def limits(self) -> dict[str, float]:
-        """Give what the service accepts, by the names that its errors use."""
+        """Return the limits of the service, by the names that its errors use."""
         limits: dict[str, float] = self._get("/v1/limits").json
         return limits
 
@@ -99,7 +99,7 @@ class Client(SequenceCalls, SignatureCalls, ReadoutCalls, ModelCalls, CodecCalls
         return map(JobStatus.of, self._pages("/v1/jobs", "jobs", state=state, limit=page))
 
     def job(self, job_id: str, accept: str = "*/*") -> Job[Answer]:
-        """Give a job by its id; its result is the answer to its link, as it comes."""
+        """Return a job by its id; its result is the unparsed answer to its link."""
         status = JobStatus.of(self._get(f"/v1/jobs/{segment(job_id)}").json)
         return Job(self._connection, status, lambda answer: answer, accept)
 
@@ -116,7 +116,7 @@ class Client(SequenceCalls, SignatureCalls, ReadoutCalls, ModelCalls, CodecCalls
         accept: str = "application/json",
         **query: Option,
     ) -> Answer:
-        """Call what has no method of its own here.
+        """Send any request, such as one without a method here.
 
         Parameters
         ----------
@@ -124,7 +124,7 @@ class Client(SequenceCalls, SignatureCalls, ReadoutCalls, ModelCalls, CodecCalls
         json : JSON value, optional
             The body.
         accept : str
-            Media type that is wanted.
+            Media type of the answer.
         **query
             Options.
 

@@ -32,7 +32,7 @@ class CodecCalls(Calls):
         return compressed_of(self._connection.send(call, progress))
 
     def encoded(self, sequence_id: str, **options: Option) -> CompressedSequence:
-        """Give a kept sequence as a compressed stream: rms, max_error or bytes; effort."""
+        """Return a stored sequence as a compressed stream: rms, max_error or bytes; effort."""
         call = Call("GET", sequence_path(sequence_id, "encoded"), options, STREAM)
         return self._awaited(call, compressed_of)
 

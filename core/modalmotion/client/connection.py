@@ -33,15 +33,15 @@ if TYPE_CHECKING:
 
 JSON: Final = "application/json"
 
-# A request with a key whose first attempt is still at work is answered so.
+# Answer to a keyed request whose first attempt is still at work.
 _STILL_UNDER_WAY: Final = 409
 
 MOST_BYTES: Final = 2_000_000_000
-"""Of an answer, where nobody says otherwise: twice the largest upload that is unpacked."""
+"""Default limit of an answer: twice that of an unpacked upload."""
 
 _KEY: Final = re.compile(r"[\x21-\x7e]+")
 
-# What may be sent twice whatever it does.
+# Methods that may be sent twice for every path.
 _SAFE: Final = frozenset({"GET", "HEAD", "PUT", "DELETE", "PATCH"})
 
 
@@ -55,13 +55,13 @@ class Call:
         The path begins with a slash, and may hold a query.
     query : mapping
     accept : str
-        Media type that is wanted.
+        Media type of the answer.
     body : Body, optional
     headers : mapping
     is_repeatable : bool
-        Whether it may be sent twice though it is a POST: it keeps nothing, or the same once.
+        Whether it may be sent twice though it is a POST: it stores nothing, or one thing once.
     is_keyed : bool
-        It is sent with an idempotency key, and may be sent twice for that.
+        Whether it carries an idempotency key, and may be sent twice for that reason.
     """
 
     method: str
@@ -82,7 +82,7 @@ class Call:
 @shown("status", "content")
 @dataclass(frozen=True)
 class Answer:
-    """What the service answered with, read to the end.
+    """Answer of the service, read to its end.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class Answer:
         Raises
         ------
         BrokenAnswerError
-            If it is none.
+            If it is not JSON.
         """
         with understood("JSON"):
             return json.loads(self.content)
@@ -113,8 +113,8 @@ class Answer:
 class Connection:
     """Connections to one service, kept open between calls; see `Client` for the parameters.
 
-    `key` is sent to this service alone, for no redirection is followed. A path in `base_url` before
-    the service's own is kept, and `sleep` (of seconds) serves whoever waits for this service.
+    `key` is sent to this service alone, for redirections are not followed. A path in `base_url`
+    goes before the service's own, and `sleep` (seconds) serves all who wait for this service.
     """
 
     def __init__(
@@ -147,7 +147,7 @@ class Connection:
             headers=headers,
             timeout=timeout,
             transport=transport,
-            # What the environment names as a proxy is for the world outside.
+            # Proxies that the environment names are for other hosts.
             trust_env=not _is_loopback(parts.hostname),
         )
 
@@ -156,13 +156,13 @@ class Connection:
         self._http.close()
 
     def send(self, call: Call, progress: Progress | None = None) -> Answer:
-        """Send a request, again where that is safe and may help, and read its answer.
+        """Send a request, retry where that is safe and may help, and read its answer.
 
         Parameters
         ----------
         call : Call
         progress : callable, optional
-            Of the body's bytes; begins anew with each attempt.
+            Called with the body's bytes; starts over at each attempt.
 
         Raises
         ------
@@ -223,20 +223,20 @@ class Connection:
             )
             response = self._http.send(request, stream=True)
             try:
-                answered = b"".join(_at_most(self._most_bytes, _until(end, response.iter_bytes())))
+                payload = b"".join(_at_most(self._most_bytes, _until(end, response.iter_bytes())))
             finally:
                 response.close()
-        known = {name.lower(): value for name, value in response.headers.items()}
+        answer_headers = {name.lower(): value for name, value in response.headers.items()}
         if response.status_code < 300:
-            return Answer(response.status_code, known, answered)
+            return Answer(response.status_code, answer_headers, payload)
         error = error_of_answer(
             response.status_code,
-            answered,
-            known.get("content-type", ""),
-            known.get("x-request-id", ""),
+            payload,
+            answer_headers.get("content-type", ""),
+            answer_headers.get("x-request-id", ""),
         )
-        wait = retry_after(known.get("retry-after"))
-        # The header's alone: a member of the problem may be anything.
+        wait = retry_after(answer_headers.get("retry-after"))
+        # From the header alone: a member of the problem may be anything.
         error.details.pop("retry_after", None)
         if wait is not None:
             error.details["retry_after"] = wait
@@ -248,12 +248,12 @@ def _may_repeat(call: Call) -> bool:
 
 
 def _plain_key(key: str) -> str:
-    # A line break is what a key has that was read from a file. What is wrong with another one is
-    # said here: the HTTP library would repeat it, key and all, in its own error.
+    # A key read from a file may end with a line break. Other faults are reported here, for the
+    # HTTP library's error would repeat the key.
     plain = key.strip()
     if _KEY.fullmatch(plain) is None:
         raise ParameterError(
-            "The key holds blanks, or letters that no key has, or nothing.",
+            "The key is empty, or holds blanks or characters outside ASCII.",
             remedy="Give it as `modalmotion keys create` showed it.",
         )
     return plain
@@ -274,11 +274,11 @@ def _at_most(most: int, pieces: Iterator[bytes]) -> Iterator[bytes]:
 
 
 def _until(end: float, pieces: Iterator[bytes]) -> Iterator[bytes]:
-    """Give pieces while there is time: one may come just before every timeout, for ever."""
+    """Yield pieces until the deadline: each may come just before its timeout, for ever."""
     for piece in pieces:
         if time.monotonic() > end:
             raise UnreachableError(
-                "The time for the call is over, and it is not done.",
+                "The call did not finish before its deadline.",
                 remedy="Allow a longer deadline, or send and ask for less.",
             )
         yield piece
@@ -293,13 +293,13 @@ def _explained(call: Call) -> Iterator[None]:
         yield
     except (httpx2.ConnectError, httpx2.ConnectTimeout, httpx2.PoolTimeout) as error:
         raise UnreachableError(
-            f"{what}: there is no connection to the service ({error}).",
+            f"{what}: cannot connect to the service ({error}).",
             remedy="Check the address, and that the service runs.",
             details={"nothing_sent": True},
         ) from error
     except httpx2.TimeoutException as error:
         raise UnreachableError(
-            f"{what}: the service did not go on within the timeout ({type(error).__name__}).",
+            f"{what}: the service did not respond within the timeout ({type(error).__name__}).",
             remedy="Allow a longer timeout, or look at the service's log.",
         ) from error
     except (httpx2.HTTPError, httpx2.StreamError, httpx2.InvalidURL) as error:

@@ -1,4 +1,4 @@
-"""What a call may fail with: the service's own problems, and what lies between it and us.
+"""Errors of calls: problems that the service reports, and failures on the way to it.
 
 ::
 
@@ -7,8 +7,8 @@
     │                          library raises for the same thing (NotFoundError, LimitError, ...)
     ├── UnreachableError       no answer came, after all the retries that were safe
     ├── BrokenAnswerError      an answer came that is not what the service gives
-    ├── JobCancelledError      the job was ended before it had a result
-    └── JobUnfinishedError     the job is not finished after the time that was to be waited
+    ├── JobCancelledError      the job was cancelled before it had a result
+    └── JobUnfinishedError     the job is not finished after the given time
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ _MEMBERS: Final = (
 class RemoteError(ModalMotionError):
     """The service answered with a problem.
 
-    It is also of the class that the library itself raises for the same thing: what is caught
-    as `NotFoundError` or `LimitError` beside a local call is caught so beside a remote one.
+    It is also of the class that the library itself raises for the same thing: code that catches
+    `NotFoundError` or `LimitError` from a local call catches it from a remote one.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class RemoteError(ModalMotionError):
     status : int
         Of the answer.
     request_id : str
-        To be named when asking about it; stands in the service's log.
+        Name it in a report; the service's log holds it.
     frame, vertex : int or None
     limit : str or None
     remedy : str
@@ -60,7 +60,7 @@ class RemoteError(ModalMotionError):
     request_id: str = ""
 
     def __reduce__(self) -> tuple[object, ...]:
-        # The class was made for its code; it is made again where it is unpickled.
+        # The class is created from its code, again when unpickled.
         return _rebuild, (self.code, self.__dict__.copy())
 
 
@@ -77,7 +77,7 @@ class BrokenAnswerError(ModalMotionError):
 
 
 class JobCancelledError(ModalMotionError):
-    """The job was ended before it had a result."""
+    """The job was cancelled before it had a result."""
 
     code = "job_cancelled"
 
@@ -89,14 +89,14 @@ class JobUnfinishedError(ModalMotionError):
 
 
 def remote_error(problem: dict[str, Any], status: int, request_id: str = "") -> RemoteError:
-    """Make the error that a problem (RFC 9457) stands for.
+    """Make the error for a problem (RFC 9457).
 
     Parameters
     ----------
     problem : dict
         Its members.
     status : int
-        Of the answer it came with.
+        Of the answer.
     request_id : str
     """
     code, frame, vertex = (problem.get(name) for name in ("code", "frame", "vertex"))
@@ -114,7 +114,7 @@ def remote_error(problem: dict[str, Any], status: int, request_id: str = "") -> 
 
 
 def error_of_answer(status: int, body: bytes, media_type: str, request_id: str) -> RemoteError:
-    """Make the error of an answer, a problem or not: proxies answer in their own words."""
+    """Make the error for an answer, a problem or not: proxies answer in their own words."""
     problem: Any = None
     if "json" in media_type:
         try:
@@ -123,8 +123,8 @@ def error_of_answer(status: int, body: bytes, media_type: str, request_id: str) 
             problem = None
     if not isinstance(problem, dict):
         problem = {
-            "detail": f"The service, or something before it, answered {status}.",
-            "remedy": "Check the address; what stands between may have a limit of its own.",
+            "detail": f"The service, or a proxy before it, answered {status}.",
+            "remedy": "Check the address; a proxy may have a limit of its own.",
         }
     return remote_error(problem, status, request_id)
 
@@ -139,12 +139,12 @@ def _class_of(code: str) -> type[RemoteError]:
 
 @contextmanager
 def understood(what: str) -> Iterator[None]:
-    """Say of an answer that is not what the service gives that it is not, and nothing else.
+    """Turn any error of reading an answer into a `BrokenAnswerError`.
 
     Parameters
     ----------
     what : str
-        It was to be.
+        Noun for the expected answer, such as "a job".
 
     Raises
     ------
@@ -161,7 +161,7 @@ def understood(what: str) -> Iterator[None]:
         ) from error
 
 
-# What reading something of another form or type than it should have ends in.
+# Errors of reading an answer of another form or type than expected.
 _MISUNDERSTOOD: Final = (
     LookupError,
     TypeError,

@@ -21,15 +21,15 @@ from modalmotion.representation import shown
 
 T = TypeVar("T")
 
-# Between two looks at a job: soon at first, for most are short.
-_FIRST_LOOK: Final = 0.05
-_LONGEST_LOOK: Final = 2.0
+# Between two polls of a job, s: short at first, for most jobs are short.
+_FIRST_PAUSE: Final = 0.05
+_LONGEST_PAUSE: Final = 2.0
 
 
 @shown("kind", "state", "progress", "result", "id")
 @dataclass(frozen=True)
 class JobStatus:
-    """How far a job is.
+    """State and progress of a job.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class JobStatus:
     progress : float
         Share that is done, 0 to 1.
     result : str or None
-        Link to the result, once there is one.
+        Link to the result, once it exists.
     error : dict or None
         The problem it failed with.
     """
@@ -53,7 +53,7 @@ class JobStatus:
 
     @staticmethod
     def of(answer: Any) -> JobStatus:
-        """Read what the service says of a job."""
+        """Read a description of a job."""
         with understood("a job"):
             result, error = answer["result"], answer["error"]
             return JobStatus(
@@ -67,22 +67,22 @@ class JobStatus:
 
     @property
     def is_finished(self) -> bool:
-        """Whether it will not change any more."""
+        """Whether it has ended, in whichever way."""
         return self.state in ("succeeded", "failed", "cancelled")
 
 
 class Job(Generic[T]):
-    """A job, and what its result is read as.
+    """A job, with the reader of its result.
 
     Parameters
     ----------
     connection : Connection
     status : JobStatus
-        When it was last looked at.
+        At the last poll.
     read : function
-        Makes the result of the answer to its link.
+        Reads the result from the answer to its link.
     accept : str
-        Media type in which the result is asked for.
+        Media type to request the result in.
     """
 
     def __init__(
@@ -102,21 +102,21 @@ class Job(Generic[T]):
 
     @property
     def id(self) -> str:
-        """By which the service knows it."""
+        """Id of the job at the service."""
         return self.status.id
 
     def refresh(self) -> JobStatus:
-        """Look how far it is."""
-        self._look()
+        """Fetch the current status."""
+        self._poll()
         return self.status
 
     def cancel(self) -> None:
-        """End it.
+        """Cancel the job.
 
         Raises
         ------
         RemoteError
-            With the code `conflict` if it is finished.
+            With the code `conflict` if it has finished.
         """
         self.status = JobStatus.of(self._connection.send(Call("DELETE", self._path)).json)
 
@@ -128,30 +128,30 @@ class Job(Generic[T]):
         Parameters
         ----------
         timeout : float, s, optional
-            For ever by default; the job goes on when it is over.
+            For ever by default; the job itself goes on afterwards.
         progress : callable, optional
-            Called with the share that is done, 0 to 1, at each look.
+            Called with the share that is done, 0 to 1, at each poll.
 
         Raises
         ------
         RemoteError
             The problem that the job failed with.
         JobCancelledError
-            If somebody ended it.
+            If it was cancelled.
         JobUnfinishedError
-            If the time is over.
+            If the time has passed.
         """
         end = None if timeout is None else time.monotonic() + timeout
-        pause = _FIRST_LOOK
+        pause = _FIRST_PAUSE
         while True:
-            requested = None if self.status.is_finished else self._look()
+            requested = None if self.status.is_finished else self._poll()
             if progress is not None:
                 progress(self.status.progress)
             if self.status.is_finished:
                 return self._result()
             pause = min(
                 2 * pause,
-                _LONGEST_LOOK if requested is None else max(requested, _FIRST_LOOK),
+                _LONGEST_PAUSE if requested is None else max(requested, _FIRST_PAUSE),
             )
             if end is not None and time.monotonic() + pause > end:
                 raise JobUnfinishedError(
@@ -166,7 +166,7 @@ class Job(Generic[T]):
     def _path(self) -> str:
         return f"/v1/jobs/{self.id}"
 
-    def _look(self) -> float | None:
+    def _poll(self) -> float | None:
         answer = self._connection.send(Call("GET", self._path))
         self.status = JobStatus.of(answer.json)
         return retry_after(answer.headers.get("retry-after"))
@@ -174,7 +174,7 @@ class Job(Generic[T]):
     def _result(self) -> T:
         if self.status.state == "cancelled":
             raise JobCancelledError(
-                f"The job {self.id} was ended before it had a result.",
+                f"The job {self.id} was cancelled before it had a result.",
                 remedy="Start it again.",
                 details={"job": self.id},
             )
@@ -187,7 +187,7 @@ class Job(Generic[T]):
         link = self.status.result
         if link is None or not link.startswith("/"):
             raise BrokenAnswerError(
-                f"The job {self.id} has succeeded and names no result.",
+                f"The job {self.id} has succeeded but names no result.",
                 remedy="Check the version of the service.",
             )
         return self._read(self._connection.send(Call("GET", link, accept=self._accept)))

@@ -1,4 +1,4 @@
-"""Models: listed, described, trained, deleted; and what they say of a sequence."""
+"""Models: listing, description, training, deletion; and their answers for a sequence."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from modalmotion.client.query import Option, plain, segment
 from modalmotion.progress import Progress
 
 MODEL_FILES: Final = {".h5": HDF5, ".hdf5": HDF5, ".png": PNG}
-"""What a model is saved as, by suffix; a picture shows its confusion and its calibration."""
+"""Media types of model files by suffix; a picture shows confusion and calibration."""
 
 Case = str | Mapping[str, str]
-"""The id of a kept sequence, or its id, label and subject."""
+"""The id of a stored sequence, or its id, label and subject."""
 
 
 class ModelCalls(Calls):
-    """Models, and what they say of sequences."""
+    """Models, and their answers for sequences."""
 
     def models(self, *, page: int = 100) -> Iterator[ModelInfo]:
         """List models by name, each in its newest version, fetched a page at a time."""
@@ -48,13 +48,13 @@ class ModelCalls(Calls):
         progress: Callable[[float], None] | None = None,
         **options: Option,
     ) -> ModelInfo:
-        """Train a model on kept sequences: the next version of its name.
+        """Train a model on stored sequences: the next version of its name.
 
         Parameters
         ----------
         name : str
         cases : iterable of str or mapping
-            Ids of kept sequences, whose labels and subjects count; or mappings with the members
+            Ids of stored sequences, whose labels and subjects count; or mappings with the members
             id, label and subject.
         progress : callable, optional
             Called with the share that is done, 0 to 1.
@@ -73,11 +73,11 @@ class ModelCalls(Calls):
         return self._started(_training(name, cases, options), _model)
 
     def delete_model(self, name: str, version: int) -> None:
-        """Delete a version of a model; its number is never given again."""
+        """Delete a version of a model; its number is never used again."""
         self._connection.send(Call("DELETE", _path(name, version)))
 
     def classify(self, sequence_id: str, **options: Option) -> ClassAnswer:
-        """Ask a model for the class of a kept sequence's motion.
+        """Ask a model for the class of a stored sequence's motion.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class ModelCalls(Calls):
     def classify_of(
         self, source: Source, *, progress: Progress | None = None, **options: Option
     ) -> ClassAnswer:
-        """Ask a model for the class of what is sent; nothing of it is kept.
+        """Ask a model for the class of a sequence sent along; nothing is stored.
 
         Parameters
         ----------
@@ -106,7 +106,7 @@ class ModelCalls(Calls):
         return value_of(ClassAnswer, self._connection.send(call, progress).json)
 
     def classifications(self, sequence_id: str) -> list[ClassAnswer]:
-        """List what models have said of a sequence."""
+        """List the models' answers for a sequence."""
         answer = self._get(sequence_path(sequence_id, "classifications")).json
         with understood("a list of classifications"):
             return [value_of(ClassAnswer, member) for member in answer["classifications"]]

@@ -12,7 +12,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.facts import Facts, facts_as_json
 
 Option = str | int | float | bool | Enum | tuple[float, ...] | list[float] | Facts | None
-"""What an option of a call can be; None leaves it to the service. Facts are several at once."""
+"""Value of an option; None leaves it to the service. Facts are several options at once."""
 
 # Neither a separator, nor the end of a path, nor a name such as "..".
 _SEGMENT: Final = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,199}")
@@ -24,11 +24,11 @@ def segment(name: str) -> str:
     Raises
     ------
     ParameterError
-        If it cannot be one.
+        If it is not a valid id.
     """
     if _SEGMENT.fullmatch(name) is None:
         raise ParameterError(
-            f"{name[:80]!r} cannot be an id.", remedy="Use one that the service has given."
+            f"{name[:80]!r} cannot be an id.", remedy="Use an id from the service."
         )
     return name
 
@@ -38,14 +38,14 @@ def query_of(options: Mapping[str, Option]) -> dict[str, str]:
     query: dict[str, str] = {}
     for name, value in options.items():
         if isinstance(value, Facts):
-            query |= {fact: _text(said) for fact, said in stated_in(value).items()}
+            query |= {name: _text(fact) for name, fact in stated_in(value).items()}
         elif value is not None:
             query[name] = _text(value)
     return query
 
 
 def stated_in(facts: Facts) -> dict[str, Any]:
-    """Facts that are not unknown, ready for JSON."""
+    """Known facts, ready for JSON."""
     values = facts_as_json(facts)
     return {name: values[name] for name in facts.stated}
 

@@ -1,4 +1,4 @@
-"""What is read from a signature: volumes, the price of each choice, pictures."""
+"""Readouts of a signature: volumes, the price of each choice, pictures."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from modalmotion.client.query import Option
 
 
 class ReadoutCalls(Calls):
-    """What is read from a signature."""
+    """Readouts of a signature."""
 
     def readouts(self, sequence_id: str, **options: Option) -> Readouts:
-        """Give the volume over time and the ejection fraction, each with its bound.
+        """Return the volume over time and the ejection fraction, each with its bound.
 
         Parameters
         ----------
@@ -31,17 +31,17 @@ class ReadoutCalls(Calls):
         return readouts_of(self._get(sequence_path(sequence_id, "readouts"), options).json)
 
     def tradeoff(self, sequence_id: str, **options: Option) -> dict[str, Any]:
-        """Say what each choice of modes costs and loses, as the service gives it.
+        """Return the cost and the loss of each choice of modes, as the service's JSON.
 
         Parameters
         ----------
         sequence_id : str
         **options
-            Of the signature that is marked; and front_modes, components.
+            Of the marked signature; and front_modes, components.
         """
         call = Call("GET", sequence_path(sequence_id, "tradeoff"), options, JSON)
-        found: dict[str, Any] = self._awaited(call, lambda answer: answer.json)
-        return found
+        tradeoff: dict[str, Any] = self._awaited(call, lambda answer: answer.json)
+        return tradeoff
 
     def save_signature_picture(self, sequence_id: str, path: str | Path, **options: Option) -> None:
         """Write a picture of a signature beside the surfaces, as PNG."""
@@ -52,7 +52,7 @@ class ReadoutCalls(Calls):
         self._save_picture(sequence_path(sequence_id, "readouts"), path, options)
 
     def save_tradeoff_picture(self, sequence_id: str, path: str | Path, **options: Option) -> None:
-        """Write a picture of what each choice of modes costs and loses, as PNG."""
+        """Write a picture of the cost and the loss of each choice of modes, as PNG."""
         self._save_picture(sequence_path(sequence_id, "tradeoff"), path, options)
 
     def _save_picture(self, path: str, target: str | Path, options: dict[str, Option]) -> None:

@@ -1,4 +1,4 @@
-"""When a request is sent again, and how long to wait before."""
+"""When to send a request again, and how long to wait before."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from modalmotion.errors import ParameterError
 from modalmotion.representation import shown
 
-# The service is busy, restarting, or something before it lost it.
+# The service is busy or restarting, or a proxy lost it.
 _PASSING: Final = frozenset({408, 425, 429, 502, 503, 504})
 
 
@@ -32,7 +32,7 @@ class Retries:
         Before the second attempt, doubled before each further one up to the longest. The
         service may ask for more (Retry-After).
     deadline : float, s
-        For a call with all its attempts; no waiting goes on beyond it.
+        For a call with all its attempts; no wait extends beyond it.
     rng : numpy.random.Generator
         Spreads the waits, so that clients that failed together do not come back together.
 
@@ -55,23 +55,23 @@ class Retries:
                 remedy="Use at least one attempt, and a first wait not above the longest.",
             )
 
-    def wait(self, attempt: int, asked: float | None = None) -> float:
+    def wait(self, attempt: int, requested: float | None = None) -> float:
         """Seconds to wait after an attempt has failed.
 
         Parameters
         ----------
         attempt : int
             Counted from 0.
-        asked : float, s, optional
-            What the service asked for.
+        requested : float, s, optional
+            Wait that the service requested.
         """
         longest = min(self.longest_wait, self.first_wait * 2.0**attempt)
         own = float(self.rng.uniform(0.5, 1.0)) * longest
-        return own if asked is None else asked + 0.1 * own
+        return own if requested is None else requested + 0.1 * own
 
 
 def is_passing(status: int) -> bool:
-    """Tell whether an answer says that the same request may do better later."""
+    """Tell whether the same request may succeed later."""
     return status in _PASSING
 
 
@@ -81,7 +81,7 @@ def retry_after(header: str | None) -> float | None:
     Returns
     -------
     float, s, or None
-        None where there is none that is understood.
+        None if absent or not readable.
     """
     if header is None:
         return None

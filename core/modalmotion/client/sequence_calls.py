@@ -1,4 +1,4 @@
-"""Sequences: sent, listed, named, deleted."""
+"""Sequences: sending, listing, naming, deletion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from modalmotion.progress import Progress
 
 
 class Unchanged(Enum):
-    """Stands for a name that stays as it is."""
+    """Leaves a name as it is."""
 
     UNCHANGED = "unchanged"
 
@@ -27,14 +27,14 @@ UNCHANGED = Unchanged.UNCHANGED
 
 
 class SequenceCalls(Calls):
-    """Sequences: sent, listed, named, deleted."""
+    """Sequences: sending, listing, naming, deletion."""
 
     def upload(
         self, source: Source, *, progress: Progress | None = None, **options: Option
     ) -> SequenceInfo:
-        """Send a sequence, and wait until it is kept.
+        """Send a sequence, and wait until it is stored.
 
-        What is known already is not kept twice: it has the same id.
+        A sequence that the service already has is not stored twice: its id is the same.
 
         Parameters
         ----------
@@ -52,7 +52,7 @@ class SequenceCalls(Calls):
         RemoteError
             If it cannot be used; names frame, vertex, limit and remedy.
         UnreachableError
-            If no answer comes. Sent again it arrives once.
+            If no answer comes. Sent again, it is stored once.
         """
         answer = self._connection.send(_upload(source, options), progress)
         return awaited(self._connection, answer, _info, "application/json")
@@ -78,7 +78,7 @@ class SequenceCalls(Calls):
         vertices : (frames, vertices, 3) array_like, in `unit`
         faces : (faces, 3) array_like of int, optional
         grid, topology, times, unit, facts : optional
-            As of `mesh_sequence`.
+            As for `mesh_sequence`.
         subject, label : str, optional
         progress : callable, optional
 
@@ -95,7 +95,7 @@ class SequenceCalls(Calls):
     def start_upload(
         self, source: Source, *, progress: Progress | None = None, **options: Option
     ) -> Job[SequenceInfo]:
-        """Send a sequence, and leave reading it to a job of the service."""
+        """Send a sequence, and let a job of the service read it."""
         return self._started(_upload(source, options), _info, progress)
 
     def sequences(
@@ -106,7 +106,7 @@ class SequenceCalls(Calls):
         Parameters
         ----------
         subject, label : str, optional
-            Only those of that subject, with that label.
+            Only sequences of that subject, with that label.
         page : int
             How many are fetched at once.
         """
@@ -116,12 +116,12 @@ class SequenceCalls(Calls):
         return (value_of(SequenceInfo, member) for member in members)
 
     def sequence(self, sequence_id: str) -> SequenceInfo:
-        """Give what is known of a sequence.
+        """Describe a sequence.
 
         Raises
         ------
         NotFoundError
-            If there is none of that id.
+            If no sequence has that id.
         """
         return _info(self._get(sequence_path(sequence_id)))
 
@@ -133,15 +133,15 @@ class SequenceCalls(Calls):
         label: str | Unchanged | None = UNCHANGED,
         facts: Facts | Mapping[str, Any] | Unchanged | None = UNCHANGED,
     ) -> SequenceInfo:
-        """Change the subject, the label or facts; None takes one away.
+        """Change the subject, the label or facts; None removes one.
 
         Parameters
         ----------
         sequence_id : str
         subject, label : str or None, optional
         facts : Facts, mapping or None, optional
-            What is stated goes over what is kept. In a mapping None makes a fact unknown, and
-            takes away one covariate: ``{"period": None, "covariates": {"age": None}}``.
+            Stated facts replace stored ones. In a mapping None makes a fact unknown, and
+            removes one covariate: ``{"period": None, "covariates": {"age": None}}``.
         """
         if isinstance(facts, Facts):
             facts = stated_in(facts)
@@ -154,7 +154,7 @@ class SequenceCalls(Calls):
         )
 
     def delete(self, sequence_id: str) -> None:
-        """Delete a sequence with everything that derives from it."""
+        """Delete a sequence with everything derived from it."""
         self._connection.send(Call("DELETE", sequence_path(sequence_id)))
 
 

@@ -1,4 +1,4 @@
-"""Signatures, and what is made of them: arrays, surfaces, distances."""
+"""Signatures and their products: arrays, surfaces, distances."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ SURFACES: Final = {
     ".glb": "model/gltf-binary",
     ".zip": "application/zip",
 }
-"""What surfaces are saved as, by suffix; a zip holds PLY files."""
+"""Media types of surface files by suffix; a zip holds PLY files."""
 
-# Until the service has said how many signatures it gives at once.
+# Signatures a request, until the service states its limit.
 _AT_ONCE: Final = 1000
 
 
 class SignatureCalls(Calls):
-    """Signatures, and what is made of them."""
+    """Signatures and their products."""
 
     def signature(
         self,
@@ -48,13 +48,13 @@ class SignatureCalls(Calls):
         progress: Callable[[float], None] | None = None,
         **options: Option,
     ) -> ModalSignature:
-        """Give the modal signature of a kept sequence: the library's own, bit for bit.
+        """Return the modal signature of a stored sequence: the library's own, bit for bit.
 
         Parameters
         ----------
         sequence_id : str
         progress : callable, optional
-            Called with the share that is done where the service makes it in a job.
+            Called with the share that is done where a job of the service fits it.
         **options
             As the service names them: modes, topology, grid, reference, weights, components,
             template, apex, base, theta_zero, ...
@@ -62,20 +62,20 @@ class SignatureCalls(Calls):
         Raises
         ------
         NotFoundError
-            If there is no such sequence.
+            If the sequence does not exist.
         RemoteError
-            If there is no such signature.
+            If the signature cannot be fitted.
         """
         return self._awaited(_signature(sequence_id, options), _own, progress)
 
     def start_signature(self, sequence_id: str, **options: Option) -> Job[ModalSignature]:
-        """Have a job of the service make a signature."""
+        """Fit a signature in a job of the service."""
         return self._started(_signature(sequence_id, options), _own)
 
     def signature_of(
         self, source: Source, *, progress: Progress | None = None, **options: Option
     ) -> ModalSignature:
-        """Give the modal signature of what is sent; nothing of it is kept.
+        """Return the modal signature of a sequence sent along; nothing is stored.
 
         Parameters
         ----------
@@ -95,7 +95,7 @@ class SignatureCalls(Calls):
         progress: Callable[[float], None] | None = None,
         **options: Option,
     ) -> list[SignatureArrays]:
-        """Give the trajectories of many sequences, in the order of their ids.
+        """Return the trajectories of many sequences, in the order of their ids.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class SignatureCalls(Calls):
         return answers
 
     def reconstruction(self, sequence_id: str, **options: Option) -> MeshSequence:
-        """Give the surfaces that a signature stands for.
+        """Return the surfaces that a signature describes.
 
         Parameters
         ----------
@@ -136,7 +136,7 @@ class SignatureCalls(Calls):
         return sequence_of(self._get(sequence_path(sequence_id, "reconstruction"), options, NPZ))
 
     def save_reconstruction(self, sequence_id: str, path: str | Path, **options: Option) -> None:
-        """Write the surfaces that a signature stands for: .npz, .vtkhdf, .glb, or .zip of PLY."""
+        """Write the surfaces that a signature describes: .npz, .vtkhdf, .glb, or .zip of PLY."""
         target = Path(path)
         accept = require_suffix(target, SURFACES)
         save(
@@ -144,7 +144,7 @@ class SignatureCalls(Calls):
         )
 
     def distance(self, sequence_id: str, to: str, **options: Option) -> Comparison:
-        """Give the distance of a sequence's signature from another's: 0 for the same motion."""
+        """Return the distance of a sequence's signature from another's: 0 for the same motion."""
         answer = self._get(sequence_path(sequence_id, "distance"), {**options, "to": to}).json
         with understood("a distance"):
             return Comparison(float(answer["distance"]), bool(answer["uses_theta_zero"]))

@@ -24,7 +24,7 @@ class TemplateCalls(Calls):
     def make_template(
         self, source: Source, *, progress: Progress | None = None, **options: Option
     ) -> TemplateInfo:
-        """Make the template of a sequence's reference frame, and keep it.
+        """Make the template of a sequence's reference frame, and store it.
 
         Parameters
         ----------
@@ -44,7 +44,7 @@ class TemplateCalls(Calls):
             return [str(template_id) for template_id in answer["templates"]]
 
     def template(self, template_id: str) -> TemplateInfo:
-        """Say what was found of a surface."""
+        """Describe a template."""
         return value_of(TemplateInfo, self._get(f"/v1/templates/{segment(template_id)}").json)
 
     def save_template_picture(self, template_id: str, path: str | Path) -> None:
@@ -52,7 +52,7 @@ class TemplateCalls(Calls):
         save(self._get(f"/v1/templates/{segment(template_id)}", accept=PNG).content, Path(path))
 
     def template_modes(self, template_id: str, modes: int = 7, **options: Option) -> TemplateModes:
-        """Give labels, angular frequencies and shapes of the vibration modes of a surface.
+        """Return labels, angular frequencies and shapes of the vibration modes of a surface.
 
         Parameters
         ----------
@@ -68,7 +68,7 @@ class TemplateCalls(Calls):
     def save_template_modes(
         self, template_id: str, path: str | Path, modes: int = 7, **options: Option
     ) -> None:
-        """Write the vibration modes of a surface: a picture (.png), or all of it (.npz, .h5)."""
+        """Write the vibration modes of a surface: a picture (.png), or data (.npz, .h5)."""
         target = Path(path)
         accept = require_suffix(target, {".png": PNG, ".npz": NPZ, ".h5": HDF5})
         query = {"modes": modes, **options}

@@ -1,4 +1,4 @@
-"""Files in which mesh sequences are kept."""
+"""File formats of mesh sequences."""
 
 from modalmotion.formats.detect import Format, detect_format
 from modalmotion.formats.frames.archive import write_ply_zip

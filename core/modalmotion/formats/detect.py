@@ -13,7 +13,7 @@ from modalmotion.hdf5.gate import SIGNATURE
 
 
 class Format(StrEnum):
-    """Formats that are read."""
+    """Formats that can be read."""
 
     NPZ = "npz"
     HDF5 = "hdf5"
@@ -34,13 +34,13 @@ class Format(StrEnum):
         Raises
         ------
         ParameterError
-            If there is none of that name.
+            If no format has that name.
         """
         try:
             return cls(name.strip().lower())
         except ValueError:
             raise ParameterError(
-                f"The format {name[:40]!r} is not known.",
+                f"The format {name[:40]!r} is unknown.",
                 remedy=f"Use one of {', '.join(cls)}, or leave it out.",
             ) from None
 
@@ -48,13 +48,13 @@ class Format(StrEnum):
 MESH_FORMATS: Final = frozenset(
     {Format.STL, Format.PLY, Format.OBJ, Format.OFF, Format.VTK, Format.VTP}
 )
-"""Formats of one frame a file."""
+"""Formats with one frame in each file."""
 
 _HEAD: Final = 1 << 16
 _OFF: Final = re.compile(rb"(?:ST)?C?N?OFF(?=\s|$)")
 _VTK_XML: Final = re.compile(rb"<VTKFile[^>]{0,2000}?\stype=[\"'](\w{1,60})[\"']")
 
-# What is known, but not read, and what to do about it.
+# Known formats that cannot be read, each with a remedy.
 _OTHERS: Final = (
     (rb"MATLAB 5\.0 MAT-file", "a MATLAB file", "Write npz, raw float32 or STL; see docs/formats."),
     (
@@ -70,7 +70,7 @@ _OTHERS: Final = (
 
 
 def detect_format(data: bytes) -> Format | None:
-    """Tell the format from the first bytes, None where nothing fits.
+    """Recognise the format by the first bytes; None if no format fits.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def _vtk_xml_type(head: bytes) -> bytes | None:
 
 
 def unknown_format(data: bytes) -> MalformedFileError:
-    """Error for bytes of no format that is read, with what they look like."""
+    """Make the error for bytes of an unknown format; it names what they look like."""
     if not data:
         return MalformedFileError("The file is empty.", remedy=_REMEDY)
     head = data[:_HEAD].removeprefix(b"\xef\xbb\xbf").lstrip()
@@ -124,7 +124,7 @@ def unknown_format(data: bytes) -> MalformedFileError:
         )
     for pattern, what, remedy in _OTHERS:
         if re.match(pattern, data):
-            return MalformedFileError(f"The file is {what}, which is not read.", remedy=remedy)
+            return MalformedFileError(f"The file is {what}, which cannot be read.", remedy=remedy)
     if (declared := cut_short(data)) is not None:
         return MalformedFileError(
             f"These {len(data)} bytes are of no format that is read; as binary STL they would be "

@@ -18,14 +18,14 @@ def read_hdf5(
 ) -> Reading:
     """Read a sequence from an HDF5 file: VTKHDF PolyData, or one of the store's.
 
-    The file is parsed in a process of its own, behind the gate of `hdf5_gate`.
+    The file is parsed in a process of its own, behind the gate of `hdf5.gate`.
 
     Parameters
     ----------
     data : bytes
     limits : ReadLimits, optional
     parser : Parser, optional
-        One to use again; its own limits hold.
+        Parser to reuse; its own limits hold.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def read_hdf5(
     LimitError
         If it declares more than `limits` accept.
     InputError
-        If its arrays make no sequence.
+        If its arrays do not form a sequence.
     """
     if parser is None:
         with ParserProcess(limits) as own:

@@ -1,4 +1,4 @@
-"""Files that hold one mesh each: the right reader for the bytes."""
+"""Files of one mesh each: the right reader for the bytes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _READERS: Final = {
     Format.OBJ: read_obj,
     Format.OFF: read_off,
 }
-# What a file of VTK says of its size near its beginning, and the limit on it.
+# Sizes that a VTK file declares near its beginning, by the limit on each.
 _DECLARED: Final = {
     Format.VTK: (
         ("vertices", rb"(?m)^POINTS[ \t]+(\d{1,18})[ \t]"),
@@ -42,7 +42,7 @@ def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame
     ----------
     data : bytes
     stated : Format or None
-        Recognised from the content where it is None.
+        Recognised by content if None.
     parser : Parser
         For the formats that need one; its limits hold for all.
 
@@ -80,7 +80,7 @@ def _read_vtk(data: bytes, kind: Format, parser: Parser) -> Frame:
                 "The .vtp file holds a document type, which is never read.",
                 remedy="Save the frame again without it.",
             )
-    # Told before memory is asked for; the process that parses is limited as well.
+    # Checked before memory is allocated; the parser's process is limited as well.
     for limit, pattern in _DECLARED[kind]:
         for count in re.findall(pattern, data[: 1 << 20]):
             parser.limits.require(limit, int(count))

@@ -39,7 +39,7 @@ _malformed: Final = partial(
 def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     """Read a mesh sequence from the bytes of an .npz archive.
 
-    Sizes are taken from the headers and checked before any array is read.
+    Sizes are read from the headers and checked before any array is read.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     LimitError
         If it declares more than `limits` accept.
     InputError
-        If the arrays make no sequence.
+        If the arrays do not form a sequence.
     """
     if not data:
         raise _malformed("The file is empty.")
@@ -115,7 +115,7 @@ def write_npz(sequence: MeshSequence) -> bytes:
     Returns
     -------
     bytes
-        What `read_npz` reads back with the same id and the same facts.
+        `read_npz` reads it back with the same id and the same facts.
     """
     buffer = io.BytesIO()
     np.savez(buffer, **npz_arrays(sequence))
@@ -123,7 +123,7 @@ def write_npz(sequence: MeshSequence) -> bytes:
 
 
 def npz_arrays(sequence: MeshSequence) -> dict[str, Any]:
-    """Arrays of the archive that a sequence is written as, by name."""
+    """Arrays of a sequence's archive, by name."""
     arrays: dict[str, Any] = {"vertices": sequence.vertices, "faces": sequence.faces}
     if sequence.grid is not None:
         arrays["grid"] = np.array(sequence.grid)

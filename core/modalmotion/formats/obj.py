@@ -1,4 +1,4 @@
-"""Wavefront OBJ: lines "v x y z" and "f a b c ...", all others passed over.
+"""Wavefront OBJ: lines "v x y z" and "f a b c ...", all others skipped.
 
 Corners may read a, a/b, a//c or a/b/c; only the vertex a counts, so texture seams and normals
 neither split nor reorder vertices. Material files, textures, and the commands `call` and `csh`
@@ -28,9 +28,9 @@ KEYWORDS: Final = frozenset(
 )
 """First words of lines that the format knows."""
 
-# From the first slash of a corner on stand its texture and normal.
+# Texture and normal of a corner: everything from its first slash.
 _AFTER_VERTEX: Final = re.compile(rb"/\S*")
-# Vertices and faces that are set in, or apart by tabs.
+# Starts of lines that are indented, or separated by tabs.
 _UNUSUAL: Final = (b" ", b"\t", b"v\t", b"f\t")
 _MOST_COMMENTS: Final = 20
 _malformed: Final = partial(
@@ -54,7 +54,7 @@ def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     Raises
     ------
     MalformedFileError
-        If a vertex or face cannot be read, or there is no vertex.
+        If a vertex or face cannot be read, or it holds no vertex.
     LimitError
         If it holds more than `limits` accept.
     """
@@ -91,14 +91,14 @@ def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
 
 
 def _plain_block(lines: list[bytes]) -> tuple[NDArray[np.float64], array[int]] | None:
-    """Read vertices and triangles in bulk; None where there is anything out of the ordinary."""
+    """Read vertices and triangles in bulk; None if any line is unusual."""
     vertices = [line for line in lines if line.startswith(b"v ")]
     faces = [line for line in lines if line.startswith(b"f ")]
     text = b" ".join(faces)
     numbers = b" ".join(vertices).split()
     indices = (_AFTER_VERTEX.sub(b"", text) if b"/" in text else text).split()
     is_plain = (
-        # What counts from the last vertex so far needs to know where each line stands.
+        # Negative indices count back from the latest vertex, so the order of lines matters.
         b"-" not in text
         and len(numbers) == 4 * len(vertices)
         and len(indices) == 4 * len(faces)
@@ -120,7 +120,7 @@ def _plain_block(lines: list[bytes]) -> tuple[NDArray[np.float64], array[int]] |
 def _read_block(
     lines: list[bytes], n_vertices: int, sizes: array[int], corners: array[int]
 ) -> NDArray[np.float64]:
-    """Read vertices and polygons one by one; the block's positions."""
+    """Read vertices and polygons one by one; returns the block's positions."""
     rows: list[list[bytes]] = []
     for line in lines:
         words = line.split()

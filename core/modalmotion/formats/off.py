@@ -1,6 +1,6 @@
 """OFF text: counts, then one vertex a line, then one polygon a line.
 
-Colours and normals that stand behind a vertex or a polygon are not used.
+Colours and normals after a vertex or a polygon are not used.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from modalmotion.formats.polygons import triangulate_sizes
 from modalmotion.formats.text import lines_of, parse_points
 from modalmotion.limits import NO_LIMITS, ReadLimits
 
-# ST, C, N say what follows x, y and z on a line; the forms with 4 or n coordinates are others.
+# ST, C, N say what follows x, y and z on a line; forms with 4 or n coordinates are not read.
 _KEYWORD: Final = re.compile(rb"(?:ST)?C?N?OFF(?=\s|$)")
 _BLOCK_ROWS: Final = 30_000
 _malformed: Final = partial(

@@ -1,4 +1,4 @@
-"""Options of reading, stated beside a file."""
+"""Reading options, stated beside a file."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from modalmotion.representation import shown
 @shown()
 @dataclass(frozen=True)
 class ReadOptions:
-    """How to read a file, and what to take for true whatever it says.
+    """How to read a file, and statements that override its own.
 
     Parameters
     ----------
     format : Format, optional
-        Recognised from the content where it is left out; raw numbers need it, or `n_vertices`.
+        Recognised by content by default; raw numbers need it, or `n_vertices`.
     limits : ReadLimits
     unit : str, optional
         Length unit: m, cm, mm, um or nm.
@@ -37,13 +37,13 @@ class ReadOptions:
     grid : tuple of int, optional
         Nodes along each axis of a lattice.
     n_vertices : int, optional
-        Of raw numbers: vertices a frame. The product of `grid` where that is given.
+        Of raw numbers: vertices a frame; the product of `grid` by default.
     dtype : str
         Of raw numbers: "float32" or "float64", little-endian.
     animation : str, optional
         Of GLB: name of the animation; the first by default.
     facts : Facts
-        What is stated besides, over what the file states: landmarks and covariates by name.
+        Further statements, which override the file's: landmarks and covariates by name.
     """
 
     format: Format | None = None
@@ -71,12 +71,12 @@ class ReadOptions:
             )
 
     def apply(self, result: Reading) -> Reading:
-        """Return what was read with everything stated here put over it.
+        """Return the reading with everything stated here applied to it.
 
         Raises
         ------
         InputError
-            If what is stated does not fit the sequence.
+            If a statement does not fit the sequence.
         """
         sequence = result.sequence.with_topology(
             None if self.topology is None else Topology.parse(self.topology), self.grid
@@ -107,7 +107,8 @@ class ReadOptions:
         for name in self.facts.stated:
             if name in sequence.facts.stated and name in facts.changed(sequence.facts):
                 result = _noted(
-                    result, f"The file states another {name} than its sender, who is believed."
+                    result,
+                    f"The file states another {name} than its sender, whose statement counts.",
                 )
         return replace(result, sequence=sequence.with_facts(facts))
 

@@ -13,7 +13,7 @@ Integers = Sequence[int] | NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """Triangles, and what the polygons were that they come from.
+    """Triangles, and notes on the polygons that they come from.
 
     Parameters
     ----------
@@ -61,6 +61,6 @@ def triangulate(offsets: NDArray[np.int64], corners: NDArray[np.int64]) -> Trian
 
 
 def triangulate_sizes(sizes: Integers, corners: Integers) -> Triangles:
-    """Split polygons that are known by the number of corners of each, as `triangulate` does."""
+    """Split polygons as `triangulate` does, by the number of corners of each."""
     ends = np.cumsum(np.asarray(sizes, dtype=np.int64))
     return triangulate(np.concatenate([[0], ends]), np.asarray(corners, dtype=np.int64))

@@ -14,7 +14,7 @@ from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
 RAW_TYPES: Final = {"float32": "<f4", "float64": "<f8"}
-"""Types that raw numbers may have."""
+"""Types of raw numbers."""
 
 
 def read_raw(
@@ -25,7 +25,7 @@ def read_raw(
     dtype: str = "float32",
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Reading:
-    """Read positions from bytes that are nothing but numbers.
+    """Read positions from raw numbers.
 
     Parameters
     ----------
@@ -40,11 +40,11 @@ def read_raw(
     Raises
     ------
     ParameterError
-        If the number of vertices or the type is not stated, or cannot be.
+        If the number of vertices is missing or below 1, or the type is unknown.
     MalformedFileError
         If the bytes are not a whole number of frames.
     LimitError
-        If there are more frames or vertices than `limits` accept.
+        If it holds more frames or vertices than `limits` accept.
     InputError
         If a number is not finite.
     """
@@ -76,7 +76,7 @@ def read_raw(
     try:
         sequence = mesh_sequence(vertices, grid=grid)
     except NonFiniteError as error:
-        # Numbers of another type or byte order show as this first.
+        # The first sign of numbers of another type or byte order.
         error.remedy = (
             f"Check that the numbers are little-endian {dtype}, and repair or leave out the "
             "frame if they are."

@@ -28,18 +28,18 @@ def read_sequence(
     progress: Progress | None = None,
     parser: Parser | None = None,
 ) -> Reading:
-    """Read a mesh sequence, telling its format from its content.
+    """Read a mesh sequence, recognising its format by content.
 
     Parameters
     ----------
     source : bytes or Path
-        Bytes are what somebody sent, and are read without touching a file. A path is of this
-        machine: a file, a folder of frames, or a pattern of their names (scan_*.ply).
+        Bytes may come from anywhere, and are read without opening a file. A path is local:
+        a file, a folder of frames, or a pattern of their names (scan_*.ply).
     options : ReadOptions, optional
     progress : callable, optional
         Called with (frames read, frames in all) where frames are files of their own.
     parser : Parser, optional
-        One to use again for many files; its own limits then hold.
+        Parser to reuse for many files; its own limits then hold.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def read_sequence(
     Raises
     ------
     InputError
-        The subclass says what is wrong; frame and vertex are named where there is one.
+        The subclass says what is wrong; frame and vertex are named where known.
     """
     options = ReadOptions() if options is None else options
     if parser is None:
@@ -80,7 +80,7 @@ def _read_bytes(
     limits = parser.limits
     kind = options.format or detect_format(data)
     if kind is None and options.n_vertices is not None:
-        # Only raw numbers need it said.
+        # Only raw numbers need the number of vertices.
         kind = Format.RAW
     if kind is None or not data:
         raise unknown_format(data)

@@ -15,7 +15,7 @@ Source = Literal["file", "format", "caller"]
 @shown("sequence.n_frames", "sequence.n_vertices", "format", "sequence.unit", "ignored", "notes")
 @dataclass(frozen=True)
 class Reading:
-    """A sequence and what its file held besides.
+    """A sequence, with the origin and the unused content of its file.
 
     Parameters
     ----------
@@ -23,14 +23,14 @@ class Reading:
     ignored : tuple of str
         Names of arrays and members that were not used.
     format : str
-        Name of the format that was read.
+        Name of the file's format.
     coordinate_system : str or None
-        Directions of the axes as the file names them ("LPS", "RAS", "Y up"); None where it is
-        silent. Positions are never turned.
+        Directions of the axes as the file names them ("LPS", "RAS", "Y up"); None if it does
+        not. Positions are never turned.
     unit_from, times_from : {"file", "format", "caller"} or None
-        Who states the unit and the times; None where they are unknown.
+        Who states the unit and the times; None if they are unknown.
     notes : tuple of str
-        What was done on the way that a user should know.
+        Changes and assumptions of the reader.
     """
 
     sequence: MeshSequence

@@ -1,7 +1,7 @@
-"""STL, binary and text: triangles that know no vertices.
+"""STL, binary and text: triangles without shared vertices.
 
 Binary: 80 bytes of header, the number of triangles (uint32), then 50 bytes each: normal and
-three corners (float32), two bytes of anything; all little-endian. Normals and the two bytes
+three corners (float32), two arbitrary bytes; all little-endian. Normals and the two bytes
 are not used.
 """
 
@@ -22,7 +22,7 @@ from modalmotion.mesh.checks import FloatArray
 
 _TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
 _HEADER_BYTES: Final = 84
-# A file that was cut short is believed to have had so many times its bytes, and not more.
+# Largest ratio of declared to present bytes at which a file counts as cut short.
 _LIKELY: Final = 100
 _malformed: Final = partial(MalformedFileError, remedy="Export the frame again, as binary STL.")
 
@@ -44,9 +44,9 @@ def is_binary_stl(data: bytes) -> bool:
 
 
 def cut_short(data: bytes) -> int | None:
-    """Bytes that binary STL would have where these may be its beginning, None where not.
+    """Size in bytes of a binary STL file that these may be the beginning of, else None.
 
-    Its header is text or empty, and it declares more than there is.
+    Its header is text or empty, and it declares more bytes than are present.
     """
     header = data[: _HEADER_BYTES - 4].rstrip(b"\x00 ")
     if len(data) <= _HEADER_BYTES or not all(32 <= byte < 127 for byte in header):
@@ -73,7 +73,7 @@ def read_stl(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     MalformedFileError
         If the bytes are not an STL file, or fewer or more than it declares.
     LimitError
-        If there are more triangles than `limits` accept.
+        If it holds more triangles than `limits` accept.
     """
     corners: FloatArray
     if is_binary_stl(data):

@@ -16,14 +16,14 @@ _LONGEST_LINE: Final = 1 << 20
 
 
 def line_blocks(data: bytes | memoryview) -> Iterator[list[bytes]]:
-    """Give the lines of a text in blocks of about a megabyte.
+    """Yield the lines of a text in blocks of about a megabyte.
 
-    Splitting takes many times the memory of what is split, so it is done block by block.
+    Splitting takes many times the memory of the text, so it is done block by block.
 
     Raises
     ------
     MalformedFileError
-        At a line of more than a megabyte, which no mesh has.
+        If a line is longer than a megabyte, as no mesh needs.
     """
     stream = io.BytesIO(data)
     n_lines = 0
@@ -40,7 +40,7 @@ def line_blocks(data: bytes | memoryview) -> Iterator[list[bytes]]:
 
 
 def lines_of(data: bytes | memoryview) -> Iterator[bytes]:
-    """Give the lines of a text that hold anything, without the space around them."""
+    """Yield the nonempty lines of a text, without the space around them."""
     for block in line_blocks(data):
         for line in block:
             if stripped := line.strip():

@@ -20,7 +20,7 @@ UNREADABLE: Final = (
     NotImplementedError,
     RuntimeError,
 )
-"""What zipfile and zlib raise on bytes that are not what they say."""
+"""Errors that zipfile and zlib raise on malformed bytes."""
 
 
 def member_content(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:

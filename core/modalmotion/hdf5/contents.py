@@ -24,7 +24,7 @@ class Contents:
     Parameters
     ----------
     name : str
-        What to call the file in an error.
+        Name of the file in errors.
     attributes : dict
         Text and numbers.
     arrays : dict of ndarray
@@ -52,7 +52,7 @@ class Contents:
         return None if unit == UNKNOWN else unit
 
     def json(self, name: str, kind: type[T]) -> T:
-        """Value of a dataset that holds JSON of the given type."""
+        """Value of a dataset that holds JSON of type `kind`."""
         value = json.loads(bytes(self.arrays[name][()]))
         if not isinstance(value, kind):
             raise TypeError(f"dataset {name} does not hold a {kind.__name__}")
@@ -63,7 +63,7 @@ class Contents:
         return self.array(name, ()).item()
 
     def array(self, name: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
-        """Dataset of numbers with the given shape, None for a length that is open."""
+        """Dataset of numbers of that shape, None for an open length."""
         array = self.arrays[name]
         fits = len(shape) == array.ndim and all(
             n is None or n == m for n, m in zip(shape, array.shape, strict=True)
@@ -90,7 +90,7 @@ def contents_of(name: str, data: bytes) -> Contents:
     n_bytes = 0
     for number in range(root.get_num_objs()):
         key = root.get_objname_by_idx(number)
-        # Other links lead out of the file, to whatever lies on this machine.
+        # Other links lead out of the file, to others on this machine.
         if root.links.get_info(key).type != h5l.TYPE_HARD:
             raise ValueError(f"{key!r} is a link out of the file")
         dataset = h5d.open(root, key)

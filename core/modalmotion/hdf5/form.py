@@ -32,7 +32,7 @@ class Form:
     version: int
 
     def header(self, **more: Attribute | None) -> dict[str, Attribute]:
-        """Attributes of the root that say what a file is, and more of them but for None."""
+        """Attributes of the root that say what a file is, and those of `more` that are not None."""
         return {
             "schema": f"modalmotion.{self.kind}",
             "schema_version": self.version,
@@ -117,7 +117,7 @@ class Form:
 
 
 def form_of(path: Path) -> Form:
-    """Form of a sealed file, whatever it is.
+    """Form of a sealed file of any kind.
 
     Raises
     ------

@@ -81,19 +81,19 @@ def _walk(h5py: Any, file: Any, limits: ReadLimits) -> None:
             if group.links.get_info(key).type != h5py.h5l.TYPE_HARD:
                 raise _refused(name, "a link to another place or file")
             # Opened only now: opening a link would follow it.
-            found = h5py.h5o.open(group, key)
-            info = h5py.h5o.get_info(found)
+            member = h5py.h5o.open(group, key)
+            info = h5py.h5o.get_info(member)
             # Hard links may form cycles.
             if (place := (info.fileno, info.addr)) in seen:
                 continue
             seen.add(place)
             if len(seen) > MOST_OBJECTS:
                 raise _too_many("objects", len(seen), MOST_OBJECTS)
-            _require_small_attributes(h5py, name, found)
-            if isinstance(found, h5py.h5g.GroupID):
-                waiting.append((name, found))
-            elif isinstance(found, h5py.h5d.DatasetID):
-                n_bytes += _declared_bytes(h5py, name, found, limits)
+            _require_small_attributes(h5py, name, member)
+            if isinstance(member, h5py.h5g.GroupID):
+                waiting.append((name, member))
+            elif isinstance(member, h5py.h5d.DatasetID):
+                n_bytes += _declared_bytes(h5py, name, member, limits)
                 limits.require("decompressed_bytes", n_bytes)
     _require_small_attributes(h5py, "/", h5py.h5o.open(file.id, b"/"))
 

@@ -91,7 +91,7 @@ def sealed_image(
     Raises
     ------
     StoreError
-        If an attribute is no text that HDF5 can hold.
+        If an attribute is not a text that HDF5 can hold.
     """
     arrays = [d.values if d.values.flags.c_contiguous else d.values.copy() for d in datasets]
     layout = Layout(

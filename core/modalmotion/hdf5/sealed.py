@@ -55,7 +55,7 @@ def load_sealed(source: bytes | Path) -> tuple[str, bytes]:
     NotFoundError
         If there is no such file.
     CorruptFileError
-        If it is no HDF5 file, has no seal, or differs from what was sealed.
+        If it is not an HDF5 file, has no seal, or differs from what was sealed.
     """
     if isinstance(source, bytes):
         name, data = "the HDF5 image", source
@@ -68,19 +68,19 @@ def load_sealed(source: bytes | Path) -> tuple[str, bytes]:
             f"{_capital(name)} {what}.",
             remedy=f"Name an HDF5 file written by modalmotion. If this was one: {_RESTORE}",
         )
-    found = _SEAL.fullmatch(data, max(0, len(data) - SEAL_LENGTH))
-    if found is None:
+    match = _SEAL.fullmatch(data, max(0, len(data) - SEAL_LENGTH))
+    if match is None:
         raise CorruptFileError(
             f"{_capital(name)} does not end with the seal that modalmotion writes: it is cut "
             "short, was changed, or comes from another program.",
             remedy=_RESTORE,
         )
     digest = hashlib.sha256(memoryview(data)[:-SEAL_LENGTH]).hexdigest()
-    if digest.encode() != found[1]:
+    if digest.encode() != match[1]:
         raise CorruptFileError(
             f"{_capital(name)} is damaged: its bytes do not have the sha256 that its seal states.",
             remedy=_RESTORE,
-            details={"stated": found[1].decode(), "found": digest},
+            details={"stated": match[1].decode(), "found": digest},
         )
     return name, data
 

@@ -1,7 +1,7 @@
 """Deleting a sequence with all that derives from it, in steps that a crash may part.
 
-The record is renamed first: from then on the sequence is gone, whatever happens, and whoever
-opens the store next takes the remaining steps.
+The record is renamed first: from then on the sequence is gone, and the next `open` of
+the store takes any remaining steps.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where things lie in the folder of a store.
+"""Layout of the folder of a store.
 
 ::
 
@@ -12,7 +12,7 @@
     signatures/ab/<id>-<key>.h5
     classifications/ab/<id>-<model id>-<key>.h5
     models/<name>/<version>.h5
-    models/<name>/<version>.deleted                 stays, so that the number is never given again
+    models/<name>/<version>.deleted                 stays, so that the number is never used again
 
 `ab` are the first two digits of the id, so that no folder grows too large to list.
 """
@@ -34,7 +34,7 @@ _KEY: Final = "[0-9a-f]{16}"
 _SEQUENCE: Final = re.compile(rf"({_ID})\.(json|h5|deleted)")
 _RESULT: Final = re.compile(rf"({_ID})-(?:({_ID})-)?({_KEY})\.h5")
 _MODEL: Final = re.compile(rf"({VERSION_PATTERN})\.(h5|deleted)")
-# A cohort's own list of what is done, and its table.
+# A cohort's own list of finished work, and its table.
 _COHORT_FILES: Final = ("cohort.jsonl", "cohort.csv")
 _INDEX_FILES: Final = ("index.sqlite", "index.sqlite-wal", "index.sqlite-shm")
 
@@ -42,7 +42,7 @@ ResultKind = Literal["signature", "classification"]
 
 
 class ResultName(NamedTuple):
-    """What a result is found by.
+    """Name of a result, in the index and as a file.
 
     Parameters
     ----------
@@ -99,8 +99,8 @@ class Folder:
     @property
     def exists(self) -> bool:
         """Whether there is a store at all."""
-        kept = (self.root / name for name in ("sequences", "models"))
-        return self.index.is_file() or any(folder.is_dir() for folder in kept)
+        folders = (self.root / name for name in ("sequences", "models"))
+        return self.index.is_file() or any(folder.is_dir() for folder in folders)
 
     def record(self, sequence_id: str) -> Path:
         """Record of a sequence."""
@@ -139,7 +139,7 @@ class Folder:
         return self.root / "models" / reference.name / f"{reference.version}.deleted"
 
     def last_version(self, name: str) -> int:
-        """Highest version of a model that was ever given, whatever became of it; 0 for none."""
+        """Highest version of a model that was ever used, deleted or not; 0 for none."""
         folder = self.root / "models" / name
         names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
         matches = map(_MODEL.fullmatch, names)
@@ -191,8 +191,8 @@ class Folder:
         if folder == "models":
             match = _MODEL.fullmatch(name)
             if match is not None and is_model_name(path.parent.name):
-                kept = scan.models if match[2] == "h5" else scan.deleted_models
-                kept.add(ModelReference(path.parent.name, int(match[1])))
+                references = scan.models if match[2] == "h5" else scan.deleted_models
+                references.add(ModelReference(path.parent.name, int(match[1])))
                 return
         elif name[:2] == path.parent.name:
             if folder == "sequences":

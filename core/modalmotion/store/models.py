@@ -44,7 +44,7 @@ class ModelStore(Opening):
         ----------
         model : Model or KeptModel
             If it says which training made it, and that training has put one already, then
-            that one is given back: a training that is begun again after a crash ends once.
+            that one is returned: a training that is begun again after a crash ends once.
 
         Returns
         -------
@@ -54,25 +54,25 @@ class ModelStore(Opening):
         Raises
         ------
         ParameterError
-            If its name cannot be kept.
+            If its name cannot be stored.
         StoreError
             If it cannot be written; the store is as it was.
         """
-        kept = kept_model(model) if isinstance(model, Model) else model
-        name = require_model_name(kept.record.name)
+        stored_model = kept_model(model) if isinstance(model, Model) else model
+        name = require_model_name(stored_model.record.name)
         index = self._models()
         with self._changing(_lock_of(name)):
-            training = kept.record.training
+            training = stored_model.record.training
             known = None if training is None else index.of_training(training)
             if known is not None:
                 return known
             # By the files, for one that is damaged has no row, and keeps its number.
             versions = [record.version for record in index.versions(name)]
             version = 1 + max(self._folder.last_version(name), *versions, 0)
-            whole = numbered(kept, version, now())
-            path = self._folder.model(whole.record.reference)
-            self._write([(path, model_to_hdf5(whole))], lambda: index.put(whole.record))
-            return whole.record
+            new_version = numbered(stored_model, version, now())
+            path = self._folder.model(new_version.record.reference)
+            self._write([(path, model_to_hdf5(new_version))], lambda: index.put(new_version.record))
+            return new_version.record
 
     def put_model_image(self, image: Path) -> ModelRecord:
         """Keep a model that another process has written with `model_to_hdf5`.
@@ -100,22 +100,22 @@ class ModelStore(Opening):
             If there is none, or it was deleted.
         """
         versions = self._models().versions(name) if is_model_name(name) else []
-        left = [record for record in versions if record.deleted is None]
-        asked = [record for record in versions if version in (None, record.version)]
-        for record in reversed(asked):
+        remaining = [record for record in versions if record.deleted is None]
+        matches = [record for record in versions if version in (None, record.version)]
+        for record in reversed(matches):
             if record.deleted is None:
                 return record
-        if version is None or not left:
+        if version is None or not remaining:
             raise NotFoundError(
                 f"There is no model named {str(name)[:80]!r}"
                 + (": all of its versions were deleted." if versions else "."),
                 remedy="Use one that is listed, or train it.",
                 details={"model": str(name)[:80]},
             )
-        deleted = " any more: it was deleted" if asked else ""
+        deleted = " any more: it was deleted" if matches else ""
         raise NotFoundError(
             f"There is no version {version} of the model {name!r}{deleted}.",
-            remedy=f"Use one of {', '.join(str(record.version) for record in left[-20:])}.",
+            remedy=f"Use one of {', '.join(str(record.version) for record in remaining[-20:])}.",
             details={"model": name, "version": version},
         )
 
@@ -164,7 +164,7 @@ class ModelStore(Opening):
         """
         path = self.model_path(name, version)
         try:
-            kept, contents = read_kept_model(path)
+            stored_model, contents = read_kept_model(path)
         except NotFoundError:
             self.model_record(name, version)
             raise CorruptFileError(
@@ -172,7 +172,7 @@ class ModelStore(Opening):
                 remedy="Restore it from a copy, or run `modalmotion store rebuild`.",
             ) from None
         require_match(path, contents, model=name, version=version)
-        return kept
+        return stored_model
 
     def model(self, name: str, version: int | None = None) -> Model:
         """Load a version of a model, the newest by default.
@@ -186,13 +186,13 @@ class ModelStore(Opening):
         ModelNotReproducedError
             If it does not answer here as where it was made.
         """
-        found = self.model_record(name, version)
-        return model_from_hdf5(self._folder.model(found.reference))
+        record = self.model_record(name, version)
+        return model_from_hdf5(self._folder.model(record.reference))
 
     def delete_model(self, name: str, version: int) -> None:
-        """Delete a version of a model; its number is not given again.
+        """Delete a version of a model; its number is not used again.
 
-        What it has said of sequences stays.
+        Its classifications stay.
 
         Raises
         ------

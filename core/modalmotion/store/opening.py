@@ -54,7 +54,7 @@ class Opening:
         self._shards_lock = threading.Lock()
 
     def open(self) -> Self:
-        """Take the folder's lock and open the index; after a crash, finish what was begun.
+        """Take the folder's lock and open the index; after a crash, finish interrupted changes.
 
         Raises
         ------
@@ -107,7 +107,7 @@ class Opening:
 
     @property
     def database(self) -> Database:
-        """The index's file, for whoever keeps tables of its own in it: see `Database.extend`."""
+        """The index's file, for callers with tables of their own: see `Database.extend`."""
         return self._open_index().database
 
     def _open_index(self) -> Index:
@@ -126,7 +126,7 @@ class Opening:
         Yields whether a deletion that had failed was finished first.
         """
         with contextlib.ExitStack() as stack:
-            # All who take several take them in this order, and nobody waits in a circle.
+            # All who take several take them in this order, so there is no deadlock.
             for number in sorted({int(name[:8], 16) % _N_STRIPES for name in sequence_ids}):
                 stack.enter_context(self._stripes[number])
             index = self._open_index()
@@ -189,20 +189,20 @@ class Opening:
         """Read what `locate` finds in the index, and check its ids."""
         path = locate()
         try:
-            found, contents = reader(path)
+            value, contents = reader(path)
         except NotFoundError:
-            # Deleted (and perhaps put again) since the index was asked, or missing.
+            # Deleted (and perhaps put again) since the index was read, or missing.
             with self._changing(sequence_id):
                 path = locate()
                 try:
-                    found, contents = reader(path)
+                    value, contents = reader(path)
                 except NotFoundError:
                     raise CorruptFileError(
                         f"'{path.name}' is missing, though the index knows it.",
                         remedy="Restore it from a copy, or run `modalmotion store rebuild`.",
                     ) from None
         require_match(path, contents, sequence_id=sequence_id, **ids)
-        return found
+        return value
 
 
 @contextmanager
@@ -216,8 +216,8 @@ def _put_back_on_failure(before: list[tuple[Path, bytes | None]]) -> Iterator[No
 
 
 def unknown_sequence(sequence_id: object) -> NotFoundError:
-    """Error for an id under which nothing is kept."""
+    """Error for an id that the store does not know."""
     return NotFoundError(
         f"There is no sequence {str(sequence_id)[:12]!r}.",
-        remedy="Use the id that was answered when it was sent, or send it.",
+        remedy="Use the id returned when it was sent, or send it.",
     )

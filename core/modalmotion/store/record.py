@@ -35,7 +35,7 @@ UNSET: Final = Unset.UNSET
 @shown("n_frames", "n_vertices", "n_faces", "topology", "unit", "subject", "label", "id")
 @dataclass(frozen=True)
 class SequenceRecord:
-    """What the store knows of a sequence without reading its vertices.
+    """All that the store knows of a sequence without reading its vertices.
 
     Parameters
     ----------
@@ -55,8 +55,8 @@ class SequenceRecord:
     has_upload : bool
         Whether the vertices are kept.
     facts : Facts
-        What is stated of it now. They are kept here alone: the file of its vertices has none, so
-        that a correction, or taking away what says who a person is, leaves nothing behind.
+        As stated now, and stored here alone: the file of its vertices has none, so
+        that a correction, or the removal of what identifies a person, leaves nothing behind.
     span : float or None, s
         From the first time to the last; None where times are unknown.
     """
@@ -144,7 +144,7 @@ def require_name(name: str, text: str | None) -> str | None:
     Raises
     ------
     ParameterError
-        If it is too long, or no text that can be kept.
+        If it is too long, or holds control characters.
     """
     if text is None:
         return None

@@ -31,11 +31,11 @@ class ResultStore(TemplateStore, ModelStore):
     root : Path
         The folder; made where it is missing.
     keep_uploads : bool
-        Whether the vertices of new sequences are kept, or only what is known of them.
+        Whether the vertices of new sequences are kept, or only their records.
     """
 
     def put_signature(self, signature: ModalSignature) -> Path:
-        """Keep a signature; one that is kept already is not written again.
+        """Keep a signature; a stored one is not written again.
 
         Returns
         -------
@@ -75,14 +75,14 @@ class ResultStore(TemplateStore, ModelStore):
     def put_staged(self, staged: Sequence[StagedSignature]) -> tuple[bool, ...]:
         """Keep signatures that other processes have staged, and their sequences: all or none.
 
-        One wait for the disk and one transaction serve them all. Files that the store has not
-        yet are moved; the others stay where they are.
+        One wait for the disk and one transaction serve them all. Files that the store does
+        not have yet are moved; the others stay where they are.
 
         Parameters
         ----------
         staged : sequence of StagedSignature
-            Some may be of one sequence. Of a sequence that is known, the record that is kept
-            stays, but for vertices that it had not.
+            Some may be of one sequence. Of a known sequence the stored
+            record stays, and missing vertices are added.
 
         Returns
         -------
@@ -121,8 +121,8 @@ class ResultStore(TemplateStore, ModelStore):
             If its file is damaged or missing.
         """
         locate = partial(self.signature_path, sequence_id, key)
-        found = self._read(read_signature, locate, sequence_id=sequence_id, parameters_key=key)
-        return replace(found, facts=self.sequence_record(sequence_id).facts)
+        signature = self._read(read_signature, locate, sequence_id=sequence_id, parameters_key=key)
+        return replace(signature, facts=self.sequence_record(sequence_id).facts)
 
     def signature_path(self, sequence_id: str, key: str) -> Path:
         """HDF5 file of a signature.
@@ -165,7 +165,7 @@ class ResultStore(TemplateStore, ModelStore):
         return [(name.sequence_id, name.key) for name in names if name.kind == "signature"]
 
     def put_classification(self, classification: Classification, key: str) -> Path:
-        """Keep a classification; one that is kept already is not written again.
+        """Keep a classification; a stored one is not written again.
 
         Parameters
         ----------

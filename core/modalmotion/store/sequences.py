@@ -35,7 +35,7 @@ class SequenceStore(Opening):
     root : Path
         The folder; made where it is missing.
     keep_uploads : bool
-        Whether the vertices of new sequences are kept, or only what is known of them.
+        Whether the vertices of new sequences are kept, or only their records.
     """
 
     def __init__(self, root: Path, *, keep_uploads: bool = True) -> None:
@@ -94,7 +94,7 @@ class SequenceStore(Opening):
         Returns
         -------
         record : SequenceRecord
-            As it is kept.
+            The stored one.
         is_new : bool
             As `put_sequence` returns.
 
@@ -164,7 +164,7 @@ class SequenceStore(Opening):
         return sequence.with_facts(self.sequence_record(sequence_id).facts)
 
     def count(self) -> dict[str, int]:
-        """Count what is kept, by kind: sequence, and the kinds of results that there are."""
+        """Numbers of sequences and of results, by kind."""
         return self._open_index().count()
 
     def has_sequence(self, sequence_id: str) -> bool:
@@ -172,7 +172,7 @@ class SequenceStore(Opening):
         return is_id(sequence_id) and self._open_index().find(sequence_id) is not None
 
     def sequence_record(self, sequence_id: str) -> SequenceRecord:
-        """Look up what is known of a sequence besides its vertices.
+        """Look up the record of a sequence.
 
         Raises
         ------
@@ -195,8 +195,8 @@ class SequenceStore(Opening):
     ) -> SequencePage:
         """Sequences from the newest to the oldest.
 
-        Every sequence that is there from the first page to the last is listed once, whatever
-        is put or deleted meanwhile.
+        A sequence that is present from the first page to the last is listed once, even if
+        others are put or deleted meanwhile.
 
         Parameters
         ----------
@@ -222,17 +222,16 @@ class SequenceStore(Opening):
         label: str | Unset | None = UNSET,
         change: Callable[[Facts], Facts] = lambda facts: facts,
     ) -> SequenceRecord:
-        """Change the subject, the label, the facts or all; what is not given stays.
+        """Change the subject, the label, the facts or all; omitted values stay.
 
-        A result that was made with other landmarks stays, under its own key; what is asked for
-        from now on has another one.
+        Results with other landmarks stay under their own keys; later results have new ones.
 
         Parameters
         ----------
         sequence_id : str
         subject, label : str or None, optional
         change : callable
-            Gives the facts from those that are kept; no other change comes between.
+            New facts from the stored ones; no other change comes between.
 
         Raises
         ------

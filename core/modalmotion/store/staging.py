@@ -53,13 +53,13 @@ class StagedSignature:
 
 
 class Transfer:
-    """What a store takes of staged signatures: files to move, and rows for its index.
+    """Transfer of staged signatures to a store: files to move, and rows for its index.
 
     Parameters
     ----------
     folder : Folder
     index : Index
-        As they are; changes to these sequences are kept out.
+        As they are; no other changes to these sequences are possible.
     """
 
     def __init__(self, folder: Folder, index: Index) -> None:
@@ -75,7 +75,7 @@ class Transfer:
         return self._records.values()
 
     def add(self, one: StagedSignature) -> bool:
-        """Take what the store does not have of a signature; tell whether its sequence is new.
+        """Take the files of a signature that the store lacks; tell whether its sequence is new.
 
         Raises
         ------

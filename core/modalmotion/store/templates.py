@@ -1,4 +1,4 @@
-"""Templates in a store: kept by what they were made from, apart from any sequence."""
+"""Templates in a store: named by their origin, apart from any sequence."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from modalmotion.store.sequences import SequenceStore
 class TemplateStore(SequenceStore):
     """A store of sequences that keeps templates too.
 
-    A template is named by what it was made from, so it needs no row in the index: it is there
+    A template is named by its origin, so it needs no row in the index: it is there
     or not.
     """
 
@@ -63,7 +63,7 @@ class TemplateStore(SequenceStore):
         if not is_id(template_id) or not self._folder.template(template_id).is_file():
             raise NotFoundError(
                 f"There is no template {str(template_id)[:12]!r}.",
-                remedy="Use the id that was answered when it was made, or make it.",
+                remedy="Use the id returned when it was made, or make it.",
             )
         return self._folder.template(template_id)
 

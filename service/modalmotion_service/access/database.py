@@ -63,15 +63,15 @@ def _prepare(
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = FULL")
     connection.execute("BEGIN IMMEDIATE")
-    (found,) = connection.execute("PRAGMA user_version").fetchone()
-    if found == 0:
+    (current,) = connection.execute("PRAGMA user_version").fetchone()
+    if current == 0:
         for statement in tables:
             connection.execute(statement)
         connection.execute(f"PRAGMA user_version = {version}")
     connection.execute("COMMIT")
-    if found not in (0, version):
+    if current not in (0, version):
         raise StoreError(
-            f"{name} has version {found} of its tables; this program knows {version}.",
+            f"{name} has version {current} of its tables; this program knows {version}.",
             remedy="Use the modalmotion that wrote it, or a newer one.",
         )
 

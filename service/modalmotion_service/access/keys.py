@@ -1,4 +1,4 @@
-"""Keys: made, shown once, kept as a hash, taken back."""
+"""Keys: created, shown once, stored as a hash, revoked."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _REMEDY: Final = "Send `Authorization: Bearer KEY` with a key made by `modalmoti
 
 @dataclass(frozen=True)
 class Key:
-    """What is known of a key; not the key.
+    """Record of a key, without its secret.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Key:
         Whose store it opens.
     scopes : frozenset of Scope
     note : str
-        What it is for.
+        Its purpose.
     created : str
         UTC, ISO 8601.
     expires, revoked : str or None
@@ -70,7 +70,7 @@ class Key:
 
     @property
     def principal(self) -> Principal:
-        """Whom it stands for."""
+        """Owner and scopes that it stands for."""
         return Principal(self.owner, self.id, self.scopes)
 
 
@@ -119,12 +119,12 @@ class KeyRing:
         Returns
         -------
         tuple of Key and str
-            What is kept, and the key itself, which is kept nowhere.
+            The record that is stored, and the key itself, which is not.
 
         Raises
         ------
         ParameterError
-            If the name of the owner is none, there is no scope, or the time has passed.
+            If the owner's name is not valid, there is no scope, or the time has passed.
         """
         require_owner(owner)
         if not scopes:
@@ -141,12 +141,12 @@ class KeyRing:
         return key, f"mm_{key_id}_{secret}"
 
     def authenticate(self, token: str) -> Key:
-        """Find the key that was sent.
+        """Find the record of a key.
 
         Raises
         ------
         AuthenticationError
-            If it is none, or no longer one.
+            If the key is not known, or no longer active.
         """
         parts = _TOKEN.fullmatch(token)
         row = None if parts is None else self._row(parts[1])
@@ -168,7 +168,7 @@ class KeyRing:
         Raises
         ------
         NotFoundError
-            If there is none of that id.
+            If no key has that id.
         """
         self._write("UPDATE keys SET revoked = coalesce(revoked, ?) WHERE id = ?", (now(), key_id))
         row = self._row(key_id)
@@ -187,8 +187,8 @@ class KeyRing:
     def _row(self, key_id: str) -> tuple[Any, ...] | None:
         with self._lock, explained(self._path.name):
             rows = self._connection.execute("SELECT * FROM keys WHERE id = ?", (key_id,))
-            found: tuple[Any, ...] | None = rows.fetchone()
-            return found
+            row: tuple[Any, ...] | None = rows.fetchone()
+            return row
 
     def _write(self, statement: str, values: tuple[Any, ...]) -> None:
         with self._lock, explained(self._path.name):

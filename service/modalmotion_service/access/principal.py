@@ -45,7 +45,7 @@ def require_owner(name: str) -> str:
     Raises
     ------
     ParameterError
-        If it is none.
+        If it is not a valid name.
     """
     if _OWNER.fullmatch(name) is None:
         raise ParameterError(
@@ -56,11 +56,11 @@ def require_owner(name: str) -> str:
 
 
 def attach(connection: Connection, principal: Principal) -> None:
-    """Note on a connection who sends its request."""
+    """Attach the sender of its request to a connection."""
     connection[_PLACE] = principal
 
 
 def principal_of(connection: Connection) -> Principal | None:
-    """Tell who sends a request; None where nobody was asked."""
-    found: Principal | None = connection.get(_PLACE)
-    return found
+    """Give the sender of a request; None on open routes."""
+    principal: Principal | None = connection.get(_PLACE)
+    return principal

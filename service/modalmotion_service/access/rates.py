@@ -17,7 +17,7 @@ _WINDOW_SECONDS: Final = 60.0
 
 @dataclass(frozen=True)
 class Allowance:
-    """What is left of a limit.
+    """Remaining requests under a limit.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Allowance:
 
     @property
     def headers(self) -> dict[str, str]:
-        """As an answer tells it."""
+        """As headers of an answer."""
         return {
             "RateLimit-Limit": str(self.most),
             "RateLimit-Remaining": str(self.remaining),
@@ -45,7 +45,7 @@ class Allowance:
 class Rates:
     """Counts requests over the last minute, in memory, on the thread of the event loop.
 
-    Whoever has not asked for a minute is forgotten: strangers have as many addresses as they like.
+    Clients silent for a minute are forgotten: strangers have as many addresses as they like.
 
     Parameters
     ----------

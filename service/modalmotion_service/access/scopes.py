@@ -1,4 +1,4 @@
-"""Which scope each route asks for: the one table."""
+"""The one table of the scope that each route needs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from starlette.routing import compile_path
 
 
 class Scope(StrEnum):
-    """What a key may do; none of them includes another."""
+    """Rights of a key; none of them includes another."""
 
     READ = "read"
     WRITE = "write"
@@ -20,10 +20,10 @@ class Scope(StrEnum):
 
 
 OPEN: Final = None
-"""The scope of what everybody may ask: it tells nothing of anybody's data."""
+"""The scope of routes open to everybody: they tell nothing of anybody's data."""
 
 PROBES: Final = ("/health/", "/v2/health/")
-"""What asks every few seconds, and must be answered whoever else asks."""
+"""Paths of health probes, which come every few seconds and must always be answered."""
 
 SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("GET", "/health/live"): OPEN,
@@ -77,14 +77,14 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
 
 @dataclass(frozen=True)
 class Target:
-    """What a request asks for.
+    """Route that a request addresses.
 
     Parameters
     ----------
     template : str
         Of the route's path.
     scope : Scope or None
-        That it needs; None where everybody may ask.
+        That it needs; None if it is open to everybody.
     path_parameters : dict
         As they stand in the path, unchecked.
     """
@@ -108,10 +108,10 @@ _MATCHERS: Final = {
 
 
 def target_of(method: str, path: str) -> Target | None:
-    """Find what a request asks for; None where there is nothing."""
+    """Find the route that a request addresses; None if there is none."""
     for pattern, template, scope in _MATCHERS.get("GET" if method == "HEAD" else method, ()):
-        if found := pattern.match(path):
-            return Target(template, scope, found.groupdict())
+        if match := pattern.match(path):
+            return Target(template, scope, match.groupdict())
     return None
 
 

@@ -60,8 +60,8 @@ def require_same_site(connection: Connection) -> None:
 
 
 def _name(authority: str) -> str | None:
-    found = _AUTHORITY.fullmatch(authority)
-    return None if found is None else found[1].strip("[]").lower()
+    match = _AUTHORITY.fullmatch(authority)
+    return None if match is None else match[1].strip("[]").lower()
 
 
 def _foreign(message: str) -> ForbiddenError:

@@ -1,4 +1,4 @@
-"""Closed files of the audit log, moved to where they are kept for years."""
+"""Archiving of closed files of the audit log."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def archive_audit(
     ----------
     data_dir : Path
     target : Path
-        Made where it is missing; may hold what was archived before.
+        Made where it is missing; may hold earlier archives.
     older_than : datetime, optional
         With its time zone: only files whose last entry was written before.
     progress : callable, optional
@@ -46,27 +46,27 @@ def archive_audit(
     Raises
     ------
     CorruptFileError
-        If a file is not what was written: it stays where it is, and those after it.
+        If a file was altered: it stays where it is, and those after it.
     ParameterError
         If the target is the log's own folder, or has another file of the same name.
     """
     folder = audit_folder(data_dir)
     if target.resolve() == folder.resolve():
         raise ParameterError("An archive is another folder.", remedy="Name another folder.")
-    chosen = []
+    movable = []
     # The last file is appended to, or has just been closed and is what the next one begins from.
     for part in parts_in(folder)[:-1]:
         last = part.last_time()
         if older_than is not None and (last is None or last >= to_text(older_than.timestamp())):
             break
-        chosen.append(part)
-    if chosen:
+        movable.append(part)
+    if movable:
         target.mkdir(mode=0o700, parents=True, exist_ok=True)
     moved = []
-    for number, part in enumerate(chosen):
+    for number, part in enumerate(movable):
         moved.append(_move(part, target / part.path.name))
         if progress is not None:
-            progress(number + 1, len(chosen))
+            progress(number + 1, len(movable))
     return moved
 
 
@@ -75,7 +75,7 @@ def _move(part: AuditPart, copy: Path) -> Place:
     if report.faults:
         raise CorruptFileError(
             f"{part.path.name} is not archived: {report.faults[0]}.",
-            remedy="See what `modalmotion audit verify` says, and restore it from a backup.",
+            remedy="See the output of `modalmotion audit verify`, and restore it from a backup.",
         )
     part.settle()
     content = part.path.read_bytes()

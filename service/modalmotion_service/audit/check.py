@@ -12,12 +12,12 @@ from modalmotion_service.audit.part import AuditPart
 
 @dataclass(frozen=True)
 class AuditReport:
-    """What a check of the log found.
+    """Result of a check of the log.
 
     Parameters
     ----------
     start : Place
-        Of the entry before the first one that was there.
+        Of the entry before the first one present.
     end : Place
         Of the last entry.
     faults : tuple of str

@@ -29,12 +29,12 @@ class Place:
 
 
 GENESIS: Final = Place(0, "0" * 64)
-"""What stands for the entry before the first one."""
+"""Placeholder for the entry before the first one."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """Who asked for what.
+    """Who requested what.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Event:
     method, route : str
         The route by its template.
     ids : str
-        What it was about, separated by blanks.
+        Ids that it concerned, separated by blanks.
     status : int
         Of the answer, or `BEGUN`.
     """

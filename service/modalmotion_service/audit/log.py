@@ -142,19 +142,19 @@ def audit_page(
     owner : str, optional
         Only those of this owner.
     """
-    found: list[AuditEntry] = []
+    entries: list[AuditEntry] = []
     for part in reversed(parts_in(folder)):
         if before is not None and first_number(part) >= before:
             continue
         try:
-            found += part.page(limit=limit - len(found), before=before, owner=owner)
+            entries += part.page(limit=limit - len(entries), before=before, owner=owner)
         except StoreError:
             # Archived since the files were listed.
             if part.path.exists():
                 raise
-        if len(found) == limit:
+        if len(entries) == limit:
             break
-    return found
+    return entries
 
 
 def audit_folder(data_dir: Path) -> Path:

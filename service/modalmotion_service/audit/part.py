@@ -72,10 +72,10 @@ class AuditPart:
     def last_time(self) -> str | None:
         """When its last entry was written, ISO 8601 in UTC; None where it has none."""
         with self._reading() as file:
-            (found,) = file.execute(
+            (time,) = file.execute(
                 "SELECT (SELECT time FROM audit ORDER BY number DESC LIMIT 1)"
             ).fetchone()
-            return None if found is None else str(found)
+            return None if time is None else str(time)
 
     def settle(self) -> None:
         """Have all of a closed file in that one file, and not partly in SQLite's log beside it.
@@ -197,8 +197,8 @@ class AuditWriter:
 
 
 def _is_closed(file: sqlite3.Connection) -> bool:
-    found = file.execute("SELECT 1 FROM sqlite_master WHERE name = 'audit_is_closed'")
-    return found.fetchone() is not None
+    rows = file.execute("SELECT 1 FROM sqlite_master WHERE name = 'audit_is_closed'")
+    return rows.fetchone() is not None
 
 
 def _require_open(file: sqlite3.Connection) -> None:
@@ -212,8 +212,8 @@ def _start(file: sqlite3.Connection) -> Place:
 
 def _end(file: sqlite3.Connection) -> Place:
     rows = file.execute("SELECT number, sha256 FROM audit ORDER BY number DESC LIMIT 1")
-    found: tuple[int, str] | None = rows.fetchone()
-    return _start(file) if found is None else Place(*found)
+    row: tuple[int, str] | None = rows.fetchone()
+    return _start(file) if row is None else Place(*row)
 
 
 def _entry(row: tuple[Any, ...]) -> AuditEntry:

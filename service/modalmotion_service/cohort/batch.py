@@ -1,4 +1,4 @@
-"""What a worker does of a cohort: some files at a time."""
+"""A worker's part of a cohort: some files at a time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from modalmotion.store.disk.group_commit import GroupCommit
 
 @dataclass(frozen=True)
 class Item:
-    """A file, what is said of it, and where what is made of it goes.
+    """A file, its names and facts, and where its results go.
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ class Item:
     subject, label : str or None
     facts : Facts
     created : str
-        When the record says that it came. It is not for the worker to say: a second one at the
-        same work must write the same.
+        Time of arrival for the record. The worker does not set it: a second one at the same work
+        must write the same.
     made : Path
         Name that the files of its results begin with.
     keeps_vertices : bool
@@ -57,11 +57,11 @@ class Item:
 
     @property
     def vertices(self) -> Path | None:
-        """Where the vertices go, if they are kept."""
+        """Where the vertices go, if they are stored."""
         return self.made.with_suffix(".vertices") if self.keeps_vertices else None
 
     def remove_files(self) -> None:
-        """Remove what of it the store has not taken."""
+        """Remove results that the store has not taken."""
         for path in (self.record_file, self.signature, self.vertices):
             if path is not None:
                 path.unlink(missing_ok=True)
@@ -86,7 +86,7 @@ class Signed:
 
 @dataclass(frozen=True)
 class Refused:
-    """A file that was not.
+    """A file that was not understood.
 
     Parameters
     ----------
@@ -103,11 +103,11 @@ def sign_batch(
     parameters: SignatureParameters,
     template: Path | None,
 ) -> list[Signed | Refused]:
-    """Write record and signature of each file, durably: what is left is to move them.
+    """Write record and signature of each file, durably; the store only has to move them.
 
-    What is wrong with one file does not concern the others.
+    A fault in one file does not affect the others.
     """
-    named = None if template is None else template_from_hdf5(template)
+    shared = None if template is None else template_from_hdf5(template)
     # This process may be lost and is limited from outside: parsers need none of their own.
     parser = ParserHere(options.limits)
     outcomes: list[Signed | Refused] = []
@@ -119,7 +119,7 @@ def sign_batch(
                     replace(options, facts=item.facts.over(options.facts)),
                     parser=parser,
                 ).sequence
-                signature = modal_signature(sequence, parameters, template=named)
+                signature = modal_signature(sequence, parameters, template=shared)
             except ModalMotionError as error:
                 outcomes.append(Refused(error.code, str(error)))
                 continue

@@ -16,7 +16,7 @@ NAME = "cohort.jsonl"
 
 @dataclass(frozen=True)
 class Done:
-    """A file whose signature is kept.
+    """A file whose signature is stored.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class Done:
     stamp : str
         Of the file as it was: see `stamp_of`.
     settings : str
-        Digest of everything that the signature was asked for with.
+        Digest of all options and parameters of the signature.
     sequence_id : str
     rms_error : float
     unit : str or None
@@ -41,7 +41,7 @@ class Done:
 class Ledger:
     """Lines are appended; a line that a crash cut short is done again.
 
-    A line is written once its signature is kept, and need not be durable: results are
+    A line is written once its signature is stored, and need not be durable: results are
     immutable, so what is lost from here costs only the time to make it again.
 
     Parameters
@@ -57,7 +57,7 @@ class Ledger:
         write_atomic(self._path, "".join(lines).encode())
 
     def find(self, path: Path, stamp: str, settings: str) -> Done | None:
-        """Give what is known of a file, if it was done so and is still the same."""
+        """Give the entry of a file, if the file and the settings are still the same."""
         done = self._done.get(str(path))
         return done if done and (done.stamp, done.settings) == (stamp, settings) else None
 
@@ -79,12 +79,12 @@ class Ledger:
 def stamp_of(path: Path) -> str:
     """Digest of names, sizes and times of change of a file, or of those in a folder or pattern.
 
-    It tells a file that was replaced without reading it.
+    It detects a replaced file without reading it.
     """
     if path.is_dir():
         files = sorted(path.iterdir())
     else:
         files = [path] if path.exists() else sorted(path.parent.glob(path.name))
-    status = [(file.name, file.stat()) for file in files]
-    seen = [(name, found.st_size, found.st_mtime_ns) for name, found in status]
+    statuses = [(file.name, file.stat()) for file in files]
+    seen = [(name, status.st_size, status.st_mtime_ns) for name, status in statuses]
     return hashlib.sha256(repr(seen).encode()).hexdigest()[:16]

@@ -18,7 +18,7 @@ from modalmotion.store.record import require_name
 _COLUMNS: Final = ("path", "subject", "label")
 _WILD: Final = frozenset("*?[")
 _SUFFIXES: Final = (".csv", ".jsonl")
-# What spreadsheets put between columns: by the language that they are set to.
+# Column separators of spreadsheets, which depend on their language.
 _BETWEEN: Final = ",;\t"
 _STATED_SEPARATOR: Final = re.compile(r"sep=(.)\r?\n")
 
@@ -54,14 +54,14 @@ def read_manifest(source: Path) -> tuple[Entry, ...]:
     ----------
     source : Path
         A .csv file with a heading (path; subject, label and facts if there are any), its columns
-        parted by commas, semicolons or tabs, or a .jsonl file with an object a line, both with
+        separated by commas, semicolons or tabs, or a .jsonl file with an object a line, both with
         paths from the manifest's own folder; or a folder, or a pattern of names: then each file
         and each folder of frames in it is a sequence.
 
     Raises
     ------
     MalformedFileError
-        If it cannot be read, names a sequence twice, or names none; the line is told.
+        If it cannot be read, names a sequence twice, or names none; names the line.
     """
     if source.is_dir():
         entries = _listed(
@@ -73,7 +73,7 @@ def read_manifest(source: Path) -> tuple[Entry, ...]:
         entries = _listed(source.parent.glob(source.name))
     else:
         raise MalformedFileError(
-            f"'{source.name}' is no manifest, folder or pattern.",
+            f"'{source.name}' is not a manifest, a folder or a pattern.",
             remedy="Name a .csv or .jsonl manifest, a folder of sequences, or a pattern such "
             "as 'scans/*.npz'.",
         )
@@ -136,7 +136,7 @@ def _csv_rows(text: str, source: Path) -> Iterator[tuple[int, dict[str, Any]]]:
 
 
 def _separator(text: str) -> str:
-    """Give what the heading is parted by; a column may be named with one of the others in it."""
+    """Find the separator of the heading; a column's name may hold one of the others."""
     heading = text.partition("\n")[0]
     return max(_BETWEEN, key=lambda sign: len(heading.split(sign)))
 
@@ -150,7 +150,7 @@ def _json_rows(text: str, source: Path) -> Iterator[tuple[int, dict[str, Any]]]:
         except ValueError as error:
             raise _wrong(source, line, str(error)) from error
         if not isinstance(row, dict):
-            raise _wrong(source, line, "that is no object")
+            raise _wrong(source, line, "this is not an object")
         yield line, row
 
 
@@ -177,7 +177,7 @@ def _unreadable(source: Path, error: OSError | UnicodeDecodeError) -> MalformedF
             remedy="Check its name, and that this user may read it.",
         )
     return MalformedFileError(
-        f"The manifest '{source.name}' is no UTF-8 text (byte {error.start}).",
+        f"The manifest '{source.name}' is not UTF-8 text (byte {error.start}).",
         remedy="Save it as UTF-8; spreadsheets call that 'CSV UTF-8'.",
     )
 

@@ -30,16 +30,16 @@ from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.spool import Spool
 
 MOST_IN_BATCH = 16
-# Batches that wait at a worker while one is at work, so that it is never idle.
+# Batches per worker, the running one included, so that it is never idle.
 _AHEAD = 2
-# Of what is left to each worker: work gets smaller towards the end, where all should be done
-# at the same time.
+# Share of each worker's remaining files in the next batch: batches get smaller towards the end,
+# so that all workers finish at the same time.
 _SHARE = 0.5
 
 
 @dataclass(frozen=True)
 class CohortJob:
-    """What is asked for.
+    """Files and options of a run over a cohort.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class CohortJob:
     keep_vertices : bool
         Whether the store keeps the sequences too.
     batch : int or None
-        Files in one piece of work; chosen by their number by default.
+        Files in one piece of work; depends on their number by default.
     patience_seconds : float
         How long to wait for a lost scheduler before giving up.
     """
@@ -70,7 +70,7 @@ class CohortJob:
 
 @dataclass(frozen=True)
 class CohortReport:
-    """What came of it.
+    """Outcome of a run over a cohort.
 
     Parameters
     ----------
@@ -92,13 +92,13 @@ def sign_cohort(
     open_engine: Callable[[Path], Engine],
     progress: Progress = lambda _done, _total: None,
 ) -> CohortReport:
-    """Make the signatures of a cohort that are not made yet.
+    """Make the missing signatures of a cohort.
 
     Parameters
     ----------
     job : CohortJob
     open_engine : callable
-        Gives where work is done, for the folder that workers write to.
+        Opens the engine for the folder that workers write to.
     progress : callable
         Called with (files done, files in all).
 
@@ -107,7 +107,7 @@ def sign_cohort(
     StoreError
         If the folder cannot be used, or written to.
     ClusterError
-        If the scheduler is lost for longer than the job has patience. What is done is kept.
+        If the scheduler is lost for longer than `patience_seconds`. Finished files stay.
     """
     start = time.monotonic()
     folder = job.folder.absolute()
@@ -154,7 +154,7 @@ class _Run:
         self._lost_since: float | None = None
 
     def finish(self) -> None:
-        """Do what is left to do."""
+        """Process all files that are not done yet."""
         self._waiting.extend(entry for entry in self._job.entries if not self._is_known(entry))
         self._show()
         while self._waiting or self._suspects or self._running:
@@ -165,22 +165,22 @@ class _Run:
             self._show()
 
     def write_table(self, path: Path) -> None:
-        """List all files with what came of them, for spreadsheets and scripts."""
+        """List all files with their outcomes, for spreadsheets and scripts."""
         text = io.StringIO(newline="")
         writer = csv.writer(text)
         writer.writerow(
             ["path", "subject", "label", "sequence_id", "signature", "rms_error", "unit", "error"]
         )
         for entry in self._job.entries:
-            named = [entry.path, entry.subject or "", entry.label or ""]
+            names = [entry.path, entry.subject or "", entry.label or ""]
             done = self._done.get(entry.path)
             if done is None:
-                writer.writerow([*named, "", "", "", "", self.failures.get(entry.path, "")])
+                writer.writerow([*names, "", "", "", "", self.failures.get(entry.path, "")])
                 continue
-            kept = self._store.signature_path(done.sequence_id, self._keys[entry.path])
-            file = kept.relative_to(self._store.root).as_posix()
+            signature = self._store.signature_path(done.sequence_id, self._keys[entry.path])
+            file = signature.relative_to(self._store.root).as_posix()
             writer.writerow(
-                [*named, done.sequence_id, file, f"{done.rms_error:.6g}", done.unit or "", ""]
+                [*names, done.sequence_id, file, f"{done.rms_error:.6g}", done.unit or "", ""]
             )
         write_atomic(path, text.getvalue().encode())
 
@@ -207,22 +207,22 @@ class _Run:
             return False
         try:
             record = self._store.sequence_record(done.sequence_id)
-            said = entry.facts.over(record.facts)
-            self._facts[entry.path] = said
-            asked = self._parameters.with_facts(said, record.topology, record.grid)
-            self._store.signature_path(done.sequence_id, asked.key)
+            facts = entry.facts.over(record.facts)
+            self._facts[entry.path] = facts
+            parameters = self._parameters.with_facts(facts, record.topology, record.grid)
+            self._store.signature_path(done.sequence_id, parameters.key)
         except NotFoundError:
             return False
         if self._job.keep_vertices and not record.has_upload:
             return False
         self._name(entry, done.sequence_id)
-        self._keys[entry.path] = asked.key
+        self._keys[entry.path] = parameters.key
         self._done[entry.path] = done
         self.n_known += 1
         return True
 
     def _name(self, entry: Entry, sequence_id: str) -> None:
-        """Have the record say what the manifest says now."""
+        """Update the record from the manifest."""
         record = self._store.sequence_record(sequence_id)
         stated = {"subject": entry.subject, "label": entry.label}
         changed: dict[str, Any] = {
@@ -242,11 +242,11 @@ class _Run:
                 self._engine.require_ready()
             except ClusterError as error:
                 if waited > self._job.patience_seconds:
-                    raise self._given_up(error) from error
+                    raise self._lost_scheduler(error) from error
                 time.sleep(0.2)
                 return
             if waited > self._job.patience_seconds:
-                raise self._given_up(ClusterError("The workers do not finish anything."))
+                raise self._lost_scheduler(ClusterError("The workers do not finish anything."))
         while len(self._running) < _AHEAD * self._engine.n_workers:
             entries = self._next_batch()
             if not entries:
@@ -285,7 +285,7 @@ class _Run:
             self._waiting.extendleft(reversed(entries))
             time.sleep(0.1)
         elif len(entries) > 1:
-            # One of them broke its worker, or a limit of the whole: which, is found alone.
+            # One of them broke its worker, or a limit of the batch: each is tried alone.
             self._suspects.extend(entries)
         elif isinstance(error, ModalMotionError):
             self.failures[entries[0].path] = str(error)
@@ -312,7 +312,7 @@ class _Run:
                 for _, item, one in signed
             ]
         )
-        made = []
+        lines = []
         for (entry, item, one), is_new in zip(signed, are_new, strict=True):
             if not is_new:
                 self._name(entry, one.record.id)
@@ -325,22 +325,22 @@ class _Run:
                 one.rms_error,
                 one.record.unit,
             )
-            made.append(done)
+            lines.append(done)
             self._done[entry.path] = done
             self._keys[entry.path] = one.key
-        self._ledger.add(*made)
-        self.n_made += len(made)
+        self._ledger.add(*lines)
+        self.n_made += len(lines)
 
     def _show(self) -> None:
         done = self.n_made + self.n_known + len(self.failures)
         self._progress(done, len(self._job.entries))
 
-    def _given_up(self, error: ModalMotionError) -> ClusterError:
+    def _lost_scheduler(self, error: ModalMotionError) -> ClusterError:
         n_done = self.n_made + self.n_known
         return ClusterError(
             f"{error.message} {n_done} of {len(self._job.entries)} files are done and kept.",
-            remedy="When there is a scheduler with workers again, give the same command again: "
-            "only what is unfinished is done.",
+            remedy="When there is a scheduler with workers again, run the same command again: "
+            "only unfinished files are processed.",
             details={"done": n_done, "files": len(self._job.entries)},
         )
 

@@ -48,7 +48,7 @@ def show(owner: str | None, limit: int, data_dir: Path | None) -> None:
 def list_unfinished(archive: Path | None, data_dir: Path | None) -> None:
     """Write the changes that were begun and have no end, as JSON lines.
 
-    They are under way, or a crash cut them off: whether they were made, the store tells.
+    They are under way, or a crash cut them off: the store tells whether they were made.
     """
     _write(unfinished(entry for part in _parts(data_dir, archive) for entry in part.entries()))
 
@@ -57,7 +57,7 @@ def list_unfinished(archive: Path | None, data_dir: Path | None) -> None:
 @click.option(
     "--noted",
     metavar="NUMBER:SHA256",
-    help="What an earlier check printed and was kept elsewhere: nothing up to there is gone.",
+    help="Output of an earlier check, kept elsewhere: nothing up to there may be gone.",
 )
 @_ARCHIVE
 @DATA_DIR
@@ -123,7 +123,7 @@ def _parts(data_dir: Path | None, archive: Path | None) -> list[AuditPart]:
     parts = parts_in(audit_folder(folder))
     if not parts:
         raise click.ClickException(f"There is no audit log in {folder}.")
-    # What was interrupted between copying and removing is in both.
+    # A file whose move was interrupted is in both.
     archived = [] if archive is None else parts_in(archive)
     both = {part.path.name: part for part in [*parts, *archived]}
     return [both[name] for name in sorted(both)]

@@ -29,7 +29,7 @@ _MOST_PRINTED = 50
     "--output",
     required=True,
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder of results; made where it is missing, gone on with where it is not.",
+    help="Folder of results; made if missing, continued if not.",
 )
 @click.option("--scheduler", help="Dask scheduler to send work to, such as tcp://host:8786.")
 @click.option("--workers", type=click.IntRange(1, 256), help="Processes here, without one.")

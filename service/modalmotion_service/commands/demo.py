@@ -102,9 +102,9 @@ def _readouts(client: Client, path: str) -> str:
         answer = client.request("GET", path).json
     except InputError as error:
         return f"none: {error.message}"
-    found, unit = answer["from_signature"], answer["volume_unit"]
-    large, small = (found[f"end_{name}_volume"]["value"] for name in ("diastolic", "systolic"))
-    ejected = found["ejection_fraction"]
+    volumes, unit = answer["from_signature"], answer["volume_unit"]
+    large, small = (volumes[f"end_{name}_volume"]["value"] for name in ("diastolic", "systolic"))
+    ejected = volumes["ejection_fraction"]
     own = answer["of_mesh"]["ejection_fraction"]["value"]
     return (
         f"{numeral(large, 1)} to {numeral(small, 1)} {unit}, "

@@ -24,7 +24,7 @@ class _Scopes(click.ParamType[frozenset[Scope]]):
             return frozenset(Scope(part.strip()) for part in str(value).split(","))
         except ValueError:
             known = ", ".join(Scope)
-            self.fail(f"{value!r} names a scope that is none of {known}", param, ctx)
+            self.fail(f"{value!r} names a scope that is not one of {known}", param, ctx)
 
 
 @click.group()
@@ -43,7 +43,7 @@ def keys() -> None:
 @click.option(
     "--expires", type=Moment("expiry", 1), help="Such as 90d or 2030-12-31 (UTC); never if absent."
 )
-@click.option("--note", default="", help="What it is for; at most 200 characters.")
+@click.option("--note", default="", help="Its purpose; at most 200 characters.")
 @DATA_DIR
 def create(
     owner: str,
@@ -52,7 +52,7 @@ def create(
     note: str,
     data_dir: Path | None,
 ) -> None:
-    """Make a key and show it, this once: only its hash is kept."""
+    """Make a key and show it, this once: only its hash is stored."""
     folder = folder_of(data_dir)
     is_first = not _keys_of(folder).is_file()
     key, token = make_key(folder, owner, scopes, note=note, expires=expires)
@@ -66,7 +66,7 @@ def create(
 @keys.command("list")
 @DATA_DIR
 def list_keys(data_dir: Path | None) -> None:
-    """List all keys that were ever made, with what they may do."""
+    """List all keys that were ever made, with their scopes."""
     with KeyRing(_folder_with_keys(data_dir)) as ring:
         for key in ring.all():
             click.echo(_line(key))

@@ -17,7 +17,7 @@ DATA_DIR = click.option(
 
 
 def folder_of(data_dir: Path | None) -> Path:
-    """Give the folder that was named, or that of the settings."""
+    """Give the stated folder, or that of the settings."""
     # Here, so that the help of all commands need not import the settings.
     from modalmotion_service.environment import read_settings
 

@@ -22,16 +22,16 @@ from modalmotion_service.commands.options import DATA_DIR
 from modalmotion_service.commands.options import folder_of as data_folder_of
 from modalmotion_service.workspace.owners import FOLDER, folder_of
 
-# No owner's name begins so: the service passes by what is being removed.
+# No owner's name begins so: the service skips folders under removal.
 _REMOVED: Final = ".removed-"
 
-# Of the data folder, and no part of the store of its own owner.
+# Of the data folder, and not part of the store of its own owner.
 _OF_ALL: Final = ("access", FOLDER, "cluster")
 
 
 @dataclass(frozen=True)
 class Usage:
-    """What an owner has.
+    """Usage of one owner.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Usage:
 
 
 def usage_of(data_dir: Path) -> Iterator[Usage]:
-    """Look what each owner has; a service may have it open.
+    """Measure the usage of each owner; a service may have it open.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def remove_owner(data_dir: Path, owner: str) -> None:
     Raises
     ------
     ParameterError
-        If it is the owner of the data folder itself, or no name.
+        If it is the owner of the data folder itself, or the name is not valid.
     NotFoundError
         If there is nothing of that owner.
     StoreError
@@ -117,7 +117,7 @@ def _remove(data_dir: Path, owner: str, root: Path, doomed: Path) -> None:
                 _revoke_keys(data_dir, owner)
                 if doomed.is_dir():
                     shutil.rmtree(doomed)
-                # From here on it is gone, whatever interrupts the rest.
+                # From here on it is gone, even if the rest is interrupted.
                 root.rename(doomed)
                 sync_folder(doomed.parent)
         shutil.rmtree(doomed)
@@ -148,10 +148,10 @@ def _sizes(root: Path, passed_by: tuple[str, ...]) -> Iterator[int]:
     for path in root.iterdir():
         if path.name in passed_by:
             continue
-        for found in (path, *path.rglob("*")) if path.is_dir() else (path,):
+        for file in (path, *path.rglob("*")) if path.is_dir() else (path,):
             try:
-                if found.is_file():
-                    yield found.stat().st_size
+                if file.is_file():
+                    yield file.stat().st_size
             except FileNotFoundError:
                 # Under way, and done by now.
                 continue

@@ -23,7 +23,7 @@ logger = logging.getLogger(__name__)
 
 
 def run(settings: Settings, host: str, port: int) -> None:
-    """Serve until told to stop; then answer what is under way, and let jobs finish.
+    """Serve until stopped; then answer open requests, and let jobs finish.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def run(settings: Settings, host: str, port: int) -> None:
 
 
 def prepare_process(log_level: str) -> None:
-    """Keep what is written from other users, and log as JSON."""
+    """Hide files that are written from other users, and log as JSON."""
     logging.config.dictConfig(log_config(log_level))
     os.umask(0o077)
     for name, nearest in unknown_variables():

@@ -1,4 +1,4 @@
-"""What the OpenAPI document says of keys: schemes, the scope of each call, its refusals."""
+"""Keys in the OpenAPI document: schemes, the scope of each call, its refusals."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ def with_access(document: dict[str, Any]) -> dict[str, Any]:
         for method, operation in operations.items():
             for status, answer in operation["responses"].items():
                 if status >= "400":
-                    # Every error is a problem, whatever the framework would have it be.
+                    # Every error is a problem, not what the framework makes of it.
                     answer["content"] = _PROBLEM
                 elif answer["description"] == "Successful Response":
-                    answer["description"] = "What was asked for."
+                    answer["description"] = "The requested content."
             scope = SCOPE_OF.get((method.upper(), path), Scope.ADMIN)
             if scope is None:
                 operation["security"] = []

@@ -39,12 +39,12 @@ def change_between(old: dict[str, Any], new: dict[str, Any]) -> tuple[Change, li
         return Change.NONE, []
     promised, demanded = set(_promises(old)), set(_demands(old))
     gone = promised - set(_promises(new))
-    asked = set(_demands(new)) - demanded
-    # What a new call asks for breaks no client of an old one.
-    asked = {fact for fact in asked if fact[:2] in {known[:2] for known in promised}}
-    if gone or asked:
+    needs = set(_demands(new)) - demanded
+    # The needs of a new call break no client of an old one.
+    needs = {fact for fact in needs if fact[:2] in {known[:2] for known in promised}}
+    if gone or needs:
         words = [f"gone: {' '.join(fact)}" for fact in sorted(gone)]
-        return Change.BREAK, words + [f"asked for: {' '.join(fact)}" for fact in sorted(asked)]
+        return Change.BREAK, words + [f"needed: {' '.join(fact)}" for fact in sorted(needs)]
     added = set(_promises(new)) - promised
     if added:
         return Change.ADDITION, [f"added: {' '.join(fact)}" for fact in sorted(added)]

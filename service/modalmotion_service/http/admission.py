@@ -1,6 +1,6 @@
-"""What may come in: how much, how slowly, and how many requests at once.
+"""Limits on requests: size, speed, and how many at once.
 
-Pure ASGI, so that it holds whatever reads the body, and answers as a problem.
+Pure ASGI, so that they hold for every reader of the body; the answer is a problem.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class BodyLimits:
     app : ASGIApp
     body_bytes : int
     json_bytes : int
-        Of what is no upload.
+        Of requests that are not uploads.
     idle_seconds : float
         Longest pause between two pieces.
     upload_seconds : float
@@ -76,7 +76,7 @@ class BodyLimits:
         async def watched() -> Message:
             nonlocal received, complete
             if complete:
-                # What still comes is the news that the client has gone, whenever that is.
+                # All that still comes is the news that the client has gone.
                 return await receive()
             left = end - loop.time()
             try:
@@ -122,8 +122,8 @@ def _too_large(most: int, name: str) -> LimitError:
 class WholeAnswers:
     """Ignores Range headers, as RFC 9110 (14.2) allows: answers come whole or not at all.
 
-    A result is named by a tag and small beside its sequence; parts of files that are made for
-    one answer and removed behind it could not be asked for again.
+    A result is named by a tag and small beside its sequence; a file made for one answer is removed
+    after it, so that no second part could be fetched.
 
     Parameters
     ----------
@@ -136,8 +136,8 @@ class WholeAnswers:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on without its ranges."""
         if scope["type"] == "http":
-            kept = [(name, value) for name, value in scope["headers"] if name != b"range"]
-            scope["headers"] = kept
+            headers = [(name, value) for name, value in scope["headers"] if name != b"range"]
+            scope["headers"] = headers
 
         async def whole(message: Message) -> None:
             if message["type"] == "http.response.start":

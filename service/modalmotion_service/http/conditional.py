@@ -23,8 +23,8 @@ def tag_of(*parts: str | bytes) -> str:
 
 def is_known(request: Request, tag: str) -> bool:
     """Tell whether the client says it has what the tag stands for."""
-    given = request.headers.get("if-none-match")
-    return given is not None and (given.strip() == "*" or tag in _TAG.findall(given))
+    condition = request.headers.get("if-none-match")
+    return condition is not None and (condition.strip() == "*" or tag in _TAG.findall(condition))
 
 
 def not_modified(tag: str) -> Response:

@@ -22,7 +22,7 @@ _MOST_AT_ONCE: Final = 2048
 def room_for_connections(most: int) -> tuple[int, int]:
     """Allow this process more open files, and tell how many of them connections may take.
 
-    Where a connection cannot be accepted for want of a file, no result can be read or kept
+    Where a connection cannot be accepted for want of a file, no result can be read or stored
     either, and asyncio says so a thousand times a second.
 
     Returns
@@ -57,8 +57,8 @@ def protocol_with_deadline(
     idle_seconds : float
         For a client to take the next 48 KiB of an answer.
     most : int
-        Connections. Beyond them the one goes that has asked for nothing for longest: whoever
-        opens many and says nothing keeps nobody out who has something to ask.
+        Connections. Beyond them the one that has been silent longest is closed: a client that
+        opens many and sends nothing keeps nobody else out.
     """
     quiet: dict[H11Protocol, None] = {}
 

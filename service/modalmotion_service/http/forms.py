@@ -53,7 +53,7 @@ async def received_form(request: Request, folder: Path) -> AsyncIterator[FormDat
     Raises
     ------
     HTTPException
-        If it is no form.
+        If it is not a form.
     StoreError
         If the file cannot be written.
     """

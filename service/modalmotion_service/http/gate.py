@@ -1,6 +1,6 @@
-"""The gate that every request passes: who sends it, may they, how often, and the record of it.
+"""The gate that every request passes: authentication, permission, rate limits, the audit log.
 
-Pure ASGI and before anything reads a body: what a stranger sends is never received.
+Pure ASGI and before anything reads a body: the body of a refused request is never received.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ _ENDED_KEY: Final = "modalmotion.ended_key"
 _DIGEST: Final = re.compile(r"[0-9a-f]{32}|[0-9a-f]{64}")
 _NAME: Final = re.compile(r"[A-Za-z0-9._-]{1,100}")
 
-# What keys with these scopes alone may do changes something.
+# Routes that need one of these scopes change something.
 _CHANGES: Final = (Scope.WRITE, Scope.TRAIN)
 
 
 @dataclass(frozen=True)
 class Access:
-    """What the gate needs open.
+    """Open keys and audit log, as the gate needs them.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def note_ids(connection: HTTPConnection, ids: list[str]) -> None:
 
 
 def note_facts(connection: HTTPConnection, names: Sequence[str]) -> None:
-    """Name in the audit log which facts a request changed; their values are nobody's there."""
+    """Name in the audit log which facts a request changed, without their values."""
     connection.scope[_FACTS] = [f"facts.{name}" for name in names if name in NAMES]
 
 
@@ -107,7 +107,7 @@ class Gate:
         self.rates = rates
 
     async def __call__(self, scope: Connection, receive: Receive, send: Send) -> None:
-        """Pass the request on if it may pass; note what becomes of it."""
+        """Pass the request on if it may pass, and log its outcome."""
         if scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
             return
@@ -128,11 +128,11 @@ class Gate:
             or (target is None and refused is None)
             or (target is not None and target.scope in (None, Scope.METRICS) and refused is None)
         )
-        started = kept_back = False
+        started = withheld = False
 
         async def sent(message: Message) -> None:
-            nonlocal started, kept_back
-            if kept_back:
+            nonlocal started, withheld
+            if withheld:
                 return
             if message["type"] == "http.response.start":
                 answer = MutableHeaders(scope=message)
@@ -141,8 +141,8 @@ class Gate:
                     try:
                         await self._note(connection, target, message["status"], answer)
                     except ModalMotionError as error:
-                        # What cannot be noted is not told.
-                        kept_back = True
+                        # An answer that cannot be logged is not sent.
+                        withheld = True
                         await problem_of(error)(scope, receive, send)
                         return
                 for name, value in headers.items():
@@ -153,7 +153,7 @@ class Gate:
             await problem_of(refused)(scope, receive, sent)
             return
         if target is not None and target.scope in _CHANGES:
-            # Whatever happens after it: the log tells who was about to change what.
+            # Before the change: whatever happens then, the log names who began what.
             try:
                 await self._note(connection, target, BEGUN, Headers())
             except ModalMotionError as error:
@@ -224,10 +224,10 @@ class Gate:
 
 
 def _token(headers: Headers) -> str | None:
-    given = headers.get("authorization")
-    if given is None:
+    authorization = headers.get("authorization")
+    if authorization is None:
         return headers.get("x-api-key")
-    scheme, _, token = given.partition(" ")
+    scheme, _, token = authorization.partition(" ")
     # Another scheme is a wrong key: whoever sends one means to be recognised.
     return token.strip() if scheme.lower() == "bearer" else ""
 
@@ -240,8 +240,8 @@ def _ids(connection: HTTPConnection, target: Target | None, answer: Headers) -> 
             pattern = _DIGEST if name.endswith("_id") else _NAME
             if pattern.fullmatch(value):
                 ids.append(value)
-    made = answer.get("location", "").rpartition("/")[2]
+    new_id = answer.get("location", "").rpartition("/")[2]
     query = QueryParams(connection.scope.get("query_string", b""))
-    named = [*connection.scope.get(_IDS, ()), query.get("template", ""), made]
+    named = [*connection.scope.get(_IDS, ()), query.get("template", ""), new_id]
     named = list(filter(_DIGEST.fullmatch, named))
     return list(dict.fromkeys([*ids, *named, *connection.scope.get(_FACTS, ())]))

@@ -1,4 +1,4 @@
-"""Which of the types on offer a client would rather have."""
+"""Content negotiation: the media type that a client prefers."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from modalmotion_service.http.problems import internal_answer
 logger = logging.getLogger("modalmotion_service.requests")
 
 CLIENT_GONE: Final = 499
-"""What logs and figures give as the status where a client leaves before its request is whole."""
+"""Status in logs and metrics where a client leaves before its request is complete."""
 
 _REQUEST_ID: Final = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
@@ -45,8 +45,8 @@ class Observation:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        given = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
-        request_id = given if _REQUEST_ID.fullmatch(given) else secrets.token_hex(8)
+        header = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
+        request_id = header if _REQUEST_ID.fullmatch(header) else secrets.token_hex(8)
         scope["modalmotion.request_id"] = request_id
         stages = timing.begin()
         start = time.perf_counter()
@@ -66,7 +66,7 @@ class Observation:
             try:
                 await send(message)
             except h11.LocalProtocolError:
-                # The rest of the request was no HTTP: uvicorn has said so and hung up.
+                # The rest of the request was not HTTP: uvicorn has said so and hung up.
                 broken = True
 
         try:
@@ -83,7 +83,7 @@ class Observation:
                 "request",
                 extra={
                     "request_id": request_id,
-                    # Whatever a client makes up, at whatever length.
+                    # A client may make up a method of any length.
                     "method": scope["method"][:20],
                     "route": getattr(route, "path", None) or scope.get("modalmotion.route"),
                     "status": status,
@@ -116,7 +116,7 @@ class JsonFormatter(logging.Formatter):
 class Seldom(logging.Filter):
     """Lets the same message of a logger pass once in a while.
 
-    Out of open files, asyncio tells so for each connection that waits, as fast as it can: 5 MB
+    Out of open files, asyncio says so for each connection that waits, as fast as it can: 5 MB
     of log a second, until the disk is full too.
 
     Parameters
@@ -131,7 +131,7 @@ class Seldom(logging.Filter):
         self._passed: dict[tuple[str, int], float] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Tell whether to write the record; where it is logged says of which kind it is."""
+        """Tell whether to write the record; records from one line of code are of one kind."""
         kind, now = (record.pathname, record.lineno), time.monotonic()
         if now - self._passed.get(kind, -self._seconds) < self._seconds:
             return False

@@ -25,7 +25,7 @@ class Preference:
 
 
 def parse_preference(header: str) -> Preference:
-    """Read a Prefer header; what is not understood is ignored, as the standard asks."""
+    """Read a Prefer header; unknown parts are ignored, as the standard requires."""
     is_async, wait = False, None
     for part in re.split("[,;]", header.lower()):
         word = part.strip()

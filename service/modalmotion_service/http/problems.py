@@ -124,7 +124,7 @@ def _body(status: int, code: str, detail: str, members: Mapping[str, object]) ->
 
 
 def _short(value: object) -> object:
-    # What was sent is repeated in part: a problem is no way to have much sent back.
+    # Long input is repeated in part only: a small request must not get a large problem.
     if isinstance(value, str) and len(value) > _LONGEST_TEXT:
         return f"{value[:_LONGEST_TEXT]}..."
     return value
@@ -190,6 +190,6 @@ async def _on_http_exception(request: Request, error: Exception) -> Response:
     code = phrase.lower().replace(" ", "_").replace("-", "_")
     headers = dict(error.headers or {})
     if error.status_code == 405:
-        # The router names the methods of one of a path's routes; all are asked for (RFC 9110).
+        # The router names the methods of one of a path's routes; RFC 9110 requires all.
         headers["Allow"] = ", ".join(methods_of(request.url.path))
     return _answer(_body(error.status_code, code, detail, {}), headers)

@@ -1,4 +1,4 @@
-"""Parameters of a call that is asked for often: read once for all requests that repeat them."""
+"""Query parameters of a frequent call: read once for all requests that repeat them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LONGEST_KEPT: Final = 2000
 def read_once(model: type[Query]) -> Callable[[Request], Awaitable[Query]]:
     """Make the dependency that reads the query of a request as a model.
 
-    What it gives is shared by requests, and not to be changed. FastAPI takes 0.2 ms for the
+    Requests share its result, which must not be changed. FastAPI takes 0.2 ms for the
     thirty parameters of a signature, each time; a cohort's requests differ in their bodies alone.
 
     Parameters
@@ -36,11 +36,11 @@ def read_once(model: type[Query]) -> Callable[[Request], Awaitable[Query]]:
                 [{**item, "loc": ("query", *item["loc"])} for item in error.errors()]
             ) from error
 
-    kept = lru_cache(maxsize=256)(read)
+    cached = lru_cache(maxsize=256)(read)
 
     async def query_of(request: Request) -> Query:
         text: bytes = request.scope["query_string"]
-        return kept(text) if len(text) <= _LONGEST_KEPT else read(text)
+        return cached(text) if len(text) <= _LONGEST_KEPT else read(text)
 
     return query_of
 
@@ -58,10 +58,10 @@ def header(name: str, default: str, description: str) -> dict[str, Any]:
 
 
 def _parameter(name: str, place: str, schema: dict[str, Any]) -> dict[str, Any]:
-    said = {key: value for key, value in schema.items() if key != "default" or value is not None}
-    if "$ref" not in said:
-        said.setdefault("title", name.replace("_", " ").title())
-    described = {"name": name, "in": place, "required": False, "schema": said}
-    if "description" in said:
-        described["description"] = said["description"]
+    shown = {key: value for key, value in schema.items() if key != "default" or value is not None}
+    if "$ref" not in shown:
+        shown.setdefault("title", name.replace("_", " ").title())
+    described = {"name": name, "in": place, "required": False, "schema": shown}
+    if "description" in shown:
+        described["description"] = shown["description"]
     return described

@@ -1,4 +1,4 @@
-"""What the rest of the service may take for granted of a request's head.
+"""Checks of a request's head that the rest of the service relies on.
 
 Two programs that read a request in two ways can be played off against each other: a proxy that
 lets through what it takes for one thing, and a service that does another. Such requests are

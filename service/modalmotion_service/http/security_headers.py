@@ -1,4 +1,4 @@
-"""Headers that tell browsers and caches what they may not do with an answer."""
+"""Headers that restrict what browsers and caches do with an answer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from modalmotion_service.http.api_version import API_VERSION
 
-# An answer is no page: nothing in it runs, loads, or is shown inside another page.
+# An answer is not a page: nothing in it runs, loads, or is shown inside another page.
 _NOTHING: Final = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 
 _HEADERS: Final = {

@@ -1,4 +1,4 @@
-"""What Prometheus is told: requests, bytes, work, jobs, stores. No owner, no id, no path."""
+"""Metrics for Prometheus: requests, bytes, work, jobs, stores. No owner, no id, no path."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Metrics:
             ["kind"],
             registry=own,
         )
-        Info("modalmotion_build", "What runs.", registry=own).info(
+        Info("modalmotion_build", "The version that runs.", registry=own).info(
             {"version": version("modalmotion")}
         )
         # Memory, processor time and open files of the service's own process.
@@ -127,7 +127,7 @@ class Meter:
             status = CLIENT_GONE
             raise
         finally:
-            # Whatever a client makes up is one method and one route.
+            # All methods and routes that clients make up count as "other".
             method = scope["method"] if scope["method"] in _METHODS else "other"
             route = route_of(scope) or "other"
             self.metrics.requests.labels(method, route, status).inc()
@@ -179,7 +179,7 @@ class MeteredExecutor(Engine):
 
 
 class StateOfThings(Collector):
-    """What is counted when it is asked for: jobs, workers, stores, the disk.
+    """Gauges that are read with each scrape: jobs, workers, stores, the disk.
 
     Parameters
     ----------
@@ -197,20 +197,20 @@ class StateOfThings(Collector):
         """Count, over all owners."""
         states = list(self._owners.states.values())
         jobs = GaugeMetricFamily(
-            "modalmotion_jobs", "Jobs kept, by kind and state.", labels=["kind", "state"]
+            "modalmotion_jobs", "Jobs stored, by kind and state.", labels=["kind", "state"]
         )
-        kept = GaugeMetricFamily("modalmotion_stored", "Things that are kept.", labels=["kind"])
+        stored = GaugeMetricFamily("modalmotion_stored", "Things in the stores.", labels=["kind"])
         for (kind, job_state), number in _sum(state.jobs.count() for state in states):
             jobs.add_metric([kind, job_state], number)
         for name, number in _sum(state.store.count() for state in states):
-            kept.add_metric([name], number)
+            stored.add_metric([name], number)
         under_way = self._metrics.tasks_under_way
         n_workers = self._engine.n_workers
         busy = min(under_way, n_workers)
         yield jobs
-        yield kept
+        yield stored
         yield GaugeMetricFamily(
-            "modalmotion_ready", "Whether results can be made and kept: 1 or 0.", self._is_ready()
+            "modalmotion_ready", "Whether results can be made and stored: 1 or 0.", self._is_ready()
         )
         yield GaugeMetricFamily("modalmotion_owners", "Stores that are open.", len(states))
         yield GaugeMetricFamily(

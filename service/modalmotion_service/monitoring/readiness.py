@@ -1,4 +1,4 @@
-"""Whether results can be made and kept."""
+"""Whether results can be made and stored."""
 
 from __future__ import annotations
 
@@ -32,6 +32,6 @@ def require_ready(local: State) -> None:
     try:
         require_room(local.store.root)
     except StoreError as error:
-        # Not 507, whatever it is that is missing: nobody has sent anything.
+        # Never 507: nobody has sent anything.
         raise StoreError(error.message, remedy=error.remedy) from error
     local.store.list_sequences(limit=1)

@@ -29,10 +29,10 @@ class AuditQuery(BaseModel):
 async def list_entries(query: Annotated[AuditQuery, Query()], request: Request) -> AuditPageAnswer:
     """List who did what to which id, from the newest to the oldest, a page at a time."""
     access: Access = request.app.state.access
-    found = await asyncio.to_thread(
+    entries = await asyncio.to_thread(
         access.audit.page, limit=query.limit + 1, before=query.cursor, owner=query.owner
     )
-    page = [AuditEntryAnswer.of(entry) for entry in found[: query.limit]]
+    page = [AuditEntryAnswer.of(entry) for entry in entries[: query.limit]]
     return AuditPageAnswer(
-        entries=page, cursor=page[-1].number if len(found) > query.limit else None
+        entries=page, cursor=page[-1].number if len(entries) > query.limit else None
     )

@@ -38,38 +38,38 @@ async def classify(
     request: ClassificationRequest | None = None,
     idempotency_key: IdempotencyKey = None,
 ) -> Response:
-    """Ask a model for the class of a sequence's motion.
+    """Classify a sequence's motion with a model.
 
     201 when the answer is new, 200 when it was known.
     """
     state.store.sequence_record(sequence_id)
-    asked = request or ClassificationRequest()
+    parameters = request or ClassificationRequest()
 
     async def make() -> Response:
-        chosen = await asyncio.to_thread(state.models.choose, asked.model)
-        found = await result_or_job(
+        model = await asyncio.to_thread(state.models.choose, parameters.model)
+        result = await result_or_job(
             state,
             preference,
             "classification",
-            # By its version, for the newest may be another when the job is taken up again.
+            # By its version: a newer one may exist when the job is resumed.
             {
                 "sequence_id": sequence_id,
-                "model": f"{chosen.name}@{chosen.version}",
-                "coverage": asked.coverage,
+                "model": f"{model.name}@{model.version}",
+                "coverage": parameters.coverage,
             },
-            state.models.classification(sequence_id, chosen, asked.coverage),
+            state.models.classification(sequence_id, model, parameters.coverage),
         )
-        if isinstance(found, Response):
-            return found
-        kept, is_new = found
+        if isinstance(result, Response):
+            return result
+        classification, is_new = result
         return Response(
-            _answer(kept, state).model_dump_json(),
+            _answer(classification, state).model_dump_json(),
             201 if is_new else 200,
             headers={"Location": f"/v1/sequences/{sequence_id}/classifications"},
             media_type="application/json",
         )
 
-    fingerprint = ("POST classifications", sequence_id, asked.model_dump_json())
+    fingerprint = ("POST classifications", sequence_id, parameters.model_dump_json())
     return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
 
 
@@ -77,14 +77,14 @@ async def classify(
 async def list_classifications(
     sequence_id: SequenceId, state: StateDependency
 ) -> ClassificationList:
-    """List what models have said of a sequence."""
+    """List the classifications of a sequence."""
 
     def read() -> list[ClassificationAnswer]:
-        return [_answer(kept, state) for kept in state.models.classifications(sequence_id)]
+        return [_answer(one, state) for one in state.models.classifications(sequence_id)]
 
     return ClassificationList(classifications=await asyncio.to_thread(read))
 
 
-def _answer(kept: KeptClassification, state: State) -> ClassificationAnswer:
-    file = state.analysis.within_store(kept.path)
-    return ClassificationAnswer.of(kept.result, kept.version, file)
+def _answer(classification: KeptClassification, state: State) -> ClassificationAnswer:
+    file = state.analysis.within_store(classification.path)
+    return ClassificationAnswer.of(classification.result, classification.version, file)

@@ -21,17 +21,17 @@ router = APIRouter(prefix="/v1", tags=["classifications"], responses=PROBLEMS)
 
 
 class ClassifyQuery(ReadingQuery, ClassificationRequest):
-    """How to read the file, which model is asked, and how sure its class set is to be."""
+    """How to read the file, the model, and how sure its class set must be."""
 
 
 @router.post("/classify", openapi_extra=UPLOAD_BODY)
 async def classify(
     file: FileDependency, query: Annotated[ClassifyQuery, Query()], state: StateDependency
 ) -> UploadClassificationAnswer:
-    """Ask a model for the class of a sequence's motion; nothing is stored."""
+    """Classify a sequence's motion with a model; nothing is stored."""
     with file:
-        chosen = await asyncio.to_thread(state.models.choose, query.model)
+        model = await asyncio.to_thread(state.models.choose, query.model)
         sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
-        result, reading = await state.models.classify(sent, chosen, query.coverage)
-    answer = ClassificationAnswer.of(result, chosen.version, None)
+        result, reading = await state.models.classify(sent, model, query.coverage)
+    answer = ClassificationAnswer.of(result, model.version, None)
     return UploadClassificationAnswer(**answer.model_dump(), reading=reading)

@@ -24,7 +24,7 @@ from modalmotion_service.work.upload import Upload
 router = APIRouter(prefix="/v1", tags=["codec"], responses=PROBLEMS)
 
 _STREAM_ANSWER: Final = {
-    "description": "The stream; what was measured on it stands in the headers Encoded-...",
+    "description": "The stream; its size and errors are in the headers Encoded-...",
     "content": {STREAM: BINARY},
 }
 
@@ -81,7 +81,7 @@ async def decode(
         media_type = best_type(accept, (NPZ, VTKHDF, RAW))
         if (query.first is None) != (query.stop is None):
             raise ParameterError(
-                "Only one end of the range of frames is given.", remedy="Give first and stop."
+                "The range of frames has only one end.", remedy="Give first and stop."
             )
         frames = None
         if query.first is not None and query.stop is not None:
@@ -102,12 +102,12 @@ async def encoded(
     state: StateDependency,
     preference: PreferenceDependency,
 ) -> Response:
-    """Give a kept sequence as a compressed stream."""
+    """Give a stored sequence as a compressed stream."""
     state.store.sequence_path(sequence_id)
     request = {"sequence_id": sequence_id, "target": target.model_dump(mode="json")}
     work = state.analysis.encoded(sequence_id, target)
-    found = await result_or_job(state, preference, "encoding", request, work)
-    return found if isinstance(found, Response) else _stream(*found)
+    result = await result_or_job(state, preference, "encoding", request, work)
+    return result if isinstance(result, Response) else _stream(*result)
 
 
 def _stream(path: Path, answer: EncodedAnswer) -> Response:

@@ -1,4 +1,4 @@
-"""The documentation page: made here, from the OpenAPI document; it loads nothing from anywhere."""
+"""The documentation page, made from the OpenAPI document; it loads nothing from elsewhere."""
 
 from __future__ import annotations
 

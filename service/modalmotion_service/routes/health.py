@@ -20,6 +20,6 @@ def live() -> Health:
 
 @router.get("/ready")
 def ready(request: Request) -> Health:
-    """Answer while results can be made and kept: the store answers, and there are workers."""
+    """Answer while results can be made and stored: the store answers, and there are workers."""
     require_ready(request.app.state.owners.local)
     return Health(version=version("modalmotion"))

@@ -1,4 +1,4 @@
-"""Jobs: long work and how far it is."""
+"""Jobs: long work and its progress."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def list_jobs(query: Annotated[ListQuery, Query()], state: StateDependency) -> J
 @router.get("/{job_id}")
 def job(job_id: JobId, state: StateDependency, response: Response) -> JobAnswer:
     """Give a job's state, its progress, and the link to its result."""
-    found = state.jobs.get(job_id)
-    if not found.is_finished:
+    record = state.jobs.get(job_id)
+    if not record.is_finished:
         response.headers["Retry-After"] = "1"
-    return job_answer(found, state.runner.text(found))
+    return job_answer(record, state.runner.text(record))
 
 
 @router.get(
@@ -51,18 +51,18 @@ def job(job_id: JobId, state: StateDependency, response: Response) -> JobAnswer:
     responses={200: {"description": "The file.", "content": {NPZ: BINARY, HDF5: BINARY}}},
 )
 def result(job_id: JobId, state: StateDependency) -> Response:
-    """Give the file that a job has made."""
-    found = state.jobs.get(job_id)
-    made = found.result or {}
-    if "file" not in made:
+    """Give the file of a job's result."""
+    record = state.jobs.get(job_id)
+    outcome = record.result or {}
+    if "file" not in outcome:
         raise NotFoundError(
-            f"The job is {found.state.value} and has no file.",
+            f"The job is {record.state.value} and has no file.",
             remedy="Follow the result link of its answer, once it has succeeded.",
         )
-    path = state.spool.at(made["file"])
+    path = state.spool.at(outcome["file"])
     if not path.is_file():
-        raise NotFoundError("The job's file is kept no more.", remedy="Start the job again.")
-    return FileResponse(path, media_type=made["media_type"], headers=made.get("headers"))
+        raise NotFoundError("The job's file is no longer kept.", remedy="Start the job again.")
+    return FileResponse(path, media_type=outcome["media_type"], headers=outcome.get("headers"))
 
 
 @router.delete("/{job_id}")

@@ -1,6 +1,6 @@
 """Health and model metadata as the open inference protocol (KServe v2) has them.
 
-Inference goes through `/v1/sequences/{id}/classifications`: a moving mesh is no tensor.
+Inference goes through `/v1/sequences/{id}/classifications`: a moving mesh is not a tensor.
 """
 
 from __future__ import annotations
@@ -43,31 +43,31 @@ async def live() -> ServerLive:
 
 @router.get("/health/ready", responses={503: PROBLEMS[503]})
 def ready(request: Request) -> ServerReady:
-    """Answer while results can be kept and models can be asked."""
+    """Answer while results can be stored and models can be used."""
     health.ready(request)
     return ServerReady(ready=True)
 
 
 @router.get("/models/{model_name}", responses=PROBLEMS)
 async def describe(model_name: ModelName, state: StateDependency) -> ModelMetadata:
-    """Say what the newest version of a model takes and gives, and which versions there are."""
+    """Give inputs and outputs of a model's newest version, and its versions."""
     return await asyncio.to_thread(_metadata, state.models, model_name)
 
 
 @router.get("/models/{model_name}/ready", responses=PROBLEMS)
 async def model_ready(model_name: ModelName, state: StateDependency) -> ModelReady:
-    """Tell whether the newest version loads and says again what it said when it was made."""
-    chosen = await asyncio.to_thread(state.models.choose, model_name)
-    await state.models.require_sound(chosen)
-    return ModelReady(name=chosen.name, ready=True)
+    """Tell whether the newest version loads and gives the answers that it gave when trained."""
+    model = await asyncio.to_thread(state.models.choose, model_name)
+    await state.models.require_sound(model)
+    return ModelReady(name=model.name, ready=True)
 
 
 def _metadata(models: Models, name: str) -> ModelMetadata:
-    chosen = models.choose(name)
-    n_classes = len(models.describe(chosen).record.classes)
+    model = models.choose(name)
+    n_classes = len(models.describe(model).record.classes)
     return ModelMetadata(
-        name=chosen.name,
-        versions=[str(version) for version in models.versions(chosen.name)],
+        name=model.name,
+        versions=[str(version) for version in models.versions(model.name)],
         platform="modalmotion",
         inputs=[TensorMetadata(name="sequence", datatype="BYTES", shape=[1])],
         outputs=[

@@ -1,4 +1,4 @@
-"""What the service accepts."""
+"""Limits of the service."""
 
 from __future__ import annotations
 

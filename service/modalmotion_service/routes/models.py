@@ -44,21 +44,21 @@ AcceptHeader = Annotated[
 
 @router.post("", status_code=202, response_class=Response, responses=ACCEPTED)
 async def train(
-    asked: TrainingRequest, state: StateDependency, idempotency_key: IdempotencyKey = None
+    request: TrainingRequest, state: StateDependency, idempotency_key: IdempotencyKey = None
 ) -> Response:
-    """Train a model on kept, labelled sequences: the next version of its name.
+    """Train a model on stored, labelled sequences, as the next version of its name.
 
-    Always a job, which ends with a link to the new version. Signatures that the model needs and
-    that are not kept yet are made on the way. Labels and subjects are those of this moment.
+    Always a job, whose result links to the new version. Missing signatures are fitted on the way.
+    Labels and subjects are those at the time of the request.
     """
 
     async def make() -> Response:
-        name = require_model_name(asked.name)
+        name = require_model_name(request.name)
         if name in available_models():
-            raise shipped_name(name, "gets no versions of yours", "Choose another name.")
-        options = TrainingOptions.from_json(asked.options)
+            raise shipped_name(name, "takes no further versions", "Choose another name.")
+        options = TrainingOptions.from_json(request.options)
         most = state.settings.max_training_sequences
-        cases = await asyncio.to_thread(look_up, state.store, asked.cases, most)
+        cases = await asyncio.to_thread(look_up, state.store, request.cases, most)
         file = SpoolFile(state.spool.new_path())
         try:
             await asyncio.to_thread(write_cases, file, cases)
@@ -71,7 +71,7 @@ async def train(
             raise
         return accepted(job)
 
-    fingerprint = ("POST models", asked.model_dump_json())
+    fingerprint = ("POST models", request.model_dump_json())
     return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
 
 
@@ -86,7 +86,7 @@ class ListQuery(BaseModel):
 
 @router.get("")
 def list_models(query: Annotated[ListQuery, Query()], state: StateDependency) -> ModelPageAnswer:
-    """List models by name, those that are shipped too, each with its newest version."""
+    """List models by name, including shipped ones, each with its newest version."""
     records = state.models.records()
     after = "" if query.cursor is None else from_cursor(query.cursor)[1]
     names = sorted(name for name in records if name > after)
@@ -102,8 +102,8 @@ async def newest(
     name: ModelName, state: StateDependency, request: Request, accept: AcceptHeader = JSON
 ) -> Response:
     """Describe the newest version of a model: its card, as data or as a picture."""
-    chosen = await asyncio.to_thread(state.models.choose, name)
-    return await _described(chosen, state, request, accept)
+    model = await asyncio.to_thread(state.models.choose, name)
+    return await _described(model, state, request, accept)
 
 
 @router.get("/{name}/versions/{version}", response_model=ModelAnswer, responses=_DESCRIPTION)
@@ -115,13 +115,13 @@ async def version(
     accept: AcceptHeader = JSON,
 ) -> Response:
     """Describe a version of a model: its card, as data or as a picture; or give its file."""
-    chosen = await asyncio.to_thread(state.models.choose, f"{name}@{version}")
-    return await _described(chosen, state, request, accept)
+    model = await asyncio.to_thread(state.models.choose, f"{name}@{version}")
+    return await _described(model, state, request, accept)
 
 
 @router.delete("/{name}/versions/{version}", status_code=204)
 async def delete(name: ModelName, version: ModelVersion, state: StateDependency) -> None:
-    """Delete a version. Its number is not given again, and what it has said stays."""
+    """Delete a version. Its number is not used again, and its classifications stay."""
 
     def remove() -> None:
         state.models.delete(state.models.choose(f"{name}@{version}"))
@@ -129,22 +129,22 @@ async def delete(name: ModelName, version: ModelVersion, state: StateDependency)
     await asyncio.to_thread(remove)
 
 
-async def _described(chosen: ChosenModel, state: State, request: Request, accept: str) -> Response:
+async def _described(model: ChosenModel, state: State, request: Request, accept: str) -> Response:
     media_type = best_type(accept, (JSON, PNG, HDF5))
-    kept = await asyncio.to_thread(state.models.describe, chosen)
-    versions = await asyncio.to_thread(state.models.versions, chosen.name)
-    tag = tag_of(chosen.id, str(chosen.version), repr(versions), media_type)
+    content = await asyncio.to_thread(state.models.describe, model)
+    versions = await asyncio.to_thread(state.models.versions, model.name)
+    tag = tag_of(model.id, str(model.version), repr(versions), media_type)
     if is_known(request, tag):
         return not_modified(tag)
     headers = {"ETag": tag, "Vary": "Accept"}
     if media_type == PNG:
-        return Response(await state.models.draw(kept), 200, headers, PNG)
+        return Response(await state.models.draw(content), 200, headers, PNG)
     if media_type == HDF5:
-        headers["Content-Disposition"] = f'attachment; filename="{chosen.name}-{chosen.version}.h5"'
-        return Response(await asyncio.to_thread(model_to_hdf5, kept), 200, headers, HDF5)
-    source = chosen.source
+        headers["Content-Disposition"] = f'attachment; filename="{model.name}-{model.version}.h5"'
+        return Response(await asyncio.to_thread(model_to_hdf5, content), 200, headers, HDF5)
+    source = model.source
     file = None if isinstance(source, str) else state.analysis.within_store(source)
-    answer = ModelAnswer.with_card(kept, versions, file)
+    answer = ModelAnswer.with_card(content, versions, file)
     return Response(answer.model_dump_json(), 200, headers, JSON)
 
 

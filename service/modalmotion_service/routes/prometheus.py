@@ -1,4 +1,4 @@
-"""Figures for Prometheus."""
+"""Metrics for Prometheus."""
 
 from __future__ import annotations
 
@@ -24,6 +24,6 @@ _TEXT: Final = "text/plain; version=0.0.4; charset=utf-8"
     },
 )
 async def metrics(request: Request) -> Response:
-    """Give figures of requests, work, jobs and stores, over all owners together."""
+    """Give metrics of requests, work, jobs and stores, over all owners together."""
     text = await asyncio.to_thread(generate_latest, request.app.state.metrics.registry)
     return Response(text, headers={"Content-Type": _TEXT})

@@ -1,4 +1,4 @@
-"""The modal signature of what is sent, in one request; nothing is stored."""
+"""The modal signature of an upload in one request; nothing is stored."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from modalmotion_service.work.upload import Upload
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 
 OFFERED: Final = (JSON, HDF5, NPZ, RAW, PNG)
-"""What a signature is given as; RAW is its amplitudes as little-endian float32."""
+"""Media types of a signature; RAW is its amplitudes as little-endian float32."""
 
 _PARAMETERS: Final = [*described(TemplateQuery), header("accept", JSON, ", ".join(OFFERED))]
 

@@ -69,11 +69,12 @@ async def upload(
             # A job may be acknowledged before the bytes are read: they must outlive a crash.
             await asyncio.to_thread(file.make_durable)
         work = state.analysis.keep(sent, subject=query.subject, label=query.label)
-        kept = await result_or_job(state, preference, "upload", request, work)
-        if isinstance(kept, Response):
+        result = await result_or_job(state, preference, "upload", request, work)
+        if isinstance(result, Response):
             is_left_to_job = True
-            return kept
-        return _answer(SequenceSummary.of(kept.record, kept.reading), 201 if kept.is_new else 200)
+            return result
+        status = 201 if result.is_new else 200
+        return _answer(SequenceSummary.of(result.record, result.reading), status)
 
     try:
         fingerprint = (
@@ -112,7 +113,7 @@ def list_sequences(
 
 @router.get("/{sequence_id}", response_model=SequenceSummary)
 def summary(sequence_id: SequenceId, store: StoreDependency, request: Request) -> Response:
-    """Give what is known of a sequence."""
+    """Give the summary of a stored sequence."""
     answer = _answer(SequenceSummary.of(store.sequence_record(sequence_id)), 200)
     tag = answer.headers["etag"]
     return not_modified(tag) if is_known(request, tag) else answer
@@ -124,8 +125,8 @@ def change(
 ) -> Response:
     """Change subject, label and facts: what is left out stays, null takes it away.
 
-    Facts are changed as by a JSON merge patch (RFC 7396). Results that read a fact which changes
-    are made anew when they are asked for; the others stay.
+    Facts are changed as by a JSON merge patch (RFC 7396). Results that depend on a changed fact
+    are computed again on request; the others stay.
     """
     stated = body.model_fields_set
     changed: list[str] = []

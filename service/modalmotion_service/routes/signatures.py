@@ -44,7 +44,7 @@ async def signature(
     request: Request,
     accept: Annotated[str, Header(description=f"{JSON}, {HDF5} or {PNG}.")] = JSON,
 ) -> Response:
-    """Give the modal signature: amplitudes, error, spectrum, energy and where it is kept.
+    """Give the modal signature: amplitudes, error, spectrum, energy and its file.
 
     JSON, the result's HDF5 file, or a picture of it beside the surfaces, by `Accept`.
     """
@@ -55,16 +55,15 @@ async def signature(
     tag = tag_of(sequence_id, parameters.key, media_type, *shown)
     if is_known(request, tag):
         return not_modified(tag)
-    asked = {"sequence_id": sequence_id, "query": query.model_dump(mode="json")}
-    found = await result_or_job(
-        state, preference, "signature", asked, state.analysis.signature(sequence_id, parameters)
-    )
-    if isinstance(found, Response):
-        return found
+    job_request = {"sequence_id": sequence_id, "query": query.model_dump(mode="json")}
+    work = state.analysis.signature(sequence_id, parameters)
+    result = await result_or_job(state, preference, "signature", job_request, work)
+    if isinstance(result, Response):
+        return result
     headers = {"ETag": tag, "Vary": "Accept"}
     name = f"{sequence_id[:12]}-signature.h5"
     if media_type == HDF5 and not shown:
-        return FileResponse(found, media_type=HDF5, filename=name, headers=headers)
+        return FileResponse(result, media_type=HDF5, filename=name, headers=headers)
     if media_type == HDF5:
         headers["Content-Disposition"] = f'attachment; filename="{name}"'
     give = {
@@ -81,7 +80,7 @@ SURFACES: Final = {
     GLB: (SurfaceFormat.GLB, ".glb"),
     ZIP: (SurfaceFormat.PLY, ".zip"),
 }
-"""What surfaces are given as, by media type."""
+"""Formats of surfaces, by media type."""
 
 
 class DistanceQuery(SignatureQuery):
@@ -104,12 +103,14 @@ async def distance(
     note_ids(request, [query.to])
     for known in (sequence_id, query.to):
         state.store.sequence_record(known)
-    found = await state.analysis.distance(sequence_id, query.to, query.parameters(), query.closed)
-    return DistanceAnswer(distance=found.distance, uses_theta_zero=found.uses_theta_zero)
+    comparison = await state.analysis.distance(
+        sequence_id, query.to, query.parameters(), query.closed
+    )
+    return DistanceAnswer(distance=comparison.distance, uses_theta_zero=comparison.uses_theta_zero)
 
 
 class ReconstructionQuery(SignatureQuery):
-    """Which surfaces are asked for."""
+    """Query parameters of a reconstruction."""
 
     times: str | None = Field(
         None,
@@ -134,7 +135,7 @@ async def reconstruction(
     state: StateDependency,
     accept: Annotated[str, Header(description=", ".join(SURFACES))] = NPZ,
 ) -> Response:
-    """Give the surfaces that the signature stands for, at any of its times."""
+    """Give the surfaces that a signature describes, at any of its times."""
     media_type = best_type(accept, tuple(SURFACES))
     surface_format, suffix = SURFACES[media_type]
     state.store.sequence_record(sequence_id)
@@ -155,7 +156,7 @@ async def reconstruction(
     },
 )
 async def signatures(
-    asked: ManySignatures,
+    query: ManySignatures,
     http_request: Request,
     state: StateDependency,
     preference: PreferenceDependency,
@@ -164,20 +165,20 @@ async def signatures(
     """Give the signatures of many sequences in one file, in the order of their ids."""
     media_type = best_type(accept, (NPZ, HDF5))
     most = state.settings.max_query_ids
-    if len(asked.ids) > most:
+    if len(query.ids) > most:
         raise LimitError(
-            f"{len(asked.ids)} signatures were asked for at once; at most {most} are given.",
+            f"{len(query.ids)} signatures were requested at once; the limit is {most}.",
             remedy="Ask for them in several requests.",
             limit="query_ids",
-            details={"value": len(asked.ids), "most": most},
+            details={"value": len(query.ids), "most": most},
         )
-    note_ids(http_request, asked.ids)
-    for sequence_id in asked.ids:
+    note_ids(http_request, query.ids)
+    for sequence_id in query.ids:
         state.store.sequence_record(sequence_id)
-    request = {**asked.model_dump(mode="json"), "as_hdf5": media_type == HDF5}
-    work = state.analysis.pack(asked.ids, asked.parameters(), media_type == HDF5)
-    found = await result_or_job(state, preference, "signatures", request, work)
-    if isinstance(found, Response):
-        return found
+    job_request = {**query.model_dump(mode="json"), "as_hdf5": media_type == HDF5}
+    work = state.analysis.pack(query.ids, query.parameters(), media_type == HDF5)
+    result = await result_or_job(state, preference, "signatures", job_request, work)
+    if isinstance(result, Response):
+        return result
     name = "signatures.h5" if media_type == HDF5 else "signatures.npz"
-    return temporary_file(found, media_type, filename=name)
+    return temporary_file(result, media_type, filename=name)

@@ -39,7 +39,7 @@ class TemplateQuery(ReadingQuery, SignatureQuery):
 async def make(
     file: FileDependency, query: Annotated[TemplateQuery, Query()], state: StateDependency
 ) -> Response:
-    """Make the template of a sequence's reference frame, and keep it.
+    """Make the template of a sequence's reference frame, and store it.
 
     A cohort whose vertices correspond names it (`?template=`) and pays for it once.
     """
@@ -70,7 +70,7 @@ async def describe(
     request: Request,
     accept: Annotated[str, Header(description=f"{JSON}, or {PNG} for a picture.")] = JSON,
 ) -> Response:
-    """Say what was found of a surface, or draw s and theta on it."""
+    """Describe a template, or draw s and theta on its surface."""
     media_type = best_type(accept, (JSON, PNG))
     state.store.template_path(template_id)
     tag = tag_of(template_id, media_type)

@@ -31,20 +31,20 @@ async def tradeoff(
     request: Request,
     accept: Annotated[str, Header(description=f"{JSON}, or {PNG} for a picture.")] = JSON,
 ) -> Response:
-    """Say what each choice of modes costs and loses, and mark the one that is asked for.
+    """Give cost and error of each choice of modes, and mark the requested one.
 
-    Modes, harmonics, components and topologies at once; nothing is kept.
+    Modes, harmonics, components and topologies at once; nothing is stored.
     """
     media_type = best_type(accept, (JSON, PNG))
     parameters = query.parameters()
     landmarks = state.store.sequence_record(sequence_id).facts.landmarks
     only = "" if query.components is None else query.components.value
     # Times differ from one answer to the next, so that the tag is a weak one.
-    read = (repr(landmarks),) if landmarks else ()
-    tag = tag_of(sequence_id, parameters.key, media_type, str(query.front_modes), only, *read)
+    places = (repr(landmarks),) if landmarks else ()
+    tag = tag_of(sequence_id, parameters.key, media_type, str(query.front_modes), only, *places)
     if is_known(request, tag):
         return not_modified(f"W/{tag}")
-    asked = {
+    job_request = {
         "sequence_id": sequence_id,
         "query": query.model_dump(mode="json"),
         "media_type": media_type,
@@ -52,7 +52,7 @@ async def tradeoff(
     work = state.analysis.tradeoff(
         sequence_id, parameters, query.front_modes, query.components, media_type
     )
-    found = await result_or_job(state, preference, "tradeoff", asked, work)
-    if isinstance(found, Response):
-        return found
-    return temporary_file(found, media_type, headers={"ETag": f"W/{tag}", "Vary": "Accept"})
+    result = await result_or_job(state, preference, "tradeoff", job_request, work)
+    if isinstance(result, Response):
+        return result
+    return temporary_file(result, media_type, headers={"ETag": f"W/{tag}", "Vary": "Accept"})

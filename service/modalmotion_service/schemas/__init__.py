@@ -1,4 +1,4 @@
-"""What goes over the wire, as pydantic models."""
+"""Requests and answers, as pydantic models."""
 
 from modalmotion_service.schemas.facts import FactsAnswer
 from modalmotion_service.schemas.fields import (

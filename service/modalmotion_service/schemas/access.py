@@ -8,7 +8,7 @@ from modalmotion_service.audit.entry import AuditEntry
 
 
 class AuditEntryAnswer(BaseModel):
-    """Who asked for what."""
+    """Who requested what."""
 
     number: int = Field(description="Counted from 1, without gaps.")
     time: str = Field(description="ISO 8601 in UTC.")
@@ -19,7 +19,7 @@ class AuditEntryAnswer(BaseModel):
     )
     method: str = Field(description="COMMAND for one of the command line.")
     route: str = Field(description="By its template, or the command; empty where there is none.")
-    ids: list[str] = Field(description="What it was about.")
+    ids: list[str] = Field(description="Ids that it concerned.")
     status: int = Field(
         description="Of the answer; 102 for the entry that is written before a change."
     )

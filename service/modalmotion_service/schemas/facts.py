@@ -21,7 +21,7 @@ _LONGEST_JSON: Final = 50_000
 TRACKING: Final = "Whether vertices follow tissue (material) or slide over it (offset)."
 COORDINATES: Final = "Which way x, y and z point in a patient; both are right-handed."
 PERIOD: Final = "Of a cycle, in s; at least what the times span."
-CAVITY: Final = "What the surface encloses."
+CAVITY: Final = "Cavity that the surface encloses."
 MODALITY: Final = "How it was recorded: MR, CT, US, simulated."
 LANDMARKS: Final = (
     "By name: the number of a vertex, or a point [x, y, z]; apex, base, theta_zero and corners "
@@ -31,7 +31,7 @@ COVARIATES: Final = "By name: a number or a word."
 
 
 class FactsQuery(BaseModel):
-    """What is stated of a sequence beside its arrays, over what the file states."""
+    """Facts of a sequence beside its arrays; they override those in the file."""
 
     tracking: Tracking | None = Field(None, description=TRACKING)
     handedness: Handedness | None = Field(None, description="Of the coordinate system.")
@@ -58,7 +58,7 @@ class FactsQuery(BaseModel):
 
 
 class FactsAnswer(BaseModel):
-    """What is stated of a sequence beside its arrays; no part of its id."""
+    """Facts of a sequence beside its arrays; not part of its id."""
 
     tracking: Tracking = Field(description=TRACKING)
     handedness: Handedness
@@ -94,5 +94,5 @@ class FactsPatch(JsonBody):
 
     @property
     def changes(self) -> dict[str, Any]:
-        """What is stated, as `facts_patched` takes it."""
+        """The stated facts, as `facts_patched` takes them."""
         return {name: getattr(self, name) for name in self.model_fields_set}

@@ -36,8 +36,8 @@ PLACE: Final[Any] = Field(
 TOPOLOGY: Final[Any] = Field(
     None,
     max_length=80,
-    description="cup, cylinder, plane, torus, sphere, open curve or closed curve; over what "
-    "the file states.",
+    description="cup, cylinder, plane, torus, sphere, open curve or closed curve; overrides "
+    "the file's.",
 )
 
 
@@ -52,12 +52,12 @@ JobId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{32}$")]
 SequenceId = Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
 
 
-# Members that are not known of which each is named; more are named together.
+# Up to so many unknown members are named one by one; more, together.
 _NAMED: Final = 20
 
 
 class JsonBody(BaseModel):
-    """What is sent as JSON: a body of a million faults is refused at the first ones.
+    """A JSON body: one with a million faults is refused at the first ones.
 
     pydantic makes an error of each, of a kilobyte, while no other request is answered. Lists in
     such a body are to be `FailFast` for the same reason.
@@ -87,7 +87,7 @@ def parse_times(text: str) -> list[float]:
     Raises
     ------
     ParameterError
-        If one of them is no number.
+        If one of them is not a number.
     """
     try:
         return [float(part) for part in text.split(",")]
@@ -108,7 +108,7 @@ def _reference(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
 
 
 ReferenceShape = Annotated[Annotated[int, Field(ge=0)] | Literal["mean"], WrapValidator(_reference)]
-"""What displacements are measured from."""
+"""Shape that displacements are measured from."""
 
 
 def parse_grid(text: str | None) -> tuple[int, ...] | None:

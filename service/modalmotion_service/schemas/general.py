@@ -1,4 +1,4 @@
-"""What every part of the service answers with."""
+"""Answers that every part of the service gives."""
 
 from __future__ import annotations
 

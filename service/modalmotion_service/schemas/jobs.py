@@ -1,4 +1,4 @@
-"""Jobs: long work, and how far it is."""
+"""Jobs: long work, and its progress."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 
 
 class JobState(StrEnum):
-    """How far a job is; the last three are final."""
+    """State of a job; the last three are final."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -19,7 +19,7 @@ class JobState(StrEnum):
 
 
 class JobAnswer(BaseModel):
-    """Long work, and how far it is."""
+    """Long work, and its progress."""
 
     id: str
     kind: str = Field(
@@ -27,7 +27,7 @@ class JobAnswer(BaseModel):
     )
     state: JobState
     progress: float = Field(description="Share that is done, 0 to 1.")
-    text: str | None = Field(description="What is done now, in words; null where nothing is.")
+    text: str | None = Field(description="The current step, in words; null if there is none.")
     result: str | None = Field(description="Link to the result; null until there is one.")
     error: dict[str, Any] | None = Field(description="The problem it failed with.")
     created: str = Field(description="ISO 8601 in UTC.")

@@ -28,7 +28,7 @@ class ServerReady(BaseModel):
 
 
 class ModelReady(BaseModel):
-    """Whether a model can be asked."""
+    """Whether a model can be used."""
 
     model_config = ConfigDict(protected_namespaces=())
 
@@ -45,7 +45,7 @@ class TensorMetadata(BaseModel):
 
 
 class ModelMetadata(BaseModel):
-    """What a model takes and gives."""
+    """Inputs and outputs of a model."""
 
     name: str
     versions: list[str]

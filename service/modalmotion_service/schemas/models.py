@@ -1,4 +1,4 @@
-"""Models: what is asked for a new one, and what is said of one."""
+"""Models: requests to train one, and descriptions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LONGEST_NAME: Final = 200
 
 
 class LabelledSequence(JsonBody):
-    """A kept sequence, and what to call it in this training."""
+    """A stored sequence, with label and subject for this training."""
 
     id: SequenceId
     label: str | None = Field(
@@ -30,7 +30,7 @@ class LabelledSequence(JsonBody):
 
 
 class TrainingRequest(JsonBody):
-    """What a model is to be trained on, and how."""
+    """Name, sequences and options of a model to train."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -52,7 +52,7 @@ class TrainingRequest(JsonBody):
         "gets its next version.",
     )
     sequences: Annotated[list[SequenceId | LabelledSequence], FailFast()] = Field(
-        description="Ids; label and subject are those kept with the sequence, or stated here. "
+        description="Ids; label and subject are those stored with the sequence, or stated here. "
         "Sequences of one subject are never on both sides of a split."
     )
     options: dict[str, Any] = Field(
@@ -79,13 +79,13 @@ class ModelSummary(BaseModel):
     id: str = Field(description="sha256 of everything that its answers depend on.")
     origin: Literal["trained", "shipped"]
     classes: list[str]
-    created: str | None = Field(description="ISO 8601 in UTC; null for one that is shipped.")
-    versions: list[int] = Field(description="All of its name that there are.")
+    created: str | None = Field(description="ISO 8601 in UTC; null for a shipped model.")
+    versions: list[int] = Field(description="All of its name.")
     links: dict[str, str]
 
     @staticmethod
     def of(record: ModelRecord, versions: list[int]) -> ModelSummary:
-        """Write out what a record says."""
+        """Write a record out."""
         here = f"/v1/models/{record.name}"
         return ModelSummary(
             name=record.name,
@@ -102,13 +102,13 @@ class ModelSummary(BaseModel):
 class CalibrationPoint(BaseModel):
     """Answers of about the same stated probability."""
 
-    probability: float = Field(description="Mean of what was stated.")
+    probability: float = Field(description="Mean stated probability.")
     right: float = Field(description="Share that was right.")
     n_cases: int
 
 
 class ModelCardAnswer(BaseModel):
-    """What a user should know of a model before relying on it."""
+    """Facts to know before relying on a model."""
 
     training_set: str = Field(
         description="sha256 of sequence ids, labels and subjects, in any order."
@@ -121,8 +121,8 @@ class ModelCardAnswer(BaseModel):
     )
     is_grouped: bool = Field(description="Whether no subject was on both sides of a split.")
     confusion: list[list[int]] = Field(
-        description="Rows are true classes, columns answers, in the order of the classes; a "
-        "last column more counts answers without a class."
+        description="Rows are true classes, columns answers, in the order of the classes; an "
+        "extra last column counts answers without a class."
     )
     calibration_curve: list[CalibrationPoint]
     calibration_error: float | None = Field(description="Expected calibration error.")
@@ -136,7 +136,7 @@ class ModelCardAnswer(BaseModel):
     intended_use: str
     has_seen: str
     has_not_seen: str
-    notes: list[str] = Field(description="What was met in training.")
+    notes: list[str] = Field(description="Remarks from training.")
     extra: dict[str, Any]
 
     @staticmethod
@@ -154,16 +154,16 @@ class ModelAnswer(ModelSummary):
     parameters: dict[str, Any] = Field(description="Of the signatures that it reads.")
     card: ModelCardAnswer
     file: str | None = Field(
-        description="HDF5 file within the data folder; null for one that is shipped."
+        description="HDF5 file within the data folder; null for a shipped model."
     )
 
     @staticmethod
-    def with_card(kept: KeptModel, versions: list[int], file: str | None) -> ModelAnswer:
-        """Write out what a file says."""
+    def with_card(model: KeptModel, versions: list[int], file: str | None) -> ModelAnswer:
+        """Write a stored model out."""
         return ModelAnswer(
-            **ModelSummary.of(kept.record, versions).model_dump(),
-            parameters=parameters_as_json(kept.record.parameters),
-            card=ModelCardAnswer.of(ModelCard.from_json(kept.card)),
+            **ModelSummary.of(model.record, versions).model_dump(),
+            parameters=parameters_as_json(model.record.parameters),
+            card=ModelCardAnswer.of(ModelCard.from_json(model.card)),
             file=file,
         )
 

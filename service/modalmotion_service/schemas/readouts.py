@@ -29,7 +29,7 @@ class FigureAnswer(BaseModel):
 
 
 class VolumeAnswer(BaseModel):
-    """Volume over time, and what is read from it."""
+    """Volume over time, and its read-outs."""
 
     volumes: list[float] = Field(description="Of each frame, in `volume_unit`.")
     bounds: list[float] = Field(
@@ -64,7 +64,7 @@ class VolumeAnswer(BaseModel):
 
 
 class ReadoutsAnswer(BaseModel):
-    """What is read from a cavity's volume over time."""
+    """Read-outs from a cavity's volume over time."""
 
     sequence_id: str
     template_id: str

@@ -27,7 +27,7 @@ class EncodingTarget(BaseModel):
 
 
 class EncodedAnswer(BaseModel):
-    """What was measured on a stream after decoding it; given as headers beside the stream."""
+    """Size and errors of a stream, measured by decoding it; sent as headers beside it."""
 
     n_bytes: int
     bits_per_vertex_and_frame: float
@@ -37,9 +37,9 @@ class EncodedAnswer(BaseModel):
     transform: str
 
     @staticmethod
-    def of(found: Encoded) -> EncodedAnswer:
-        """Write out what was measured."""
-        return EncodedAnswer.model_validate(found, from_attributes=True)
+    def of(stream: Encoded) -> EncodedAnswer:
+        """Write the measurements out."""
+        return EncodedAnswer.model_validate(stream, from_attributes=True)
 
     @property
     def headers(self) -> dict[str, str]:
@@ -51,7 +51,7 @@ class EncodedAnswer(BaseModel):
 
 
 class ClassificationRequest(JsonBody):
-    """Which model is asked, and how sure its class set is to be."""
+    """The model, and how sure its class set must be."""
 
     model: str = Field(
         DEFAULT_MODEL,
@@ -62,12 +62,12 @@ class ClassificationRequest(JsonBody):
         0.9,
         gt=0,
         lt=1,
-        description="Probability that the class set holds the true class, whatever the class.",
+        description="Probability that the class set holds the true class, for every class.",
     )
 
 
 class ContributionAnswer(BaseModel):
-    """What one mode, or a cosine-sine pair, did to a prediction."""
+    """Contribution of one mode, or a cosine-sine pair, to a prediction."""
 
     modes: list[str]
     score: float = Field(
@@ -79,28 +79,26 @@ class ContributionAnswer(BaseModel):
 
 
 class ClassificationAnswer(BaseModel):
-    """What a model says of one sequence."""
+    """Answer of a model for one sequence."""
 
     sequence_id: str
     model: str
-    version: int | None = Field(
-        description="Of the model; null where no version of its name is this model any more."
-    )
+    version: int | None = Field(description="Of the model; null if it has been deleted.")
     model_id: str = Field(description="sha256 of the model.")
     label: str | None = Field(description="Most probable class; null where the model abstains.")
     probability: float = Field(description="Of the most probable class.")
     probabilities: dict[str, float]
     class_set: list[str] = Field(description="Classes that cannot be ruled out at `coverage`.")
     coverage: float = Field(description="Probability that the set holds the true class.")
-    flags: list[str] = Field(description=f"{', '.join(FLAGS)}: where one is set there is no label.")
+    flags: list[str] = Field(description=f"{', '.join(FLAGS)}; with any of them there is no label.")
     explanation: list[ContributionAnswer] = Field(
-        description="Which modes moved the prediction, the strongest first."
+        description="Modes that moved the prediction, the strongest first."
     )
     notes: list[str]
     provenance: dict[str, str]
     intended_use: str = INTENDED_USE
     file: str | None = Field(
-        description="HDF5 file of this result, within the data folder; null where none is kept."
+        description="HDF5 file of this result, within the data folder; null if not stored."
     )
 
     @staticmethod
@@ -128,12 +126,12 @@ class ClassificationAnswer(BaseModel):
 
 
 class UploadClassificationAnswer(ClassificationAnswer):
-    """What a model says of an upload that is not kept."""
+    """Answer of a model for an upload that is not stored."""
 
-    reading: ReadingAnswer = Field(description="What the upload held besides.")
+    reading: ReadingAnswer = Field(description="How the upload was read.")
 
 
 class ClassificationList(BaseModel):
-    """Everything that models have said of one sequence."""
+    """All classifications of one sequence."""
 
     classifications: list[ClassificationAnswer]

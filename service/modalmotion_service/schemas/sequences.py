@@ -14,7 +14,7 @@ from modalmotion_service.schemas.fields import GRID, TOPOLOGY, JsonBody, parse_g
 
 
 class ReadingAnswer(BaseModel):
-    """What a reader learned of a file besides the sequence in it."""
+    """How a file was read: everything besides the sequence in it."""
 
     format: str
     ignored: list[str] = Field(description="Arrays and members that were not used.")
@@ -27,7 +27,7 @@ class ReadingAnswer(BaseModel):
 
     @staticmethod
     def of(reading: Reading) -> ReadingAnswer:
-        """Write out what was read, but for the sequence."""
+        """Write a reading out, without the sequence."""
         return ReadingAnswer(
             format=reading.format,
             ignored=list(reading.ignored),
@@ -39,11 +39,11 @@ class ReadingAnswer(BaseModel):
 
 
 class ReadingQuery(FactsQuery):
-    """What may be said of a file beside it, over what it says itself."""
+    """Statements about a file, which override its own."""
 
     model_config = ConfigDict(extra="forbid")
 
-    format: Format | None = Field(None, description="Told from the content by default.")
+    format: Format | None = Field(None, description="Recognised by its content by default.")
     topology: str | None = TOPOLOGY
     grid: str | None = GRID
     unit: str | None = Field(None, max_length=20, description="m, cm, mm, um or nm.")
@@ -61,7 +61,7 @@ class ReadingQuery(FactsQuery):
     animation: str | None = Field(None, max_length=200, description="Of GLB: by its name.")
 
     def options(self, limits: ReadLimits, facts: Facts = NO_FACTS) -> ReadOptions:
-        """Translate to the reader's options; facts of the query go over those that are given."""
+        """Translate to the reader's options; facts of the query override `facts`."""
         return ReadOptions(
             format=self.format,
             limits=limits,
@@ -78,14 +78,14 @@ class ReadingQuery(FactsQuery):
 
 
 class UploadQuery(ReadingQuery):
-    """What may be said of an upload beside the file."""
+    """Statements about an upload."""
 
     subject: str | None = Field(None, max_length=200, description="Whose surface it is.")
     label: str | None = Field(None, max_length=200, description="Known motion class.")
 
 
 class SequenceSummary(BaseModel):
-    """What is known of a kept sequence."""
+    """Summary of a stored sequence."""
 
     id: str = Field(description="sha256 of the content, in hex.")
     n_frames: int
@@ -100,7 +100,7 @@ class SequenceSummary(BaseModel):
     created: str = Field(description="When it was first received, ISO 8601 in UTC.")
     facts: FactsAnswer
     reading: ReadingAnswer | None = Field(
-        None, description="What the upload held besides; only in the answer to it."
+        None, description="How the upload was read; only in the answer to it."
     )
     links: dict[str, str]
 
@@ -138,7 +138,7 @@ class SequencePageAnswer(BaseModel):
 
 
 class SequenceNames(JsonBody):
-    """What people say of a sequence: what is left out stays, null takes it away."""
+    """Names and facts of a sequence: a missing field stays, null removes it."""
 
     subject: str | None = Field(None, max_length=200, description="Whose surface it is.")
     label: str | None = Field(None, max_length=200, description="Known motion class.")

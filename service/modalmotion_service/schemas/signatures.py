@@ -28,7 +28,7 @@ from modalmotion_service.schemas.tradeoff import PriceAnswer
 
 
 class SignatureQuery(BaseModel):
-    """Which signature is asked for."""
+    """Query parameters of a signature."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -37,7 +37,7 @@ class SignatureQuery(BaseModel):
         ge=1,
         le=MOST_MODES,
         description="Number of modes, three amplitudes a frame each; rounded up where a "
-        "cosine-sine pair would be split, unless split_pairs. 7 if nothing else is asked for.",
+        "cosine-sine pair would be split, unless split_pairs. 7 if nothing else is requested.",
     )
     amplitudes: int | None = Field(
         None, ge=1, le=3 * MOST_MODES, description="In place of modes: amplitudes a frame."
@@ -59,7 +59,7 @@ class SignatureQuery(BaseModel):
         ModeOrder.FIXED, description="Which modes come first: in fixed order, or by energy."
     )
     most_modes: int | None = Field(
-        None, ge=1, le=MOST_MODES, description="That tolerance, auto and energy may reach to."
+        None, ge=1, le=MOST_MODES, description="Upper limit for tolerance, auto and energy."
     )
     harmonics: int | None = Field(
         None, ge=0, le=10_000, description="Limit each amplitude's path over time to these."
@@ -73,8 +73,8 @@ class SignatureQuery(BaseModel):
     grid: str | None = GRID
     reference: ReferenceShape = Field(
         0,
-        description="What displacements are measured from: a frame, or the mean shape, which does "
-        "not depend on the frame that a recording starts with.",
+        description="Shape that displacements are measured from: a frame, or the mean shape, which "
+        "does not depend on where the recording starts.",
     )
     weights: Weights = Field(
         Weights.AREA, description="How much each vertex counts: its area, or all alike."
@@ -109,7 +109,7 @@ class SignatureQuery(BaseModel):
 
 
 class ManySignatures(JsonBody, SignatureQuery):
-    """Which signatures are asked for in one answer."""
+    """Query parameters of many signatures in one answer."""
 
     ids: Annotated[list[SequenceId], FailFast()] = Field(
         min_length=1, description="Of the sequences, in order."
@@ -139,9 +139,9 @@ class LandmarksAnswer(BaseModel):
     apex: list[float]
     base: list[float]
     strengths: dict[str, float] = Field(
-        description="0 where the shape could as well say another, 1 where there is no doubt."
+        description="0 where the shape does not decide, 1 where there is no doubt."
     )
-    given: list[str] = Field(description="Which ones the sender stated.")
+    given: list[str] = Field(description="Those that the sender stated.")
 
     @staticmethod
     def of(landmarks: Landmarks) -> LandmarksAnswer:
@@ -212,18 +212,18 @@ class SignatureAnswer(BaseModel):
     facts: FactsAnswer
     notes: list[str]
     parameters: dict[str, object] = Field(
-        description="As asked for, with the landmarks that the facts state."
+        description="As requested, with the landmarks that the facts state."
     )
     provenance: dict[str, str]
     intended_use: str = INTENDED_USE
     file: str | None = Field(
-        description="HDF5 file of this result, within the data folder; null where none is kept."
+        description="HDF5 file of this result, within the data folder; null if not stored."
     )
 
     @staticmethod
     def of(signature: ModalSignature, file: str | None) -> SignatureAnswer:
         """Write a signature out as lists."""
-        asked = signature.parameters
+        parameters = signature.parameters
         return SignatureAnswer(
             sequence_id=signature.sequence_id,
             template_id=signature.template_id,
@@ -235,13 +235,13 @@ class SignatureAnswer(BaseModel):
             modes=[Label.of(label) for label in signature.modes.labels],
             shape=signature.amplitudes.shape,
             amplitudes=signature.amplitudes.tolist(),
-            components=asked.components,
+            components=parameters.components,
             landmarks=(
                 None if signature.landmarks is None else LandmarksAnswer.of(signature.landmarks)
             ),
             translations=signature.translations.tolist(),
             angular_frequencies=signature.angular_frequencies.tolist(),
-            wave_speed=asked.wave_speed,
+            wave_speed=parameters.wave_speed,
             lengths=list(signature.lengths),
             rotations=signature.rotations.matrices.tolist(),
             rotation_determined=signature.rotations.is_determined.tolist(),
@@ -263,7 +263,7 @@ class SignatureAnswer(BaseModel):
             choice=None if signature.choice is None else signature.choice.as_json(),
             facts=FactsAnswer.of(signature.facts),
             notes=list(signature.notes),
-            parameters=parameters_as_json(asked),
+            parameters=parameters_as_json(parameters),
             provenance=signature.provenance,
             file=file,
         )

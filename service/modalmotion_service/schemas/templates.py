@@ -11,9 +11,9 @@ from modalmotion_service.schemas.signatures import Label, LandmarksAnswer
 
 
 class TemplateAnswer(BaseModel):
-    """Natural coordinates of a surface, and how they were found."""
+    """Natural coordinates of a surface, and how they were determined."""
 
-    id: str = Field(description="sha256 of what it was made from, in hex.")
+    id: str = Field(description="sha256 of its inputs, in hex.")
     topology: str = Field(description='Or "mesh" where no natural coordinates are known.')
     n_vertices: int
     n_faces: int

@@ -1,4 +1,4 @@
-"""What a description costs and loses, and the front of all choices."""
+"""Cost and error of a description, and the front of all choices."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from modalmotion.tradeoff import Price
 
 
 class PriceAnswer(BaseModel):
-    """What a description costs and what it loses."""
+    """Cost and error of a description."""
 
     rms_error: float = Field(description="Over all frames, in `unit`.")
     p95_error: float = Field(description="95th percentile over the surface, worst frame.")
@@ -24,7 +24,7 @@ class PriceAnswer(BaseModel):
     compression: float = Field(description="Coordinates over amplitudes of one frame.")
     compression_of_sequence: float = Field(description="With the reference counted.")
     milliseconds: dict[str, float] = Field(
-        description="By stage; those of a kept result are in the Server-Timing header."
+        description="By stage; those of a stored result are in the Server-Timing header."
     )
 
     @staticmethod
@@ -49,7 +49,7 @@ class BranchAnswer(BaseModel):
 
 
 class SceneErrorAnswer(BaseModel):
-    """What one simple kind of motion leaves, in the length unit."""
+    """Error that one simple kind of motion leaves, in the length unit."""
 
     rms: float
     p95: float
@@ -61,14 +61,14 @@ class NoiseAnswer(BaseModel):
     """The measurement's noise as estimated."""
 
     sigma: float = Field(description="Standard deviation of a coordinate, length unit.")
-    rounding: float = Field(description="What storing the numbers adds.")
+    rounding: float = Field(description="Added by storing the numbers.")
     modes: int = Field(description="Spatial modes that were taken out first.")
     rank: int = Field(description="Of the singular value that was read, from the smallest.")
     n_values: int
 
 
 class ChosenAnswer(BaseModel):
-    """The point of the front that was asked for."""
+    """The requested point of the front."""
 
     kind: SceneKind = Field(description="deformable for modes, or the simpler kind that holds.")
     price: PriceAnswer
@@ -85,7 +85,7 @@ class ChosenAnswer(BaseModel):
 
 
 class TradeoffAnswer(BaseModel):
-    """What each choice costs and loses on one sequence."""
+    """Cost and error of each choice on one sequence."""
 
     sequence_id: str
     unit: str | None

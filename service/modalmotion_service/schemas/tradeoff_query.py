@@ -13,7 +13,7 @@ from modalmotion_service.schemas import SignatureQuery
 
 
 class TradeoffQuery(SignatureQuery):
-    """Which front is asked for, and which point of it."""
+    """Query parameters of a front, and of a point on it."""
 
     front_modes: int = Field(
         MOST_OF_FRONT, ge=1, le=MOST_MODES, description="Modes that the front reaches to."
@@ -24,6 +24,6 @@ class TradeoffQuery(SignatureQuery):
 
     def parameters(self) -> SignatureParameters:
         """Translate to the library's parameters, Cartesian components first."""
-        said: dict[str, Any] = self.model_dump(exclude={"front_modes"})
-        said["components"] = self.components or Components.CARTESIAN
-        return SignatureQuery(**said).parameters()
+        values: dict[str, Any] = self.model_dump(exclude={"front_modes"})
+        values["components"] = self.components or Components.CARTESIAN
+        return SignatureQuery(**values).parameters()

@@ -1,4 +1,4 @@
-"""Results of sequences: taken from the store, or made by a worker and kept."""
+"""Results of sequences: read from the store, or computed by a worker and stored."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class KeptUpload:
-    """An upload whose sequence is kept.
+    """An upload whose sequence is stored.
 
     Parameters
     ----------
     record : SequenceRecord
     reading : ReadingAnswer
-        What the upload held besides.
+        How the upload was read.
     is_new : bool
     """
 
@@ -53,7 +53,7 @@ class KeptUpload:
 
 
 class Analysis:
-    """Makes each result once, however many ask for it at the same time.
+    """Computes each result once, however many requests want it at the same time.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Analysis:
     engine : Engine
         Where parsing and fitting happen.
     spool : Spool
-        Where workers leave what they made.
+        Where workers leave their output.
     """
 
     def __init__(self, store: ResultStore, engine: Engine, spool: Spool) -> None:
@@ -71,7 +71,7 @@ class Analysis:
         self._shared_work = SharedWork()
 
     async def keep(self, upload: Upload, *, subject: str | None, label: str | None) -> KeptUpload:
-        """Read an upload and keep its sequence."""
+        """Read an upload and store its sequence."""
 
         async def make() -> KeptUpload:
             with self._image() as image, stage("worker"):
@@ -85,8 +85,8 @@ class Analysis:
             others = [n for n in sent.facts.stated if n in record.facts.changed(sent.facts)]
             if others:
                 reading.notes.append(
-                    f"The sequence was known, and keeps its facts; {', '.join(others)} would be "
-                    "others now. PATCH changes them."
+                    f"The sequence was known, and keeps its facts; {', '.join(others)} would now "
+                    "be different. PATCH changes them."
                 )
             return KeptUpload(record, reading, is_new)
 
@@ -95,7 +95,7 @@ class Analysis:
     def resolved(
         self, sequence_id: str, parameters: SignatureParameters
     ) -> tuple[SignatureParameters, Facts]:
-        """Parameters with what the fit reads of a kept sequence's facts, and the facts.
+        """Complete parameters by the facts that a fit reads; gives the sequence's facts too.
 
         Raises
         ------
@@ -103,13 +103,13 @@ class Analysis:
             If there is no such sequence.
         """
         record = self._store.sequence_record(sequence_id)
-        asked = parameters.with_facts(record.facts, record.topology, record.grid)
-        return asked, record.facts
+        parameters = parameters.with_facts(record.facts, record.topology, record.grid)
+        return parameters, record.facts
 
     async def signature(self, sequence_id: str, parameters: SignatureParameters) -> Path:
-        """Give the file of a signature, made if it is not kept yet, or not as it was written.
+        """Give the file of a signature, made if it is missing or damaged.
 
-        With the landmarks that the facts of the sequence state now.
+        The landmarks are those that the facts of the sequence state now.
         """
         parameters, _ = self.resolved(sequence_id, parameters)
 
@@ -124,17 +124,17 @@ class Analysis:
                         self._store.put_signature_image, image, sequence_id, parameters.key
                     )
 
-        kept = await asyncio.to_thread(
+        path = await asyncio.to_thread(
             self._store.sound_signature_path, sequence_id, parameters.key
         )
-        if kept is not None:
-            return kept
+        if path is not None:
+            return path
         return await self._shared_work.join((sequence_id, parameters.key), make)
 
     async def signature_of_upload(
         self, upload: Upload, parameters: SignatureParameters, media_type: str
     ) -> bytes:
-        """Fit an upload and give its signature as the media type; nothing is kept."""
+        """Fit an upload and give its signature as the media type; nothing is stored."""
         template = self._template_path(parameters)
         with stage("worker"):
             work = self.work(signatures.sign_upload, upload, parameters, template, media_type)
@@ -173,7 +173,7 @@ class Analysis:
     async def template(
         self, upload: Upload, parameters: SignatureParameters
     ) -> tuple[TemplateAnswer, bool]:
-        """Make and keep the template of an upload; tell whether it is new."""
+        """Make and store the template of an upload; tell whether it is new."""
         with self._image() as image, stage("worker"):
             work = self.work(templates.make_template, upload, parameters, image)
             answer, milliseconds = await work
@@ -183,17 +183,17 @@ class Analysis:
         return answer, is_new
 
     async def describe_template(self, template_id: str) -> TemplateAnswer:
-        """Say what a kept template holds."""
+        """Describe a stored template."""
         path = await asyncio.to_thread(self._store.template_path, template_id)
         return await self.work(templates.describe_template, path)
 
     async def draw_template(self, template_id: str) -> bytes:
-        """Draw the natural coordinates of a kept template, as PNG."""
+        """Draw the natural coordinates of a stored template, as PNG."""
         path = await asyncio.to_thread(self._store.template_path, template_id)
         return await self.work(templates.draw_template, path)
 
     async def template_modes(self, template_id: str, query: ModesQuery, media_type: str) -> bytes:
-        """Give the vibration modes of a kept template as the media type."""
+        """Give the vibration modes of a stored template as the media type."""
         path = await asyncio.to_thread(self._store.template_path, template_id)
         with stage("modes"):
             return await self.work(templates.modes_of_template, path, query, media_type)
@@ -261,7 +261,7 @@ class Analysis:
         target: EncodingTarget,
         report: Callable[[float, str], None] = lambda _share, _text: None,
     ) -> tuple[Path, EncodedAnswer]:
-        """Encode an upload, or a kept sequence by its id, to a file that the caller removes."""
+        """Encode an upload, or a stored sequence by its id, to a file that the caller removes."""
         progress = self._spool.new_path()
         try:
             with self._output() as output, stage("encode"):
@@ -330,11 +330,11 @@ class Analysis:
 
     @contextmanager
     def _output(self) -> Iterator[Path]:
-        """Name a file that a worker writes, and that stays if it did."""
+        """Name a file for a worker to write; it is removed if the work fails."""
         path = self._spool.new_path()
         try:
             yield path
         except BaseException:
-            # With what a worker that died left beside it.
+            # Also removes a dead worker's leftovers.
             remove_with_beside(path)
             raise

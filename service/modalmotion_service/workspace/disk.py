@@ -43,8 +43,8 @@ def require_room(folder: Path, n_bytes: int = LEAST_BYTES) -> None:
 def require_reserve(folder: Path, n_bytes: int) -> None:
     """Check that more is free than what uploads leave to everything else.
 
-    Deletions, results of what is kept, and the audit log without which nothing is answered go on
-    below it.
+    Below it, deletions, results of stored sequences, and the audit log go on; without the log
+    nothing is answered.
 
     Raises
     ------

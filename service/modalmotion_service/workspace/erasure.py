@@ -1,4 +1,4 @@
-"""Deleting a sequence where the service is: jobs, their files, and answers kept for later."""
+"""Deleting a sequence with its jobs, their files, and stored answers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from modalmotion_service.workspace.state import State
 
 
 async def erase(state: State, sequence_id: str) -> None:
-    """Delete a sequence with all that derives from it, and what is told of it elsewhere.
+    """Delete a sequence with all that derives from it, and every mention of it elsewhere.
 
     Jobs about it are ended and forgotten, with the files that they have made: an encoded
     sequence is the sequence. So is a job of many sequences, for its file has this one too.
@@ -30,7 +30,7 @@ async def erase(state: State, sequence_id: str) -> None:
     # Before the sequence itself: what fails here, or is cut short, is done by the next call.
     await _forget(state, sequence_id)
     await asyncio.to_thread(state.store.delete_sequence, sequence_id)
-    # What was made of it in the meantime.
+    # Again, for jobs that were made meanwhile.
     await _forget(state, sequence_id)
 
 
@@ -50,10 +50,10 @@ async def _forget(state: State, sequence_id: str) -> None:
 
 
 def _gone() -> tuple[int, dict[str, object]]:
-    """Answer of a request that is sent again with the key under which it made what is deleted."""
+    """Answer to a request that is sent again after its result was deleted."""
     body = problem_body(
         NotFoundError(
-            "What this request has made was deleted since.",
+            "The result of this request has been deleted since.",
             remedy="Send it with a new Idempotency-Key to have it again.",
         )
     )

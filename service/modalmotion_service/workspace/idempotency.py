@@ -31,7 +31,7 @@ class IdempotentRequest:
     key : str
         As the client chose it.
     fingerprint : str
-        What it was sent with; another one under the same key is a mistake of the client.
+        Digest of the request; another one under the same key is a mistake of the client.
     status : int or None
         Of the answer; None while the request is under way.
     response : JSON value
@@ -66,7 +66,7 @@ class IdempotencyKeys:
         Returns
         -------
         IdempotentRequest or None
-            None where the key was free and is taken now; else what it was taken with.
+            None where the key was free and is taken now; else the request that took it.
         """
         with self._database.write() as connection:
             done = connection.execute(
@@ -84,7 +84,7 @@ class IdempotencyKeys:
         return _request(rows[0]) if rows else None
 
     def complete(self, key: str, status: int, response: Any) -> None:
-        """Keep the answer, to be given again."""
+        """Store the answer, to be repeated."""
         with self._database.write() as connection:
             connection.execute(
                 "UPDATE idempotency SET status = ?, response = ? WHERE key = ?",
@@ -109,12 +109,12 @@ class IdempotencyKeys:
             ).rowcount
 
     def replace_answers(self, place: str, status: int, response: Any) -> int:
-        """Have requests that made what lies at or below a place be answered otherwise.
+        """Replace the answers of requests whose result lies at or below a place.
 
         Parameters
         ----------
         place : str
-            The `location` among the headers of the answers that are kept.
+            The `location` among the headers of the stored answers.
         status : int
         response : JSON value
 

@@ -1,4 +1,4 @@
-"""What each kind of job does, with the request it was noted with."""
+"""Handlers of all kinds of jobs, each a function of the job's request."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _WITH_FILES: Final = ("upload", "training")
 
 
 def trainings_at_once(settings: Settings) -> int:
-    """Give how many models are trained at a time; each may take all of a processor for long."""
+    """Give how many models train at a time; each may take all of a processor for long."""
     return max(1, settings.workers // 2)
 
 
@@ -49,19 +49,19 @@ def make_runner(
         query = UploadQuery(**request["query"])
         facts = facts_from_json(request["facts"])
         sent = Upload(spool.at(request["file"]), query.options(settings.read_limits, facts))
-        kept = await analysis.keep(sent, subject=query.subject, label=query.label)
-        return {"link": f"/v1/sequences/{kept.record.id}"}
+        result = await analysis.keep(sent, subject=query.subject, label=query.label)
+        return {"link": f"/v1/sequences/{result.record.id}"}
 
     async def signature(request: Any, _: Report) -> Any:
         query, sequence_id = SignatureQuery(**request["query"]), request["sequence_id"]
         await analysis.signature(sequence_id, query.parameters())
-        chosen = query.model_dump(mode="json", exclude_defaults=True)
+        parameters = query.model_dump(mode="json", exclude_defaults=True)
         link = f"/v1/sequences/{sequence_id}/signature"
-        return {"link": f"{link}?{urlencode(chosen)}" if chosen else link}
+        return {"link": f"{link}?{urlencode(parameters)}" if parameters else link}
 
     async def signatures(request: Any, report: Report) -> Any:
-        asked = ManySignatures(**{n: v for n, v in request.items() if n != "as_hdf5"})
-        path = await analysis.pack(asked.ids, asked.parameters(), request["as_hdf5"], report)
+        query = ManySignatures(**{n: v for n, v in request.items() if n != "as_hdf5"})
+        path = await analysis.pack(query.ids, query.parameters(), request["as_hdf5"], report)
         return {"file": path.name, "media_type": HDF5 if request["as_hdf5"] else NPZ}
 
     async def tradeoff(request: Any, _: Report) -> Any:
@@ -81,15 +81,15 @@ def make_runner(
         return {"file": path.name, "media_type": STREAM, "headers": answer.headers}
 
     async def classification(request: Any, _: Report) -> Any:
-        chosen = await asyncio.to_thread(models.choose, request["model"])
-        await models.classification(request["sequence_id"], chosen, request["coverage"])
+        model = await asyncio.to_thread(models.choose, request["model"])
+        await models.classification(request["sequence_id"], model, request["coverage"])
         return {"link": f"/v1/sequences/{request['sequence_id']}/classifications"}
 
     async def training(request: Any, report: Report) -> Any:
         cases = await asyncio.to_thread(read_cases, spool.at(request["file"]))
         options = TrainingOptions.from_json(request["options"])
-        made = await trainer.train(request["file"], request["name"], options, cases, report)
-        return {"link": f"/v1/models/{made.name}/versions/{made.version}"}
+        record = await trainer.train(request["file"], request["name"], options, cases, report)
+        return {"link": f"/v1/models/{record.name}/versions/{record.version}"}
 
     return JobRunner(
         jobs,

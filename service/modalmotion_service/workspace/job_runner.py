@@ -1,7 +1,7 @@
 """Long work that goes on without its request, and after a restart.
 
-The jobs' table is the record: a job stands there before it is acknowledged, and what is
-unfinished is taken up again when the service starts.
+The jobs' table is the record: a job stands there before it is acknowledged, and unfinished
+jobs are taken up again when the service starts.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ logger = logging.getLogger(__name__)
 
 
 class Report(Protocol):
-    """Says how far a job is."""
+    """Reports the progress of a job."""
 
     def __call__(self, share: float, text: str = "") -> None:
         """Note the share that is done, 0 to 1, and in words what is done now."""
@@ -40,17 +40,17 @@ class JobRunner:
     ----------
     jobs : Jobs
     handlers : dict
-        For each kind of job what does it: an async function of the request and of a function
-        that says how far it is; it gives the result. Request and result are JSON values.
+        For each kind of job an async function of the request and of a function that reports
+        progress; it gives the result. Request and result are JSON values.
     clean_up : dict
-        For kinds that keep something for their work: what removes it, given the request, once
-        the job is finished.
+        For kinds that store something for their work: a function of the request that removes it
+        once the job is finished.
     n_at_once : int
     most_unfinished : int
-        More than so many queued and running jobs are refused.
+        Queued and running jobs beyond so many are refused.
     apart : dict
-        Kinds of which so many run at once, in places of their own: hours of one kind should
-        not keep the others waiting.
+        Number at once of kinds that run in places of their own: hours of one kind should not
+        keep the others waiting.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class JobRunner:
         self._tasks: dict[str, asyncio.Task[None]] = {}
 
     async def resume(self) -> None:
-        """Take up what an earlier process left unfinished."""
+        """Take up jobs that an earlier process left unfinished."""
         for job in await asyncio.to_thread(self._jobs.unfinished):
             self._begin(job)
 
@@ -86,8 +86,8 @@ class JobRunner:
         kind : str
         request : JSON value
         instead_of : asyncio.Task, optional
-            Somebody who waits for the same work and gives up for the job; holds the work until
-            the job does.
+            A waiter for the same work that gives way to the job; holds the work until the job
+            does.
 
         Raises
         ------
@@ -106,7 +106,7 @@ class JobRunner:
         return job
 
     def text(self, job: Job) -> str | None:
-        """Say what a job is doing now; None where it is not running or does not say."""
+        """Say what a job is doing now; None where it is not running or does not report."""
         # Kept here and not in the store: it means nothing once the work has stopped, which the
         # store knows a moment before this does.
         return None if job.is_finished else self._texts.get(job.id)
@@ -117,7 +117,7 @@ class JobRunner:
         Raises
         ------
         NotFoundError
-            If there is none of that id.
+            If no job has that id.
         ConflictError
             If it is finished.
         """

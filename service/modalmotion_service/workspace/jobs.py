@@ -43,12 +43,12 @@ class Job:
     ----------
     id : str
     kind : str
-        What is done.
+        Kind of work.
     state : JobState
     progress : float
         Share that is done, 0 to 1.
     request, result, error : JSON value
-        What was asked, what came of it, what went wrong; None until there is one.
+        The request, and its result or error; None until there is one.
     created, updated : str
         UTC, ISO 8601 with microseconds.
     """
@@ -171,7 +171,7 @@ class Jobs:
         jobs = self._select("WHERE id = ?", job_id)
         if not jobs:
             raise NotFoundError(
-                "There is no such job.", remedy="Use the id that was answered when it was made."
+                "There is no such job.", remedy="Use the id from the answer that created it."
             )
         return jobs[0]
 

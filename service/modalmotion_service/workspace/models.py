@@ -1,4 +1,4 @@
-"""Models of the service: which one is meant, and what it says of a sequence."""
+"""Models of the service: finding a version by name, and classifying sequences with it."""
 
 from __future__ import annotations
 
@@ -54,13 +54,13 @@ class ChosenModel:
 
 @dataclass(frozen=True)
 class KeptClassification:
-    """What a model has said of a kept sequence.
+    """A stored classification of a sequence.
 
     Parameters
     ----------
     result : Classification
     version : int or None
-        Of the model; None where nobody knows it any more.
+        Of the model; None if it has been deleted.
     path : Path
         Its HDF5 file.
     """
@@ -71,13 +71,13 @@ class KeptClassification:
 
 
 class Models:
-    """Finds models, asks them, describes them.
+    """Finds, runs and describes models.
 
     Parameters
     ----------
     store : ResultStore
     analysis : Analysis
-        Makes the signatures that models read; its workers load models and ask them.
+        Makes the signatures that models read; its workers load and run models.
     """
 
     def __init__(self, store: ResultStore, analysis: Analysis) -> None:
@@ -91,25 +91,25 @@ class Models:
         Raises
         ------
         NotFoundError
-            If there is none of that name, or of that version.
+            If no model has that name, or that version.
         """
-        asked = parse_reference(text)
-        if asked.name in available_models():
-            model = load_model(asked.name)
-            if asked.version not in (None, SHIPPED_VERSION):
+        reference = parse_reference(text)
+        if reference.name in available_models():
+            model = load_model(reference.name)
+            if reference.version not in (None, SHIPPED_VERSION):
                 raise NotFoundError(
-                    f"There is no version {asked.version} of the model {asked.name!r}, which is "
-                    "shipped with the service.",
-                    remedy=f"Use {asked.name}.",
+                    f"There is no version {reference.version} of the model {reference.name!r}, "
+                    "which is shipped with the service.",
+                    remedy=f"Use {reference.name}.",
                 )
             parameters = model.signature_parameters
             return ChosenModel(model.name, SHIPPED_VERSION, model.id, parameters, model.name)
-        record = self._store.model_record(asked.name, asked.version)
+        record = self._store.model_record(reference.name, reference.version)
         path = self._store.model_path(record.name, record.version)
         return ChosenModel(record.name, record.version, record.id, record.parameters, path)
 
     def records(self) -> dict[str, list[ModelRecord]]:
-        """All versions by name, those that are shipped too."""
+        """All versions by name, including shipped models."""
         records: dict[str, list[ModelRecord]] = {}
         for record in self._store.models():
             records.setdefault(record.name, []).append(record)
@@ -118,19 +118,19 @@ class Models:
         return records
 
     def versions(self, name: str) -> list[int]:
-        """Versions that there are of a name.
+        """Version numbers of a model.
 
         Raises
         ------
         NotFoundError
-            If there are none.
+            If no model has that name.
         """
         if name in available_models():
             return [SHIPPED_VERSION]
         return [record.version for record in self._store.model_versions(name)]
 
-    def describe(self, chosen: ChosenModel) -> KeptModel:
-        """Give what is known of a version; of one that is shipped too.
+    def describe(self, model: ChosenModel) -> KeptModel:
+        """Give the stored model of a version, or the shipped one.
 
         Raises
         ------
@@ -139,11 +139,11 @@ class Models:
         CorruptFileError
             If its file is damaged.
         """
-        if isinstance(chosen.source, str):
-            return _shipped(chosen.name)
-        return self._store.kept_model(chosen.name, chosen.version)
+        if isinstance(model.source, str):
+            return _shipped(model.name)
+        return self._store.kept_model(model.name, model.version)
 
-    def delete(self, chosen: ChosenModel) -> None:
+    def delete(self, model: ChosenModel) -> None:
         """Delete a version.
 
         Raises
@@ -153,57 +153,57 @@ class Models:
         ConflictError
             If it is shipped.
         """
-        if isinstance(chosen.source, str):
+        if isinstance(model.source, str):
             raise shipped_name(
-                chosen.name, "cannot be deleted", "Leave it; no request has to use it."
+                model.name, "cannot be deleted", "Leave it; no request has to use it."
             )
-        self._store.delete_model(chosen.name, chosen.version)
+        self._store.delete_model(model.name, model.version)
 
-    async def require_sound(self, chosen: ChosenModel) -> None:
-        """Raise what keeps a version from being asked.
+    async def require_sound(self, model: ChosenModel) -> None:
+        """Check that a version can be used.
 
         Raises
         ------
         CorruptFileError
             If its file is damaged.
         ModelNotReproducedError
-            If it no longer says what it said when it was made.
+            If it no longer gives the answers that it gave when it was trained.
         """
-        await self._analysis.work(classification.require_loads, chosen.source)
+        await self._analysis.work(classification.require_loads, model.source)
 
-    async def draw(self, kept: KeptModel) -> bytes:
+    async def draw(self, model: KeptModel) -> bytes:
         """Draw the confusion matrix and the calibration curve of a model's card, as PNG."""
         return await self._analysis.work(
-            classification.draw_card, kept.card, str(kept.record.reference)
+            classification.draw_card, model.card, str(model.record.reference)
         )
 
     async def classification(
-        self, sequence_id: str, chosen: ChosenModel, coverage: float
+        self, sequence_id: str, model: ChosenModel, coverage: float
     ) -> tuple[KeptClassification, bool]:
-        """Give what a model says of a kept sequence, and whether that is new."""
-        parameters, _ = self._analysis.resolved(sequence_id, chosen.parameters)
+        """Classify a stored sequence, and tell whether the result is new."""
+        parameters, _ = self._analysis.resolved(sequence_id, model.parameters)
         key = classification_key(parameters, coverage)
 
         async def make() -> None:
             signature = await self._analysis.signature(sequence_id, parameters)
             with stage("worker"):
                 result = await self._analysis.work(
-                    classification.name_class, signature, chosen.source, coverage
+                    classification.name_class, signature, model.source, coverage
                 )
             with stage("store"):
                 await asyncio.to_thread(self._store.put_classification, result, key)
 
-        is_new = (chosen.id, key) not in await asyncio.to_thread(
+        is_new = (model.id, key) not in await asyncio.to_thread(
             self._store.classifications, sequence_id
         )
         if is_new:
-            await self._shared_work.join((sequence_id, chosen.id, key), make)
-        result = await asyncio.to_thread(self._store.classification, sequence_id, chosen.id, key)
-        path = self._store.classification_path(sequence_id, chosen.id, key)
-        return KeptClassification(result, chosen.version, path), is_new
+            await self._shared_work.join((sequence_id, model.id, key), make)
+        result = await asyncio.to_thread(self._store.classification, sequence_id, model.id, key)
+        path = self._store.classification_path(sequence_id, model.id, key)
+        return KeptClassification(result, model.version, path), is_new
 
     def classifications(self, sequence_id: str) -> list[KeptClassification]:
-        """Give everything that models have said of a kept sequence.
+        """Give all classifications of a stored sequence.
 
         Raises
         ------
@@ -212,28 +212,29 @@ class Models:
         CorruptFileError
             If a file is damaged.
         """
-        found = []
+        classifications = []
         for model_id, key in self._store.classifications(sequence_id):
             result = self._store.classification(sequence_id, model_id, key)
             path = self._store.classification_path(sequence_id, model_id, key)
-            found.append(KeptClassification(result, self._version_of(result), path))
-        return found
+            version = self._version_of(result)
+            classifications.append(KeptClassification(result, version, path))
+        return classifications
 
     async def classify(
-        self, upload: Upload, chosen: ChosenModel, coverage: float
+        self, upload: Upload, model: ChosenModel, coverage: float
     ) -> tuple[Classification, ReadingAnswer]:
-        """Say what a model says of an upload; nothing is kept."""
+        """Classify an upload; nothing is stored."""
         with stage("worker"):
             return await self._analysis.work(
                 classification.classify_upload,
                 upload,
-                chosen.parameters,
-                chosen.source,
+                model.parameters,
+                model.source,
                 coverage,
             )
 
     def _version_of(self, result: Classification) -> int | None:
-        """Version that a model is or was; the first, where several are the same model."""
+        """Version of the model behind a result; the lowest, where several are the same model."""
         name, model_id = result.model, result.model_id
         if name in available_models() and load_model(name).id == model_id:
             return SHIPPED_VERSION
@@ -251,5 +252,5 @@ def shipped_name(name: str, why: str, remedy: str) -> ConflictError:
 
 
 def _shipped(name: str) -> KeptModel:
-    kept = kept_model(load_model(name))
-    return replace(kept, record=replace(kept.record, version=SHIPPED_VERSION))
+    model = kept_model(load_model(name))
+    return replace(model, record=replace(model.record, version=SHIPPED_VERSION))

@@ -1,7 +1,7 @@
 """The owners' stores: each in a folder of its own, so that nobody meets another's data.
 
-Idempotency keys, jobs, results, caches and files under way all belong to a store. What an owner
-does not have does not exist for them, whether another has it or not.
+Idempotency keys, jobs, results, caches and files under way all belong to a store. For an owner
+only their own data exists; nothing shows what others have.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ def folder_of(data_dir: Path, owner: str) -> Path:
     Raises
     ------
     ParameterError
-        If the name is none.
+        If the name is not valid.
     """
     require_owner(owner)
     return data_dir if owner == LOCAL else data_dir / FOLDER / owner
 
 
 class Owners:
-    """What is open for each owner; the worker processes are everybody's.
+    """Open state of each owner; all share the worker processes.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Owners:
 
     @property
     def states(self) -> dict[str, State]:
-        """What is open, by owner."""
+        """Open states, by owner."""
         return dict(self._states)
 
     @property
@@ -78,7 +78,7 @@ class Owners:
 
     @property
     def local(self) -> State:
-        """What lies in the data folder itself."""
+        """State of the store in the data folder itself."""
         return self._states[LOCAL]
 
     def free_bytes(self) -> int:
@@ -86,7 +86,7 @@ class Owners:
         return shutil.disk_usage(self._settings.data_dir).free
 
     async def open(self) -> None:
-        """Open every store that there is, and take up the jobs that were left unfinished.
+        """Open every store, and take up unfinished jobs.
 
         Raises
         ------
@@ -96,20 +96,20 @@ class Owners:
         await self.state(LOCAL)
         folder = self._settings.data_dir / FOLDER
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
-            # What is left of an owner whose removal was interrupted.
+            # Remains of an owner whose removal was interrupted.
             if path.name.startswith("."):
                 continue
             try:
                 await self.state(path.name)
             except ModalMotionError as error:
                 self._failed.add(path.name)
-                # One damaged store keeps nobody else's closed; its owner is told when asking.
+                # One damaged store closes no other; its owner gets the error on request.
                 logger.error(  # noqa: TRY400 (the error says what is wrong, and its traceback no more)
                     "a store cannot be opened", extra={"owner": path.name, "code": error.code}
                 )
 
     async def state(self, owner: str) -> State:
-        """Give what is open for an owner; opened when it is first needed."""
+        """Give the state of an owner, opened when it is first needed."""
         state = self._states.get(owner)
         if state is None:
             async with self._opening:

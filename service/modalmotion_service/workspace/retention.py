@@ -1,4 +1,4 @@
-"""How long jobs, the files that they have made, and idempotency keys are kept."""
+"""Retention of jobs, their files, and idempotency keys."""
 
 from __future__ import annotations
 

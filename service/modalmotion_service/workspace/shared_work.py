@@ -12,7 +12,7 @@ T = TypeVar("T")
 class SharedWork:
     """Work under way, by what it makes.
 
-    Whoever asks for what is being made already waits for it. Work whose last waiter has gone
+    A request for a result that is being made waits for it. Work whose last waiter has gone
     is cancelled.
     """
 
@@ -26,7 +26,7 @@ class SharedWork:
         if task is None:
             task = asyncio.ensure_future(make())
             self._tasks[key] = task
-            # From then on the result is in the store: the next to ask finds it there.
+            # From then on the result is in the store: the next request finds it there.
             task.add_done_callback(lambda _: self._tasks.pop(key, None))
         self._waiters[key] = self._waiters.get(key, 0) + 1
         try:

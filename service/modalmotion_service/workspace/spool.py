@@ -23,9 +23,9 @@ class SpoolFile:
     ----------
     path : Path
     sha256 : str
-        Of the bytes, in hex; empty where nobody asked for it.
+        Of the bytes, in hex; empty if it was not requested.
     facts : Facts
-        What the form that it came in states.
+        Stated in the form of the upload.
     """
 
     path: Path
@@ -54,8 +54,8 @@ class SpoolFile:
 
 def remove_with_beside(path: Path) -> None:
     """Remove a file, and those beside it whose names begin with its own."""
-    for found in path.parent.glob(f"{path.name}*"):
-        found.unlink(missing_ok=True)
+    for file in path.parent.glob(f"{path.name}*"):
+        file.unlink(missing_ok=True)
 
 
 class Spool:
@@ -74,7 +74,7 @@ class Spool:
         make_folder(folder)
 
     def new_path(self) -> Path:
-        """Give a path that nothing lies at."""
+        """Give an unused path."""
         return self.folder / secrets.token_hex(16)
 
     def require_reserve(self) -> None:

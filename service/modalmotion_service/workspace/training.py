@@ -27,7 +27,7 @@ _FITTING: Final = 0.5
 
 
 class Trainer:
-    """Trains models on kept sequences.
+    """Trains models on stored sequences.
 
     Parameters
     ----------
@@ -105,11 +105,11 @@ class Trainer:
                 )
             )
 
-            def told(share: float, text: str) -> None:
+            def report_training(share: float, text: str) -> None:
                 report(_FITTING + (1 - _FITTING) * share, text)
 
             try:
-                await followed(work, progress, told)
+                await followed(work, progress, report_training)
             except ModalMotionError as error:
                 raise self._about(error, error.details.get("sequence_id")) from error
             return await asyncio.to_thread(self._store.put_model_image, image)
@@ -120,7 +120,7 @@ class Trainer:
     async def _fit(
         self, cases: list[Case], parameters: SignatureParameters, report: Report
     ) -> list[Path]:
-        """Signatures of all cases: those that are kept, and the others made by workers."""
+        """Signatures of all cases: stored ones, and the rest made by workers."""
         paths: list[Path] = [Path()] * len(cases)
         failures: list[ModalMotionError] = []
         done = 0
@@ -133,7 +133,7 @@ class Trainer:
                     paths[number] = await self._analysis.signature(sequence_id, parameters)
                 except ModalMotionError as error:
                     failures.append(self._about(error, sequence_id))
-                # What the others have begun is finished, and kept for the next attempt.
+                # Signatures that are under way are finished, and stored for the next attempt.
                 if failures:
                     return
                 done += 1

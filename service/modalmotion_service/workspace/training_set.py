@@ -38,7 +38,7 @@ class Case:
     subject: str | None
 
 
-def look_up(store: ResultStore, asked: Sequence[LabelledSequence], most: int) -> list[Case]:
+def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int) -> list[Case]:
     """Find label and subject of each sequence, and check that a model can be trained on them.
 
     Raises
@@ -51,14 +51,14 @@ def look_up(store: ResultStore, asked: Sequence[LabelledSequence], most: int) ->
         If some have no label or are named twice, or there are too few of a class, or of
         classes; it names them.
     """
-    if len(asked) > most:
+    if len(sequences) > most:
         raise LimitError(
-            f"{len(asked)} sequences are named; a model is trained on at most {most}.",
+            f"{len(sequences)} sequences are named; a model is trained on at most {most}.",
             remedy="Name fewer, or have the limit raised.",
             limit="training_sequences",
             details={"most": most},
         )
-    repeated = [name for name, n in Counter(case.id for case in asked).items() if n > 1]
+    repeated = [name for name, n in Counter(case.id for case in sequences).items() if n > 1]
     if repeated:
         raise ParameterError(
             f"{_count(repeated, 'sequence')} named more than once: {_short(repeated)}.",
@@ -66,7 +66,7 @@ def look_up(store: ResultStore, asked: Sequence[LabelledSequence], most: int) ->
             details=_ids(repeated),
         )
     cases, unknown, unlabelled = [], [], []
-    for case in asked:
+    for case in sequences:
         try:
             record = store.sequence_record(case.id)
         except NotFoundError:

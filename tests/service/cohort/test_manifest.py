@@ -72,7 +72,7 @@ def test_what_is_wrong_is_told_by_its_line(
 @pytest.mark.parametrize("encoding", ["latin-1", "utf-16"])
 def test_what_is_no_utf8_is_told_in_a_spreadsheets_words(tmp_path: Path, encoding: str) -> None:
     (tmp_path / "scans.csv").write_bytes(table(";").decode().encode(encoding))
-    with pytest.raises(MalformedFileError, match="no UTF-8") as caught:
+    with pytest.raises(MalformedFileError, match="not UTF-8") as caught:
         read_manifest(tmp_path / "scans.csv")
     assert "CSV UTF-8" in caught.value.remedy
 

@@ -100,5 +100,5 @@ def test_a_running_service_removes_them_by_itself(tmp_path: Path, beat: bytes) -
             if answer.status_code == 404:
                 break
             time.sleep(0.05)
-        assert "kept no more" in answer.json()["detail"]
+        assert "no longer kept" in answer.json()["detail"]
         assert list((tmp_path / "spool").iterdir()) == []

@@ -1,1 +1,1 @@
-"""Answers: what a model says of one motion, and why."""
+"""Answers: the class that a model gives to one motion, and why."""

@@ -1,4 +1,4 @@
-"""What a classifier says of one sequence."""
+"""The answer of a classifier for one sequence."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class Classification:
         Classes that cannot be ruled out: of cases like the training ones it holds the true
         class with the probability `coverage`, whatever the class is.
     coverage : float
-        As asked for.
+        The requested level.
     flags : tuple of str
-        Of `FLAGS`; empty where there is nothing to hold against the answer.
+        Of `FLAGS`; empty where nothing speaks against the answer.
     explanation : tuple of ModeContribution
-        What moved the prediction, the strongest first; empty where there is none.
+        Modes that moved the prediction, the strongest first; may be empty.
     notes : tuple of str
         Why it abstains, and what a user should know of the model.
     provenance : dict

@@ -1,4 +1,4 @@
-"""What a model says of a signature: a class, or why it gives none."""
+"""The answer of a model for a signature: a class, or the reason for none."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def classify(
     Parameters
     ----------
     motion : ModalSignature or MeshSequence
-        A signature is best fitted with `model.signature_parameters`, as a sequence is here: of
-        another reference it is answered with a note. Other differences are not answered.
+        A signature is best fitted with `model.signature_parameters`, as a sequence is here: another
+        reference adds a note to the answer. Other differences are refused.
     model : Model, optional
         The shipped one by default.
     coverage : float
@@ -52,7 +52,7 @@ def classify(
         Without a label, with equal probabilities and all classes in the set, where the model
         cannot tell; flags and the first note say why. "No motion" is such an answer and no
         class: it is a measurement against a limit, and amplitudes that are noise should not be
-        given a kind of motion.
+        called a kind of motion.
 
     Raises
     ------
@@ -60,52 +60,53 @@ def classify(
         If the coverage is not above 0 and below 1.
     """
     require_coverage(coverage)
-    chosen = load_model() if model is None else model
+    if model is None:
+        model = load_model()
     signature = motion
     if isinstance(signature, MeshSequence):
-        signature = modal_signature(signature, chosen.signature_parameters)
-    refusal = _unreadable(signature, chosen)
-    read = None if refusal is not None else _read(signature, chosen)
-    if read is not None:
-        refusal = read.refusal
-    if read is None or refusal is not None:
+        signature = modal_signature(signature, model.signature_parameters)
+    refusal = _unreadable(signature, model)
+    reading = None if refusal is not None else _read(signature, model)
+    if reading is not None:
+        refusal = reading.refusal
+    if reading is None or refusal is not None:
         flag, why = refusal or (UNREADABLE, "")
-        return _abstention(signature, chosen, coverage, flag, why)
-    logs = chosen.log_shares(read.values[None])
+        return _abstention(signature, model, coverage, flag, why)
+    logs = model.log_shares(reading.values[None])
     probabilities = np.exp(logs[0] - logs.max())
     probabilities /= probabilities.sum()
-    label = chosen.classes[int(probabilities.argmax())]
-    notes = [*chosen.notes.get(label, ()), *chosen.notes.get("", ())]
-    if chosen.signature_parameters.reference == MEAN != signature.parameters.reference:
+    label = model.classes[int(probabilities.argmax())]
+    notes = [*model.notes.get(label, ()), *model.notes.get("", ())]
+    if model.signature_parameters.reference == MEAN != signature.parameters.reference:
         notes.append(_REFERENCE_NOTE)
-    if read.is_mirrored:
+    if reading.is_mirrored:
         notes.insert(0, _MIRRORED_NOTE)
-    few = chosen.calibration.too_few(coverage)
+    few = model.calibration.too_few(coverage)
     if few:
-        names = ", ".join(chosen.classes[k] for k in few)
+        names = ", ".join(model.classes[k] for k in few)
         notes.append(
             f"Too few cases to rule out {names} at a coverage of {coverage:.3g}: every class set "
             f"holds {'it' if len(few) == 1 else 'them'}."
         )
-    held = chosen.calibration.holds(probabilities[None], coverage)[0]
+    held = model.calibration.holds(probabilities[None], coverage)[0]
     return Classification(
         sequence_id=signature.sequence_id,
-        model=chosen.name,
-        model_id=chosen.id,
+        model=model.name,
+        model_id=model.id,
         label=label,
-        classes=chosen.classes,
+        classes=model.classes,
         probabilities=probabilities,
-        class_set=tuple(c for c, keep in zip(chosen.classes, held, strict=True) if keep),
+        class_set=tuple(c for c, keep in zip(model.classes, held, strict=True) if keep),
         coverage=coverage,
         flags=(),
-        explanation=explain(signature, chosen, read.values, read.columns, probabilities),
+        explanation=explain(signature, model, reading.values, reading.columns, probabilities),
         notes=tuple(notes),
         provenance=provenance(),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Read:
+class _Reading:
     values: NDArray[np.float64]
     columns: tuple[Column, ...]
     is_mirrored: bool
@@ -134,34 +135,34 @@ def _abstention(
 
 def _unreadable(signature: ModalSignature, model: Model) -> tuple[str, str] | None:
     """Flag and reason why the signature cannot be read by the model at all."""
-    known, modes = model.readable, signature.modes
+    readable, modes = model.readable, signature.modes
     if signature.n_frames < 2:
         return UNREADABLE, "No class: one frame shows no motion."
-    if signature.surface not in known.topologies:
+    if signature.surface not in readable.topologies:
         return OUT_OF_DOMAIN, (
             f"No class: the model reads signatures of the topology "
-            f"{' or '.join(known.topologies)}, this one's is {signature.surface}. State the "
+            f"{' or '.join(readable.topologies)}, this one's is {signature.surface}. State the "
             "topology if it is wrong."
         )
-    if modes.connectivity_id != known.connectivity_id:
+    if modes.connectivity_id != readable.connectivity_id:
         return OUT_OF_DOMAIN, (
             "No class: the model reads recordings of one mesh only, and this is another: spring "
             "modes do not compare between meshes."
         )
-    if len(modes) != known.n_modes:
+    if len(modes) != readable.n_modes:
         return UNREADABLE, (
-            f"No class: the model reads signatures of {known.n_modes} modes, this one has "
-            f"{len(modes)}. Fit it with {known.n_modes} modes."
+            f"No class: the model reads signatures of {readable.n_modes} modes, this one has "
+            f"{len(modes)}. Fit it with {readable.n_modes} modes."
         )
-    asked, needed = signature.parameters, known.parameters
-    if (asked.weights, asked.remove_rotation, asked.components) != (
-        needed.weights,
-        needed.remove_rotation,
-        needed.components,
+    parameters, required = signature.parameters, readable.parameters
+    if (parameters.weights, parameters.remove_rotation, parameters.components) != (
+        required.weights,
+        required.remove_rotation,
+        required.components,
     ):
         return UNREADABLE, (
-            f"No class: the model reads signatures with {needed.weights} weights, rotation "
-            f"{'removed' if needed.remove_rotation else 'kept'} and {needed.components} "
+            f"No class: the model reads signatures with {required.weights} weights, rotation "
+            f"{'removed' if required.remove_rotation else 'kept'} and {required.components} "
             "components. Fit it with the model's signature parameters."
         )
     if model.reader.walls and not _zero_is_known(signature):
@@ -178,30 +179,30 @@ def _zero_is_known(signature: ModalSignature) -> bool:
     return signature.landmarks is not None and "theta_zero" not in signature.landmarks.weak
 
 
-def _read(signature: ModalSignature, model: Model) -> _Read:
+def _read(signature: ModalSignature, model: Model) -> _Reading:
     """Features in the reading that is nearest to what the model knows."""
-    found = model.reader.read(signature)
-    distances = model.distance(found.kinds)
+    features = model.reader.read(signature)
+    distances = model.distance(features.kinds)
     nearest = int(distances.argmin())
-    return _Read(
-        values=found.values[nearest],
-        columns=found.columns,
-        is_mirrored=len(found.values) > 1 and READINGS[nearest].is_mirrored,
-        refusal=_refusal(found, float(distances[nearest]), model),
+    return _Reading(
+        values=features.values[nearest],
+        columns=features.columns,
+        is_mirrored=len(features.values) > 1 and READINGS[nearest].is_mirrored,
+        refusal=_refusal(features, float(distances[nearest]), model),
     )
 
 
-def _refusal(found: MotionFeatures, distance: float, model: Model) -> tuple[str, str] | None:
+def _refusal(features: MotionFeatures, distance: float, model: Model) -> tuple[str, str] | None:
     domain = model.domain
-    if found.motion < domain.least_motion or found.motion == 0.0:
+    if features.motion < domain.least_motion or features.motion == 0.0:
         return NO_MOTION, (
-            f"No class, no motion: it deforms by {found.motion:.2%} of its size, less than "
+            f"No class, no motion: it deforms by {features.motion:.2%} of its size, less than "
             f"{domain.least_motion:.2%}."
         )
-    if found.smooth_share < domain.least_smooth:
+    if features.smooth_share < domain.least_smooth:
         return NOISE, (
             "No class: the motion is mostly noise from frame to frame (a smooth one would hold "
-            f"1, this one {found.smooth_share:.2f})."
+            f"1, this one {features.smooth_share:.2f})."
         )
     if distance > domain.limit:
         return OUT_OF_DOMAIN, (

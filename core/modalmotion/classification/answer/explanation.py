@@ -1,4 +1,4 @@
-"""What moved a prediction: which modes, by how much, in millimetres."""
+"""The modes that moved a prediction: by how much, and in millimetres."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 @shown()
 @dataclass(frozen=True)
 class ModeContribution:
-    """What one mode, or a cosine-sine pair of them, did to a prediction.
+    """Effect of one mode, or of a cosine-sine pair, on a prediction.
 
     Parameters
     ----------
     modes : tuple of str
         Labels of the modes.
     score : float
-        What their amplitudes added to the log of (probability of the most probable class over
+        Contribution of their amplitudes to the log of (probability of the most probable class over
         that of the next), beyond those of an average training case.
     amplitude : float, `unit`
         RMS over time of their deviation from the temporal mean.
@@ -87,7 +87,7 @@ def explain(
     moving = signature.amplitudes - np.add.reduce(signature.amplitudes) / signature.n_frames
     # Mean squares over time of each mode.
     squares = np.einsum("fmi,fmi->m", moving, moving) / signature.n_frames
-    found = [
+    contributions = [
         ModeContribution(
             modes=labels,
             score=score,
@@ -96,7 +96,7 @@ def explain(
         )
         for group, labels, score in zip(players.modes, players.labels, scores.tolist(), strict=True)
     ]
-    return tuple(sorted(found, key=lambda part: -abs(part.score)))
+    return tuple(sorted(contributions, key=lambda part: -abs(part.score)))
 
 
 def only_modes(signature: ModalSignature, modes: Iterable[str]) -> ModalSignature:
@@ -111,8 +111,8 @@ def only_modes(signature: ModalSignature, modes: Iterable[str]) -> ModalSignatur
     Returns
     -------
     ModalSignature
-        To be given to `reconstruct` or `write_superposed` together with the sequence. The other
-        modes keep their temporal mean; rotation and drift are kept.
+        For `reconstruct` or `write_superposed` together with the sequence. The other modes
+        keep their temporal mean; rotation and drift stay.
 
     Raises
     ------
@@ -120,16 +120,16 @@ def only_modes(signature: ModalSignature, modes: Iterable[str]) -> ModalSignatur
         If the signature has no such mode.
     """
     place = {str(label): k for k, label in enumerate(signature.modes.labels)}
-    kept = np.zeros(len(place), dtype=np.bool_)
+    moves = np.zeros(len(place), dtype=np.bool_)
     for label in modes:
         if label not in place:
             raise ParameterError(
                 f"The signature has no mode {str(label)[:40]!r}.",
                 remedy=f"Use some of: {', '.join(list(place)[:20])}.",
             )
-        kept[place[label]] = True
+        moves[place[label]] = True
     still = np.broadcast_to(signature.amplitudes.mean(axis=0), signature.amplitudes.shape)
-    amplitudes = np.where(kept[None, :, None], signature.amplitudes, still)
+    amplitudes = np.where(moves[None, :, None], signature.amplitudes, still)
     return replace(signature, amplitudes=amplitudes)
 
 
@@ -141,7 +141,7 @@ class _Players(NamedTuple):
     modes : tuple of tuple of int
     labels : tuple of tuple of str
     member : (groups, features) bool
-        Which features are read from the modes of a group alone.
+        Features that are read from the modes of a group alone.
     """
 
     modes: tuple[tuple[int, ...], ...]
@@ -157,10 +157,10 @@ def _players(columns: tuple[Column, ...], modes: Modes) -> _Players:
     pairs = [g for g in groups if len(g) == 2 and len({modes.labels[k][0] for k in g}) == 1]
     paired = {k for g in pairs for k in g}
     singles = [(k,) for k in range(len(modes)) if k not in paired] if groups else []
-    found = []
+    players = []
     for group in (*pairs, *singles):
         member = [set(column.modes) <= set(group) for column in columns]
         if any(member):
-            found.append((group, tuple(str(modes.labels[k]) for k in group), member))
-    chosen, labels, members = zip(*found, strict=True) if found else ((), (), ())
-    return _Players(chosen, labels, np.array(members, dtype=np.bool_))
+            players.append((group, tuple(str(modes.labels[k]) for k in group), member))
+    mode_groups, labels, members = zip(*players, strict=True) if players else ((), (), ())
+    return _Players(mode_groups, labels, np.array(members, dtype=np.bool_))

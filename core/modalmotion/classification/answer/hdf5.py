@@ -18,7 +18,7 @@ FORM: Final = Form("classification", 2)
 
 
 def classification_key(parameters: SignatureParameters, coverage: float) -> str:
-    """Short name of what was asked of a model: which signature, and how sure a class set."""
+    """Short name of a request to a model: parameters of the signature, coverage of the set."""
     return hashlib.sha256(f"{parameters.key} {coverage!r}".encode()).hexdigest()[:16]
 
 
@@ -31,7 +31,7 @@ def classification_to_hdf5(
     ----------
     classification : Classification
     parameters_key : str, optional
-        Key of what was asked; see `classification_key`.
+        Key of the request; see `classification_key`.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def classification_to_hdf5(
     Raises
     ------
     StoreError
-        If the name of the model is no text that HDF5 can hold.
+        If the name of the model is not a text that HDF5 can hold.
     """
     ids = {"sequence_id": classification.sequence_id, "model_id": classification.model_id}
     if parameters_key is not None:
@@ -81,7 +81,7 @@ def read_classification(source: bytes | Path) -> tuple[Classification, Contents]
         classes = tuple(contents.json("classes", list))
         label = contents.json("label", object)
         if label not in (None, *classes):
-            raise ValueError(f"the label {str(label)[:80]!r} is none of the classes")
+            raise ValueError(f"the label {str(label)[:80]!r} is not one of the classes")
         classification = Classification(
             sequence_id=contents.text("sequence_id"),
             model=contents.text("model"),

@@ -64,15 +64,15 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         these; "svm": a support vector machine; "forest": extremely randomised trees.
     class_weight : None, "balanced" or mapping of class to float
     random_state : int
-        Of what is random: the anchors of a kernel over many cases, and the trees.
+        Of the random parts: the anchors of a kernel over many cases, and the trees.
 
     Attributes
     ----------
     classes_ : (classes,) array
     kind_ : str
-        What "auto" chose.
+        The kind that "auto" selected.
     loss_ : float
-        Log loss of what was left out, nats; NaN for "svm" and "forest".
+        Log loss of the cases left out, nats; NaN for "svm" and "forest".
     losses_ : (cases,) float64
         The same of each case, with its weight.
     blend_ : Blend or None
@@ -105,7 +105,7 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             If there are fewer than two classes, or an option has no such value.
         """
         if self.kind not in KINDS:
-            raise ValueError(f"kind={self.kind!r} is none of {', '.join(KINDS)}.")
+            raise ValueError(f"kind={self.kind!r} is not one of {', '.join(KINDS)}.")
         X, y = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(y)
         self.classes_, place = np.unique(y, return_inverse=True)
@@ -161,20 +161,22 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             else _kernel(z, y, len(per_class), weights, groups, self.random_state)
             for kind in kinds
         }
-        choices = {kind: [found] for kind, found in fitted.items()}
+        choices = {kind: [fit] for kind, fit in fitted.items()}
         if self.kind == "blend":
             choices = {}
         if len(fitted) == 2:
             choices["blend"] = list(fitted.values())
-        found: list[tuple[float, str, float, Array]] = []
+        candidates: list[tuple[float, str, float, Array]] = []
         for kind, parts in choices.items():
             shares = [softmax(part.held_out / part.scorer.temperature) for part in parts]
             logs = blended(shares)
             temperature = fit_temperature(logs, y, weights)
             losses = case_losses(logs / temperature, y) * weights / weights.mean()
-            found.append((float(losses.mean()), kind, temperature, losses))
+            candidates.append((float(losses.mean()), kind, temperature, losses))
         # A loss may be infinite where a held-out class has no share left.
-        self.loss_, self.kind_, temperature, self.losses_ = min(found, key=lambda of: of[0])
+        self.loss_, self.kind_, temperature, self.losses_ = min(
+            candidates, key=lambda candidate: candidate[0]
+        )
         scorers = tuple(part.scorer for part in choices[self.kind_])
         self.blend_ = Blend(self._centre, self._scale, scorers, temperature)
 
@@ -215,7 +217,7 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
 
 def _spread(X: Array) -> Array:
-    """Give standard deviations; infinite for what is constant but for rounding."""
+    """Give standard deviations; infinite for columns that are constant up to rounding."""
     spread = X.std(axis=0)
     return np.where(spread > 1e-12 * np.abs(X).max(axis=0), spread, np.inf)
 
@@ -258,12 +260,12 @@ def _kernel(
     groups: NDArray[np.int64],
     seed: int,
 ) -> _Fitted:
-    """Kernel ridge regression, width and penalty those that predict best what is left out."""
+    """Kernel ridge regression, with the width and penalty that best predict the cases left out."""
     n, d = z.shape
     anchors = z
     if n > _MOST_ANCHORS:
-        chosen = np.random.default_rng(seed).permutation(n)[:_MOST_ANCHORS]
-        anchors = z[np.sort(chosen)]
+        sample = np.random.default_rng(seed).permutation(n)[:_MOST_ANCHORS]
+        anchors = z[np.sort(sample)]
     best: _Fitted | None = None
     for width in _WIDTHS:
         fitted, B = _prepared(z, anchors, width / d, (y, n_classes, weights, groups))
@@ -299,8 +301,8 @@ def _nystrom(z: Array, anchors: Array, gamma: float) -> tuple[Array, Array]:
     Williams and Seeger, Using the Nystrom method to speed up kernel machines, NIPS, 2000.
     """
     values, vectors = np.linalg.eigh(kernel(anchors, anchors, gamma))
-    kept = values > 1e-8 * values[-1]
-    B = vectors[:, kept] / np.sqrt(values[kept])
+    positive = values > 1e-8 * values[-1]
+    B = vectors[:, positive] / np.sqrt(values[positive])
     return kernel(z, anchors, gamma) @ B, B
 
 

@@ -1,4 +1,4 @@
-"""Estimators that are no plain arrays, kept by skops: no pickle, and a constant allow-list."""
+"""Estimators that are not plain arrays, stored by skops: no pickle, and a constant allow-list."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ALLOWED: Final = (
     "modalmotion.classification.estimators.estimator.MotionClassifier",
     "sklearn.tree._tree.Tree",
 )
-"""What a file may hold beyond what skops trusts by itself: arrays and scikit-learn's own."""
+"""Types that a file may hold beyond those of numpy and scikit-learn, which skops trusts."""
 
 # A forest over 10,000 cases is about this large.
 _LARGEST: Final = 256 * 2**20
@@ -31,7 +31,7 @@ def machine_to_bytes(estimator: Any) -> bytes:
 
 @lru_cache(maxsize=4)
 def machine_from_bytes(data: bytes) -> Any:
-    """Read what `machine_to_bytes` wrote.
+    """Read an estimator from the bytes of `machine_to_bytes`.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def machine_from_bytes(data: bytes) -> Any:
         ) from error
     except (AttributeError, ImportError, RuntimeError, NotImplementedError) as error:
         raise CorruptFileError(
-            "The model's estimator is none of this version of the package.",
+            "The model's estimator does not fit this version of the package.",
             remedy="Train it again.",
         ) from error
     if unknown:
@@ -65,7 +65,7 @@ def machine_from_bytes(data: bytes) -> Any:
         )
     if not isinstance(estimator, MotionClassifier):
         raise CorruptFileError(
-            "The model's estimator is no motion classifier.", remedy="Train it again."
+            "The model's estimator is not a motion classifier.", remedy="Train it again."
         )
     return estimator
 

@@ -88,9 +88,9 @@ def ridge(
     with_one = np.concatenate([features, np.full((len(features), 1), INTERCEPT)], axis=1)
     roots = np.sqrt(weights)
     U, singular, Vt = np.linalg.svd(roots[:, None] * with_one, full_matrices=False)
-    kept = singular > 1e-10 * singular[0]
+    above = singular > 1e-10 * singular[0]
     Y = np.eye(n_classes)[y] * roots[:, None]
-    return Ridge(U[:, kept], singular[kept], Vt[kept], Y, roots, _members(groups))
+    return Ridge(U[:, above], singular[above], Vt[above], Y, roots, _members(groups))
 
 
 def kernel_ridge(
@@ -114,8 +114,8 @@ def kernel_ridge(
     """
     roots = np.sqrt(weights)
     values, vectors = np.linalg.eigh(roots[:, None] * (kernels + INTERCEPT**2) * roots)
-    kept = values > 1e-13 * values[-1]
-    U, singular = vectors[:, kept], np.sqrt(values[kept])
+    above = values > 1e-13 * values[-1]
+    U, singular = vectors[:, above], np.sqrt(values[above])
     # With U S V' the weighted features, V' = S^-1 U' (weighted features): here of their products.
     at_cases = U.T / singular[:, None] * roots
     Vt = np.concatenate([at_cases, INTERCEPT * at_cases.sum(axis=1, keepdims=True)], axis=1)

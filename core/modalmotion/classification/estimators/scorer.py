@@ -83,7 +83,7 @@ class Blend:
         return z
 
     def log_shares(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Log probabilities but for a constant, (cases, classes), of features (cases, features)."""
+        """Log probabilities up to a constant, (cases, classes), of features (cases, features)."""
         z = self.standardised(features)
         return blended([scorer.probabilities(z) for scorer in self.scorers]) / self.temperature
 

@@ -38,7 +38,7 @@ def log_loss(
 def case_losses(
     scores: NDArray[np.float64], y: NDArray[np.int64], doubt: float = 0.0
 ) -> NDArray[np.float64]:
-    """Give what `log_loss` is the mean of, (cases,) float64."""
+    """Loss of each case, (cases,) float64; `log_loss` is their mean."""
     shifted = scores - scores.max(axis=1, keepdims=True)
     right = (1.0 - doubt) * shifted[np.arange(len(y)), y] + doubt * shifted.mean(axis=1)
     losses: NDArray[np.float64] = np.log(np.exp(shifted).sum(axis=1)) - right
@@ -52,7 +52,7 @@ def fit_temperature(
 
     Guo, Pleiss, Sun and Weinberger, On calibration of modern neural networks, ICML, 2017. Of n
     labels one more than was seen is taken to be wrong, so that a few cases that happen to be
-    told apart give no certainty (Platt, Probabilistic outputs for support vector machines, 1999).
+    separable give no certainty (Platt, Probabilistic outputs for support vector machines, 1999).
 
     Parameters
     ----------
@@ -67,10 +67,10 @@ def fit_temperature(
     """
     doubt = 1.0 / (len(y) + 2)
     spread = float(np.abs(scores - scores.mean(axis=1, keepdims=True)).mean()) or 1.0
-    found = minimize_scalar(
+    result = minimize_scalar(
         lambda log_t: log_loss(scores / (spread * np.exp(log_t)), y, weights, doubt),
         bounds=_LOG_LIMITS,
         method="bounded",
         options={"xatol": 1e-3},
     )
-    return spread * float(np.exp(found.x))
+    return spread * float(np.exp(result.x))

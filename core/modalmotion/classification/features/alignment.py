@@ -12,7 +12,7 @@ _N_STARTS: Final = 48
 _N_FINER: Final = 9
 _N_REFINEMENTS: Final = 3
 
-# Times that the mean is formed anew from what is turned onto it.
+# Times that the mean is formed anew from the motions turned onto it.
 _N_ROUNDS: Final = 8
 
 Coefficients = NDArray[np.complex128]
@@ -79,7 +79,7 @@ def mean_motion(motions: list[Coefficients], *, is_cycle: bool) -> Coefficients:
 def _best(
     B: Coefficients, starts: NDArray[np.float64], terms: NDArray[np.int64]
 ) -> tuple[float, NDArray[np.float64]]:
-    """Start and rotation, of the given starts, that give the largest overlap."""
+    """Start, among `starts`, and rotation that give the largest overlap."""
     phases = np.exp(1j * starts[:, None] * terms)
     C = np.einsum("th,hij->tij", phases, B).real
     # Largest trace of R C' over rotations: s1 + s2 + sign(det) s3.

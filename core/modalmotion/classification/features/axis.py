@@ -32,7 +32,7 @@ Direction = tuple[float, float, float]
 
 
 class AxisReading(NamedTuple):
-    """What the amplitudes cannot say by themselves.
+    """Handedness and inward side, which the amplitudes leave open.
 
     Parameters
     ----------
@@ -51,13 +51,13 @@ READINGS: Final = tuple(AxisReading(m, i) for m in (False, True) for i in (False
 
 
 class _Layout(NamedTuple):
-    """What the features of all motions in the same modes have in common.
+    """Layout of the features, common to all motions in the same modes.
 
     Parameters
     ----------
     columns : tuple of Column
     signs : (readings, features) float64
-        What the other readings turn round in the first one.
+        Changes of sign in each reading against the first.
     deforming : (n,) int64
         Modes that do not translate the whole.
     """
@@ -92,7 +92,7 @@ def axis_features(
     Raises
     ------
     TopologyError
-        If the surface is none of these, or has no extent.
+        If the surface is not one of these, or has no extent.
     ModeCountError
         If the modes (1, 0) and (0, 1) are not in the signature.
     ShapeError
@@ -181,8 +181,8 @@ def _radial_line(b: Vectors, parts: Parts) -> complex:
 def _read(spectrum: Spectrum, parts: Parts, gauge: complex) -> tuple[Spectrum, Spectrum, Spectrum]:
     """Harmonics of the parts with a sign, and of both components of those without."""
     c, s, flat = (
-        spectrum[:, chosen].transpose(2, 0, 1)
-        for chosen in (parts.cosines, parts.sines, parts.unpaired)
+        spectrum[:, indices].transpose(2, 0, 1)
+        for indices in (parts.cosines, parts.sines, parts.unpaired)
     )
     n_rings = len(parts.first)
     # (w(c) - i w(s)) / 2 = ((c1 + s2) + i (c2 - s1)) / 2, turned by the gauge where p' = 1.
@@ -259,22 +259,22 @@ def _of_harmonics(count: int, later: float) -> Vectors:
 
 
 def _columns(parts: Parts, n_signed: int, n_sized: int, walls: bool) -> tuple[Column, ...]:
-    found = [
+    columns = [
         Column(f"{part.name} {phase} {h}", part.modes)
         for part in parts.signed
         for h in range(1, n_signed + 1)
         for phase in ("cos", "sin")
     ]
-    del found[1]
+    del columns[1]
     sides = (" towards zero", " across zero") if walls else ("",)
-    found += [
+    columns += [
         Column(f"{part.name}{side} {phase} {h}", part.modes, power=1.0 if walls else 0.5)
         for part in parts.sized
         for side in sides
         for h in range(1, n_sized + 1)
         for phase in ("cos", "sin")
     ]
-    return tuple(found)
+    return tuple(columns)
 
 
 def _theta_zero(signature: ModalSignature) -> Vectors:

@@ -1,4 +1,4 @@
-"""Where the parts of a motion about an axis are found in the amplitudes."""
+"""Where the parts of a motion about an axis lie in the amplitudes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from modalmotion.template.body_frame import Components
 
 
 class Parts(NamedTuple):
-    """Where the parts of a motion are found in the amplitudes of a set of modes.
+    """Where the parts of a motion lie in the amplitudes of a set of modes.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Parts(NamedTuple):
     cosines, sines : (m,) int64
         Modes (p, p'), p' > 0.
     first, others : (k,) int64
-        Which of the pairs have p' = 1, and which have more.
+        Pairs with p' = 1, and pairs with more.
     signed, sized : tuple of Column
         Names and modes of the parts with a sign and of those without.
     """

@@ -57,7 +57,7 @@ class MotionFeatures:
 
     @property
     def kinds(self) -> NDArray[np.float64]:
-        """What the motion is like, and how large: see `kind_of`, (readings, features + 1)."""
+        """Kind and size of the motion: see `kind_of`, (readings, features + 1)."""
         return kind_of(self.values, np.array(self.motion), powers_of(self.columns))
 
     @property

@@ -98,9 +98,9 @@ def invariants(
 
 
 def invariant_columns(waves: Waves, n_terms: int, *, is_cycle: bool) -> tuple[Column, ...]:
-    """Names of what `invariants` gives."""
+    """Columns of the values of `invariants`."""
     term = "harmonic" if is_cycle else "term"
-    found = [
+    columns = [
         Column(f"size {name} {term} {h}", waves.modes(k))
         for k, name in enumerate(waves.names)
         for h in range(1, n_terms + 1)
@@ -108,21 +108,21 @@ def invariant_columns(waves: Waves, n_terms: int, *, is_cycle: bool) -> tuple[Co
     pairs = list(zip(*(index.tolist() for index in _pairs(waves)), strict=True))
     everything = waves.all_modes
 
-    def of_pairs(what: str, chosen: list[tuple[int, int]]) -> list[Column]:
+    def of_pairs(what: str, index_pairs: list[tuple[int, int]]) -> list[Column]:
         return [
             Column(f"{what} {waves.names[i]} {waves.names[j]}", waves.modes(i) + waves.modes(j))
-            for i, j in chosen
+            for i, j in index_pairs
         ]
 
-    found += of_pairs("together", pairs)
-    found += [Column(f"spread {axis}", everything) for axis in (1, 2, 3)]
-    found += of_pairs("ahead", pairs)
+    columns += of_pairs("together", pairs)
+    columns += [Column(f"spread {axis}", everything) for axis in (1, 2, 3)]
+    columns += of_pairs("ahead", pairs)
     has_sine = waves.sines >= 0
-    found += [Column(f"runs {waves.names[k]}", waves.modes(k)) for k in np.flatnonzero(has_sine)]
+    columns += [Column(f"runs {waves.names[k]}", waves.modes(k)) for k in np.flatnonzero(has_sine)]
     if has_sine.any():
         both = [(i, j) for i, j in pairs if has_sine[i] and has_sine[j]]
-        found += of_pairs("beside", both) + of_pairs("ahead beside", both)
-    return tuple(found)
+        columns += of_pairs("beside", both) + of_pairs("ahead beside", both)
+    return tuple(columns)
 
 
 def _together(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> NDArray[np.float64]:

@@ -32,7 +32,7 @@ from modalmotion.signature.making import ModalSignature
 # A course holds what a cycle of twice its length holds.
 TERMS_PER_HARMONIC = 2
 
-# Percent of the size: less motion than this is none.
+# Percent of the size: less motion than this counts as rest.
 _LEAST_TOTAL = 1e-2
 
 
@@ -71,7 +71,7 @@ class FeatureReader:
 
     @property
     def description(self) -> str:
-        """What is read, in words."""
+        """The features, in words."""
         what = "a few numbers of the modes" if self.is_brief else "modes"
         if self.has_axis:
             what = "parts about the axis, and modes" if self.adds_modes else "parts about the axis"
@@ -111,7 +111,7 @@ class FeatureReader:
         return MotionFeatures(columns, values, motion.size, motion.smooth_share)
 
     def values(self, waves: Waves, motion: MotionTerms) -> NDArray[np.float64]:
-        """Give what `of` does without the names, (features,) float64."""
+        """Values of the features without their names, (features,) float64; see `of`."""
         total = float(np.linalg.norm(motion.terms))
         # How much moves is one feature; the others say what share of it moves how.
         terms = motion.terms / total if total > 0 else motion.terms
@@ -200,11 +200,11 @@ def _columns(
     has_terms: bool,
 ) -> tuple[Column, ...]:
     name = summary_columns if is_brief else invariant_columns
-    found = [Column("motion", waves.all_modes), *name(waves, n_terms, is_cycle=is_cycle)]
+    columns = [Column("motion", waves.all_modes), *name(waves, n_terms, is_cycle=is_cycle)]
     if has_terms:
-        found += _term_columns(modes, n_terms, is_cycle=is_cycle)
+        columns += _term_columns(modes, n_terms, is_cycle=is_cycle)
     # Shares do not grow with the motion.
-    return tuple(replace(column, power=0.0) for column in found)
+    return tuple(replace(column, power=0.0) for column in columns)
 
 
 def _term_columns(modes: Modes, n_terms: int, *, is_cycle: bool) -> list[Column]:

@@ -27,13 +27,13 @@ def summary(motion: NDArray[np.complex128], waves: Waves, *, is_cycle: bool) -> 
 
 
 def summary_columns(waves: Waves, n_terms: int, *, is_cycle: bool) -> tuple[Column, ...]:
-    """Names of what `summary` gives."""
+    """Columns of the values of `summary`."""
     everything = waves.all_modes
     term = "harmonic" if is_cycle else "term"
-    found = [Column(f"size {name}", waves.modes(k)) for k, name in enumerate(waves.names)]
-    found += [Column(f"size {term} {h}", everything) for h in range(1, n_terms + 1)]
-    found += [Column(f"spread {axis}", everything) for axis in (1, 2, 3)]
+    columns = [Column(f"size {name}", waves.modes(k)) for k, name in enumerate(waves.names)]
+    columns += [Column(f"size {term} {h}", everything) for h in range(1, n_terms + 1)]
+    columns += [Column(f"spread {axis}", everything) for axis in (1, 2, 3)]
     if not is_cycle:
         pairs = zip(*np.triu_indices(n_terms, 1), strict=True)
-        found += [Column(f"term {i + 1} with {j + 1}", everything) for i, j in pairs]
-    return tuple(found)
+        columns += [Column(f"term {i + 1} with {j + 1}", everything) for i, j in pairs]
+    return tuple(columns)

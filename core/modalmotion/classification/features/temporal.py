@@ -17,7 +17,7 @@ _N_SMOOTH: Final = 3
 # Singular values of the design below this share are not determined by the frames.
 _RANK_TOLERANCE: Final = 1e-8
 
-# Designs that are kept factored: recordings of one device share their times.
+# Factored designs in the cache: recordings of one device share their times.
 _N_DESIGNS: Final = 32
 # Share of the motion below which the last frame repeats the first: what float32 leaves of it.
 _REPEATED: Final = 1e-4
@@ -44,7 +44,7 @@ class _Design:
 def one_turn(signature: ModalSignature) -> ModalSignature:
     """Leave a last frame out that repeats the first, for it belongs to the next turn.
 
-    Only where it does so but for rounding, and not because it rests: in noise nobody can tell a
+    Only where it does so up to rounding, and not because it rests: in noise nobody can tell a
     frame that comes back from one that has almost done so, nor at rest one that is still there.
     The usual recording ends one step before.
     """
@@ -97,11 +97,11 @@ def harmonics(share: NDArray[np.float64], signals: NDArray[np.float64], count: i
     (count, signals) complex128
         Zero where there are too few frames.
     """
-    found = min(count, max(1, (len(share) - 1) // 2))
-    solution = _design(share.tobytes(), found, is_cycle=True).solve @ signals
+    n_fitted = min(count, max(1, (len(share) - 1) // 2))
+    solution = _design(share.tobytes(), n_fitted, is_cycle=True).solve @ signals
     result = np.zeros((count, signals.shape[1]), dtype=np.complex128)
-    result.real[:found] = solution[1 : 1 + found]
-    result.imag[:found] = solution[1 + found :]
+    result.real[:n_fitted] = solution[1 : 1 + n_fitted]
+    result.imag[:n_fitted] = solution[1 + n_fitted :]
     return result
 
 
@@ -122,9 +122,9 @@ def cosines(
     (count, signals) float64
         Zero where there are too few frames.
     """
-    found = min(count, len(share) - 1)
+    n_fitted = min(count, len(share) - 1)
     result = np.zeros((count, signals.shape[1]))
-    result[:found] = (_design(share.tobytes(), found, is_cycle=False).solve @ signals)[1:]
+    result[:n_fitted] = (_design(share.tobytes(), n_fitted, is_cycle=False).solve @ signals)[1:]
     return result
 
 
@@ -152,7 +152,7 @@ def smooth_share(
         return 1.0
     count = _N_SMOOTH if is_cycle else n_terms
     followed = _design(share.tobytes(), count, is_cycle=is_cycle).span @ signals
-    # What is not followed; none of it is less than rounding of the whole.
+    # The part that is not followed; rounding may make it negative.
     rest = max(0.0, total - float(np.vdot(followed, followed)))
     # Of white noise n - 1 - terms of n - 1 parts remain.
     return max(0.0, 1.0 - rest / free * (n - 1) / total)

@@ -12,7 +12,7 @@ from modalmotion.representation import shown
 @shown("classes", "accuracy", "calibration_error", "coverage", "training_set")
 @dataclass(frozen=True)
 class ModelCard:
-    """What a user should know of a model before relying on it; every field is JSON-able.
+    """Facts to know about a model before relying on it; every field is JSON-able.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class ModelCard:
     calibration_error : float
         Expected calibration error (ECE).
     coverage : float
-        Level that the class sets below were asked for.
+        Requested level of the class sets below.
     class_coverage : dict of str to float
         Share of each class whose set held it, in cross-validation.
     mean_set_size : float
@@ -47,9 +47,9 @@ class ModelCard:
     has_seen : str
     has_not_seen : str
     notes : tuple of str
-        What was met in training.
+        Observations from training.
     extra : dict
-        Whatever its maker adds, such as a test on a held-out cohort.
+        Additions by its maker, such as a test on a held-out cohort.
     """
 
     classes: tuple[str, ...]
@@ -80,7 +80,7 @@ class ModelCard:
 
     @staticmethod
     def from_json(values: Mapping[str, Any]) -> ModelCard:
-        """Read what `as_json` gave."""
+        """Read the output of `as_json`."""
         return ModelCard(**{name: _tuples(value) for name, value in values.items()})
 
 

@@ -1,4 +1,4 @@
-"""Class sets that hold the true class as often as asked for, class by class.
+"""Class sets that hold the true class with the requested frequency, class by class.
 
 Vovk, Conditional validity of inductive conformal predictors, Machine Learning, 2013 (label-
 conditional or Mondrian); the scores come from cross-validation, so that no case is lost (Vovk,
@@ -50,12 +50,12 @@ class Calibration:
             case itself are as strange: (number as strange + 1) / (n + 1) > 1 - coverage.
         """
         alpha = 1.0 - coverage
-        kept = np.empty(probabilities.shape, dtype=np.bool_)
+        in_set = np.empty(probabilities.shape, dtype=np.bool_)
         for k, scores in enumerate(self.scores):
             n = len(scores)
             as_strange = n - np.searchsorted(scores, 1.0 - probabilities[:, k], side="left")
-            kept[:, k] = as_strange + 1 > alpha * (n + 1) + _ROUNDING
-        return kept
+            in_set[:, k] = as_strange + 1 > alpha * (n + 1) + _ROUNDING
+        return in_set
 
     def too_few(self, coverage: float) -> tuple[int, ...]:
         """Classes with fewer than 1 / (1 - coverage) - 1 cases, which every set must hold."""

@@ -13,5 +13,5 @@ _DIGITS: Final = 9
 
 def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Round to so many significant digits that training again gives the same."""
-    found = [float(f"{value:.{_DIGITS}g}") for value in np.ravel(values)]
-    return np.array(found).reshape(np.shape(values))
+    numbers = [float(f"{value:.{_DIGITS}g}") for value in np.ravel(values)]
+    return np.array(numbers).reshape(np.shape(values))

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from modalmotion.representation import shown
 
-# Shares of the least motion and smoothness met in training below which there is none; and the
-# limits for cohorts that all move a great deal.
+# Shares of the least motion and smoothness in training that a case must reach; and the highest
+# such limits, for cohorts that all move a great deal.
 _SHARE_OF_LEAST: Final = 0.5
 _LEAST_MOTION: Final = 0.003
 _LEAST_SMOOTH: Final = 0.5
@@ -20,7 +20,7 @@ _LEAST_SMOOTH: Final = 0.5
 # Shrinkage towards independent features where there are many cases.
 _LEAST_SHRINKAGE: Final = 1e-2
 
-# With too few cases for the share that is asked for, the farthest one times this is the limit.
+# With too few cases for the requested share, the farthest one times this is the limit.
 _MARGIN: Final = 1.5
 
 
@@ -108,7 +108,7 @@ def domain_limit(held_out: NDArray[np.float64], known_share: float) -> float:
 def motion_limits(
     motions: NDArray[np.float64], smooth_shares: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Least motion and least smooth share, given those of the training cases."""
+    """Least motion and least smooth share, from those of the training cases."""
     return (
         min(_LEAST_MOTION, _SHARE_OF_LEAST * float(motions.min())),
         min(_LEAST_SMOOTH, _SHARE_OF_LEAST * float(smooth_shares.min())),

@@ -26,7 +26,7 @@ from modalmotion.representation import shown
 
 FORM: Final = Form("model", 2)
 
-# The golden batch must come out as it was stored, but for the last digits.
+# The golden batch must come out as it was stored, up to the last digits.
 _GOLDEN_TOLERANCE: Final = 1e-9
 
 _LARGEST: Final = 512 * 2**20
@@ -66,7 +66,7 @@ class KeptModel:
     Parameters
     ----------
     record : ModelRecord
-        Version 0 until a store has given it a number.
+        Version 0 until a store numbers it.
     card : dict
         How it was made and tested, and what it is for; JSON values.
     arrays : dict of str to ndarray
@@ -99,9 +99,9 @@ def kept_model(model: Model, *, training: str | None = None) -> KeptModel:
     return KeptModel(record, model.card.as_json(), _arrays(model))
 
 
-def numbered(kept: KeptModel, version: int, created: str) -> KeptModel:
+def numbered(model: KeptModel, version: int, created: str) -> KeptModel:
     """Give a model its number and its time."""
-    return replace(kept, record=replace(kept.record, version=version, created=created))
+    return replace(model, record=replace(model.record, version=version, created=created))
 
 
 def model_to_hdf5(model: Model | KeptModel) -> bytes:
@@ -119,18 +119,18 @@ def model_to_hdf5(model: Model | KeptModel) -> bytes:
     Raises
     ------
     ParameterError
-        If its name cannot be kept.
+        If its name cannot be stored.
     """
-    kept = kept_model(model) if isinstance(model, Model) else model
-    record = kept.record
+    stored_model = kept_model(model) if isinstance(model, Model) else model
+    record = stored_model.record
     datasets = [
         *(
             Dataset(name, array, "none" if array.dtype.kind in "Su" else "1", _AXES[name])
-            for name, array in sorted(kept.arrays.items())
+            for name, array in sorted(stored_model.arrays.items())
         ),
         json_text("classes", record.classes),
         json_text("parameters", parameters_as_json(record.parameters)),
-        json_text("card", kept.card),
+        json_text("card", stored_model.card),
         json_text("origin", {"created": record.created, "training": record.training}),
     ]
     name = require_model_name(record.name)
@@ -141,7 +141,7 @@ def read_kept_model(source: bytes | Path) -> tuple[KeptModel, Contents]:
     """Read a model's file without interpreting the model in it."""
     _require_size(source)
     with FORM.read(source) as contents:
-        return _kept(contents), contents
+        return _stored_model(contents), contents
 
 
 def model_from_hdf5(source: bytes | Path) -> Model:
@@ -160,15 +160,15 @@ def model_from_hdf5(source: bytes | Path) -> Model:
     """
     _require_size(source)
     with FORM.read(source) as contents:
-        kept = _kept(contents)
-        model = _model(kept, contents)
-    if model.id != kept.record.id:
+        stored_model = _stored_model(contents)
+        model = _model(stored_model, contents)
+    if model.id != stored_model.record.id:
         raise CorruptFileError(
-            f"{contents.name} holds another model than {kept.record.reference}, as it says: its "
-            f"sha256 is {model.id[:12]}…, not {kept.record.id[:12]}….",
+            f"{contents.name} holds another model than {stored_model.record.reference}, as it "
+            f"says: its sha256 is {model.id[:12]}…, not {stored_model.record.id[:12]}….",
             remedy="Restore it from a copy, or delete this version and train it again.",
         )
-    _require_golden(model, kept.record)
+    _require_golden(model, stored_model.record)
     return model
 
 
@@ -183,7 +183,7 @@ def _require_size(source: bytes | Path) -> None:
         )
 
 
-def _kept(contents: Contents) -> KeptModel:
+def _stored_model(contents: Contents) -> KeptModel:
     origin = contents.json("origin", dict)
     number = contents.attributes["version"]
     if not isinstance(number, int):
@@ -243,8 +243,8 @@ def _arrays(model: Model) -> dict[str, NDArray[Any]]:
 _FLAGS: Final = ("has_axis", "is_cycle", "walls", "adds_modes", "is_brief")
 
 
-def _model(kept: KeptModel, contents: Contents) -> Model:
-    record = kept.record
+def _model(stored_model: KeptModel, contents: Contents) -> Model:
+    record = stored_model.record
     readable = contents.json("readable", dict)
     columns = tuple(
         Column(str(name), tuple(map(int, modes)), float(power))
@@ -292,7 +292,7 @@ def _model(kept: KeptModel, contents: Contents) -> Model:
             str(label): tuple(map(str, texts))
             for label, texts in contents.json("notes", dict).items()
         },
-        card=ModelCard.from_json(kept.card),
+        card=ModelCard.from_json(stored_model.card),
     )
 
 
@@ -314,7 +314,7 @@ def _blend(contents: Contents, d: int, n: int) -> Blend:
     # A linear scorer has no anchors, and weighs the features.
     n_weights = np.where(n_anchors > 0, n_anchors, d)
     if (n_anchors < 0).any():
-        raise ValueError("a scorer has fewer than no anchors")
+        raise ValueError("a scorer has a negative number of anchors")
     anchors = contents.array("anchors", (int(n_anchors.sum()), d))
     weights = contents.array("weights", (int(n_weights.sum()), n))
     # Of no scorers, a split gives one empty part all the same.
@@ -336,7 +336,7 @@ def _blend(contents: Contents, d: int, n: int) -> Blend:
 
 def _require_golden(model: Model, record: ModelRecord) -> None:
     try:
-        # A foreign model may divide by zero; its probabilities are none then.
+        # A foreign model may divide by zero; its probabilities are then not numbers.
         with np.errstate(all="ignore"):
             predicted = model.probabilities(model.golden_features)
             apart = np.abs(predicted - model.golden_probabilities).max()
@@ -344,12 +344,12 @@ def _require_golden(model: Model, record: ModelRecord) -> None:
     except CorruptFileError as error:
         apart, reason = np.inf, error.message
     except (ValueError, TypeError, AttributeError, IndexError) as error:
-        apart, reason = np.inf, f"its estimator cannot be asked ({str(error)[:100]})."
+        apart, reason = np.inf, f"its estimator cannot predict ({str(error)[:100]})."
     if not apart <= _GOLDEN_TOLERANCE:
-        named = record.reference
+        reference = record.reference
         raise ModelNotReproducedError(
-            f"The model {named} is whole, but is not what it was when it was made: {reason}",
+            f"The model {reference} is whole, but is not what it was when it was made: {reason}",
             remedy="Name another version, train it again, or use the versions of the libraries "
             "that its card states.",
-            details={"model": named.name, "version": named.version},
+            details={"model": reference.name, "version": reference.version},
         )

@@ -36,7 +36,7 @@ class Readable:
     connectivity_id : str
         Of that mesh; empty for modes in closed form.
     parameters : SignatureParameters
-        Of the signatures; any landmarks will do, and any frame as reference that is one.
+        Of the signatures; landmarks may differ, and so may the frame if the reference is one.
     """
 
     topologies: tuple[str, ...]
@@ -61,14 +61,14 @@ class Model:
     blend : Blend
         Standardisation and scorers; without scorers where there is a machine.
     machine : bytes
-        skops archive of an estimator that is no plain arrays; empty otherwise.
+        skops archive of an estimator that is not plain arrays; empty otherwise.
     domain : Domain
     calibration : Calibration
     golden_features : (cases, features) float64
     golden_probabilities : (cases, classes) float64
-        What the model must say of them.
+        Those that the model must give for them.
     notes : dict of str to tuple of str
-        What a user should know with every answer (under "") or with a class.
+        Notes for every answer (under "") or for one class.
     card : ModelCard
     """
 
@@ -102,7 +102,7 @@ class Model:
         return self.readable.parameters
 
     def log_shares(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Log probabilities but for a constant, (cases, classes), of features (cases, features)."""
+        """Log probabilities up to a constant, (cases, classes), of features (cases, features)."""
         if self.machine:
             return machine_log_shares(self.machine, features)
         return self.blend.log_shares(features)

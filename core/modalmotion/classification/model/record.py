@@ -1,4 +1,4 @@
-"""What is known of a model without reading its arrays, and how models are named."""
+"""Records of models, known without reading their arrays, and references to models."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _REFERENCE: Final = re.compile(f"({NAME_PATTERN})(?:@({VERSION_PATTERN}))?")
 
 
 class ModelReference(NamedTuple):
-    """Which model is meant.
+    """Name and version of a model.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class ModelRecord:
     ----------
     name : str
     version : int
-        Counted from 1 for each name; never given twice, not even after a deletion.
+        Counted from 1 for each name; never used twice, not even after a deletion.
     id : str
         sha256 of everything that the model's answers depend on, in hex.
     classes : tuple of str
@@ -97,18 +97,18 @@ def require_model_name(text: str) -> str:
 
 
 def parse_reference(text: str) -> ModelReference:
-    """Read which model is meant: "name" for its newest version, or "name@3".
+    """Read a reference to a model: "name" for its newest version, or "name@3".
 
     Raises
     ------
     NotFoundError
-        If it is neither: nothing is kept under such a name.
+        If it is neither: no model has such a name.
     """
-    found = _REFERENCE.fullmatch(text)
-    if found is None:
+    match = _REFERENCE.fullmatch(text)
+    if match is None:
         raise NotFoundError(
             f"{text[:80]!r} names no model.",
             remedy="Write its name, such as wall-motion, for the newest version, or its name "
             "and a version, such as wall-motion@3.",
         )
-    return ModelReference(found[1], None if found[2] is None else int(found[2]))
+    return ModelReference(match[1], None if match[2] is None else int(match[2]))

@@ -13,14 +13,14 @@ from modalmotion.classification.training.case_row import CaseRow
 def group_cases(
     rows: Sequence[CaseRow],
 ) -> tuple[tuple[str, ...], NDArray[np.int64], int]:
-    """Subjects, groups of whatever shares a subject or a recording, recordings with two.
+    """Subjects, groups of cases that share a subject or recording, number of mixed recordings.
 
     Returns
     -------
     subjects : tuple of str
     groups : (cases,) int64
     n_mixed : int
-        Recordings that are said to be of two subjects.
+        Recordings with two stated subjects.
     """
     subjects = tuple(row.subject or f"sequence {row.sequence_id}" for row in rows)
     parent: dict[str, str] = {}
@@ -55,9 +55,9 @@ def inner_groups(y: NDArray[np.int64], groups: NDArray[np.int64]) -> NDArray[np.
     -------
     (cases,) int64
     """
-    found = groups.copy()
+    inner = groups.copy()
     for k in np.unique(y):
         mine = np.flatnonzero(y == k)
         if len(np.unique(groups[mine])) == 1:
-            found[mine] = groups.max() + 1 + mine
-    return found
+            inner[mine] = groups.max() + 1 + mine
+    return inner

@@ -21,7 +21,7 @@ _IN_ONE_PIECE: Final = 16
 
 @dataclass(frozen=True, eq=False)
 class ReadCase:
-    """A case as read by whoever did the work.
+    """A case as a worker read it.
 
     Parameters
     ----------
@@ -55,19 +55,19 @@ def read_cases(
     numbered = enumerate(cases)
     pieces = iter(lambda: tuple(itertools.islice(numbered, _IN_ONE_PIECE)), ())
     works = (delayed(_read_piece)(piece, options) for piece in pieces)
-    read = Parallel(return_as="generator", batch_size=1)(works)
-    return itertools.chain.from_iterable(read)
+    results = Parallel(return_as="generator", batch_size=1)(works)
+    return itertools.chain.from_iterable(results)
 
 
 def _read_piece(
     piece: tuple[tuple[int, TrainingCase | CaseFile], ...], options: TrainingOptions
 ) -> list[ReadCase]:
-    found = []
-    for number, given in piece:
-        case = given.read() if isinstance(given, CaseFile) else given
+    results = []
+    for number, source in piece:
+        case = source.read() if isinstance(source, CaseFile) else source
         require_usable(case, number, options)
         signature = case.signature
-        found.append(
+        results.append(
             ReadCase(
                 case_row(case, options),
                 signature.surface,
@@ -76,11 +76,11 @@ def _read_piece(
                 None if number else signature,
             )
         )
-    return found
+    return results
 
 
 def require_usable(case: TrainingCase, number: int, options: TrainingOptions) -> None:
-    """Check that a case has a label, a motion and the modes that are asked for.
+    """Check that a case has a label, a motion and the modes of the options.
 
     Raises
     ------
@@ -100,17 +100,16 @@ def require_usable(case: TrainingCase, number: int, options: TrainingOptions) ->
             remedy="Leave it out.",
             details={"case": number, "sequence_id": signature.sequence_id},
         )
-    asked = signature.parameters.modes
-    if options.modes not in (asked, len(signature.modes)):
+    if options.modes not in (signature.parameters.modes, len(signature.modes)):
         raise ParameterError(
-            f"The training case {number} has {len(signature.modes)} modes, but {options.modes} "
-            "were asked for.",
+            f"The training case {number} has {len(signature.modes)} modes, but the "
+            f"options say {options.modes}.",
             remedy=f"Fit the signatures with modes={options.modes}.",
             details={"case": number, "sequence_id": signature.sequence_id},
         )
 
 
-def require_alike(read: ReadCase, example: ReadCase, number: int) -> None:
+def require_alike(case: ReadCase, example: ReadCase, number: int) -> None:
     """Check that a case has the modes of the first.
 
     Raises
@@ -118,28 +117,28 @@ def require_alike(read: ReadCase, example: ReadCase, number: int) -> None:
     ParameterError
         Naming the case.
     """
-    a, b = read.parameters, example.parameters
+    a, b = case.parameters, example.parameters
     same = (
         a.weights == b.weights
         and a.remove_rotation == b.remove_rotation
         and a.components == b.components
         and (a.reference == MEAN) == (b.reference == MEAN)
-        and len(read.modes) == len(example.modes)
-        and (read.modes.topology is None) == (example.modes.topology is None)
+        and len(case.modes) == len(example.modes)
+        and (case.modes.topology is None) == (example.modes.topology is None)
     )
-    if same and read.modes.connectivity_id != example.modes.connectivity_id:
+    if same and case.modes.connectivity_id != example.modes.connectivity_id:
         raise ParameterError(
             f"The training case {number} is of another mesh than the first, and spring modes "
             "compare within one mesh only.",
             remedy="Give recordings of one mesh, or of surfaces with natural coordinates.",
-            details={"case": number, "sequence_id": read.row.sequence_id},
+            details={"case": number, "sequence_id": case.row.sequence_id},
         )
     if not same:
         raise ParameterError(
-            f"The training cases differ in their modes: case {number} has {len(read.modes)} "
-            f"of a {read.surface}, {a.components}, weights {a.weights}, reference {a.reference}; "
+            f"The training cases differ in their modes: case {number} has {len(case.modes)} "
+            f"of a {case.surface}, {a.components}, weights {a.weights}, reference {a.reference}; "
             f"the first has {len(example.modes)} of a {example.surface}, {b.components}, weights "
             f"{b.weights}, reference {b.reference}.",
             remedy="Fit all signatures with the same parameters.",
-            details={"case": number, "sequence_id": read.row.sequence_id},
+            details={"case": number, "sequence_id": case.row.sequence_id},
         )

@@ -1,4 +1,4 @@
-"""What is kept of one training case: its features, nothing else."""
+"""The row of one training case: its features, nothing else."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from modalmotion.template.landmarks import WEAK
 
 
 class AxisValues(NamedTuple):
-    """What `MotionFeatures` holds but for the names."""
+    """Values of `MotionFeatures` without the names."""
 
     values: NDArray[np.float64]
     motion: float
@@ -25,7 +25,7 @@ class AxisValues(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CaseRow:
-    """Features of one training case, in every way that may be asked for.
+    """Features of one training case, in every form that training may try.
 
     Parameters
     ----------
@@ -79,9 +79,9 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
 
 
 def _about_axis(signature: ModalSignature, options: TrainingOptions, *, walls: bool) -> AxisValues:
-    read = FeatureReader(True, True, options.harmonics, walls).read(signature)
+    features = FeatureReader(True, True, options.harmonics, walls).read(signature)
     # Without the names, which are the same for all cases.
-    return AxisValues(read.values, read.motion, read.smooth_share)
+    return AxisValues(features.values, features.motion, features.smooth_share)
 
 
 def zero_is_known(signature: ModalSignature) -> bool:

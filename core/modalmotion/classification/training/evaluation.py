@@ -20,7 +20,7 @@ from modalmotion.representation import shown
 @shown("model", "n_cases", "accuracy", "accuracy_interval", "calibration_error", "coverage")
 @dataclass(frozen=True)
 class Evaluation:
-    """What a test on labelled cases found; every field is JSON-able.
+    """Result of a test on labelled cases; every field is JSON-able.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Evaluation:
     classes : tuple of str
     n_cases : int
     accuracy : float
-        Share of all cases with the right label; an abstention is none.
+        Share of all cases with the right label; an abstention counts as wrong.
     accuracy_interval : (float, float)
         95 % interval, wider where several cases are of one subject.
     balanced_accuracy : float
@@ -44,7 +44,7 @@ class Evaluation:
     calibration_error : float
         Expected calibration error (ECE) of the cases with a label.
     coverage : float
-        Level asked for.
+        Requested level.
     class_coverage : dict of str to float
         Share of each class whose set held it.
     mean_set_size : float
@@ -109,24 +109,24 @@ def evaluate(
                 remedy=f"Give cases of its classes: {', '.join(model.classes)}.",
                 details={"case": number},
             )
-        found = classify(case.signature, model, coverage)
+        answer = classify(case.signature, model, coverage)
         truth.append(place[case.label])
-        answers.append(-1 if found.label is None else place[found.label])
-        confidence.append(found.probability)
-        covered.append(case.label in found.class_set)
-        sizes.append(len(found.class_set))
+        answers.append(-1 if answer.label is None else place[answer.label])
+        confidence.append(answer.probability)
+        covered.append(case.label in answer.class_set)
+        sizes.append(len(answer.class_set))
         subjects.append(case.subject or f"sequence {case.signature.sequence_id}")
-        for flag in found.flags:
+        for flag in answer.flags:
             flags[flag] = flags.get(flag, 0) + 1
         if progress is not None:
             progress(float(number + 1), "classified")
     if not truth:
         raise ParameterError("There is no case to test on.", remedy="Give at least one.")
-    y, said, covers = np.array(truth), np.array(answers), np.array(covered)
+    y, labels, covers = np.array(truth), np.array(answers), np.array(covered)
     n = len(model.classes)
     confusion = np.zeros((n, n + 1), dtype=np.int64)
-    np.add.at(confusion, (y, said), 1)
-    right, labelled = said == y, said >= 0
+    np.add.at(confusion, (y, labels), 1)
+    right, labelled = labels == y, labels >= 0
     curve = calibration_curve(np.array(confidence)[labelled], right[labelled])
     present = [k for k in range(n) if (y == k).any()]
     return Evaluation(

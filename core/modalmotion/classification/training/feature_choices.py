@@ -26,28 +26,28 @@ def feature_choices(
 ) -> tuple[FeatureReader, ...]:
     """List the choices of features that may be tried, what depends on the least first.
 
-    None where the cases have several topologies and no axis.
+    Empty where the cases have several topologies and no axis.
     """
     h = options.harmonics
     closes = float(np.median([row.gap for row in rows])) < _CLOSED
     timings = {Timing.CYCLE: [True], Timing.COURSE: [False]}.get(
         Timing(options.timing), [True, False] if closes else [False]
     )
-    found: list[FeatureReader] = []
+    choices: list[FeatureReader] = []
     if timings[0] and all(row.axis is not None for row in rows):
-        found.append(FeatureReader(True, True, h, walls))
+        choices.append(FeatureReader(True, True, h, walls))
         if n_topologies == 1:
-            found.append(FeatureReader(True, True, h, walls, adds_modes=True))
+            choices.append(FeatureReader(True, True, h, walls, adds_modes=True))
     if n_topologies > 1:
-        return tuple(found)
+        return tuple(choices)
     for is_cycle in timings:
         plain = FeatureReader(False, is_cycle, h, walls)
-        found += [replace(plain, is_brief=True), plain]
+        choices += [replace(plain, is_brief=True), plain]
         # Terms as they are mean nothing where theta may start anywhere.
         if plain.waves(example).sines.max() < 0:
             terms = rows[0].cycle.terms if is_cycle else rows[0].course.terms
-            found.append(replace(plain, typical=np.zeros_like(terms)))
-    return tuple(found)
+            choices.append(replace(plain, typical=np.zeros_like(terms)))
+    return tuple(choices)
 
 
 def tells_walls(rows: list[CaseRow], options: TrainingOptions) -> bool:
@@ -56,7 +56,7 @@ def tells_walls(rows: list[CaseRow], options: TrainingOptions) -> bool:
     Raises
     ------
     ParameterError
-        If that is asked for, but theta has no zero in some case.
+        If the options say so, but theta has no zero in some case.
     """
     if options.walls == Walls.NO:
         return False

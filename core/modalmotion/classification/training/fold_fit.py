@@ -1,4 +1,4 @@
-"""What is fitted to some cases of a table: features, estimator, domain."""
+"""The fit to some cases of a table: features, estimator, domain."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class FoldFit:
     Parameters
     ----------
     reader : FeatureReader
-        The chosen one.
+        The best of the choices.
     values : (all cases, readings, features) float64
-        What it reads.
+        Its features.
     X : (cases, features) float64
         Of those that were fitted to, each in its reading.
     estimator : MotionClassifier
@@ -66,14 +66,14 @@ class FoldFit:
         kinds = table.kinds(self.reader, values, rows)
         domain = Domain(self.means, self.whitening, np.inf, 0.0, 0.0)
         apart = domain.distance(kinds.reshape(n * n_readings, -1)).reshape(n, n_readings)
-        chosen = apart.argmin(axis=1)
-        return values[np.arange(n), chosen], apart[np.arange(n), chosen]
+        reading = apart.argmin(axis=1)
+        return values[np.arange(n), reading], apart[np.arange(n), reading]
 
     def probabilities(self, X: NDArray[np.float64], n_classes: int) -> NDArray[np.float64]:
         """Probabilities of all classes; 0 for those the fold has not seen."""
-        found = np.zeros((len(X), n_classes))
-        found[:, self.classes] = self.estimator.predict_proba(X)
-        return found
+        shares = np.zeros((len(X), n_classes))
+        shares[:, self.classes] = self.estimator.predict_proba(X)
+        return shares
 
 
 def fit_rows(table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions) -> FoldFit:
@@ -93,9 +93,9 @@ def fit_rows(table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions
         quick = replace(options, estimator=Estimator.LINEAR)
     best = _fit(table, first, compared, quick)
     for choice in others:
-        found = _fit(table, choice, compared, quick)
-        if _is_better(found.estimator.losses_, best.estimator.losses_):
-            best = found
+        fit = _fit(table, choice, compared, quick)
+        if _is_better(fit.estimator.losses_, best.estimator.losses_):
+            best = fit
     if len(best.X) == len(rows) and quick is options:
         return best
     return _fit(table, best.reader, rows, options)
@@ -105,11 +105,11 @@ def _compared(table: CaseTable, rows: NDArray[np.int64], seed: int) -> NDArray[n
     """Take some cases where there are many: of each class its share, but never few."""
     if len(rows) <= _MOST_COMPARED:
         return rows
-    rng, kept = np.random.default_rng(seed), []
+    rng, parts = np.random.default_rng(seed), []
     for k in np.unique(table.y[rows]):
         mine = rng.permutation(rows[table.y[rows] == k])
-        kept.append(mine[: max(_FEWEST_COMPARED, len(mine) * _MOST_COMPARED // len(rows))])
-    return np.sort(np.concatenate(kept))
+        parts.append(mine[: max(_FEWEST_COMPARED, len(mine) * _MOST_COMPARED // len(rows))])
+    return np.sort(np.concatenate(parts))
 
 
 def _fit(
@@ -154,7 +154,7 @@ def _standards(X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.
 
 
 def _is_better(losses: NDArray[np.float64], known: NDArray[np.float64]) -> bool:
-    """Whether the mean loss is surely below the known one's; no where there are none."""
+    """Whether the mean loss is surely below the known one's; false where there are no losses."""
     gain = known - losses
     return bool(gain.mean() > _SURE * gain.std() / np.sqrt(len(gain)))
 

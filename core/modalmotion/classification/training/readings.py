@@ -19,7 +19,7 @@ def best_readings(
 ) -> NDArray[np.float64]:
     """Features in the reading that is nearer to the case's own class, found by turns.
 
-    Cases are taken to be right-handed, so only the side of inward is to be found.
+    Cases are taken to be right-handed, so only the inward side is unknown.
     """
     if values.shape[1] == 1:
         return values[:, 0]
@@ -29,6 +29,6 @@ def best_readings(
         centre, scale = X.mean(axis=0), np.where(X.std(axis=0) > 0, X.std(axis=0), np.inf)
         means, whitening = domain_shape((X - centre) / scale, y, n_classes)
         apart = ((both - centre) / scale - means[y][:, None]) @ whitening
-        chosen = (apart**2).sum(axis=2).argmin(axis=1)
-        X = both[np.arange(len(both)), chosen]
+        nearest = (apart**2).sum(axis=2).argmin(axis=1)
+        X = both[np.arange(len(both)), nearest]
     return X

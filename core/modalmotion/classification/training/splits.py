@@ -21,7 +21,7 @@ class Splits(NamedTuple):
     is_grouped : bool
         Whether subjects are kept together.
     notes : list of str
-        What to know about it.
+        Caveats.
     """
 
     folds: list[tuple[NDArray[np.int64], NDArray[np.int64]]]
@@ -43,8 +43,8 @@ def split_cases(table: CaseTable, options: TrainingOptions) -> Splits:
         return Splits(list(split), True, [])
     alone = table.classes[int(np.argmin(subjects))]
     note = (
-        f"The class {alone!r} has one subject only: how well it is told of another subject "
-        "cannot be known. "
+        f"The class {alone!r} has one subject only: how well it is recognised in another "
+        "subject cannot be known. "
     )
     if cases.min() < 2:
         return Splits(

@@ -1,4 +1,4 @@
-"""What training keeps of labelled signatures: their features, nothing else."""
+"""The table of a training set: features of labelled signatures, nothing else."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class CaseTable:
         One of them, for its modes.
     readable : Readable
     readers : tuple of FeatureReader
-        Choices of features that may be tried; a typical motion is still to be found.
+        Choices of features that may be tried, without a typical motion yet.
     classes : tuple of str
     y : (cases,) int64
     groups : (cases,) int64
@@ -74,7 +74,7 @@ class CaseTable:
     about_axis: NDArray[np.float64]
     motions: Mapping[bool, tuple[MotionTerms, ...]]
     notes: tuple[str, ...]
-    _kept: dict[FeatureReader, NDArray[np.float64]] = field(default_factory=dict, repr=False)
+    _cache: dict[FeatureReader, NDArray[np.float64]] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return len(self.y)
@@ -85,8 +85,8 @@ class CaseTable:
         """Give the reader the typical motion of some cases."""
         if reader.typical is None or pose == PoseOf.FIXED:
             return reader
-        chosen = rows[:: -(-len(rows) // _MOST_TYPICAL)]
-        motions = [self.motions[reader.is_cycle][i].terms for i in chosen]
+        sample = rows[:: -(-len(rows) // _MOST_TYPICAL)]
+        motions = [self.motions[reader.is_cycle][i].terms for i in sample]
         return replace(reader, typical=mean_motion(motions, is_cycle=reader.is_cycle))
 
     def features(self, reader: FeatureReader) -> NDArray[np.float64]:
@@ -96,13 +96,13 @@ class CaseTable:
         if reader.typical is not None:
             return self._modes(reader)
         # The same in all folds.
-        if reader not in self._kept:
+        if reader not in self._cache:
             modes = self._modes(reader)
             if reader.has_axis:
                 repeated = np.repeat(modes, self.values.shape[1], axis=1)
                 modes = np.concatenate([self.values, repeated], axis=2)
-            self._kept[reader] = modes
-        return self._kept[reader]
+            self._cache[reader] = modes
+        return self._cache[reader]
 
     def _modes(self, reader: FeatureReader) -> NDArray[np.float64]:
         waves = reader.waves(self.example)
@@ -146,10 +146,10 @@ def collect(
     first: ReadCase | None = None
     topologies: dict[str, list[str]] = {}
     n_same = 0
-    for number, read in enumerate(read_cases(cases, options)):
-        row = read.row
-        first = read if first is None else first
-        require_alike(read, first, number)
+    for number, case in enumerate(read_cases(cases, options)):
+        row = case.row
+        first = case if first is None else first
+        require_alike(case, first, number)
         known = labels.setdefault(row.sequence_id, row.label)
         if known != row.label:
             raise ParameterError(
@@ -158,7 +158,7 @@ def collect(
                 remedy="Give each recording one class.",
                 details={"case": number, "sequence_id": row.sequence_id},
             )
-        topologies.setdefault(read.surface, []).append(row.sequence_id)
+        topologies.setdefault(case.surface, []).append(row.sequence_id)
         # The same recording with the same modes says nothing new; as another topology it does.
         same = by_id.setdefault(row.sequence_id, [])
         if any(np.array_equal(r.cycle.terms, row.cycle.terms) for r in same):
@@ -206,9 +206,9 @@ def _table(
         )
     values, about_axis = np.zeros((0, 0, 0)), np.zeros((0, 2))
     if readers[0].has_axis:
-        read = [row.walls if walls else row.axis for row in rows]
-        values = np.array([found.values for found in read if found is not None])
-        about_axis = np.array([found[1:] for found in read if found is not None])
+        features = [row.walls if walls else row.axis for row in rows]
+        values = np.array([one.values for one in features if one is not None])
+        about_axis = np.array([one[1:] for one in features if one is not None])
     subjects, groups, mixed = group_cases(rows)
     if mixed:
         notes = [*notes, f"{mixed} recordings are of two subjects each; these are kept together."]

@@ -109,16 +109,17 @@ def main(arguments: Sequence[str]) -> None:
     default = Path(__file__).parents[1] / "model" / "data" / f"{DEFAULT_MODEL}.h5"
     path = Path(arguments[0]) if arguments else default
     model = shipped_model(N_TRAIN)
-    found = evaluate(model, held_out_cases(N_TEST))
-    model = replace(model, card=replace(model.card, extra={**model.card.extra, **_tested(found)}))
+    evaluation = evaluate(model, held_out_cases(N_TEST))
+    extra = {**model.card.extra, **_held_out(evaluation)}
+    model = replace(model, card=replace(model.card, extra=extra))
     path.write_bytes(model_to_hdf5(model))
-    sys.stdout.write(f"{path} {model.id}\n{found}\n")
+    sys.stdout.write(f"{path} {model.id}\n{evaluation}\n")
 
 
-def _tested(found: Evaluation) -> dict[str, object]:
-    kept = found.as_json()
-    del kept["model"], kept["model_id"], kept["classes"]
-    return {"held_out": {"seed": HELD_OUT_SEED, **kept}}
+def _held_out(evaluation: Evaluation) -> dict[str, object]:
+    record = evaluation.as_json()
+    del record["model"], record["model_id"], record["classes"]
+    return {"held_out": {"seed": HELD_OUT_SEED, **record}}
 
 
 def _cohort(n_per_class: int, seed: int) -> Iterator[Case]:

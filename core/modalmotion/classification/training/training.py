@@ -45,7 +45,7 @@ def train(
     name : str
     options : TrainingOptions, optional
     progress : callable, optional
-        Called with the share that is done, 0 to 1, and what is done now.
+        Called with the share that is done, 0 to 1, and the current step.
 
     Returns
     -------
@@ -67,36 +67,37 @@ def train(
     """
     from joblib import Parallel, delayed
 
-    chosen = TrainingOptions() if options is None else options
-    told = progress or _silent
-    sized = len(cases) if isinstance(cases, Sized) else 0
+    if options is None:
+        options = TrainingOptions()
+    report = progress or _silent
+    n_cases = len(cases) if isinstance(cases, Sized) else 0
 
     def reading(number: int) -> None:
-        share = 0.4 * (number / sized) if sized else 0.0
-        told(share, f"reading case {number}")
+        share = 0.4 * (number / n_cases) if n_cases else 0.0
+        report(share, f"reading case {number}")
 
-    table = collect(cases, chosen, reading)
-    splits = split_cases(table, chosen)
+    table = collect(cases, options, reading)
+    splits = split_cases(table, options)
     n, n_classes = len(table), len(table.classes)
     probabilities = np.full((n, n_classes), 1.0 / n_classes)
     distances = np.zeros(n)
     every = np.arange(n)
-    works = [delayed(predict_fold)(table, *fold, chosen) for fold in splits.folds]
-    works.append(delayed(fit_rows)(table, every, chosen))
-    found = Parallel(return_as="generator", batch_size=1)(works)
+    works = [delayed(predict_fold)(table, *fold, options) for fold in splits.folds]
+    works.append(delayed(fit_rows)(table, every, options))
+    results = Parallel(return_as="generator", batch_size=1)(works)
     for k, (_, outer) in enumerate(splits.folds):
-        told(0.4 + 0.5 * k / (len(splits.folds) + 1), f"fold {k + 1} of {len(splits.folds)}")
-        probabilities[outer], distances[outer] = next(found)
-    told(0.4 + 0.5 * len(splits.folds) / (len(splits.folds) + 1), "all cases")
-    fitted = next(found)
-    model = _model(table, fitted, name, probabilities, distances, bool(splits.folds), chosen)
-    card = training_card(table, chosen, splits, probabilities, fitted)
-    told(1.0, "trained")
+        report(0.4 + 0.5 * k / (len(splits.folds) + 1), f"fold {k + 1} of {len(splits.folds)}")
+        probabilities[outer], distances[outer] = next(results)
+    report(0.4 + 0.5 * len(splits.folds) / (len(splits.folds) + 1), "all cases")
+    fitted = next(results)
+    model = _model(table, fitted, name, probabilities, distances, bool(splits.folds), options)
+    card = training_card(table, options, splits, probabilities, fitted)
+    report(1.0, "trained")
     return replace(model, card=replace(card, notes=(*table.notes, *splits.notes, *card.notes)))
 
 
 def _silent(share: float, text: str) -> None:
-    """Tell nobody."""
+    """Report nothing."""
     del share, text
 
 

@@ -24,7 +24,7 @@ _FEW: Final = 9
 
 
 def empty_card(table: CaseTable) -> ModelCard:
-    """Card of a model that nothing is known of yet."""
+    """Card of a model before its training."""
     return ModelCard(
         classes=table.classes,
         training_set=table.hash,
@@ -54,7 +54,7 @@ def training_card(
     probabilities: NDArray[np.float64],
     fitted: FoldFit,
 ) -> ModelCard:
-    """Say what was trained, on what, and how well it predicts what was held out.
+    """Card of a trained model: its data, options, and accuracy on held-out cases.
 
     Parameters
     ----------
@@ -103,10 +103,10 @@ def training_card(
     )
     if not splits.folds:
         return card
-    said = probabilities.argmax(axis=1)
-    right = said == table.y
+    answers = probabilities.argmax(axis=1)
+    right = answers == table.y
     confusion = np.zeros((len(table.classes),) * 2, dtype=np.int64)
-    np.add.at(confusion, (table.y, said), 1)
+    np.add.at(confusion, (table.y, answers), 1)
     curve = calibration_curve(probabilities.max(axis=1), right)
     held, sizes = _cross_sets(table, splits.folds, probabilities, options.coverage)
     return replace(
@@ -134,7 +134,7 @@ def _cross_sets(
     sizes = np.zeros(len(table), dtype=np.int64)
     for inner, outer in folds:
         fold = calibrate(probabilities[inner], table.y[inner], len(table.classes))
-        kept = fold.holds(probabilities[outer], coverage)
-        held[outer] = kept[np.arange(len(outer)), table.y[outer]]
-        sizes[outer] = kept.sum(axis=1)
+        in_set = fold.holds(probabilities[outer], coverage)
+        held[outer] = in_set[np.arange(len(outer)), table.y[outer]]
+        sizes[outer] = in_set.sum(axis=1)
     return held, sizes

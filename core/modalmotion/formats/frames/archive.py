@@ -21,7 +21,7 @@ from modalmotion.limits import ReadLimits
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
 
-# Beside frames an archive may hold textures, notes and the like.
+# Besides frames an archive may hold textures, notes and the like.
 _MEMBERS_PER_FRAME: Final = 4
 _ENCRYPTED: Final = 0x1
 _REMEDY: Final = "Pack the frames again as a plain .zip."
@@ -47,9 +47,9 @@ def read_zip(data: bytes, parser: Parser, progress: Progress | None = None) -> R
     MalformedFileError
         If it is not a readable archive, or holds links or names that lead out of it.
     LimitError
-        If its members declare more than is accepted.
+        If its members declare more than the limits accept.
     InputError
-        If the frames make no sequence; frame and file are named.
+        If the frames do not form a sequence; frame and file are named.
     """
     try:
         archive = zipfile.ZipFile(io.BytesIO(data))
@@ -75,7 +75,7 @@ def write_ply_zip(sequence: MeshSequence) -> bytes:
     Returns
     -------
     bytes
-        What `read_zip` reads back with the same positions, faces, times and unit.
+        `read_zip` reads it back with the same positions, faces, times and unit.
     """
     statements = {}
     if sequence.unit is not None:

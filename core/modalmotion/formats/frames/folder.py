@@ -1,4 +1,4 @@
-"""A folder, or a pattern of names, of frames on this machine."""
+"""Frames in a local folder, or that match a pattern of names."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def is_pattern(path: Path) -> bool:
 
 
 def read_folder(path: Path, parser: Parser, progress: Progress | None = None) -> Reading:
-    """Read a sequence from the files in a folder, or from those that fit a pattern.
+    """Read a sequence from the files in a folder, or from those that match a pattern.
 
     Frames come in the natural order of the numbers in their names, or as one .pvd or .series
     file among them lists them.
@@ -37,9 +37,9 @@ def read_folder(path: Path, parser: Parser, progress: Progress | None = None) ->
     Raises
     ------
     MalformedFileError
-        If nothing there is a frame, or a file cannot be read.
+        If no file is a frame, or a file cannot be read.
     InputError
-        If the frames make no sequence; frame and file are named.
+        If the frames do not form a sequence; frame and file are named.
     """
     folder, pattern = (path, "*") if path.is_dir() else (path.parent, path.name)
     paths = {file.name: file for file in folder.glob(pattern) if file.is_file()}

@@ -1,4 +1,4 @@
-"""One frame of a sequence, as a reader of single meshes finds it."""
+"""One frame of a sequence, as a reader of single meshes returns it."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Frame:
     is_soup : bool
         Whether each face has three vertices of its own, as in STL.
     notes : tuple of str
-        What was done to the polygons.
+        Changes to the polygons.
     ignored : tuple of str
-        What the file holds besides.
+        Unused content of the file.
     statements : tuple of (str, str)
-        What the file says of itself, by name: "coordinate_system", "unit", "topology", "grid"
+        What the file states, by name: "coordinate_system", "unit", "topology", "grid"
         and "time" (numbers as text).
     """
 
@@ -43,7 +43,7 @@ class Frame:
     statements: tuple[tuple[str, str], ...] = ()
 
     def stated(self, name: str) -> str | None:
-        """Return what the file says of itself under a name."""
+        """Return the file's statement of that name."""
         return dict(self.statements).get(name)
 
 
@@ -53,7 +53,7 @@ def space_in(text: bytes) -> tuple[tuple[str, str], ...]:
     Returns
     -------
     tuple of (str, str)
-        None or one of them, for `Frame.statements`.
+        Empty or one statement, for `Frame.statements`.
     """
     match = _SPACE.search(text)
     return () if match is None else (("coordinate_system", match[1].decode()),)

@@ -1,4 +1,4 @@
-"""Frames that stand for one moving mesh, put together one after the other."""
+"""Frames of one moving mesh, joined one after the other."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class FrameStack:
         The first one.
     kind : Format
     n_frames : int
-        How many there will be.
+        Number of all frames.
     limits : ReadLimits
     """
 
@@ -55,7 +55,7 @@ class FrameStack:
         self._times = [frame.stated("time")]
 
     def add(self, number: int, frame: Frame, kind: Format) -> None:
-        """Put the next frame behind those that are there.
+        """Append the next frame.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class FrameStack:
         self._times.append(frame.stated("time"))
 
     def result(self, times: tuple[float, ...] | None) -> Reading:
-        """Put everything together, through the validator of all sequences."""
+        """Build the sequence, through the validator of all sequences."""
         first = self._first
         stated = [time for time in self._times if time is not None]
         if times is None and len(stated) == len(self._times):

@@ -16,13 +16,13 @@ from modalmotion.progress import Progress
 
 @dataclass(frozen=True)
 class FrameFile:
-    """A frame that can be read.
+    """A frame's file, not yet read.
 
     Parameters
     ----------
     name : str
     read : callable
-        Gives the bytes.
+        Returns the bytes.
     """
 
     name: str
@@ -35,7 +35,7 @@ def read_frames(
     times: tuple[float, ...] | None = None,
     progress: Progress | None = None,
 ) -> Reading:
-    """Read frames and put them together.
+    """Read frames and join them to one sequence.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def read_frames(
     Raises
     ------
     InputError
-        Naming the frame and its file.
+        It names the frame and its file.
     """
     report = progress or (lambda _done, _all: None)
     parser.limits.require("frames", len(files))

@@ -43,7 +43,7 @@ class Listing:
     notes: tuple[str, ...]
 
     def complete(self, result: Reading) -> Reading:
-        """Add to what was read of the frames what is known of their files."""
+        """Add times, unused files and notes of the listing to a reading."""
         return replace(
             result,
             ignored=(*result.ignored, *self.others),
@@ -58,13 +58,13 @@ def list_frames(names: list[str], read: Callable[[str], bytes], limits: ReadLimi
     ----------
     names : list of str
     read : callable
-        Gives the bytes of one of them.
+        Returns the bytes of one of them.
     limits : ReadLimits
 
     Raises
     ------
     MalformedFileError
-        If there are no frames, frames of several kinds and no list of them, or several lists.
+        If there are no frames, several kinds of frames without a list, or several lists.
     """
     visible = [name for name in names if not is_hidden(name)]
     lists = [name for name in visible if name.lower().endswith(SERIES_SUFFIXES)]
@@ -88,12 +88,12 @@ def list_frames(names: list[str], read: Callable[[str], bytes], limits: ReadLimi
 
 
 def notes_on_numbers(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Say where numbers in the names of frames leave one out: nobody else would notice.
+    """Note gaps in the numbers in the names of frames: nothing else would show them.
 
     Parameters
     ----------
     names : tuple of str
-        In their order. Of each the last number counts, and only where all else is the same.
+        In their order. Only the last number of each counts, where all else is the same.
     """
     parts = [_NUMBERED.fullmatch(name.rpartition(".")[0]) for name in names]
     if len(names) < 3 or not all(parts) or len({(p[1], p[3]) for p in parts if p}) > 1:

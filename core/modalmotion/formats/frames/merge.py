@@ -1,4 +1,4 @@
-"""Vertices for triangles that share none: one map for all frames."""
+"""Vertices for triangles without shared ones: one map for all frames."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from modalmotion.mesh.checks import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class MergeMap:
-    """Which corners of triangles are one vertex.
+    """Map from corners of triangles to merged vertices.
 
     Merging each frame by itself would number its vertices anew and break correspondence
-    without a sign of it, so the map of the first frame serves all.
+    without any sign, so the map of the first frame serves all.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class MergeMap:
 
 
 def merge_corners(corners: FloatArray) -> MergeMap:
-    """Take corners at exactly the same place for one vertex, in order of appearance.
+    """Merge corners at exactly the same place into one vertex, in order of appearance.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Names of frames: their natural order, and names that stay where they belong."""
+"""Names of frames: their natural order, and names that stay inside their archive."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FRAME_SUFFIXES: Final = (".stl", ".ply", ".obj", ".off", ".vtk", ".vtp")
 SERIES_SUFFIXES: Final = (".pvd", ".series")
 """Ends of the names of files that list frames and their times."""
 
-# Separators and drives of other systems, and what no name of a frame needs.
+# Separators and drives of other systems, and control characters.
 _UNSAFE: Final = re.compile(r"[\\:\x00-\x1f]")
 
 
@@ -47,6 +47,6 @@ def is_hidden(name: str) -> bool:
 
 
 def name_beside(series: str, name: str) -> str:
-    """Resolve a name that stands in a series file, from the series file's own folder."""
+    """Resolve a name in a series file against that file's folder."""
     require_safe_name(name)
     return posixpath.normpath(posixpath.join(posixpath.dirname(series), name))

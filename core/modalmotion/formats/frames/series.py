@@ -14,7 +14,7 @@ from modalmotion.limits import NO_LIMITS, ReadLimits
 
 _malformed: Final = partial(
     MalformedFileError,
-    remedy="Save the series again, or leave the file out: frames are then taken by name.",
+    remedy="Save the series again, or leave the file out: frames are then ordered by name.",
 )
 
 
@@ -25,7 +25,7 @@ class Series:
     Parameters
     ----------
     names : tuple of str
-        As they stand in the file.
+        As the file writes them.
     times : tuple of float
     notes : tuple of str
     """

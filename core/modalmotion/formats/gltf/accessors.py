@@ -37,13 +37,13 @@ def read_accessor(
     ----------
     container : Container
     index : int
-        As it stands in the document.
+        Its place in the document's list.
     n_components : int
-        How many numbers each item must have.
+        Required numbers of each item.
     limits : ReadLimits
         `decompressed_bytes` holds for it, as numbers of 8 bytes.
     limit : {"frames", "vertices", "faces"}, optional
-        What else holds for the number of its items, taken `items_each` at a time.
+        Further limit, on the number of its items divided by `items_each`.
     items_each : int
 
     Returns
@@ -56,7 +56,7 @@ def read_accessor(
     MalformedFileError
         If it leads out of the file, or is of another type.
     LimitError
-        If it declares more than is accepted.
+        If it declares more than the limits accept.
     """
     accessor = container.item("accessors", index)
     count = _count(accessor, "count")
@@ -99,7 +99,7 @@ def _view(container: Container, index: object) -> _View:
     buffer = container.item("buffers", view.get("buffer"))
     if "uri" in buffer or view["buffer"] != 0:
         raise MalformedFileError(
-            f"The GLB file keeps data elsewhere ({str(buffer.get('uri'))[:60]!r}), which is never "
+            f"The GLB file names data elsewhere ({str(buffer.get('uri'))[:60]!r}), which is never "
             "opened.",
             remedy="Export one .glb file that holds its own data.",
         )
@@ -152,7 +152,7 @@ def _with_sparse(container: Container, sparse: Any, values: NDArray[Any]) -> NDA
 
 def _count(owner: Any, name: str, default: int | None = None) -> int:
     value = owner.get(name, default)
-    # JSON has one kind of number; 2.0 is as good as 2.
+    # JSON has one kind of number; 2.0 counts as 2.
     if isinstance(value, float) and math.isfinite(value) and value == int(value):
         value = int(value)
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 2**62:

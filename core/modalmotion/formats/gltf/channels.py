@@ -89,7 +89,7 @@ def read_channels(
     Raises
     ------
     ParameterError
-        If there is no animation of that name.
+        If no animation has that name.
     MalformedFileError
         If a channel cannot be read.
     """
@@ -102,8 +102,8 @@ def read_channels(
         )
     if not animations:
         return {}, []
-    chosen = 0 if name is None else names.index(name)
-    animation = container.item("animations", chosen)
+    index = 0 if name is None else names.index(name)
+    animation = container.item("animations", index)
     channels = {}
     for listed in animation["channels"]:
         target = listed["target"]
@@ -113,7 +113,7 @@ def read_channels(
         samplers = Container({"samplers": animation["samplers"]}, container.binary)
         sampler = samplers.item("samplers", listed.get("sampler"))
         channels[node, path] = _channel(container, sampler, path, limits)
-    return channels, [other for i, other in enumerate(names) if i != chosen]
+    return channels, [other for i, other in enumerate(names) if i != index]
 
 
 def _channel(

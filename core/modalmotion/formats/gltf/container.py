@@ -27,7 +27,7 @@ class Container:
     Parameters
     ----------
     document : dict
-        As it stands in the file: nothing of it is checked.
+        As in the file, unchecked.
     binary : memoryview
     """
 
@@ -40,7 +40,7 @@ class Container:
         Raises
         ------
         MalformedFileError
-            If there is none.
+            If it does not exist.
         """
         listed = self.document.get(kind)
         is_place = isinstance(index, int) and not isinstance(index, bool)
@@ -53,7 +53,7 @@ class Container:
 
 
 def read_container(data: bytes) -> Container:
-    """Take a GLB file apart.
+    """Split a GLB file into its parts.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def read_container(data: bytes) -> Container:
 
 
 def write_container(document: dict[str, Any], binary: bytes) -> bytes:
-    """Put a GLB file together; `binary` is a whole number of 4 bytes."""
+    """Join the parts of a GLB file; `binary` is a whole number of 4 bytes."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     length = 12 + 8 + len(text) + 8 + len(binary)

@@ -28,7 +28,7 @@ class MorphMesh:
     targets : (targets, vertices, 3) float64
     faces : (faces, 3) int64
     weights : (targets,) float64
-        Where no animation says otherwise.
+        Default, unless an animation changes them.
     ignored : tuple of str
         Attributes that were not read.
     """
@@ -50,10 +50,10 @@ def read_morph_mesh(container: Container, index: int, limits: ReadLimits) -> Mor
     MalformedFileError
         If they are compressed, strips or fans, or do not fit each other.
     LimitError
-        If there is more than `limits` accept.
+        If it holds more than `limits` accept.
     """
     mesh = container.item("meshes", index)
-    # Where the vertices of each set of accessors begin, and how many they are.
+    # First vertex and number of vertices of each set of accessors.
     blocks: dict[tuple[Any, ...], tuple[int, int]] = {}
     bases: list[NDArray[np.float64]] = []
     targets: list[NDArray[np.float64]] = []
@@ -130,7 +130,7 @@ def _require_plain(primitive: dict[str, Any]) -> None:
     compressions = [name for name in _COMPRESSED if name in primitive.get("extensions", {})]
     if compressions:
         raise MalformedFileError(
-            f"The GLB file's mesh is compressed by {compressions[0]}, which is not read.",
+            f"The GLB file's mesh is compressed by {compressions[0]}, which cannot be read.",
             remedy="Export again without compression.",
         )
     if primitive.get("mode", _TRIANGLES) in _STRIPS_AND_FANS:

@@ -31,9 +31,9 @@ class MorphAnimation:
     topology : Topology, optional
     grid : tuple of int, optional
     n_left_out : int
-        Targets that were wanted but are not there.
+        Requested targets that were left out.
     rms_left_out : float, in `unit`
-        RMS over vertices and frames of the displacement that they stand for.
+        RMS over vertices and frames of the displacement that they describe.
 
     Raises
     ------
@@ -78,7 +78,7 @@ class MorphAnimation:
         return len(self.weights)
 
     def positions(self) -> NDArray[np.float64]:
-        """Play it, (frames, vertices, 3) float64, in `unit`."""
+        """Positions of all frames, (frames, vertices, 3) float64, in `unit`."""
         u = np.tensordot(self.weights, self.targets, axes=(1, 0))
         # x(t) = R(t) (base + u(t)) + T(t)
         x: NDArray[np.float64] = np.matmul(self.base + u, self.rotations.transpose(0, 2, 1))

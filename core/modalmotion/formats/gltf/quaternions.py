@@ -1,4 +1,4 @@
-"""Rotations as glTF keeps them: unit quaternions (x, y, z, w)."""
+"""Rotations as glTF stores them: unit quaternions (x, y, z, w)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """GLB animations: morph targets whose weights move, on nodes that may move as well.
 
-Positions are taken at the keyframes: wherever any channel that moves a mesh has a key.
+Positions are evaluated at the keyframes of all channels that move a mesh.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.sequence import mesh_sequence
 
 OURS: Final = "modalmotion"
-"""Name under which a file of ours keeps unit and times in the extras of its asset."""
+"""Name under which our own files hold unit and times in the extras of the asset."""
 
 _COORDINATES: Final = "Y up"
 
-# Extensions that change nothing about where vertices are, or that are read.
+# Extensions that do not move vertices, or that are read.
 _HARMLESS: Final = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_mesh_quantization")
 
-# What reading a document of the wrong shape raises, wherever that is.
+# Errors of reading a document of the wrong shape, at any place.
 _MISSHAPEN: Final = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError)
 
 
@@ -48,27 +48,27 @@ def read_glb(
     -------
     Reading
         All meshes of the scene as one, in its order. The unit is the metre by the format's
-        definition, unless the file is one of ours that states another.
+        definition, unless the file is our own and states another.
 
     Raises
     ------
     MalformedFileError
-        If it cannot be read, keeps data elsewhere, is compressed, or is moved by a skeleton.
+        If it cannot be read, names data elsewhere, is compressed, or is moved by a skeleton.
     LimitError
         If it declares more than `limits` accept.
     ParameterError
-        If there is no animation of that name.
+        If no animation has that name.
     """
     container = read_container(data)
     try:
-        # Numbers of any size may stand in a file; what overflows is found by the validator.
+        # Numbers of any size may stand in a file; the validator finds overflows.
         with np.errstate(all="ignore"):
             return _read(container, animation, limits)
     except InputError:
         raise
     except _MISSHAPEN as error:
         raise malformed(
-            f"The GLB file's document is not as glTF has it ({type(error).__name__}: "
+            f"The GLB file's document does not follow glTF ({type(error).__name__}: "
             f"{str(error)[:60]})."
         ) from error
 
@@ -104,7 +104,7 @@ def _read(container: Container, animation: str | None, limits: ReadLimits) -> Re
         topology=_text(ours, "topology"),
         times=times + float(start) if is_timed else None,
         unit=None if "unit_unknown" in ours else _text(ours, "unit") or "m",
-        # glTF 2.0, 3.4: "a right-handed coordinate system". Ours are written as they came.
+        # glTF 2.0, 3.4: "a right-handed coordinate system". Our own files are written unturned.
         facts=NO_FACTS if ours else Facts(handedness="right"),
     )
     ignored |= dict.fromkeys(f"animation {name}" for name in others)
@@ -165,7 +165,7 @@ def _require_known_extensions(required: list[Any]) -> None:
     for name in required:
         if not str(name).startswith(_HARMLESS):
             raise MalformedFileError(
-                f"The GLB file cannot be read without {str(name)[:60]!r}, which is not known here.",
+                f"The GLB file cannot be read without {str(name)[:60]!r}, which is unknown here.",
                 remedy="Export again without extensions (no compression, no instancing).",
             )
 

@@ -14,7 +14,7 @@ from modalmotion.formats.gltf.container import Container, malformed
 from modalmotion.formats.gltf.quaternions import to_matrices
 
 _MOST_NODES: Final = 100_000
-# Times the frames; beyond it, matrices alone would take minutes.
+# Moving nodes times frames; beyond it, matrices alone would take minutes.
 _MOST_MOVING_NODES: Final = 10_000_000
 
 Chain = tuple[int, ...]
@@ -41,9 +41,9 @@ def mesh_nodes(container: Container) -> list[MeshNode]:
     Raises
     ------
     MalformedFileError
-        If nodes form no tree, or a mesh hangs on a skeleton.
+        If nodes do not form a tree, or a skeleton moves a mesh.
     LimitError
-        If there are too many nodes.
+        If it has too many nodes.
     """
     nodes = []
     seen: set[int] = set()

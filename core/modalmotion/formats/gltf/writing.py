@@ -15,7 +15,7 @@ from modalmotion.formats.gltf.reading import OURS
 from modalmotion.mesh.checks import single_precision
 
 FRAMES_PER_SECOND: Final = 25.0
-"""At which frames without times play; the format has no animation without seconds."""
+"""Rate at which frames without times play; the format needs seconds."""
 
 _FLOAT, _UINT = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
@@ -25,10 +25,10 @@ _POINTS, _TRIANGLES = 0, 4
 def write_glb(animation: MorphAnimation) -> bytes:
     """Write a binary glTF file that plays in three.js, Blender and VTK.
 
-    Positions are written as float32 and as they are: no scaling to metres, no turning of axes.
+    Positions are written as float32, without scaling to metres or turning of axes.
     Weights are written from 0 to 1, for Blender holds them there: a target is then the way
     from its least weight to its greatest, and the base has all of them at their least. Both
-    ends stand in the extras of the asset, with unit, first time and what was left out.
+    ends stand in the extras of the asset, with unit, first time and omissions.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def write_glb(animation: MorphAnimation) -> bytes:
     Raises
     ------
     ParameterError
-        If two times are the same as float32 after the first is taken off.
+        If two times are the same as float32 after the first is subtracted.
     """
     n_frames = animation.n_frames
     times = animation.times
@@ -121,7 +121,7 @@ class _Buffer:
     def add(
         self, values: NDArray[Any], kind: str, target: int | None = None, *, bounds: bool = False
     ) -> int:
-        """Put an array behind the others and return its accessor."""
+        """Append an array and return its accessor."""
         is_index = values.dtype.kind == "u"
         array: NDArray[Any] = (
             np.ascontiguousarray(values, dtype="<u4")
@@ -139,7 +139,7 @@ class _Buffer:
             "type": kind,
         }
         if bounds:
-            # Of the numbers as they are written, float32.
+            # Of the numbers as written, float32.
             accessor["min"] = rows.min(axis=0).tolist()
             accessor["max"] = rows.max(axis=0).tolist()
         self.views.append(view)
@@ -150,7 +150,7 @@ class _Buffer:
         return len(self.accessors) - 1
 
     def content(self) -> bytes:
-        """Return all arrays, one behind the other."""
+        """Return all arrays, one after the other."""
         return b"".join(self._pieces)
 
 

@@ -1,1 +1,1 @@
-"""A process of its own for parsers that damaged files can bring down."""
+"""A process of its own for parsers that damaged files can crash."""

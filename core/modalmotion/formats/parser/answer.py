@@ -1,4 +1,4 @@
-"""Answers of parsers, and the protocol of those who call them."""
+"""Answers of parsers, and the protocol of their callers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Parsed = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a parser found.
+    """A parser's result.
 
     Parameters
     ----------
@@ -29,11 +29,11 @@ class Answer:
 
 
 class Parser(Protocol):
-    """Something that has files parsed: `ParserProcess`, or `ParserHere`."""
+    """Runs parsers on files: `ParserProcess`, or `ParserHere`."""
 
     @property
     def limits(self) -> ReadLimits:
-        """How large a file may be."""
+        """Limits on a file."""
 
     def parse(self, task: str, data: bytes) -> Answer:
-        """Have a file parsed by the parser of that name."""
+        """Parse a file by the parser of that name."""

@@ -1,4 +1,4 @@
-"""The process behind `parser_process`: runs parsers, one file after the other."""
+"""The process behind `parser.process`: runs parsers, one file after the other."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from modalmotion.errors import InputError, LimitError
 from modalmotion.formats.parser.registry import parser_of
 from modalmotion.limits import ReadLimits
 
-# For the libraries' own needs, beside what the limits allow for arrays.
+# For the libraries' own needs, besides the arrays that the limits allow.
 _SPARE_BYTES: Final = 1 << 28
 
 
@@ -73,7 +73,7 @@ def _state(error: InputError) -> dict[str, Any]:
 
 def _too_large(limits: ReadLimits) -> LimitError:
     return LimitError(
-        "Reading the file takes more memory than it may.",
+        "Reading the file takes more memory than is allowed.",
         remedy="Send fewer frames or a coarser mesh, or have the limit raised.",
         limit="decompressed_bytes",
         details={"most": limits.decompressed_bytes},
@@ -86,7 +86,7 @@ def _limit_this_process(limits: ReadLimits, n_bytes: int, seconds: float) -> Non
     except ImportError:
         # Not on every system; the caller's clock still ends this process.
         return
-    # What a file contained is nobody's business after the process broke down on it.
+    # No core dump: it would hold the content of the file.
     _lower(resource.RLIMIT_CORE, 0)
     used = resource.getrusage(resource.RUSAGE_SELF)
     _lower(resource.RLIMIT_CPU, int(used.ru_utime + used.ru_stime + 2 * seconds) + 1)

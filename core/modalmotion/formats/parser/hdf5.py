@@ -1,4 +1,4 @@
-"""HDF5 files parsed: VTKHDF surfaces over time, and files of our own store."""
+"""Parser of HDF5 files: VTKHDF surfaces over time, and files of our own store."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
     if not text.startswith(_OURS):
         raise MalformedFileError(
             f"The HDF5 file holds {names}: neither a group 'VTKHDF' nor a sequence of ours.",
-            remedy="Send VTKHDF PolyData, the file that modalmotion gave, or npz.",
+            remedy="Send VTKHDF PolyData, a file that modalmotion wrote, or npz.",
         )
     return _parse_ours(data, limits)
 

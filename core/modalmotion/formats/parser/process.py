@@ -1,7 +1,7 @@
-"""A process of its own for parsers that damaged files can bring down.
+"""A process of its own for parsers that damaged files can crash.
 
 The HDF5 and VTK libraries end the whole process, or take all memory, on some files. They run
-here in a child that is limited in memory and time, reads nothing but the bytes it is sent, and
+here in a child that is limited in memory and time, reads only the bytes it is sent, and
 whose end is an error like any other.
 """
 
@@ -46,7 +46,7 @@ class ParserProcess:
 
     @property
     def limits(self) -> ReadLimits:
-        """How large a file may be."""
+        """Limits on a file."""
         return self._limits
 
     def __enter__(self) -> Self:
@@ -56,19 +56,19 @@ class ParserProcess:
         self.close()
 
     def close(self) -> None:
-        """End the child, if there is one."""
+        """End the child, if it runs."""
         if self._child is not None:
             self._child.kill()
             self._child.communicate()
             self._child = None
 
     def parse(self, task: str, data: bytes) -> Answer:
-        """Have a file parsed.
+        """Parse a file in the child.
 
         Parameters
         ----------
         task : str
-            Name of a parser in `parser_tasks`.
+            Name of a parser in `parser.registry`.
         data : bytes
 
         Raises

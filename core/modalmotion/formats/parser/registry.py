@@ -1,4 +1,4 @@
-"""Parsers that rest on libraries which damaged files can bring down."""
+"""Parsers that use libraries which damaged files can crash."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _TASKS: Final = {
 
 @dataclass(frozen=True)
 class ParserHere:
-    """Parses in this very process.
+    """Runs parsers in this process.
 
     For processes that may be lost and are limited from outside, such as a worker of the
     service: it saves the second that a process of its own takes to start.

@@ -1,7 +1,7 @@
 """PLY, text and binary: elements with properties, as its header declares them.
 
-Read are "x", "y", "z" of the element "vertex" and the list "vertex_indices" (or
-"vertex_index") of "face"; all else is passed over and named. Texture files are never opened.
+The reader uses "x", "y", "z" of the element "vertex" and the list "vertex_indices" (or
+"vertex_index") of "face"; everything else is skipped and named. Texture files are never opened.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _malformed: Final = partial(
     MalformedFileError, remedy="Export the frame again as PLY, with 'vertex' and 'face' elements."
 )
 
-# What a comment of ours states: "comment modalmotion unit mm".
+# A comment of our own files: "comment modalmotion unit mm".
 _OURS: Final = b"comment modalmotion "
 
 
@@ -121,7 +121,7 @@ def write_ply(
     positions : (vertices, 3) float32 or float64
     faces : (faces, 3) int64
     statements : mapping of str to str
-        Kept as comments, for `Frame.statements` of whoever reads it.
+        Written as comments, which a reader returns as `Frame.statements`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Elements of a PLY file behind its header."""
+"""Elements of a PLY file, after its header."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Lists = dict[Key, tuple[NDArray[np.int64], NDArray[np.int64]]]
 
 @dataclass(frozen=True)
 class Property:
-    """A number, or a list where it has a type for its length.
+    """A number, or a list if it has a type for its length.
 
     Parameters
     ----------
@@ -87,12 +87,12 @@ def read_elements(
     columns : dict of (element, property) to (count,) ndarray
         Numbers, in the type that the header states.
     lists : dict of (element, property) to (sizes, items), int64
-        Lists of integers, one behind the other.
+        Lists of integers, one after the other.
 
     Raises
     ------
     MalformedFileError
-        If there are fewer or more rows, or other ones, than the header declares.
+        If the rows differ, in number or form, from the header's declaration.
     """
     columns: Columns = {}
     lists: Lists = {}
@@ -175,7 +175,7 @@ def _read_binary(
             columns[element.name, p.name] = np.zeros(0, p.item_type)
             lists[element.name, p.name] = (np.zeros(0, np.int64), np.zeros(0, np.int64))
         return start
-    # Rows that are all as long as the first, which most files have, are read in one piece.
+    # Rows all as long as the first, as in most files, are read in one piece.
     dtype = _row_type(data, start, element, order)
     n_bytes = dtype.itemsize * element.count
     if start + n_bytes <= len(data):

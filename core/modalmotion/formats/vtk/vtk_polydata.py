@@ -1,6 +1,6 @@
 """Legacy .vtk and .vtp surfaces through VTK's own readers, from bytes in memory.
 
-Imported only inside the process of `parser_child`: VTK can bring down the process it runs in.
+Imported only inside the process of `parser.child`: VTK can crash the process it runs in.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from modalmotion.limits import ReadLimits
 _malformed: Final = partial(
     MalformedFileError, remedy="Save the frame again as a polygonal surface (vtkPolyData)."
 )
-# ParaView keeps the time of a frame under this name.
+# ParaView stores the time of a frame under this name.
 _TIME: Final = "TimeValue"
 
 
@@ -43,13 +43,13 @@ def parse_xml(data: bytes, limits: ReadLimits) -> Parsed:
 def _parse(reader: Any, limits: ReadLimits) -> Parsed:
     vtk_to_numpy = _module("util.numpy_support").vtk_to_numpy
     core = _module("vtkCommonCore")
-    # Its log is coloured text on standard error, with pieces of the file.
+    # VTK's log is coloured text on standard error, with pieces of the file.
     core.vtkLogger.SetStderrVerbosity(core.vtkLogger.VERBOSITY_OFF)
-    said = core.vtkStringOutputWindow()
-    core.vtkOutputWindow.SetInstance(said)
+    log = core.vtkStringOutputWindow()
+    core.vtkOutputWindow.SetInstance(log)
     reader.Update()
-    # A reader that meets an error hands out what it has, the rest being whatever was in memory.
-    if (text := str(said.GetOutput())).strip():
+    # A reader that meets an error returns partial data, the rest being uninitialised memory.
+    if (text := str(log.GetOutput())).strip():
         raise _malformed(f"VTK cannot read the file: {_last_words(text)}.")
     surface = reader.GetOutput()
     n_points = surface.GetNumberOfPoints()
@@ -76,7 +76,7 @@ def _parse(reader: Any, limits: ReadLimits) -> Parsed:
 
 
 def _module(name: str) -> Any:
-    # The package is an extra: what does not ask for it must not need it, type checker included.
+    # The package is an extra: other code must not need it, the type checker included.
     return import_module(f"vtkmodules.{name}")
 
 

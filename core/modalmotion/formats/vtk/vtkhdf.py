@@ -1,6 +1,6 @@
 """VTKHDF PolyData over time: the HDF5 layout that ParaView opens (VTK file formats, 2.x).
 
-Points of all steps stand one behind the other; "Steps" says where each begins, and where its
+Points of all steps are stored one after the other; "Steps" says where each begins, and where its
 connectivity does, which may be the same for all.
 """
 
@@ -22,7 +22,7 @@ TOPOLOGIES: Final = ("Vertices", "Lines", "Polygons", "Strips")
 """Groups of cells, in the order of their columns in the offsets of steps."""
 
 OURS: Final = "modalmotion"
-"""Group beside "VTKHDF" for what the format has no place for: unit, topology, grid."""
+"""Group beside "VTKHDF" for data that the format has no place for: unit, topology, grid."""
 
 _POLYGONS: Final = TOPOLOGIES.index("Polygons")
 _malformed: Final = partial(
@@ -86,7 +86,7 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
     if steps.times is not None and "times_unknown" not in ours:
         arrays["times"] = steps.times
         if OURS not in file:
-            notes.append("The format has no unit of time; its values were taken for seconds.")
+            notes.append("The format has no unit of time; its values were read as seconds.")
     info = {
         "format": "vtkhdf",
         "unit": _text(ours["unit"]) if "unit" in ours else None,

@@ -24,7 +24,7 @@ def write_vtkhdf(
 ) -> bytes:
     """Write a sequence as VTKHDF PolyData over time.
 
-    Faces are written once for all frames. Frames without times are numbered in their place.
+    Faces are written once for all frames. Frames without times have their numbers as times.
     Sequences without faces show as points.
 
     Parameters
@@ -34,7 +34,7 @@ def write_vtkhdf(
     fields : mapping of str to (frames, vertices) or (frames, vertices, k) ndarray, optional
         Values at the vertices, such as the error of a reconstruction, by name.
     attributes : mapping of str to str or number, optional
-        Where the result comes from; kept beside what VTK reads.
+        Origin of the result; stored beside the data that VTK reads.
 
     Returns
     -------
@@ -44,7 +44,7 @@ def write_vtkhdf(
     Raises
     ------
     ShapeError
-        If a field has not one value for each vertex of each frame.
+        If a field does not have one value for each vertex of each frame.
     ParameterError
         If a field's name is empty or holds a slash.
     """

@@ -19,7 +19,7 @@ from modalmotion.store.disk.atomic import cannot_write, is_temporary, temporary_
 @shown()
 @dataclass(frozen=True)
 class BackupReport:
-    """What a backup did.
+    """Report of a backup.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def backup(root: Path, target: Path, *, progress: Progress | None = None) -> Bac
         )
     if there.exists() and not (there / "index.sqlite").exists() and _holds_files(there):
         raise ParameterError(
-            f"'{target.name}' holds other files, and a backup removes what the store has not.",
+            f"'{target.name}' holds other files, which a backup would remove.",
             remedy="Name a new folder, or that of an earlier backup.",
         )
     try:
@@ -78,12 +78,12 @@ def backup(root: Path, target: Path, *, progress: Progress | None = None) -> Bac
 
 
 def _copy(root: Path, target: Path, progress: Progress | None) -> BackupReport:
-    # What only one user could read shall not be open to all as a copy.
+    # Files that only one user may read stay private in the copy.
     target.mkdir(mode=0o700, parents=True, exist_ok=True)
     # Keys, audit log and the indices of other owners' stores lie further down.
-    found = (path.relative_to(root) for path in root.rglob("*.sqlite"))
+    paths = (path.relative_to(root) for path in root.rglob("*.sqlite"))
     # The index first: by it a copy that was cut short is known as one.
-    databases = sorted(found, key=lambda path: (len(path.parts), path))
+    databases = sorted(paths, key=lambda path: (len(path.parts), path))
     n_copied = 0
     for database in databases:
         (target / database).parent.mkdir(parents=True, exist_ok=True)
@@ -93,11 +93,11 @@ def _copy(root: Path, target: Path, progress: Progress | None) -> BackupReport:
         n_copied += _copy_file(root / name, target / name)
         if progress is not None:
             progress(number + 1, len(names))
-    kept = {target / name for name in names} | {target / name for name in databases}
-    old = [path for path in target.rglob("*") if path.is_file() and path not in kept]
+    copies = {target / name for name in names} | {target / name for name in databases}
+    old = [path for path in target.rglob("*") if path.is_file() and path not in copies]
     for path in old:
         path.unlink()
-    files = [path for path in kept if path.exists()]
+    files = [path for path in copies if path.exists()]
     n_bytes = sum(path.stat().st_size for path in files)
     return BackupReport(len(files), n_bytes, n_copied, len(old))
 
@@ -117,7 +117,7 @@ def _copy_database(source: Path, copy: Path) -> bool:
     then = source.stat()
     if not _wal_of(source).exists() and _is_same(then, copy):
         return False
-    # The library copies what is committed, whatever is written meanwhile.
+    # The library copies the committed state, even during writes.
     temporary = temporary_beside(copy)
     try:
         with (

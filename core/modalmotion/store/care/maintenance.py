@@ -43,16 +43,16 @@ def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
         database, guests_lost = _usable(folder)
         try:
             index = Index(database)
-            found = reconcile(folder, index, thorough=True, progress=progress)
+            reconciliation = reconcile(folder, index, thorough=True, progress=progress)
             index.set_clean(True)
         finally:
             database.close()
     return replace(
-        found,
+        reconciliation,
         guests_lost=guests_lost,
         rewritten=older.rewritten,
         refused=older.refused,
-        damaged=tuple(file for file in found.damaged if file not in older.refused),
+        damaged=tuple(file for file in reconciliation.damaged if file not in older.refused),
     )
 
 

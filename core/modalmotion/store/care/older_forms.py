@@ -42,7 +42,7 @@ from modalmotion.store.record import record_from, record_to_json
 
 @dataclass(frozen=True)
 class Rewriting:
-    """What became of the files of older versions.
+    """Outcome for the files of older versions.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Rewriting:
 def rewrite_older(folder: Folder) -> Rewriting:
     """Rewrite the files of a store that have an older schema, each as a whole or not at all.
 
-    What is damaged is passed over: bringing index and folder together names it.
+    Damaged files are passed over; `reconcile` reports them.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def _files(folder: Folder) -> Iterator[Path]:
 
 
 def _record(folder: Folder, sequence_id: str) -> bytes:
-    """Add what a record of version 1 did not say, for which vertices are looked at.
+    """Add the field that a record of version 1 lacks; it is read from the vertices.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def _sequence(contents: Contents) -> bytes:
 
 
 def _classification(contents: Contents) -> bytes:
-    """Add what version 1 did not say: it ruled nothing out, so its set is that of all classes."""
+    """Add the fields that version 1 lacks: it ruled nothing out, so its set is all classes."""
     classes = tuple(contents.json("classes", list))
     label = contents.json("label", object)
     return classification_to_hdf5(
@@ -202,8 +202,8 @@ def _model(contents: Contents) -> bytes:
         card=ModelCard.from_json(stored["card"]),
     )
     origin = contents.json("origin", dict)
-    kept = kept_model(model, training=origin["training"])
-    image = model_to_hdf5(numbered(kept, contents.attributes["version"], origin["created"]))
+    stored_model = kept_model(model, training=origin["training"])
+    image = model_to_hdf5(numbered(stored_model, contents.attributes["version"], origin["created"]))
     # Nothing is written that does not answer as it did.
     if model_from_hdf5(image).id != contents.text("model_id"):
         raise ValueError("it holds another model than it says")

@@ -36,7 +36,7 @@ _FORMS: Final[dict[ResultKind, Form]] = {
 @shown()
 @dataclass(frozen=True)
 class Reconciliation:
-    """What was found when index and folder were brought together.
+    """Result of bringing index and folder together.
 
     Parameters
     ----------
@@ -105,12 +105,12 @@ def reconcile(
         finish_model_deletion(folder, reference)
     known = {record.id: record for record in index.records()}
     digests = {} if thorough else index.results()
-    there = sorted((scan.records | scan.uploads) - scan.deletions)
+    sequence_ids = sorted((scan.records | scan.uploads) - scan.deletions)
     results = sorted(name for name in scan.results if name.sequence_id not in scan.deletions)
     records: list[SequenceRecord] = []
     damaged: list[str] = []
     restored: list[str] = []
-    for number, sequence_id in enumerate(there):
+    for number, sequence_id in enumerate(sequence_ids):
         try:
             record, is_new = _record(folder, scan, sequence_id, known.get(sequence_id))
         except StoreError as error:
@@ -124,11 +124,11 @@ def reconcile(
             damaged.append(folder.short(upload))
         if is_new:
             restored.append(folder.short(folder.record(sequence_id)))
-        _tell(progress, number, len(there) + len(results))
+        _tell(progress, number, len(sequence_ids) + len(results))
     owners = {record.id for record in records}
     orphans = [folder.short(path) for path in scan.foreign]
     rows: list[tuple[ResultName, str]] = []
-    for number, name in enumerate(results, len(there)):
+    for number, name in enumerate(results, len(sequence_ids)):
         path = folder.result(name)
         if name.sequence_id not in owners:
             orphans.append(folder.short(path))
@@ -138,7 +138,7 @@ def reconcile(
         except StoreError as error:
             _pass_over(error, thorough=thorough)
             damaged.append(folder.short(path))
-        _tell(progress, number, len(there) + len(results))
+        _tell(progress, number, len(sequence_ids) + len(results))
     models = _models(folder, index, scan, damaged, thorough=thorough)
     with index.database.write() as connection:
         connection.execute("DELETE FROM sequences")
@@ -167,13 +167,13 @@ def _models(
     for reference in sorted(scan.models - scan.deleted_models):
         path = folder.model(reference)
         try:
-            kept, contents = read_kept_model(path)
+            stored_model, contents = read_kept_model(path)
             require_match(path, contents, model=reference.name, version=reference.version)
         except StoreError as error:
             _pass_over(error, thorough=thorough)
             damaged.append(folder.short(path))
         else:
-            records.append(kept.record)
+            records.append(stored_model.record)
     for reference in sorted(scan.deleted_models):
         path = folder.deleted_model(reference)
         try:
@@ -191,15 +191,15 @@ def _record(
 ) -> tuple[SequenceRecord, bool]:
     """Record of a sequence, and whether it had to be written anew."""
     path, has_upload = folder.record(sequence_id), sequence_id in scan.uploads
-    found: SequenceRecord | None = None
+    record: SequenceRecord | None = None
     with contextlib.suppress(NotFoundError, CorruptFileError):
-        found = read_record(path)
-    if found is not None and found.id == sequence_id and found.has_upload == has_upload:
-        return found, False
-    if found is None or found.id != sequence_id:
+        record = read_record(path)
+    if record is not None and record.id == sequence_id and record.has_upload == has_upload:
+        return record, False
+    if record is None or record.id != sequence_id:
         # The index may know what the file does not.
-        found = known or _record_from_upload(folder.upload(sequence_id), sequence_id)
-    record = replace(found, has_upload=has_upload)
+        record = known or _record_from_upload(folder.upload(sequence_id), sequence_id)
+    record = replace(record, has_upload=has_upload)
     write_atomic(path, record_to_json(record))
     return record, True
 

@@ -47,7 +47,7 @@ class Fault:
 @shown("n_sequences", "n_results", "n_models", "n_bytes", "faults")
 @dataclass(frozen=True)
 class VerifyReport:
-    """What a check of a store found.
+    """Report of a check of a store.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class VerifyReport:
         Size of all files that were read.
     faults : tuple of Fault
     unfinished : tuple of str
-        What a crash left, and the next `open` finishes or removes.
+        Leftovers of a crash, which the next `open` finishes or removes.
     orphans : tuple of str
         Results of no sequence, and files that are not the store's.
     n_models : int
@@ -74,7 +74,7 @@ class VerifyReport:
 
     @property
     def is_sound(self) -> bool:
-        """Whether nothing is wrong; what is unfinished or an orphan is not."""
+        """Whether there are no faults; unfinished files and orphans are not faults."""
         return not self.faults
 
 
@@ -212,12 +212,12 @@ class _Check:
 
     def model(self, reference: ModelReference) -> None:
         path = self.folder.model(reference)
-        kept, contents = read_kept_model(path)
+        stored_model, contents = read_kept_model(path)
         require_match(path, contents, model=reference.name, version=reference.version)
         if reference in self.scan.deleted_models:
             # What is noted as deleted and still there is removed by the next `open`.
             self.unfinished.append(self.folder.short(path))
-        elif self.models.get(reference) != kept.record:
+        elif self.models.get(reference) != stored_model.record:
             self._differs(path)
 
     def deleted_model(self, reference: ModelReference) -> None:
@@ -226,7 +226,7 @@ class _Check:
             self._differs(path)
 
     def rows_without_files(self) -> None:
-        """Find what the index knows and the folder does not have."""
+        """Find rows of the index whose files the folder does not have."""
         missing = [
             *(self.folder.record(row) for row in self.rows.keys() - self.scan.records),
             *(self.folder.result(row) for row in self.digests.keys() - self.scan.results),
@@ -249,5 +249,5 @@ class _Check:
             return
         if self.is_clean:
             raise StoreError(problem)
-        # A crash between two files, or file and index: nobody was told that it is kept.
+        # A crash between two files, or file and index: the write was never confirmed.
         self.unfinished.append(self.folder.short(path))

@@ -40,7 +40,7 @@ def write_atomic(path: Path, data: bytes | memoryview) -> None:
     Raises
     ------
     StoreError
-        If any step fails. No temporary file remains, and what `path` held before is kept.
+        If any step fails. No temporary file remains, and `path` has its previous content.
     """
     previous = content_of(path) if path.exists() else None
     temporary = temporary_beside(path)
@@ -61,7 +61,7 @@ def write_atomic(path: Path, data: bytes | memoryview) -> None:
 
 
 def put_back(path: Path, content: bytes | None) -> None:
-    """Undo a write as well as a failing disk lets us: the content of before, or no file.
+    """Undo a write as well as a failing disk lets us: the previous content, or no file.
 
     The content was durable, so its copy need not be synchronised to be read as before.
     """
@@ -148,13 +148,13 @@ def is_temporary(name: str) -> bool:
 
 
 def cannot_write(path: Path, error: OSError) -> StoreError:
-    """Error for a file that cannot be written, with a remedy where the cause tells one."""
+    """Error for a file that cannot be written, with a remedy where the cause suggests one."""
     number = error.errno or 0
     reason = error.strerror or type(error).__name__
     if number == errno.ENOENT:
         reason = f"there is no folder '{path.parent.name}'"
     return StoreError(
-        f"'{path.name}' could not be written ({reason}); what was kept before is unchanged.",
+        f"'{path.name}' could not be written ({reason}); the previous content is unchanged.",
         remedy=_REMEDIES.get(number, "Check the disk, then try again."),
         details={"file": path.name, "errno": errno.errorcode.get(number, "unknown")},
     )

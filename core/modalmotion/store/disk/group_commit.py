@@ -19,7 +19,7 @@ class GroupCommit:
     """Files that are written one by one, and are there together: wholly, or none of them.
 
     At the end of its block all of them are synchronised and then renamed; after an exception
-    none is left. Their names are not durable yet, for whoever writes them here moves them on.
+    none is left. Their names are not durable yet, for the caller moves them on.
     """
 
     def __init__(self) -> None:

@@ -15,7 +15,7 @@ from modalmotion.hdf5.sealed import read_file
 
 @dataclass(frozen=True)
 class JsonForm:
-    """What such a file says of itself.
+    """Kind and version of such a file.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class JsonForm:
     version : int
         Of its schema.
     remedy : str
-        What to do about a damaged one.
+        Advice for a damaged one.
     """
 
     kind: str
@@ -33,7 +33,7 @@ class JsonForm:
 
     @property
     def schema(self) -> str:
-        """What it is called in the file."""
+        """Name of the schema in the file."""
         return f"modalmotion.{self.kind}"
 
     def write(self, record: dict[str, Any]) -> bytes:

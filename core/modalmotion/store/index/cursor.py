@@ -33,7 +33,7 @@ def from_cursor(cursor: str | None) -> tuple[str, str]:
     Raises
     ------
     ParameterError
-        If no list gave this cursor.
+        If it does not come from a list.
     """
     if cursor is None:
         return "~", ""
@@ -58,7 +58,7 @@ def require_limit(limit: int) -> int:
     """
     if not 1 <= limit <= LARGEST_PAGE:
         raise ParameterError(
-            f"A page of {limit} was asked for; one has 1 to {LARGEST_PAGE}.",
+            f"A page of {limit} was requested; a page has 1 to {LARGEST_PAGE}.",
             remedy=f"Ask for 1 to {LARGEST_PAGE}, and for further pages by cursor.",
             details={"limit": limit, "largest": LARGEST_PAGE},
         )

@@ -84,7 +84,7 @@ class Database:
     Raises
     ------
     CorruptFileError
-        If it is damaged or no index at all.
+        If it is damaged or not an index.
     StoreError
         If it was written by a newer version, or cannot be opened.
     """

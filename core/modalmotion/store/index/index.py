@@ -1,4 +1,4 @@
-"""The index of sequences and results: what is kept, found without reading files."""
+"""The index of sequences and results: look-ups without reading files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The index of models: which versions there are, and which there were."""
+"""The index of models: their versions, present and deleted."""
 
 from __future__ import annotations
 

@@ -66,13 +66,15 @@ Calls = dict[str, list[tuple[str, str, dict[str, Any]]]]
 
 
 def _by_section(document: dict[str, Any]) -> Calls:
-    found: Calls = {}
+    sections: Calls = {}
     for path, operations in document["paths"].items():
         for method, operation in operations.items():
             tag = operation.get("tags", ["operation"])[0]
-            found.setdefault(_SECTIONS.get(tag, tag), []).append((path, method, operation))
+            sections.setdefault(_SECTIONS.get(tag, tag), []).append((path, method, operation))
     order = list(_SECTIONS.values())
-    return dict(sorted(found.items(), key=lambda item: (item[0] not in order, _at(order, item[0]))))
+    return dict(
+        sorted(sections.items(), key=lambda item: (item[0] not in order, _at(order, item[0])))
+    )
 
 
 def _at(order: list[str], title: str) -> int:
@@ -102,7 +104,7 @@ def _introduction(info: dict[str, Any], document: dict[str, Any], base: str) -> 
     yield (
         "<p>Send a key as <code>Authorization: Bearer KEY</code> (or <code>X-API-Key</code>); "
         "<code>modalmotion keys create</code> makes one. Over loopback none is needed unless the "
-        "service is told to ask for it. Every call names the scope that its key must have.</p>"
+        "service is set to require one. Every call names the scope that its key must have.</p>"
     )
     yield (
         '<p>Errors are <a href="#schema-Problem">problems</a> (RFC 9457) that name the frame, '
@@ -213,7 +215,7 @@ def _curl(path: str, method: str, operation: dict[str, Any], base: str) -> str:
         for parameter in operation.get("parameters", ())
         if parameter["in"] == "query" and parameter.get("required")
     ]
-    address = base + re.sub(r"\{(\w+)\}", lambda found: f"${found[1].upper()}", path)
+    address = base + re.sub(r"\{(\w+)\}", lambda match: f"${match[1].upper()}", path)
     if required:
         address += f"?{'&'.join(required)}"
     return " ".join([*words, f'"{address}"'])

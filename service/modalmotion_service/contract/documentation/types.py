@@ -39,7 +39,7 @@ def describe_type(schema: dict[str, Any]) -> str:
 
 
 def describe_default(schema: dict[str, Any]) -> str:
-    """Say in HTML what is taken where nothing is given."""
+    """Write the default in HTML."""
     default = schema.get("default")
     if default is None or default == "":
         return ""
@@ -47,20 +47,20 @@ def describe_default(schema: dict[str, Any]) -> str:
 
 
 def without_null(schema: dict[str, Any]) -> dict[str, Any]:
-    """Give what a parameter may be when it is there: a query has no null."""
+    """Leave null out of a parameter's types: a query has no null."""
     kinds = [part for part in schema.get("anyOf", ()) if part.get("type") != "null"]
     return {**schema, "anyOf": kinds} if kinds else schema
 
 
 def _bounds(schema: dict[str, Any]) -> str:
-    told = [f"{sign} {schema[name]}" for name, sign in _SIGNS if name in schema]
+    bounds = [f"{sign} {schema[name]}" for name, sign in _SIGNS if name in schema]
     for least, most, what in _SIZES:
         if schema.get(least) and most in schema:
-            told.append(f"{schema[least]} to {schema[most]} {what}")
+            bounds.append(f"{schema[least]} to {schema[most]} {what}")
         elif schema.get(least):
-            told.append(f"at least {schema[least]} {what}")
+            bounds.append(f"at least {schema[least]} {what}")
         elif most in schema:
-            told.append(f"at most {schema[most]} {what}")
+            bounds.append(f"at most {schema[most]} {what}")
     if pattern := schema.get("pattern"):
-        told.append(f"<code>{html.escape(pattern)}</code>" if len(pattern) < 50 else "patterned")
-    return f", {', '.join(told)}" if told else ""
+        bounds.append(f"<code>{html.escape(pattern)}</code>" if len(pattern) < 50 else "patterned")
+    return f", {', '.join(bounds)}" if bounds else ""

@@ -1,4 +1,4 @@
-"""What handlers ask for, as annotated types."""
+"""Dependencies of handlers, as annotated types."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from modalmotion_service.http.timing import stage
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
 
-# What a form's part is copied in.
+# Bytes at a time when a form's part is copied.
 _PIECE = 1 << 20
 
 
@@ -29,7 +29,7 @@ _PIECE = 1 << 20
 
 
 async def get_state(request: Request) -> State:
-    """Give what is open for the owner of the key that came; nobody else's.
+    """Give the open state of the key's owner; nobody else's.
 
     Raises
     ------
@@ -69,14 +69,14 @@ async def receive_upload(request: Request, state: StateDependency) -> SpoolFile:
         If a form holds no such part.
     """
     file = await _receive(request, state)
-    # Handlers remove what they were given; one that is never called, for its query is not
-    # valid, cannot.
+    # Handlers remove their upload; one that is never called because its query is not valid
+    # cannot.
     request.state.remove_upload = file.remove
     return file
 
 
 async def _receive(request: Request, state: State) -> SpoolFile:
-    # What an idempotency key stands for is compared by its hash; nothing else asks for one.
+    # Only requests with an idempotency key are compared by their hash.
     hashed = "idempotency-key" in request.headers
     with stage("receive"):
         kind = request.headers.get("content-type", "").lower()

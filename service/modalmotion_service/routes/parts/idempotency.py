@@ -33,7 +33,7 @@ async def idempotent_answer(
     fingerprint: tuple[str, ...],
     make: Callable[[], Awaitable[Response]],
 ) -> Response:
-    """Make an answer, or give the one that was made for the same key.
+    """Make an answer, or repeat the one made for the same key.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ async def idempotent_answer(
     fingerprint : tuple of str
         Everything that the answer depends on.
     make : async function
-        Makes the answer. What it raises is not remembered: it had no effect.
+        Makes the answer. An error is not remembered: it had no effect.
 
     Raises
     ------
@@ -62,11 +62,11 @@ async def idempotent_answer(
         except BaseException:
             await asyncio.to_thread(keys.release, key)
             raise
-        kept = {
+        response = {
             "body": base64.b64encode(bytes(answer.body)).decode("ascii"),
             "headers": {n: v for n, v in answer.headers.items() if n in _KEPT_HEADERS},
         }
-        await asyncio.to_thread(keys.complete, key, answer.status_code, kept)
+        await asyncio.to_thread(keys.complete, key, answer.status_code, response)
         return answer
     if known.fingerprint != mark:
         raise IdempotencyMismatchError(

@@ -37,18 +37,21 @@ _PROBLEM_CONTENT: Final = {
 PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
     status: {"description": text, "model": Problem, "content": _PROBLEM_CONTENT}
     for status, text in {
-        400: "The bytes are no readable file.",
-        404: "Nothing is kept under that id.",
+        400: "The bytes are not a readable file.",
+        404: "Nothing is stored under that id.",
         408: "The request's body came too slowly.",
-        409: "The state of things does not allow it now.",
+        409: "The present state does not allow it.",
         413: "Larger than a limit.",
         422: "The content or a parameter cannot be used; names frame, vertex and remedy.",
-        429: "As much is under way as is done at once.",
-        503: "The result cannot be kept at the moment.",
+        429: "Too many requests or jobs.",
+        503: "The result cannot be stored at the moment.",
         507: "The disk is full.",
     }.items()
 }
 
 ACCEPTED: Final[dict[int | str, dict[str, Any]]] = {
-    202: {"model": JobAnswer, "description": "Left to a job, to be asked for later."}
+    202: {
+        "model": JobAnswer,
+        "description": "Continued as a job; fetch the result later.",
+    }
 }

@@ -251,7 +251,7 @@ def test_a_type_that_is_not_allowed_is_refused(forest: Model) -> None:
     with pytest.raises(ModelNotReproducedError, match="Fraction"):
         model_from_hdf5(model_to_hdf5(foreign))
     plain = replace(forest, machine=dumps([1, 2, 3]))
-    with pytest.raises(CorruptFileError, match="no motion classifier"):
+    with pytest.raises(CorruptFileError, match="not a motion classifier"):
         plain.probabilities(forest.golden_features)
 
 
