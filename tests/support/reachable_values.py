@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import Any
 
 from modalmotion.errors import InputError
 
 _OPEN_TO_ALL = (tuple, list, dict)
+_ENOUGH = 40
 
 
 def reachable_values(starts: Iterable[Any]) -> Iterator[Any]:
-    """Yield each value of a class of this library once; what a property refuses is passed over."""
+    """Yield values of classes of this library; what a property refuses is passed over.
+
+    Of a class whose properties make its like anew, without end, the first few dozen are enough.
+    """
     seen: dict[int, Any] = {}
+    counts: Counter[type] = Counter()
     waiting = list(starts)
     while waiting:
         value = waiting.pop()
@@ -21,7 +27,8 @@ def reachable_values(starts: Iterable[Any]) -> Iterator[Any]:
         if id(value) in seen or not (is_ours or isinstance(value, _OPEN_TO_ALL)):
             continue
         seen[id(value)] = value
-        if is_ours:
+        counts[type(value)] += is_ours
+        if is_ours and counts[type(value)] <= _ENOUGH:
             yield value
             waiting += [_attribute(value, name) for name in dir(value) if name[:1] != "_"]
         if isinstance(value, dict):

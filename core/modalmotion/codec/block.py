@@ -1,4 +1,4 @@
-"""Blocks: some frames, coded on their own."""
+"""Blocks: frames that are coded on their own."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.codec.bits.corrections import code_corrections
+from modalmotion.codec.bits.damage import damaged, parsing
 from modalmotion.codec.bits.entropy import Reader, Writer
 from modalmotion.codec.bits.guard import Guards, code_guards
 from modalmotion.codec.bits.matrix import code_matrix
 from modalmotion.codec.bits.mixed_matrix import code_mixed_matrix
-from modalmotion.codec.bits.varint import read_varint, unzigzag, write_varint, zigzag
+from modalmotion.codec.bits.varint import read_varints, unzigzag, write_varint, zigzag
 from modalmotion.codec.modes.modes_section import OrthonormalModes
 from modalmotion.codec.quantiser import Quantiser
 from modalmotion.codec.temporal import (
@@ -33,11 +34,12 @@ Ints = NDArray[np.int64]
 
 HASH_BYTES: Final = 8
 MOST_QUANTA: Final = 2**51
+_NONSENSE: Final = "The header of a block makes no sense."
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Everything a decoder needs to know of some frames.
+    """Everything a decoder needs for some frames.
 
     Parameters
     ----------
@@ -46,12 +48,12 @@ class Block:
     basis : (components, frames x directions) int64
         Learned components; none for a basis in closed form.
     coefficients : (rows, modes) int64
-        Modes after the last that is used are left out.
+        Without the modes after the last one used.
     exponent : int
         The quantum is 2^exponent length units.
     origin : (3,) int64, quanta
     width : int
-        Quanta of one step of the corrections; 0 if there are none.
+        Quanta of one step of the corrections; 0 without corrections.
     mixed : bool
         Whether the matrices are coded one by one, in fewer bits and more time.
     """
@@ -98,7 +100,7 @@ def write_block(
     corrections : (frames, 3, vertices) int64, optional
         In steps of `block.width` quanta.
     positions : (frames, vertices, 3)
-        What decoding gives; only its hash is written.
+        As decoded; only their hash is written.
     """
     writer = Writer()
     n_values = positions.size
@@ -111,13 +113,10 @@ def write_block(
         code_corrections(writer, corrections.shape, corrections)
     head = struct.pack("<Bf", block.kind, block.quantiser.step)
     head += struct.pack("<3b", *block.quantiser.shifts)
-    head += write_varint(zigzag(block.exponent))
-    for number in block.origin.tolist():
-        head += write_varint(zigzag(number))
-    head += write_varint(block.width)
-    head += write_varint(len(block.coefficients)) + write_varint(block.coefficients.shape[1])
-    head += write_varint(len(block.basis)) + bytes([block.mixed])
-    return digest(positions) + head + writer.finish()
+    signed = (block.exponent, *block.origin.tolist())
+    sizes = (block.width, *block.coefficients.shape, len(block.basis))
+    head += b"".join(write_varint(n) for n in (*map(zigzag, signed), *sizes))
+    return digest(positions) + head + bytes([block.mixed]) + writer.finish()
 
 
 def read_block(
@@ -132,7 +131,7 @@ def read_block(
     Raises
     ------
     MalformedFileError
-        If the bytes make no block, or the positions are not those that were encoded.
+        If the bytes are not a block, or the positions are not those that were encoded.
     """
     block, position = _read_head(data, n_frames, n_vertices)
     reader = Reader(data[position:])
@@ -145,10 +144,7 @@ def read_block(
     block = replace(block, basis=basis, coefficients=coefficients)
     scaled = block.scaled(modes)
     if not (np.abs(scaled) < MOST_QUANTA).all():
-        raise MalformedFileError(
-            "Decoded positions lie beyond what the stream's quantum can count.",
-            remedy="The stream is damaged: send it again.",
-        )
+        raise damaged("Decoded positions lie beyond what the stream's quantum can count.")
     whole = guards.round(scaled)
     if block.width:
         whole += block.width * code_corrections(reader, whole.shape, None)
@@ -169,45 +165,38 @@ def digest(positions: FloatArray) -> bytes:
 
 
 def _read_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int]:
-    start = HASH_BYTES + 8
-    if len(data) < start:
-        raise MalformedFileError("A block is cut short.", remedy="Send the stream again.")
-    kind, step = struct.unpack_from("<Bf", data, HASH_BYTES)
+    with parsing(_NONSENSE):
+        return _parse_head(data, n_frames, n_vertices)
+
+
+def _parse_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int]:
+    kind = Temporal(data[HASH_BYTES])
+    (step,) = struct.unpack_from("<f", data, HASH_BYTES + 1)
     shifts = struct.unpack_from("<3b", data, HASH_BYTES + 5)
-    position = start
-    numbers = []
-    for _ in range(8):
-        number, position = read_varint(data, position)
-        numbers.append(number)
-    mixed = data[position] if position < len(data) else 2
+    numbers, position = read_varints(data, HASH_BYTES + 8, 8)
+    mixed = data[position]
     exponent = unzigzag(numbers[0])
     origin = np.array([unzigzag(n) for n in numbers[1:4]], dtype=np.int64)
     width, n_rows, n_modes, n_components = numbers[4:]
     closed_form = kind in CLOSED_FORM
-    each = 1 if kind == Temporal.TRAJECTORY else 3
-    rows = n_rows if closed_form else 3 + each * n_components
-    most = 3 * n_frames if closed_form or kind == Temporal.TRAJECTORY else n_frames
+    rows = n_rows if closed_form else 3 + kind.rows_each * n_components
+    columns = n_frames * kind.directions
     if (
-        kind > max(Temporal)
-        or not (np.isfinite(step) and step > 0)
+        not (np.isfinite(step) and step > 0)
         or not -1074 <= exponent <= 1023
         or np.abs(origin).max() > MOST_QUANTA
         or width > MOST_QUANTA
         or n_rows != rows
         or n_rows % 3 * closed_form
         or n_rows > 3 * n_frames + 3
-        or n_components > (0 if closed_form else most)
+        or n_components > (0 if closed_form else columns)
         or not n_modes <= n_vertices
         or mixed > 1
     ):
-        raise MalformedFileError(
-            "The header of a block makes no sense.",
-            remedy="The stream is damaged: send it again.",
-        )
-    columns = n_frames * (3 if kind == Temporal.TRAJECTORY else 1)
+        raise damaged(_NONSENSE)
     return (
         Block(
-            Temporal(kind),
+            kind,
             n_frames,
             Quantiser(step, shifts),
             np.zeros((n_components, columns), dtype=np.int64),

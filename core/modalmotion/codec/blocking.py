@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.codec.block import Block
-from modalmotion.codec.quantiser import Quantiser, fit_quantiser, quantise
+from modalmotion.codec.quantiser import Quantiser, fit_quantiser, last_used, quantise
 from modalmotion.codec.temporal import (
     CLOSED_FORM,
     Temporal,
@@ -28,7 +28,7 @@ PRICE: Final = 0.13
 
 @dataclass(eq=False)
 class ModalBlock:
-    """Modal coefficients of some frames, and what has been derived from them.
+    """Modal coefficients of some frames, and values derived from them.
 
     Parameters
     ----------
@@ -88,8 +88,7 @@ class Trial:
         width: int = 0,
     ) -> Block:
         """Make the block, without modes that no coefficient uses."""
-        used = np.flatnonzero(self.coefficients.any(axis=0))
-        n_modes = int(used[-1]) + 1 if len(used) else 1
+        n_modes = max(1, last_used(self.coefficients.any(axis=0)))
         return Block(
             self.kind,
             n_frames,
@@ -120,13 +119,12 @@ def attempt(
     alike : float, optional
         See `TimeBasis.project`.
     """
-    # What the stream holds of it.
+    # As the stream holds it.
     step = float(np.float32(step))
     if kind in CLOSED_FORM:
         exact = motion.projected(kind)
         numbers = quantise(exact, step, price)
-        used = np.flatnonzero(numbers.any(axis=1))
-        n_rows = 3 * (int(used[-1]) // 3 + 1) if len(used) else 3
+        n_rows = 3 * max(1, -(-last_used(numbers.any(axis=1)) // 3))
         quantiser = fit_quantiser(exact[:n_rows], numbers[:n_rows], step)
         error = ((exact[:n_rows] - quantiser.restore(numbers[:n_rows])) ** 2).sum()
         error += (exact[n_rows:] ** 2).sum()
@@ -139,7 +137,7 @@ def _attempt_learned(
     motion: ModalBlock, kind: Temporal, step: float, price: float, alike: float | None
 ) -> Trial:
     n_frames = len(motion.amplitudes)
-    each = 1 if kind == Temporal.TRAJECTORY else 3
+    each = kind.rows_each
     exact_basis = motion.components(kind)
     exact_basis = exact_basis[: int(np.count_nonzero(np.abs(exact_basis).max(axis=1) > step / 2))]
     basis = quantise(exact_basis, step, price)
@@ -156,10 +154,10 @@ def _attempt_learned(
         gain = (exact[3:] ** 2 - (exact[3:] - restored) ** 2).sum(axis=1).reshape(-1, each)
         bits = _rough_bits(numbers[3:]).reshape(-1, each).sum(axis=1) + _rough_bits(basis)
         worth = np.cumsum(gain.sum(axis=1) / step**2 - price * bits)
-        n_kept = int(np.argmax(worth)) + 1 if worth.max() > 0 else 0
-        if n_kept == len(basis):
+        n_worth = int(np.argmax(worth)) + 1 if worth.max() > 0 else 0
+        if n_worth == len(basis):
             break
-        basis = basis[:n_kept]
+        basis = basis[:n_worth]
     together = fit_quantiser(
         np.concatenate([exact_basis.ravel(), exact.ravel()]),
         np.concatenate([basis.ravel(), numbers.ravel()]),

@@ -1,21 +1,22 @@
-"""The container: what stands around the blocks."""
+"""The container: header and sections around the blocks."""
 
 from __future__ import annotations
 
 import struct
 import zlib
 from dataclasses import dataclass
-from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.bits.varint import read_varint, write_varint
+from modalmotion.codec.bits.damage import damaged, parsing
+from modalmotion.codec.bits.varint import read_varint, read_varints, write_varint
+from modalmotion.codec.modes.lattice_modes import ENDS
 from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology
+from modalmotion.modes.topology import Topology
 from modalmotion.representation import shown
 
 LARGEST_BLOCK: Final = 2**26
@@ -24,16 +25,15 @@ LARGEST_BLOCK: Final = 2**26
 MAGIC: Final = b"MMSQ"
 VERSION: Final = 2
 
-_ENDS: Final = (OPEN, CLOSED, POLE_OPEN, POLE_POLE)
+_NONSENSE: Final = "The header of the stream makes no sense."
 _UNITS: Final = (None, *MM_PER_UNIT)
 _DTYPES: Final = (np.dtype(np.float32), np.dtype(np.float64))
-_cut: Final = partial(MalformedFileError, remedy="The stream is cut or damaged: send it again.")
 
 
 @shown("n_frames", "n_vertices", "n_faces", "topology", "unit", "rms", "max_error", "kg_error")
 @dataclass(frozen=True)
 class Header:
-    """What a stream says of itself before anything is decoded.
+    """Facts that a stream states before anything is decoded.
 
     Parameters
     ----------
@@ -42,11 +42,11 @@ class Header:
         Whether the vertices are float64.
     unit : str or None
     topology : Topology or None
-        What the sender stated.
+        As the sender stated it.
     grid : tuple of int or None
     times : (frames,) float64, s, or None
     modes : bytes
-        Which modes the stream is written in.
+        Section that names the modes of the stream.
     rms, max_error : float, length unit
         Measured after decoding: root mean square of the distance of a vertex, and the largest
         difference of a coordinate.
@@ -96,15 +96,15 @@ def read_header(data: bytes, limits: ReadLimits) -> tuple[Header, int]:
     Raises
     ------
     MalformedFileError
-        If it is no stream, of another version, cut or damaged.
+        If the bytes are not a stream, or one of another version, cut or damaged.
     LimitError
         If it declares more than the limits accept.
     """
     if data[: len(MAGIC)] != MAGIC:
         raise MalformedFileError(
-            f"These {len(data)} bytes are no encoded sequence: they begin with {data[:4]!r}, "
+            f"These {len(data)} bytes are not an encoded sequence: they begin with {data[:4]!r}, "
             f"not {MAGIC!r}.",
-            remedy="Send what `modalmotion encode` wrote.",
+            remedy="Send a stream that `modalmotion encode` wrote.",
         )
     version = data[4] if len(data) > 4 else None
     if version != VERSION:
@@ -128,7 +128,7 @@ def read_section(data: bytes, position: int) -> tuple[bytes, int]:
     _, position = read_varint(data, position)
     section = data[position:end]
     if zlib.crc32(section) != struct.unpack_from("<I", data, end)[0]:
-        raise _cut(f"A checksum is wrong: the bytes from {position} to {end} are damaged.")
+        raise damaged(f"A checksum is wrong: the bytes from {position} to {end} are damaged.")
     return section, end + 4
 
 
@@ -143,7 +143,7 @@ def skip_section(data: bytes, position: int) -> int:
     length, position = read_varint(data, position)
     end = position + length + 4
     if end > len(data):
-        raise _cut(f"The stream ends after {len(data)} bytes, inside a section that ends at {end}.")
+        raise damaged(f"The stream ends after {len(data)} bytes, within a section up to {end}.")
     return end
 
 
@@ -155,7 +155,7 @@ def _write_header(header: Header) -> bytes:
         bytes([header.is_double, _UNITS.index(header.unit)]),
     ]
     ends = () if header.topology is None else header.topology.ends
-    parts += [bytes([len(ends)]), bytes(_ENDS.index(e) for e in ends)]
+    parts += [bytes([len(ends)]), bytes(ENDS.index(e) for e in ends)]
     grid = header.grid or ()
     parts += [bytes([len(grid)]), *(write_varint(n) for n in grid)]
     parts += [_write_times(header.times)]
@@ -169,40 +169,27 @@ def _write_header(header: Header) -> bytes:
 
 
 def _read_header(section: bytes, limits: ReadLimits) -> Header:
-    try:
+    with parsing(_NONSENSE):
         return _parse_header(section, limits)
-    except (IndexError, ValueError, struct.error, zlib.error) as error:
-        if isinstance(error, MalformedFileError) or hasattr(error, "remedy"):
-            raise
-        raise _cut("The header of the stream makes no sense.") from error
 
 
 def _parse_header(section: bytes, limits: ReadLimits) -> Header:
-    counts, position = [], 0
-    for name in ("frames", "vertices", "faces"):
-        value, position = read_varint(section, position)
-        limits.require(name, value)
-        counts.append(value)
+    counts, position = read_varints(section, 0, 3)
+    for name, count in zip(("frames", "vertices", "faces"), counts, strict=True):
+        limits.require(name, count)
     n_frames, n_vertices, n_faces = counts
     is_double, unit, n_axes = section[position], section[position + 1], section[position + 2]
     limits.require("decompressed_bytes", n_frames * n_vertices * 3 * (8 if is_double else 4))
     position += 3
-    ends = tuple(_ENDS[code] for code in section[position : position + n_axes])
+    ends = tuple(ENDS[code] for code in section[position : position + n_axes])
     position += n_axes
-    n_grid, position = section[position], position + 1
-    grid = []
-    for _ in range(n_grid):
-        n, position = read_varint(section, position)
-        grid.append(n)
+    grid, position = read_varints(section, position + 1, section[position])
     times, position = _read_times(section, position, n_frames)
     length, position = read_varint(section, position)
     modes, position = section[position : position + length], position + length
     rms, max_error, kg_error = struct.unpack_from("<3f", section, position)
     n_blocks, position = read_varint(section, position + 12)
-    frames = []
-    for _ in range(min(n_blocks, n_frames + 1)):
-        n, position = read_varint(section, position)
-        frames.append(n)
+    frames, position = read_varints(section, position, min(n_blocks, n_frames + 1))
     longest = max(frames, default=0)
     if longest > 1 and longest * n_vertices * 3 > 2 * LARGEST_BLOCK:
         raise LimitError(
@@ -218,7 +205,7 @@ def _parse_header(section: bytes, limits: ReadLimits) -> Header:
         or sum(frames) != n_frames
         or 0 in frames
     ):
-        raise _cut("The header of the stream makes no sense.")
+        raise damaged(_NONSENSE)
     return Header(
         n_frames,
         n_vertices,
@@ -260,12 +247,12 @@ def _read_times(
     inflate = zlib.decompressobj()
     plain = inflate.decompress(section[position : position + length], 8 * n_frames + 1)
     if kind != 2 or len(plain) != 8 * n_frames:
-        raise _cut("The times of the stream make no sense.")
+        raise damaged("The times of the stream make no sense.")
     return np.frombuffer(plain, "<f8").astype(np.float64), position + length
 
 
 def _up(value: float) -> float:
-    """Round to float32, never down: what the stream claims is never better than the truth."""
+    """Round to float32, never down: a stream never claims an error below the true one."""
     with np.errstate(over="ignore"):
         near = np.float32(value)
     # As float64: beside a float32 NumPy would round the value too.

@@ -1,4 +1,4 @@
-"""Encoding: a mesh sequence at an error that is asked for."""
+"""Encoding: a mesh sequence at a target error or size."""
 
 from __future__ import annotations
 
@@ -9,16 +9,15 @@ import numpy as np
 
 from modalmotion.codec.connectivity.faces import write_faces
 from modalmotion.codec.container import LARGEST_BLOCK, Header, write_stream
-from modalmotion.codec.decoder import store_positions
 from modalmotion.codec.frames import EncodedBlock, encode_frames
 from modalmotion.codec.measure import Encoded, Errors, measure
-from modalmotion.codec.modes.modes_section import STORED, write_modes
-from modalmotion.codec.progress import part_of, silent
+from modalmotion.codec.modes.modes_section import STORED
+from modalmotion.codec.stored import store_positions
 from modalmotion.codec.target import Effort, Measure, Target, require_target
 from modalmotion.codec.transforms import Choice, choose
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import ShareReport
+from modalmotion.progress import ShareReport, part_of, silent
 
 LONGEST_BLOCK: Final = 512
 MOST_ROUNDS: Final = 14
@@ -44,7 +43,7 @@ def encode(
     sequence : MeshSequence
     rms : float, length unit, optional
         Root mean square of the distance of a vertex from its original, over all vertices and
-        frames, that is not exceeded.
+        frames, that the stream does not exceed.
     max_error : float, length unit, optional
         Difference that no coordinate of any vertex in any frame exceeds.
     n_bytes : int, optional
@@ -56,7 +55,7 @@ def encode(
         Vertices keep their order and triangles their orientation in any case. The order of the
         triangles means nothing to a surface, and keeping it can cost more than its motion.
     progress : callable, optional
-        Called with the share that is done, from 0 to 1.
+        Called with the share done so far, from 0 to 1.
 
     Returns
     -------
@@ -65,7 +64,7 @@ def encode(
     Raises
     ------
     ParameterError
-        If not exactly one target is given, it is not positive, the effort is unknown, or no
+        If there is not exactly one target, it is not positive, the effort is unknown, or no
         stream of so few bytes holds the sequence.
     """
     target = require_target(rms, max_error, n_bytes)
@@ -73,7 +72,7 @@ def encode(
         effort = Effort(effort)
     except ValueError:
         raise ParameterError(
-            f"There is no effort {effort!r}.", remedy=f"Use one of {', '.join(Effort)}."
+            f"The effort {effort!r} is unknown.", remedy=f"Use one of {', '.join(Effort)}."
         ) from None
     report = progress or silent
     report(0.0)
@@ -116,14 +115,14 @@ def _at_error(
     if not reached <= target.value:
         return _store(sequence, faces)
     frames = tuple(len(block.positions) for block in blocks)
-    header = _header(sequence, write_modes(choice.modes), errors, frames)
+    header = _header(sequence, choice.modes.write(), errors, frames)
     data = write_stream(header, faces, [block.data for block in blocks])
     names = sorted({block.kind.name.lower() for block in blocks})
     return _encoded(sequence, data, errors, f"{choice.name}, {' and '.join(names)}")
 
 
 def _store(sequence: MeshSequence, faces: bytes) -> Encoded:
-    """Without loss: for errors finer than the numbers themselves hold."""
+    """Encode without loss: for errors finer than the numbers themselves hold."""
     errors = Errors(0.0, 0.0, 0.0)
     frames = [
         sequence.vertices[start : start + LONGEST_BLOCK]
@@ -160,8 +159,8 @@ def _within_bytes(
         else:
             low = log_rms
         # Twice the bytes for a quarter of the error, or thereabouts.
-        aimed = log_rms + np.clip(1.6 * np.log(trial.n_bytes / (0.995 * n_bytes)), -3.0, 3.0)
-        log_rms = aimed if low < aimed < high else (low + high) / 2
+        next_rms = log_rms + np.clip(1.6 * np.log(trial.n_bytes / (0.995 * n_bytes)), -3.0, 3.0)
+        log_rms = next_rms if low < next_rms < high else (low + high) / 2
     return _require_fit(best, smallest, n_bytes)
 
 

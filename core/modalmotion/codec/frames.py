@@ -14,14 +14,12 @@ from modalmotion.codec.bits.mixed_matrix import MOST_MIXED
 from modalmotion.codec.block import MOST_QUANTA, Block, positions_of, write_block
 from modalmotion.codec.blocking import ModalBlock, Trial, attempt
 from modalmotion.codec.measure import measure
-from modalmotion.codec.modes.patch_modes import PatchModes
-from modalmotion.codec.progress import part_of, silent
 from modalmotion.codec.search import coarsest, least
 from modalmotion.codec.target import Effort, Measure, Target
 from modalmotion.codec.temporal import Temporal
 from modalmotion.codec.transforms import Choice
 from modalmotion.mesh.checks import FloatArray
-from modalmotion.progress import ShareReport
+from modalmotion.progress import ShareReport, part_of, silent
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -31,9 +29,9 @@ QUANTA_PER_MAX: Final = 64
 MOST_UNCERTAIN: Final = 1e-2
 # Whole numbers of a coarse step are parallel to the last bit, or far from it.
 ALIKE: Final = 1e-8
-# What is tried in turn of the squared error allowed: rounding may take more than its average.
+# Shares of the squared error, tried in turn: rounding may take more than its average.
 SHARES: Final = (1.0, 0.995, 0.97, 0.8)
-# Projecting, and solving for modes that have to be solved for, beside the search.
+# Share of progress for projecting and solving for modes; the search takes the rest.
 SHARE_OF_MODES: Final = 0.3
 # Coefficients that are coded one by one: some ten microseconds each, for the decoder too.
 MOST_TIGHTENED: Final = {Effort.FAST: 0, Effort.BALANCED: 2**18, Effort.THOROUGH: MOST_MIXED}
@@ -42,7 +40,7 @@ FIRST_STEP: Final = {Measure.RMS: 7.0, Measure.MAX_ERROR: 3.0}
 
 @dataclass(frozen=True, eq=False)
 class EncodedBlock:
-    """A block's bytes, what they say, and what they decode to."""
+    """A block's bytes, their contents, and the positions they decode to."""
 
     data: bytes
     positions: FloatArray
@@ -56,7 +54,7 @@ class EncodedBlock:
         return self.block.kind
 
     def tightened(self, most: int) -> EncodedBlock:
-        """Take the time to write the same in fewer bytes, if there are no more coefficients."""
+        """Write the same in fewer bytes and more time, for at most so many coefficients."""
         mixed = replace(self.block, mixed=True)
         if mixed.basis.size + mixed.coefficients.size > most:
             return self
@@ -97,10 +95,10 @@ def encode_frames(
     frames = _prepare(vertices, choice, target)
     if frames is None:
         return None
-    wanted = float(np.ldexp(target.value, -frames.exponent))
+    error = float(np.ldexp(target.value, -frames.exponent))
     search = _at_rms if target.measure == Measure.RMS else _at_max_error
     report(SHARE_OF_MODES)
-    best = search(frames, choice, target, wanted, part_of(report, SHARE_OF_MODES, 0.9))
+    best = search(frames, choice, target, error, part_of(report, SHARE_OF_MODES, 0.9))
     return None if best is None else best.tightened(MOST_TIGHTENED[choice.effort])
 
 
@@ -122,14 +120,14 @@ def _prepare(vertices: FloatArray, choice: Choice, target: Target) -> _Frames | 
 
 
 def _at_rms(
-    frames: _Frames, choice: Choice, target: Target, wanted: float, report: ShareReport
+    frames: _Frames, choice: Choice, target: Target, error: float, report: ShareReport
 ) -> EncodedBlock | None:
     n_frames, _, n_vertices = frames.offsets.shape
     # Rounding to whole quanta adds a twelfth to each coordinate's square.
-    allowed = (wanted**2 - 0.25) * n_frames * n_vertices
-    start = FIRST_STEP[Measure.RMS] * wanted
+    allowed = (error**2 - 0.25) * n_frames * n_vertices
+    start = FIRST_STEP[Measure.RMS] * error
     best: EncodedBlock | None = None
-    for kind in choice.kinds:
+    for number, kind in enumerate(choice.kinds, start=1):
         for share in SHARES:
             trial = coarsest(frames.motion, kind, allowed * share, start)
             done = None if trial is None else _finish(frames, choice, trial)
@@ -137,49 +135,51 @@ def _at_rms(
                 break
             if measure(frames.vertices, done.positions).rms <= target.value:
                 start = trial.quantiser.step
-                if best is None or len(done.data) < len(best.data):
-                    best = done
+                best = _shorter(best, done)
                 break
-        report((1 + choice.kinds.index(kind)) / len(choice.kinds))
+        report(number / len(choice.kinds))
     return best
 
 
 def _at_max_error(
-    frames: _Frames, choice: Choice, target: Target, wanted: float, report: ShareReport
+    frames: _Frames, choice: Choice, target: Target, error: float, report: ShareReport
 ) -> EncodedBlock | None:
     # Half a step of the corrections and the rounding to the type of the vertices stay within.
     largest = float(np.abs(frames.vertices).max())
     rounding = float(np.spacing(np.asarray(largest, dtype=frames.vertices.dtype)))
-    room = 2.0 * (wanted - float(np.ldexp(rounding, -frames.exponent))) * (1.0 - 1e-6)
+    room = 2.0 * (error - float(np.ldexp(rounding, -frames.exponent))) * (1.0 - 1e-6)
     width = int(np.floor(room))
     if width < 2:
         return None
-    found: dict[float, EncodedBlock | None] = {}
+    blocks: dict[float, EncodedBlock | None] = {}
     best: EncodedBlock | None = None
-    start = FIRST_STEP[Measure.MAX_ERROR] * wanted
+    start = FIRST_STEP[Measure.MAX_ERROR] * error
     most = {Effort.FAST: 1, Effort.BALANCED: 5, Effort.THOROUGH: 9}[choice.effort]
     ratio = 1.2 if choice.effort == Effort.THOROUGH else 1.35
-    for kind in choice.kinds:
+    for number, kind in enumerate(choice.kinds, start=1):
 
         def size(step: float, kind: Temporal = kind) -> int:
-            trial = attempt(frames.motion, kind, step)
-            found[step] = _finish(frames, choice, trial, width)
-            done = found[step]
+            done = _finish(frames, choice, attempt(frames.motion, kind, step), width)
+            blocks[step] = done
             return 2**62 if done is None else len(done.data)
 
         start = least(size, start, ratio, most)
-        for done in found.values():
+        for done in blocks.values():
             if done is None or measure(frames.vertices, done.positions).max_error > target.value:
                 continue
-            if best is None or len(done.data) < len(best.data):
-                best = done
-        found.clear()
-        report((1 + choice.kinds.index(kind)) / len(choice.kinds))
+            best = _shorter(best, done)
+        blocks.clear()
+        report(number / len(choice.kinds))
     return best
 
 
+def _shorter(best: EncodedBlock | None, block: EncodedBlock) -> EncodedBlock:
+    """Give the block of fewer bytes, the earlier one if they are equal."""
+    return block if best is None or len(block.data) < len(best.data) else best
+
+
 def _finish(frames: _Frames, choice: Choice, trial: Trial, width: int = 0) -> EncodedBlock | None:
-    """Decode what a trial would send, add what the decoder cannot know, and write it."""
+    """Write a trial as a block, with guards and corrections from decoding it."""
     block = trial.block(len(frames.vertices), frames.exponent, frames.origin, width)
     scaled = block.scaled(choice.modes)
     if not np.abs(scaled).max() < MOST_QUANTA / 4:
@@ -188,8 +188,8 @@ def _finish(frames: _Frames, choice: Choice, trial: Trial, width: int = 0) -> En
     if uncertainty > MOST_UNCERTAIN:
         return None
     if trial.largest > LARGEST_MAGNITUDE:
-        # A coarse step rounds some components to the same one, and what only their difference
-        # tells apart takes huge numbers of opposite signs: let them share what they describe.
+        # A coarse step rounds some components to the same one, and a difference between them
+        # takes huge numbers of opposite signs: let them share what they describe.
         shared = attempt(frames.motion, trial.kind, trial.quantiser.step, alike=ALIKE)
         return (
             None if shared.largest > LARGEST_MAGNITUDE else _finish(frames, choice, shared, width)
@@ -208,10 +208,8 @@ def _finish(frames: _Frames, choice: Choice, trial: Trial, width: int = 0) -> En
 def _uncertainty(block: Block, choice: Choice, scaled: Floats) -> float:
     """Quanta by which another machine's sums may differ from these."""
     rounding = 1e-6 + 1e-13 * float(np.abs(scaled).max())
-    if isinstance(choice.modes, PatchModes):
-        each = choice.modes.uncertainty[: block.coefficients.shape[1]]
-        amplitudes = block.quantiser.restore(block.coefficients)
-        # Root mean square over the frames; four of these are more than a frame reaches.
-        motion = np.sqrt((amplitudes**2).sum(axis=0) / block.n_frames)
-        rounding += 4.0 * float(np.sqrt(((motion * each) ** 2).sum()))
-    return rounding
+    each = choice.modes.uncertainty[: block.coefficients.shape[1]]
+    amplitudes = block.quantiser.restore(block.coefficients)
+    # Root mean square over the frames; four of these are more than a frame reaches.
+    motion = np.sqrt((amplitudes**2).sum(axis=0) / block.n_frames)
+    return rounding + 4.0 * float(np.sqrt(((motion * each) ** 2).sum()))

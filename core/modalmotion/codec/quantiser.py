@@ -53,7 +53,7 @@ def quantise(coefficients: Floats, step: float, price: float) -> Ints:
     numbers = np.zeros(coefficients.shape, dtype=np.int64)
     # Most of a smooth motion is less than half a step: leave it out from the start.
     loud = np.abs(coefficients) > 0.5 * step
-    n_rows, n_columns = _last(loud.any(axis=1)), _last(loud.any(axis=0))
+    n_rows, n_columns = last_used(loud.any(axis=1)), last_used(loud.any(axis=0))
     if not n_rows:
         return numbers
     part = coefficients[:n_rows, :n_columns]
@@ -71,7 +71,7 @@ def quantise(coefficients: Floats, step: float, price: float) -> Ints:
 
 
 def fit_quantiser(coefficients: Floats, numbers: Ints, step: float) -> Quantiser:
-    """Place the values of each cell at the mean of what fell into it."""
+    """Place the value of each cell at the mean of its coefficients."""
     occupied = np.flatnonzero(numbers)
     magnitude = np.abs(numbers.ravel()[occupied])
     inside = magnitude - np.abs(coefficients.ravel()[occupied]) / step
@@ -82,7 +82,7 @@ def fit_quantiser(coefficients: Floats, numbers: Ints, step: float) -> Quantiser
     return Quantiser(step, (shifts[0], shifts[1], shifts[2]))
 
 
-def _last(used: Any) -> int:
+def last_used(used: Any) -> int:
     """Count the entries up to the last that is used."""
     return int(np.flatnonzero(used).max(initial=-1)) + 1
 

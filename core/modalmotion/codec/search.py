@@ -1,8 +1,8 @@
-"""Finding the step: the coarsest that keeps the error asked for."""
+"""Search for the coarsest step within the target error."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -20,7 +20,7 @@ MOST_ATTEMPTS: Final = 12
 def coarsest(
     motion: ModalBlock, kind: Temporal, squared_error: float, start: float, price: float = PRICE
 ) -> Trial | None:
-    """Find the coarsest step whose squared error is within what is allowed.
+    """Find the coarsest step whose squared error stays within a bound.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def coarsest(
     Returns
     -------
     Trial or None
-        None if not even the finest step tried will do.
+        None if the finest step tried is still too coarse.
     """
     best: Trial | None = None
     low, high = -np.inf, np.inf
@@ -59,13 +59,13 @@ def coarsest(
         if not np.isfinite(low):
             boldness *= 2.0
             change = min(change, -boldness)
-        aimed = log_step + change
-        if not low < aimed < high:
-            aimed = (low + high) / 2
+        target = log_step + change
+        if not low < target < high:
+            target = (low + high) / 2
         if np.isfinite(low) and np.isfinite(high):
             width = high - low
-            aimed = min(max(aimed, low + 0.02 * width), high - 0.02 * width)
-        log_step = aimed
+            target = min(max(target, low + 0.02 * width), high - 0.02 * width)
+        log_step = target
     return best
 
 
@@ -79,14 +79,10 @@ def least(cost: Callable[[float], int], start: float, ratio: float, most: int) -
     """
     tried = {0: cost(start)}
     best = 0
-    for direction in _directions():
+    for direction in (1, -1):
         while len(tried) < most and best + direction not in tried:
             tried[best + direction] = cost(start * ratio ** (best + direction))
             if tried[best + direction] >= tried[best]:
                 break
             best += direction
     return float(start * ratio**best)
-
-
-def _directions() -> Iterable[int]:
-    return (1, -1)

@@ -1,4 +1,4 @@
-"""What is asked of the encoder."""
+"""Targets and efforts of the encoder."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Effort(StrEnum):
 
 
 class Measure(StrEnum):
-    """What the asked number counts."""
+    """The quantity that a target bounds."""
 
     RMS = "rms"
     MAX_ERROR = "max_error"
@@ -27,34 +27,34 @@ class Measure(StrEnum):
 
 @dataclass(frozen=True)
 class Target:
-    """One number, and what it counts."""
+    """One bound, and its quantity."""
 
     measure: Measure
     value: float
 
 
 def require_target(rms: float | None, max_error: float | None, n_bytes: int | None) -> Target:
-    """Check that exactly one target is asked for, and that it can be met.
+    """Check that there is exactly one target, positive and finite.
 
     Raises
     ------
     ParameterError
         Otherwise.
     """
-    asked = {
+    bounds = {
         Measure.RMS: rms,
         Measure.MAX_ERROR: max_error,
         Measure.BYTES: n_bytes,
     }
-    given = [(measure, value) for measure, value in asked.items() if value is not None]
-    if len(given) != 1:
+    targets = [(measure, value) for measure, value in bounds.items() if value is not None]
+    if len(targets) != 1:
         raise ParameterError(
-            f"Several targets were given: {', '.join(m for m, _ in given)}."
-            if given
-            else "Neither an error nor a size was asked for.",
+            f"There are several targets: {', '.join(m for m, _ in targets)}."
+            if targets
+            else "Neither an error nor a size is stated.",
             remedy="Ask for one of rms, max_error and bytes (in Python n_bytes).",
         )
-    measure, value = given[0]
+    measure, value = targets[0]
     if not (math.isfinite(value) and value > 0):
         raise ParameterError(
             f"The target {measure} = {value} is not positive and finite.",

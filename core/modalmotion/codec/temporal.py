@@ -1,4 +1,4 @@
-"""Temporal components: what the coefficients of all frames are combined from."""
+"""Temporal components, whose combinations are the coefficients of all frames."""
 
 from __future__ import annotations
 
@@ -24,6 +24,16 @@ class Temporal(IntEnum):
     FOURIER = 1
     KLT = 2
     TRAJECTORY = 3
+
+    @property
+    def rows_each(self) -> int:
+        """Rows of coefficients for each learned component."""
+        return 3 // self.directions
+
+    @property
+    def directions(self) -> int:
+        """Directions that a learned component holds: all three at once, or one for each alike."""
+        return 3 if self == Temporal.TRAJECTORY else 1
 
 
 CLOSED_FORM: Final = (Temporal.DCT, Temporal.FOURIER)
@@ -110,15 +120,14 @@ def learned_components(motion: Floats, kind: Temporal) -> Floats:
     """
     n_frames = len(motion)
     centred = motion - motion.mean(axis=0)
-    wide = kind == Temporal.TRAJECTORY
-    flat = centred.reshape(3 * n_frames, -1) if wide else centred.reshape(n_frames, -1)
+    flat = centred.reshape(kind.directions * n_frames, -1)
     if flat.shape[0] <= flat.shape[1]:
         squares, U = linalg.eigh(flat @ flat.T)
         scaled = U * np.sqrt(np.maximum(squares, 0.0))
     else:
         U, strengths, _ = linalg.svd(flat, full_matrices=False)
         scaled = (U * strengths)[:, ::-1]
-    return np.ascontiguousarray(scaled[:, ::-1].T).reshape(-1, n_frames, 3 if wide else 1)
+    return np.ascontiguousarray(scaled[:, ::-1].T).reshape(-1, n_frames, kind.directions)
 
 
 def basis_numbers(components: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Which transforms an encoder tries."""
+"""The transforms that an encoder tries."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from modalmotion.codec.modes.lattice_modes import LatticeModes
+from modalmotion.codec.modes.modes_section import OrthonormalModes
 from modalmotion.codec.modes.patch_modes import LARGEST_PATCH, MOST_WORK, PatchModes, edges_of
 from modalmotion.codec.target import Effort
 from modalmotion.codec.temporal import Temporal
@@ -24,25 +25,25 @@ class Choice:
 
     Parameters
     ----------
-    modes : LatticeModes or PatchModes
+    modes : OrthonormalModes
     kinds : tuple of Temporal
     effort : Effort
     name : str
-        What to call the modes.
+        Name of the modes for people.
     """
 
-    modes: LatticeModes | PatchModes
+    modes: OrthonormalModes
     kinds: tuple[Temporal, ...]
     effort: Effort
     name: str
 
 
 def choose(sequence: MeshSequence, effort: Effort) -> Choice:
-    """Choose the modes of a sequence, and what to try."""
+    """Choose the modes of a sequence, and the temporal bases to try."""
     on_lattice = sequence.grid is not None or not len(sequence.faces)
     if on_lattice:
         lattice = _lattice_modes(sequence)
-        modes: LatticeModes | PatchModes = lattice
+        modes: OrthonormalModes = lattice
         name = f"closed-form modes of {with_article(str(lattice.topology))}"
     else:
         springs = _spring_modes(sequence, PATCHES[effort])

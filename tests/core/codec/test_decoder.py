@@ -1,4 +1,4 @@
-"""What is no whole stream of ours is refused, and never gives other vertices."""
+"""Bytes that are not a whole stream of ours are refused, and never give other vertices."""
 
 from __future__ import annotations
 
@@ -107,9 +107,9 @@ def test_blocks_and_patches_that_cost_too_much_are_refused(rng: np.random.Genera
 
 def test_foreign_and_future_streams_are_refused_by_name(rng: np.random.Generator) -> None:
     data = encode(lattice_sequence(rng), rms=0.3).data
-    with pytest.raises(MalformedFileError, match="no encoded sequence"):
+    with pytest.raises(MalformedFileError, match="not an encoded sequence"):
         decode(b"PK\x03\x04" + data)
-    with pytest.raises(MalformedFileError, match="no encoded sequence"):
+    with pytest.raises(MalformedFileError, match="not an encoded sequence"):
         decode(b"")
     with pytest.raises(MalformedFileError, match="version 7"):
         decode(data[:4] + b"\x07" + data[5:])

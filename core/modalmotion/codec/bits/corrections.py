@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from modalmotion.codec.bits.entropy import Coder, Ints, code_numbers
-from modalmotion.errors import MalformedFileError
+from modalmotion.codec.bits.damage import damaged
+from modalmotion.codec.bits.entropy import Coder, Ints, code_count, code_numbers, code_signs
 
 
 def code_corrections(coder: Coder, shape: tuple[int, ...], corrections: Ints | None) -> Ints:
@@ -27,24 +27,13 @@ def code_corrections(coder: Coder, shape: tuple[int, ...], corrections: Ints | N
     flat = None if corrections is None else corrections.ravel()
     places = None if flat is None else np.flatnonzero(flat)
     values = None if flat is None or places is None else flat[places]
-    count = None if places is None else np.array([len(places)])
-    n = int(code_numbers(coder, 1, count)[0])
-    if n > n_values:
-        raise MalformedFileError(
-            f"The stream corrects {n} of {n_values} values.",
-            remedy="The stream is damaged: send it again.",
-        )
+    n = code_count(coder, None if places is None else len(places), n_values)
     gaps = None if places is None else np.diff(places, prepend=-1) - 1
     places = np.cumsum(code_numbers(coder, n, gaps) + 1) - 1
     more = code_numbers(coder, n, None if values is None else np.abs(values) - 1)
-    negative = coder.bits(
-        np.ones(n, dtype=np.int64), None if values is None else (values < 0).astype(np.int64)
-    )
+    signs = code_signs(coder, n, values)
     if n and not 0 <= int(places.max()) < n_values:
-        raise MalformedFileError(
-            f"The stream corrects a value outside of {n_values}.",
-            remedy="The stream is damaged: send it again.",
-        )
-    found = np.zeros(n_values, dtype=np.int64)
-    found[places] = (1 - 2 * negative) * (more + 1)
-    return found.reshape(shape)
+        raise damaged(f"The stream corrects a value outside of {n_values}.")
+    steps = np.zeros(n_values, dtype=np.int64)
+    steps[places] = signs * (more + 1)
+    return steps.reshape(shape)

@@ -1,8 +1,8 @@
 """Entropy coding: one range coder and one store of plain bits, in both directions.
 
-`Writer` and `Reader` have the same methods, so that whatever drives them is written once and
-cannot disagree with itself: a writer is given the values and returns them, a reader is given
-only how many there are and returns what it finds.
+`Writer` and `Reader` have the same methods, so that code for both is written once
+and cannot disagree with itself: a writer takes the values and returns them, a reader takes only
+their number and returns what it reads.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.codec.bits.damage import damaged
 from modalmotion.codec.bits.varint import read_varint, write_varint
-from modalmotion.errors import MalformedFileError, needs_extra
+from modalmotion.errors import needs_extra
 
 Ints = NDArray[np.int64]
 
@@ -45,7 +46,7 @@ class Coder(Protocol):
         """Code yes or no, yes with a chance in 1/65536."""
 
     def bits(self, widths: Ints, values: Ints | None) -> Ints:
-        """Code plain numbers of the given widths in bits."""
+        """Code plain numbers, each of its width in bits."""
 
 
 class Writer:
@@ -105,9 +106,8 @@ class Reader:
         stream = _constriction()
         n_words, start = read_varint(data, 0)
         if n_words * 4 > len(data) - start:
-            raise MalformedFileError(
-                f"A block declares {n_words} words, but {len(data) - start} bytes are left.",
-                remedy="The stream is cut or damaged: send it again.",
+            raise damaged(
+                f"A block declares {n_words} words, but {len(data) - start} bytes are left."
             )
         words = np.frombuffer(data, "<u4", n_words, start).astype(np.uint32)
         self._family = stream.model.Categorical(perfect=False)
@@ -119,44 +119,35 @@ class Reader:
         """Read one symbol for each row of weights."""
         if not len(weights):
             return np.zeros(0, dtype=np.int64)
-        try:
-            found: Ints = self._coder.decode(self._family, weights).astype(np.int64)
-        except AssertionError as error:
-            raise MalformedFileError(
-                "The words of a block are none that the range coder writes.",
-                remedy="The stream is damaged: send it again.",
-            ) from error
-        return found
+        return self._decode(weights)
 
     def answer(self, chance: int, value: bool | None = None) -> bool:  # noqa: ARG002
         """Read yes or no."""
-        try:
-            return bool(self._coder.decode(self._family, _odds(chance))[0])
-        except AssertionError as error:
-            raise MalformedFileError(
-                "The words of the faces are none that the range coder writes.",
-                remedy="The stream is damaged: send it again.",
-            ) from error
+        return bool(self._decode(_odds(chance))[0])
 
-    def bits(self, widths: Ints, values: Ints | None = None) -> Ints:  # noqa: ARG002
+    def _decode(self, weights: NDArray[np.float64]) -> Ints:
+        try:
+            symbols: Ints = self._coder.decode(self._family, weights).astype(np.int64)
+        except AssertionError as error:
+            raise damaged("The range coder cannot have written these words.") from error
+        return symbols
+
+    def bits(self, widths: Ints, values: Ints | None = None) -> Ints:
         """Read plain numbers.
 
         Raises
         ------
         MalformedFileError
-            If there are not so many bits.
+            If fewer bits are left.
         """
         which, shift = _places(widths)
         end = self._position + len(which)
         if end > len(self._plain):
-            raise MalformedFileError(
-                "A block holds fewer bits than its values need.",
-                remedy="The stream is damaged: send it again.",
-            )
-        found = np.zeros(len(widths), dtype=np.int64)
-        np.add.at(found, which, self._plain[self._position : end].astype(np.int64) << shift)
+            raise damaged("A block holds fewer bits than its values need.")
+        values = np.zeros(len(widths), dtype=np.int64)
+        np.add.at(values, which, self._plain[self._position : end].astype(np.int64) << shift)
         self._position = end
-        return found
+        return values
 
 
 def _odds(chance: int) -> NDArray[np.float64]:
@@ -180,7 +171,7 @@ class Tables:
     Parameters
     ----------
     symbols : (contexts, 16) float64
-        Whole numbers: what was counted, on top of a start.
+        Whole numbers: counts on top of a start.
     classes : (contexts, 40) float64
     """
 
@@ -235,11 +226,31 @@ def code_numbers(coder: Coder, count: int, values: Ints | None) -> Ints:
     They go in batches of 8, 8, 16, 32, 64, ...: the distribution is that of all before.
     """
     tables = flat_tables()
-    found = np.zeros(count, dtype=np.int64)
+    numbers = np.zeros(count, dtype=np.int64)
     start, size = 0, 8
     while start < count:
         stop = min(count, start + size)
         part = None if values is None else values[start:stop]
-        found[start:stop] = tables.code(coder, np.zeros(stop - start, dtype=np.int64), part)
+        numbers[start:stop] = tables.code(coder, np.zeros(stop - start, dtype=np.int64), part)
         start, size = stop, max(8, stop)
-    return found
+    return numbers
+
+
+def code_count(coder: Coder, count: int | None, most: int) -> int:
+    """Code how many of some values are listed.
+
+    Raises
+    ------
+    MalformedFileError
+        If these are more than exist.
+    """
+    n = int(code_numbers(coder, 1, None if count is None else np.array([count]))[0])
+    if n > most:
+        raise damaged(f"The stream lists {n} of {most} values.")
+    return n
+
+
+def code_signs(coder: Coder, count: int, values: Ints | None) -> Ints:
+    """Code the signs of values that are not zero, one bit each: 1 or -1."""
+    negative = None if values is None else (values < 0).astype(np.int64)
+    return 1 - 2 * coder.bits(np.ones(count, dtype=np.int64), negative)

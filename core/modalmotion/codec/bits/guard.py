@@ -2,8 +2,8 @@
 
 Positions are sums of floating-point products, and their last bits depend on the processor,
 the libraries and the number of threads. So they are rounded to multiples of a quantum, far
-finer than the error asked for. Only a value within the uncertainty of half-way between two
-multiples could be rounded either way: the encoder lists those with the choice it made.
+finer than the target error. Only a value within the uncertainty of half-way between two
+multiples could be rounded either way: the encoder lists those with its choices.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.bits.entropy import Coder, code_numbers
-from modalmotion.errors import MalformedFileError
+from modalmotion.codec.bits.damage import damaged
+from modalmotion.codec.bits.entropy import Coder, code_count
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -55,8 +55,8 @@ def find_guards(scaled: Floats, uncertainty: float) -> Guards:
     """
     flat = scaled.reshape(-1)
     places = np.flatnonzero(np.abs(flat - np.floor(flat) - 0.5) < uncertainty)
-    found = flat[places]
-    return Guards(places, (np.rint(found) > np.floor(found)).astype(np.int64))
+    near = flat[places]
+    return Guards(places, (np.rint(near) > np.floor(near)).astype(np.int64))
 
 
 def code_guards(coder: Coder, n_values: int, guards: Guards | None) -> Guards:
@@ -67,19 +67,10 @@ def code_guards(coder: Coder, n_values: int, guards: Guards | None) -> Guards:
     MalformedFileError
         If it names values that do not exist.
     """
-    count = None if guards is None else np.array([len(guards.places)])
-    n = int(code_numbers(coder, 1, count)[0])
-    if n > n_values:
-        raise MalformedFileError(
-            f"The stream lists {n} of {n_values} values.",
-            remedy="The stream is damaged: send it again.",
-        )
+    n = code_count(coder, None if guards is None else len(guards.places), n_values)
     width = max(1, n_values.bit_length())
     places = coder.bits(np.full(n, width), None if guards is None else guards.places)
     up = coder.bits(np.ones(n, dtype=np.int64), None if guards is None else guards.up)
     if len(places) and (places.max() >= n_values or (np.diff(places) <= 0).any()):
-        raise MalformedFileError(
-            f"The stream lists a value outside of {n_values}, or out of order.",
-            remedy="The stream is damaged: send it again.",
-        )
+        raise damaged(f"The stream lists a value outside of {n_values}, or out of order.")
     return Guards(places, up)

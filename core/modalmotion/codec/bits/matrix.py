@@ -21,6 +21,7 @@ from modalmotion.codec.bits.entropy import (
     Ints,
     Tables,
     code_numbers,
+    code_signs,
 )
 
 WIDEST_BAND: Final = 64
@@ -113,9 +114,9 @@ def code_matrix(coder: Coder, shape: tuple[int, int], values: Ints | None) -> In
     edges = band_edges(n_columns)
     extents = code_extents(coder, n_rows, edges, values)
     n_rows = int(np.count_nonzero(extents))
-    found = np.zeros(shape, dtype=np.int64)
+    numbers = np.zeros(shape, dtype=np.int64)
     if not n_rows:
-        return found
+        return numbers
     state = _State(edges, extents[:n_rows], n_columns)
     tables = start_tables()
     for rows, bands in _waves(extents[:n_rows]):
@@ -129,11 +130,11 @@ def code_matrix(coder: Coder, shape: tuple[int, int], values: Ints | None) -> In
         magnitudes = tables.code(coder, contexts, None if part is None else np.abs(part))
         state.fill(rows, bands, widths, starts, row, column, magnitudes)
         occupied = np.flatnonzero(magnitudes)
-        negative = None if part is None else (part[occupied] < 0).astype(np.int64)
-        negative = coder.bits(np.ones(len(occupied), dtype=np.int64), negative)
-        magnitudes[occupied] *= 1 - 2 * negative
-        found[row, column] = magnitudes
-    return found
+        magnitudes[occupied] *= code_signs(
+            coder, len(occupied), None if part is None else part[occupied]
+        )
+        numbers[row, column] = magnitudes
+    return numbers
 
 
 def code_extents(coder: Coder, n_rows: int, edges: Ints, values: Ints | None) -> Ints:

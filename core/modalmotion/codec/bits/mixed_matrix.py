@@ -1,7 +1,7 @@
 """Quantised coefficients one by one: fewer bits than in waves, for more time.
 
-How large a coefficient is, is asked step by step - more than 0, more than 1, ... - and what is
-near answers in several ways, which are mixed.
+Each magnitude is coded by questions - more than 0, more than 1, ... - whose odds mix what
+several contexts near it predict.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.codec.bits.entropy import Coder, Ints
+from modalmotion.codec.bits.damage import damaged
+from modalmotion.codec.bits.entropy import Coder, Ints, code_signs
 from modalmotion.codec.bits.matrix import LARGEST_SEEN, band_edges, code_extents
 from modalmotion.codec.bits.mixing import Mixer
-from modalmotion.errors import MalformedFileError
 
 MOST_MIXED: Final = 2**20
 """Entries within the extents of the largest matrix that is coded so."""
@@ -34,15 +34,14 @@ def code_mixed_matrix(coder: Coder, shape: tuple[int, int], values: Ints | None)
         If there are more entries than are mixed.
     """
     n_rows, n_columns = shape
-    found = np.zeros(shape, dtype=np.int64)
+    numbers = np.zeros(shape, dtype=np.int64)
     if not n_rows or not n_columns:
-        return found
+        return numbers
     edges = band_edges(n_columns)
     ends = edges[code_extents(coder, n_rows, edges, values)].tolist()
     if sum(ends) > MOST_MIXED:
-        raise MalformedFileError(
-            f"A matrix of {sum(ends)} entries is coded in a way for at most {MOST_MIXED}.",
-            remedy="The stream is damaged: send it again.",
+        raise damaged(
+            f"A matrix of {sum(ends)} entries is coded in a way for at most {MOST_MIXED}."
         )
     mixer = Mixer(coder)
     # Rows above the first, and columns before and after, are zero.
@@ -57,19 +56,19 @@ def code_mixed_matrix(coder: Coder, shape: tuple[int, int], values: Ints | None)
         for column in range(end):
             place = WIDEST + column
             contexts = _contexts(row, column, above, sums, magnitudes, running)
-            wanted = None if exact is None else exact[column]
-            magnitude = _code_magnitude(mixer, contexts, wanted)
-            found[row, column] = magnitude
+            value = None if exact is None else exact[column]
+            magnitude = _code_magnitude(mixer, contexts, value)
+            numbers[row, column] = magnitude
             magnitudes[place] = min(magnitude, LARGEST_SEEN)
             running.append(running[place] + magnitudes[place])
         running += [running[-1]] * (n_columns + 2 * WIDEST + 2 - len(running))
         above = [magnitudes, *above[: ROWS_ABOVE - 1]]
         sums = [running, *sums[:2]]
-    occupied = np.nonzero(found)
-    negative = None if values is None else (values[occupied] < 0).astype(np.int64)
-    negative = coder.bits(np.ones(len(occupied[0]), dtype=np.int64), negative)
-    found[occupied] *= 1 - 2 * negative
-    return found
+    occupied = np.nonzero(numbers)
+    numbers[occupied] *= code_signs(
+        coder, len(occupied[0]), None if values is None else values[occupied]
+    )
+    return numbers
 
 
 def _code_magnitude(mixer: Mixer, contexts: list[Hashable], value: int | None) -> int:
@@ -88,7 +87,7 @@ def _contexts(
     magnitudes: list[int],
     running: list[int],
 ) -> list[Hashable]:
-    """Tell what is near, in eight ways."""
+    """List eight contexts from the magnitudes near."""
     x = WIDEST + column
     first, second, third = sums
     near_1 = first[x + 2] - first[x - 1]

@@ -1,4 +1,4 @@
-"""Yes and no, coded by mixing what several contexts expect.
+"""Binary coder with context mixing.
 
 Each context counts how often its question was answered yes and no. What they expect is added
 up with weights in the logarithms of odds, and the weights learn from every answer (M. Mahoney,
@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
+from modalmotion.codec.bits.damage import damaged
 from modalmotion.codec.bits.entropy import Coder
-from modalmotion.errors import MalformedFileError
 
 # 256 ln(n + 0.4), rounded.
 LOGARITHMS: Final = tuple(
@@ -54,7 +54,7 @@ class Mixer:
         question : int
             Which weights are used, and part of every context.
         contexts : sequence
-            One for each model; the same number of them whenever the question is asked.
+            One for each model; always as many for the same question.
         value : bool, optional
             The answer, for a writer.
         """
@@ -82,7 +82,7 @@ class Mixer:
         return answer
 
     def number(self, question: int, contexts: Sequence[Hashable], value: int | None) -> int:
-        """Code a number >= 0: how many bits one more than it has, by answers; then these bits."""
+        """Code a number >= 0: how many bits follow the first of number + 1, then these bits."""
         length = None if value is None else (value + 1).bit_length() - 1
         n = 0
         while self.bit(
@@ -90,10 +90,7 @@ class Mixer:
         ):
             n += 1
             if n > WIDEST_NUMBER:
-                raise MalformedFileError(
-                    "A number in the faces does not end.",
-                    remedy="The stream is damaged: send it again.",
-                )
+                raise damaged("A number in the faces does not end.")
         low = None if value is None else value + 1 - (1 << n)
         return (1 << n) - 1 + self.plain(n, low)
 

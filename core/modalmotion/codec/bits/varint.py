@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from modalmotion.errors import MalformedFileError
+from modalmotion.codec.bits.damage import damaged
 
 _LONGEST: Final = 9
 
@@ -46,10 +46,16 @@ def read_varint(data: bytes, position: int) -> tuple[int, int]:
         value |= (byte & 0x7F) << (7 * count)
         if byte < 0x80:
             return value, position
-    raise MalformedFileError(
-        "A number in the stream does not end.",
-        remedy="The stream is cut or damaged: send it again.",
-    )
+    raise damaged("A number in the stream does not end.")
+
+
+def read_varints(data: bytes, position: int, count: int) -> tuple[list[int], int]:
+    """Read several numbers, as `read_varint`."""
+    values = []
+    for _ in range(count):
+        value, position = read_varint(data, position)
+        values.append(value)
+    return values, position
 
 
 def zigzag(value: int) -> int:

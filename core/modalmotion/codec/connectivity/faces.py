@@ -11,26 +11,26 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.codec.bits.damage import damaged
 from modalmotion.codec.bits.entropy import Ints, Reader, Writer
 from modalmotion.codec.bits.mixing import Mixer
 from modalmotion.codec.connectivity.numbering import MOST_RELATIONS, Numbering
 from modalmotion.codec.connectivity.rings import Rings
 from modalmotion.codec.connectivity.walk import BEHIND, GIVEN_UP, Walk
-from modalmotion.errors import MalformedFileError
 from modalmotion.modes.topology import CLOSED, Topology
 
 Grid = tuple[Topology, tuple[int, ...]]
 
+_NONSENSE: Final = "The faces of the stream make no sense."
 _WALK: Final = 0
 _CELLS: Final = 1
 _PERIODS: Final = (1, 2, 8, 32)
-_REMEDY: Final = "The stream is damaged: send it again."
 LARGEST_RELATED: Final = 10_000
-"""Vertices of the largest mesh whose numbers are told with relations: smaller, but slower."""
+"""Vertices of the largest mesh whose numbering uses relations: smaller, but slower."""
 
 
 def write_faces(n_vertices: int, grid: Grid | None, faces: Ints, *, keep_order: bool) -> bytes:
-    """Write triangles, at the least cost of a few rules.
+    """Write triangles by the cheapest of a few rules.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def write_faces(n_vertices: int, grid: Grid | None, faces: Ints, *, keep_order: 
         Lattice whose nodes the vertices are.
     faces : (faces, 3) int64
     keep_order : bool
-        Whether the order of the triangles, and which corner of each comes first, is kept;
+        Whether to keep the order of the triangles, and the first corner of each;
         otherwise they come fan by fan, in the same orientation.
     """
     cells = None if grid is None else _cells_of(grid, faces)
@@ -67,18 +67,18 @@ def read_faces(data: bytes, n_faces: int, n_vertices: int, grid: Grid | None) ->
     Raises
     ------
     MalformedFileError
-        If the bytes make no triangles of these vertices.
+        If the bytes are not triangles of these vertices.
     """
     if not data or data[0] > _CELLS or (data[0] == _CELLS and grid is None):
-        raise MalformedFileError("The faces of the stream make no sense.", remedy=_REMEDY)
+        raise damaged(_NONSENSE)
     if data[0] == _CELLS and grid is not None:
         pattern = np.unpackbits(np.frombuffer(data[1:], np.uint8))
         faces = _faces_of(grid, pattern[:_PATTERN_BITS]) if len(pattern) == 16 else None
         if faces is None or len(faces) != n_faces:
-            raise MalformedFileError("The faces of the stream make no sense.", remedy=_REMEDY)
+            raise damaged(_NONSENSE)
         return faces
     if len(data) < 3 or not data[1] or data[2] > MOST_RELATIONS:
-        raise MalformedFileError("The faces of the stream make no sense.", remedy=_REMEDY)
+        raise damaged(_NONSENSE)
     mixer = Mixer(Reader(data[3:]))
     walk = Walk(mixer, n_vertices, data[1])
     triangles: list[list[int]] = []
@@ -102,16 +102,16 @@ def read_faces(data: bytes, n_faces: int, n_vertices: int, grid: Grid | None) ->
 
 @dataclass(frozen=True, eq=False)
 class _Written:
-    """Triangles of nodes that are numbered as they are met.
+    """Triangles of nodes, numbered in the order of the walk.
 
     Parameters
     ----------
     writer : Writer
     mixer : Mixer
     nodes : dict
-        Node of each vertex that a triangle has.
+        Node of each vertex of a triangle.
     triangles : list of [int, int, int]
-        Nodes, in the order in which they were written.
+        Nodes, in the order of writing.
     """
 
     writer: Writer
@@ -193,8 +193,8 @@ def _cells_of(grid: Grid, faces: Ints) -> NDArray[np.uint8] | None:
                 row, column = divmod(vertex, columns)
                 bits += [min(row, 1), min(column, 1)]
         pattern = np.array(bits, dtype=np.uint8)
-        found = _faces_of(grid, pattern)
-        if found is not None and np.array_equal(found, faces):
+        rebuilt = _faces_of(grid, pattern)
+        if rebuilt is not None and np.array_equal(rebuilt, faces):
             return pattern
     return None
 

@@ -1,9 +1,9 @@
-"""Which number each node of a surface has: the order of the vertices.
+"""The number of each node of a surface: the order of the vertices.
 
-Numbers are given one after the other. Where the next one goes depends on where the ones before
-it went: rows go on in steps that repeat, and refined meshes number what lies between in the
-order of what it lies between. So places are proposed, the likeliest first, and one answer each
-says whether the number goes there.
+Numbers are coded one after the other. The place of the next one depends on the places of those
+before it: rows go on in steps that repeat, and refined meshes number the nodes between others in
+the order of these others. So places are proposed, the likeliest first, and one answer each says
+whether the number goes there.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from typing import Final
 
 import numpy as np
 
+from modalmotion.codec.bits.damage import damaged
 from modalmotion.codec.bits.mixing import Mixer
 from modalmotion.codec.connectivity.rings import NOWHERE, Path, Rings
-from modalmotion.errors import MalformedFileError
 
 MOST_RELATIONS: Final = 6
 N_PROPOSED: Final = 16
-# Nodes that are looked at around one: for the next, for the way to it, for numbers near it.
+# Nodes to look at around one: for the next, for the way to it, for numbers near it.
 SEARCHED: Final = 400
 REMEMBERED: Final = 120
 NEAR: Final = 40
-# Numbers given just before are no neighbours to relate to.
+# The latest numbers are not used as neighbours to relate to.
 JUST_BEFORE: Final = 4
 RELATED_BACK: Final = 4
 MOST_WAYS: Final = 12
 RELATED_STEPS: Final = (1, -1, 2, -2)
 FAR: Final = 6
 LARGEST_RANKED: Final = 65536
-# Numbers of those who propose, after the five kinds of steps that repeat.
+# Numbers of the sources of proposals, after the five kinds of steps that repeat.
 NEIGHBOURS: Final = 5
 RELATIONS: Final = 6
 
@@ -56,7 +56,7 @@ class Numbering:
     mixer : Mixer
     rings : Rings
     n_relations : int
-        How many numbered nodes near each one are remembered: none saves time.
+        How many numbered nodes near each one to remember: 0 saves time.
     """
 
     def __init__(self, mixer: Mixer, rings: Rings, n_relations: int) -> None:
@@ -69,23 +69,23 @@ class Numbering:
         self._number = [-1] * n
         self._distance = [FAR] * n
         self._free_at = np.where([len(a) > 0 for a in rings.around], FAR, -1).astype(np.int8)
-        # The node with neighbours that was numbered last, and whence it was reached.
+        # The latest numbered node with neighbours, and the node before it on the way.
         self._node = self._origin = NOWHERE
         self._paths: deque[Path | None] = deque([None] * 4, maxlen=4)
         self._distances: deque[int] = deque([FAR] * 4, maxlen=4)
         self._outcome = N_PROPOSED
         self._repeated: dict[Hashable, list[tuple[Path, int]]] = {}
         self._trust: dict[Source, list[int]] = {}
-        # Of the numbers given last, the latest first: for each relation, where each step leads.
+        # Of the latest numbers, the last first: for each relation, the ends of each step.
         self._relations: deque[list[Ends]] = deque(maxlen=RELATED_BACK)
 
     def code(self, node: int | None) -> int:
-        """Give the next number.
+        """Code which node has the next number.
 
         Parameters
         ----------
         node : int, optional
-            For a writer; of lone nodes the lowest that is free is taken.
+            For a writer; of lone nodes the lowest free one is taken.
 
         Returns
         -------
@@ -96,7 +96,7 @@ class Numbering:
             alone = None if node is None else not self._rings.around[node]
             if self._mixer.bit(_LONE, [0], alone):
                 node = self._lone.popleft()
-                self._give(node, [])
+                self._number_next(node, [])
                 return node
         proposals = self._proposals()
         trust = {who: self._trusted(who) for sources in proposals.values() for who in sources}
@@ -104,22 +104,22 @@ class Numbering:
         alike = self._distances[-1]
         ranking = {v: -t - LIKE_THE_LAST * (self._distance[v] == alike) for v, t in total.items()}
         likeliest = sorted(proposals, key=ranking.__getitem__)[:N_PROPOSED]
-        found = NOWHERE
+        next_node = NOWHERE
         for place, candidate in enumerate(likeliest):
             best = max(proposals[candidate], key=trust.__getitem__)
             contexts = self._contexts(place, candidate, total, best, len(proposals[candidate]))
             here = None if node is None else candidate == node
             if self._mixer.bit(_HERE + 10 * (1 + min(place, 3)), contexts, here):
-                found = candidate
+                next_node = candidate
                 break
-        self._outcome = place if found != NOWHERE else N_PROPOSED
-        if found == NOWHERE:
-            found = self._search(set(likeliest), node)
+        self._outcome = place if next_node != NOWHERE else N_PROPOSED
+        if next_node == NOWHERE:
+            next_node = self._search(set(likeliest), node)
         for candidate, sources in proposals.items():
             for who in sources:
-                self._judge(who, candidate == found)
-        self._go_to(found)
-        return found
+                self._judge(who, candidate == next_node)
+        self._go_to(next_node)
+        return next_node
 
     def _contexts(
         self, place: int, node: int, total: dict[int, int], best: Source, n_sources: int
@@ -135,7 +135,7 @@ class Numbering:
         ]
 
     def _proposals(self) -> Proposals:
-        """Free nodes, and what speaks for each."""
+        """Free nodes, and the sources that propose each."""
         proposals: Proposals = {}
         if self._node == NOWHERE:
             return proposals
@@ -159,7 +159,7 @@ class Numbering:
         return proposals
 
     def _recent(self) -> list[Hashable]:
-        """Tell what the next step may depend on."""
+        """List contexts that the next step may depend on."""
         paths, number = self._paths, self._number
         around = self._rings.seen_from(self._node, self._origin)
         taken = tuple(number[v] >= 0 for v in around)
@@ -167,7 +167,7 @@ class Numbering:
         return [last, (paths[-2], last), tuple(paths), taken, (taken, last)]
 
     def _search(self, tried: set[int], node: int | None) -> int:
-        """Look for a node that was not proposed."""
+        """Code a node that was not proposed."""
         last = self._distances
         distance = FAR if node is None else self._distance[node]
         for d in range(1, FAR):
@@ -184,18 +184,15 @@ class Numbering:
             around = self._around(tried, distance)
         if not self._mixer.bit(_FAR, [0], None if node is None else rank is None):
             rank = self._mixer.number(_RANK, [distance], rank)
-            found = next(islice(around, rank, None), NOWHERE)
+            next_node = next(islice(around, rank, None), NOWHERE)
         else:
-            found = self._anywhere(distance, node)
-        if found == NOWHERE:
-            raise MalformedFileError(
-                "The stream numbers a vertex that does not exist.",
-                remedy="The stream is damaged: send it again.",
-            )
-        return found
+            next_node = self._anywhere(distance, node)
+        if next_node == NOWHERE:
+            raise damaged("The stream numbers a vertex that does not exist.")
+        return next_node
 
     def _around(self, tried: set[int], distance: int) -> Iterator[int]:
-        """Free nodes near the last one, at a distance from what is numbered."""
+        """Free nodes near the last one, at a distance from numbered nodes."""
         if self._node != NOWHERE:
             around = self._rings.breadth_first(self._node, self._origin, SEARCHED)
             for v in around.nodes[1:]:
@@ -205,16 +202,16 @@ class Numbering:
     def _anywhere(self, distance: int, node: int | None) -> int:
         n = len(self._number)
         if n > LARGEST_RANKED:
-            found = self._mixer.plain(n.bit_length(), node)
-            free = found < n and self._free_at[found] >= 0
-            return found if free else NOWHERE
+            next_node = self._mixer.plain(n.bit_length(), node)
+            free = next_node < n and self._free_at[next_node] >= 0
+            return next_node if free else NOWHERE
         free_nodes = np.flatnonzero(self._free_at == distance)
         place = None if node is None else int(np.searchsorted(free_nodes, node))
         place = self._mixer.plain(len(free_nodes).bit_length(), place)
         return int(free_nodes[place]) if place < len(free_nodes) else NOWHERE
 
     def _trusted(self, who: Source) -> int:
-        """1024 times the logarithm of 1 / how often it was wrong."""
+        """1024 times the logarithm of 1 / its share of wrong proposals."""
         right, wrong = self._trust.get(who, (1, 1))
         return LOGARITHMS[right + wrong] - LOGARITHMS[wrong]
 
@@ -226,7 +223,7 @@ class Numbering:
             counts[1] = (counts[1] + 1) // 2
 
     def _go_to(self, node: int) -> None:
-        """Give the next number to a node, and learn from where it is."""
+        """Give the next number to a node, and learn from its place."""
         path, origin = None, NOWHERE
         if self._node != NOWHERE:
             around = self._rings.breadth_first(self._node, self._origin, REMEMBERED, node)
@@ -241,17 +238,17 @@ class Numbering:
         self._distances.append(self._distance[node])
         self._node, self._origin = node, origin
         relations = self._related(node, origin) if self._n_relations else []
-        self._give(node, relations)
+        self._number_next(node, relations)
         self._spread(node)
 
-    def _give(self, node: int, relations: list[Ends]) -> None:
+    def _number_next(self, node: int, relations: list[Ends]) -> None:
         self._number[node] = len(self.nodes)
         self._free_at[node] = -1
         self.nodes.append(node)
         self._relations.appendleft(relations)
 
     def _related(self, node: int, origin: int) -> list[Ends]:
-        """Where the ways lead from numbers that are near in number to some that are near a node."""
+        """List the ends of ways to nodes near a node, walked from nodes of neighbouring numbers."""
         rings, relations, n = self._rings, [], len(self.nodes)
         around = rings.breadth_first(node, origin, NEAR)
         for place, v in enumerate(around.nodes):
@@ -270,7 +267,7 @@ class Numbering:
         return relations
 
     def _spread(self, node: int) -> None:
-        """Measure how far free nodes are from numbered ones."""
+        """Update the distances of free nodes from numbered ones."""
         distance = self._distance
         distance[node] = 0
         row = deque([node])
@@ -287,7 +284,7 @@ class Numbering:
 
 
 def _remember(steps: list[tuple[Path, int]], path: Path | None) -> None:
-    """Put a path first, and count how often it came."""
+    """Put a path first, and count its repeats."""
     if path is None:
         return
     repeats = next((count + 1 for known, count in steps if known == path), 0)

@@ -1,4 +1,4 @@
-"""Who is beside whom on a surface, in the order in which one meets them going round."""
+"""Ordered neighbours (one-rings) of each vertex."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 
 NOWHERE: Final = -1
 MOST_LOOKS: Final = 8
-"""Neighbours that are looked at for each node wanted: hubs have very many."""
+"""Neighbours to look at for each node of a search: hubs have very many."""
 
 Path = tuple[int, ...]
 
@@ -28,7 +28,7 @@ class Surroundings:
     parents: list[int]
 
     def way_back(self, place: int) -> list[int]:
-        """Nodes from a place to the first one, both of them too."""
+        """Nodes from a place to the first one, inclusive."""
         way = []
         while place != NOWHERE:
             way.append(self.nodes[place])
@@ -69,13 +69,13 @@ class Rings:
         self.around = [list(place) for place in self._place]
 
     def seen_from(self, node: int, origin: int) -> list[int]:
-        """List the neighbours, beginning after the one that one came from."""
+        """List the neighbours, beginning after the origin."""
         around = self.around[node]
         first = self._place[node].get(origin, NOWHERE) + 1
         return around[first:] + around[:first]
 
     def follow(self, node: int, origin: int, path: Path) -> int:
-        """Walk along turns; `NOWHERE` if there is no such turn."""
+        """Walk along turns; `NOWHERE` where a node has too few neighbours."""
         for turn in path:
             around = self.around[node]
             n = len(around)
@@ -86,7 +86,7 @@ class Rings:
         return node
 
     def path_along(self, origin: int, nodes: list[int]) -> Path:
-        """List the turns from the first node along the others, if one came from an origin."""
+        """List the turns from the first node along the others, for a walk from an origin."""
         turns = []
         for here, there in pairwise(nodes):
             place = self._place[here]
@@ -96,9 +96,9 @@ class Rings:
         return tuple(turns)
 
     def breadth_first(self, node: int, origin: int, most: int, goal: int = NOWHERE) -> Surroundings:
-        """Find the nodes around a node, near ones first, at most so many, or up to a goal."""
+        """List the nodes around a node, near ones first: at most so many, or up to a goal."""
         nodes, parents = [node], [NOWHERE]
-        found = {node}
+        seen = {node}
         looks = MOST_LOOKS * most
         for parent, here in enumerate(nodes):
             before = origin if parent == 0 else nodes[parents[parent]]
@@ -107,8 +107,8 @@ class Rings:
             if looks <= 0:
                 break
             for there in self.seen_from(here, before):
-                if there not in found:
-                    found.add(there)
+                if there not in seen:
+                    seen.add(there)
                     nodes.append(there)
                     parents.append(parent)
                     if there == goal or len(nodes) > most:

@@ -7,30 +7,29 @@ from collections.abc import Hashable
 from itertools import islice
 from typing import Final
 
+from modalmotion.codec.bits.damage import damaged
 from modalmotion.codec.bits.mixing import Mixer
-from modalmotion.errors import MalformedFileError
 
 NEW: Final = 0
 AHEAD: Final = 1
 BEHIND: Final = 2
 OLDER: Final = 3
-"""What a corner is: never seen, next along the border, before it, or seen some time ago.
+"""Kinds of corners: never seen, next along the border, before it, or seen some time ago.
 
 Of the first corner, `AHEAD` says that it is the pivot, the node seen first whose fan of
 triangles is still open, and `BEHIND` that the pivot's fan ends at the border of the surface: it
-is a pivot no more, and the first corner is told again.
+is no longer a pivot, and the first corner is coded again.
 """
 
 GIVEN_UP: Final = -1
 
-# Which kinds are asked for at each corner, in this order.
-_ASKED: Final = ((AHEAD, BEHIND, NEW), (AHEAD, NEW, BEHIND), (NEW, BEHIND, AHEAD))
+# Kinds to ask for at each corner, in this order.
+_KINDS: Final = ((AHEAD, BEHIND, NEW), (AHEAD, NEW, BEHIND), (NEW, BEHIND, AHEAD))
 _OLDER: Final = 12
-_REMEDY: Final = "The stream is damaged: send it again."
 
 
 class Walk:
-    """What both sides know while the triangles go by.
+    """State that encoder and decoder share while they pass the triangles.
 
     Nodes are numbered in the order in which they are met.
 
@@ -62,7 +61,7 @@ class Walk:
 
     @property
     def pivot(self) -> int | None:
-        """The node seen first whose fan is open."""
+        """The earliest node whose fan is open."""
         return self._pivots[0] if self._pivots else None
 
     def open_ends(self, node: int) -> list[int]:
@@ -94,24 +93,24 @@ class Walk:
         corner = len(self._face)
         ahead, behind = self._candidates()
         contexts = self._contexts(behind)
-        found_kind = OLDER
-        for asked in _ASKED[corner]:
-            possible = asked == NEW or (ahead if asked == AHEAD else behind) is not None
-            possible = possible or (asked == BEHIND and corner == 0 and ahead is not None)
+        coded_kind = OLDER
+        for candidate in _KINDS[corner]:
+            possible = candidate == NEW or (ahead if candidate == AHEAD else behind) is not None
+            possible = possible or (candidate == BEHIND and corner == 0 and ahead is not None)
             if not possible:
                 continue
-            question = 4 * corner + asked
-            if self._mixer.bit(question, contexts, None if kind is None else kind == asked):
-                found_kind = asked
+            question = 4 * corner + candidate
+            if self._mixer.bit(question, contexts, None if kind is None else kind == candidate):
+                coded_kind = candidate
                 break
-        if corner == 0 and found_kind == BEHIND:
+        if corner == 0 and coded_kind == BEHIND:
             self._pivots.popleft()
             self._drop_closed()
             self._codes.append(64)
             return GIVEN_UP
-        found = self._named(found_kind, ahead, behind, node)
-        self._take(found, found_kind)
-        return found
+        node = self._named(coded_kind, ahead, behind, node)
+        self._take(node, coded_kind)
+        return node
 
     def _named(self, kind: int, ahead: int | None, behind: int | None, node: int | None) -> int:
         if kind == AHEAD and ahead is not None:
@@ -119,17 +118,15 @@ class Walk:
         if kind == BEHIND and behind is not None:
             return behind
         if kind == NEW:
-            found = self.n_met
+            result = self.n_met
         else:
             latest = reversed(self._recent)
             ago = None if node is None else next(i for i, v in enumerate(latest) if v == node)
             ago = self._mixer.number(_OLDER, [len(self._face), self._role()], ago)
-            found = next(islice(reversed(self._recent), ago, None), self._n_nodes)
-        if found >= self._n_nodes:
-            raise MalformedFileError(
-                "A face of the stream names a vertex that does not exist.", remedy=_REMEDY
-            )
-        return found
+            result = next(islice(reversed(self._recent), ago, None), self._n_nodes)
+        if result >= self._n_nodes:
+            raise damaged("A face of the stream names a vertex that does not exist.")
+        return result
 
     def _contexts(self, behind: int | None) -> list[Hashable]:
         face, codes = self._face, tuple(self._codes)

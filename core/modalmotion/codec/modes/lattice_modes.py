@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import prod
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, Topology
+from modalmotion.codec.bits.varint import read_varint, write_varint
+from modalmotion.modes.order import require_shape
+from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology
 
 Floats = NDArray[np.float64]
+
+LATTICE: Final = 1
+"""First byte of the section of these modes."""
+
+ENDS: Final = (OPEN, CLOSED, POLE_OPEN, POLE_POLE)
+"""Ends of an axis by their code in a stream."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +47,7 @@ class LatticeModes:
 
     @cached_property
     def order(self) -> NDArray[np.int64]:
-        """Product that each mode is, numbered row by row; by wavenumber, then by number."""
+        """Number of the product of each mode, row by row; by wavenumber, then by number."""
         key = np.zeros(self.shape, dtype=np.int64)
         for axis, (ends, n, fine) in enumerate(
             zip(self.topology.ends, self.shape, self.fineness, strict=True)
@@ -68,8 +78,20 @@ class LatticeModes:
             array = self._along(array, axis, inverse=True)
         return array.reshape(n_rows, -1)
 
+    @property
+    def uncertainty(self) -> Floats:
+        """Zero for each mode: no solver decides them, (modes,) float64."""
+        return np.zeros(int(np.prod(self.shape)))
+
+    def write(self) -> bytes:
+        """Write which modes these are."""
+        parts = [bytes([LATTICE, len(self.shape)])]
+        for ends, n, fine in zip(self.topology.ends, self.shape, self.fineness, strict=True):
+            parts += [bytes([ENDS.index(ends), fine]), write_varint(n)]
+        return b"".join(parts)
+
     def _axes(self) -> list[int]:
-        """List closed axes first: what a pole axis does depends on the turns around it."""
+        """List closed axes first: a pole axis depends on the turns around it."""
         ends = self.topology.ends
         return sorted(range(len(ends)), key=lambda axis: ends[axis] != CLOSED)
 
@@ -90,6 +112,27 @@ class LatticeModes:
             return np.asarray(even)
         odd = sine(array, type=4 if ends == POLE_OPEN else 2, norm="ortho", axis=place)
         return np.where(self._odd_at_pole(axis)[None] == 1, odd, even)
+
+
+def read_lattice_modes(data: bytes, n_vertices: int) -> LatticeModes:
+    """Read modes that `LatticeModes.write` wrote.
+
+    Raises
+    ------
+    IndexError, ValueError
+        If they make no sense, or are not those of so many vertices.
+    """
+    ends, shape, fineness, position = [], [], [], 2
+    for _ in range(data[1]):
+        ends.append(ENDS[data[position]])
+        fineness.append(data[position + 1])
+        n, position = read_varint(data, position + 2)
+        shape.append(n)
+    topology = Topology(tuple(ends))
+    if prod(shape) != n_vertices or position != len(data):
+        raise ValueError
+    require_shape(topology, tuple(shape))
+    return LatticeModes(topology, tuple(shape), tuple(fineness))
 
 
 def _quarter_periods(closed: bool, n: int) -> NDArray[np.int64]:

@@ -9,6 +9,7 @@ frequencies; encoder and decoder compare a probe of the basis.
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -19,11 +20,17 @@ from scipy import linalg
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+from modalmotion.codec.bits.varint import read_varint, write_varint
+from modalmotion.errors import LimitError, MalformedFileError
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+SPRINGS: Final = 2
+"""First byte of the section of these modes."""
+
 LARGEST_PATCH: Final = 4096
-# Square of the largest patch times the number of vertices: what decoding costs.
+# Square of the largest patch times the number of vertices, in proportion to the time to decode.
 MOST_WORK: Final = 2.0e11
 PROBES: Final = 8
 PROBE_STEP: Final = 1.0 / 4096.0
@@ -41,7 +48,7 @@ class PatchModes:
     largest_patch : int
         Vertices of the largest patch; a larger component is halved until it fits.
     seed : int
-        Which way springs are stiffened.
+        Decides how springs are stiffened.
     """
 
     edges: Ints
@@ -116,7 +123,7 @@ class PatchModes:
         sizes = np.array([len(patch) for patch in self.patches], dtype=np.int64)
         rank = np.arange(self.n_vertices) - np.repeat(np.cumsum(sizes) - sizes, sizes)
         key = (2 * rank + 1) * (1 << 30) // np.repeat(sizes, sizes)
-        # The translation of every patch first, whatever its size.
+        # The translations of all patches first, large or small.
         key[rank == 0] = -1
         return np.argsort(key, kind="stable")
 
@@ -177,10 +184,42 @@ class PatchModes:
         probe: Ints = np.rint(Phi[rows, columns] / PROBE_STEP).astype(np.int64)
         return probe
 
-    @property
-    def work(self) -> float:
-        """Sum of the cubes of the patches' sizes."""
-        return float(sum(float(len(patch)) ** 3 for patch in self.patches))
+    def write(self) -> bytes:
+        """Write which modes these are, and a probe of them."""
+        head = bytes([SPRINGS, self.seed]) + write_varint(self.largest_patch)
+        return head + struct.pack(f"<{PROBES}h", *self.probe().tolist())
+
+
+def read_patch_modes(data: bytes, n_vertices: int, faces: Ints) -> PatchModes:
+    """Solve for the modes that `PatchModes.write` wrote.
+
+    Raises
+    ------
+    IndexError, ValueError, struct.error
+        If they make no sense.
+    MalformedFileError
+        If they are not those of the encoder.
+    LimitError
+        If solving for them would take too long.
+    """
+    largest, position = read_varint(data, 2)
+    probe = np.array(struct.unpack_from(f"<{PROBES}h", data, position), dtype=np.int64)
+    if largest < 1 or position + 2 * PROBES != len(data):
+        raise ValueError
+    largest = min(largest, n_vertices)
+    if largest > LARGEST_PATCH or float(largest) ** 2 * n_vertices > MOST_WORK:
+        raise LimitError(
+            f"Patches of {largest} vertices of a mesh of {n_vertices} take too long to solve.",
+            remedy="No encoder of this project writes such a stream: refuse its sender.",
+            limit="spring_modes",
+        )
+    modes = PatchModes(edges_of(faces), n_vertices, largest, data[1])
+    if np.abs(modes.probe() - probe).max() > 1:
+        raise MalformedFileError(
+            "This machine solves for other spring modes than the encoder did.",
+            remedy="Encode the sequence on this machine, or without spring modes.",
+        )
+    return modes
 
 
 def edges_of(faces: Ints) -> Ints:
