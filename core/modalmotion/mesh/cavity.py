@@ -1,4 +1,4 @@
-"""What a surface encloses once its openings are closed."""
+"""Cavities: the volume inside a surface whose openings are closed."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from modalmotion.representation import shown
 @shown()
 @dataclass(frozen=True, eq=False)
 class Cavity:
-    """What the triangles of a surface enclose, its openings closed by fans.
+    """The cavity inside a surface's triangles, its openings closed by fans.
 
-    Make one of faces that nobody has checked with `cavity_of`.
+    For unchecked faces use `cavity_of`.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Cavity:
         Parameters
         ----------
         vertices : (..., vertices, 3) float64, length unit
-            Those of no triangle are not read.
+            Those in no triangle are not read.
 
         Returns
         -------
@@ -92,38 +92,38 @@ def cavity_of(faces: NDArray[np.int64], n_vertices: int) -> Cavity:
     Raises
     ------
     TopologyError
-        If there are no triangles, if they are several pieces or no surface, or if the surface
-        has one side only.
+        If there are no triangles, if they form several pieces or not a surface, or if the
+        surface has one side only.
     """
-    found = connectivity_of(faces, n_vertices)
-    proper = np.delete(faces, found.degenerate, axis=0)
+    connectivity = connectivity_of(faces, n_vertices)
+    proper = np.delete(faces, connectivity.degenerate, axis=0)
     if not len(proper):
         raise TopologyError(
             "There are no triangles, so nothing is enclosed.",
             remedy="Send a surface: triangles, or a lattice of two axes with its topology.",
         )
-    if len(found.non_manifold_edges):
-        vertex = int(found.non_manifold_edges[0, 0])
+    if len(connectivity.non_manifold_edges):
+        vertex = int(connectivity.non_manifold_edges[0, 0])
         raise TopologyError(
-            f"{len(found.non_manifold_edges)} edges belong to three triangles or more (one of "
-            f"them at vertex {vertex}): such a surface has no inside.",
+            f"{len(connectivity.non_manifold_edges)} edges belong to three triangles or more "
+            f"(one of them at vertex {vertex}): such a surface has no inside.",
             remedy="Send the wall of the cavity alone, without inner sheets or repeated triangles.",
             vertex=vertex,
-            details=found.details(),
+            details=connectivity.details(),
         )
-    if found.n_components > 1:
+    if connectivity.n_components > 1:
         raise TopologyError(
-            f"The triangles are {found.n_components} separate pieces: which of them bound the "
-            "cavity, and whether one lies inside another, cannot be told.",
+            f"The triangles are {connectivity.n_components} separate pieces: which of them bound "
+            "the cavity, and whether one lies inside another, is unknown.",
             remedy="Send the surface of one cavity at a time.",
-            details=found.details(),
+            details=connectivity.details(),
         )
     wound = oriented_faces(proper, n_vertices)
     if wound is None:
         raise TopologyError(
             "The surface has one side only, so it has no inside.",
             remedy="Send a surface with two sides.",
-            details=found.details(),
+            details=connectivity.details(),
         )
     return Cavity(wound)
 

@@ -11,7 +11,7 @@ from modalmotion.numerals import numeral
 from modalmotion.pictures.unit import ShownUnit
 from modalmotion.signature.making import ModalSignature
 
-# Told apart by colour-blind readers too (Okabe and Ito, Color Universal Design, 2008).
+# Distinct for colour-blind readers too (Okabe and Ito, Color Universal Design, 2008).
 _COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _OTHERS: Final = "#b9bdc1"
 _MOST_LABELS: Final = 24
@@ -28,9 +28,9 @@ def main_trajectories(signature: ModalSignature) -> NDArray[np.float64]:
     # A = U S V^T; the first row of V^T is the direction with the largest sum of squares.
     of_modes = signature.body_amplitudes.transpose(1, 0, 2)
     _, _, directions = np.linalg.svd(of_modes, full_matrices=False)
-    found: NDArray[np.float64] = np.einsum("mfd,md->fm", of_modes, directions[:, 0])
-    farthest = np.take_along_axis(found, np.abs(found).argmax(axis=0)[None], axis=0)
-    return np.where(farthest < 0.0, -found, found)
+    trajectories: NDArray[np.float64] = np.einsum("mfd,md->fm", of_modes, directions[:, 0])
+    farthest = np.take_along_axis(trajectories, np.abs(trajectories).argmax(axis=0)[None], axis=0)
+    return np.where(farthest < 0.0, -trajectories, trajectories)
 
 
 def draw_trajectories(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
@@ -70,7 +70,7 @@ def draw_spectrum(axes: Any, signature: ModalSignature, shown: ShownUnit) -> Non
 
 
 def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
-    """Draw how far the surface has moved in each frame, and what the amplitudes leave of it."""
+    """Draw the motion of the surface in each frame, and the error of the amplitudes."""
     at, label = _times(signature)
     marker = _marker(at)
     motion = signature.motion_rms / shown.size

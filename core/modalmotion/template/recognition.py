@@ -1,4 +1,4 @@
-"""Which topology a mesh has: told by its connectivity, and by where its openings lie."""
+"""Topology of a mesh, from its connectivity and the places of its openings."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topo
 from modalmotion.template.coordinates.cup import FAINT_AXIS, axis_strength, is_flat
 from modalmotion.template.surface import Surface
 
-# Triangles of a hemisphere miss this share of it, and more.
+# Triangles of a hemisphere miss at least this share of its area.
 _HEMISPHERE = 0.05
 
 
 @dataclass(frozen=True)
 class Recognition:
-    """What a mesh was taken for, and why.
+    """Topology recognised on a mesh, and the reason.
 
     Parameters
     ----------
     topology : Topology or None
-        None where no natural coordinates are known.
+        None without known natural coordinates.
     reason : str
-        Why there are none, or what was decided on the way; empty if there was no doubt.
+        Why none are known, or which doubt was decided; empty if there was none.
     """
 
     topology: Topology | None
@@ -46,12 +46,12 @@ def recognise(surface: Surface) -> Recognition:
     reason = _obstacle(surface)
     if reason:
         return Recognition(None, reason)
-    found = surface.connectivity
-    openings, genus = surface.openings, found.genus
+    connectivity = surface.connectivity
+    openings, genus = surface.openings, connectivity.genus
     if not openings and genus in (0.0, 1.0):
         return Recognition(SPHERE if genus == 0.0 else TORUS)
     if genus != 0.0:
-        return Recognition(None, f"The surface has handles ({found.describe()}).")
+        return Recognition(None, f"The surface has handles ({connectivity.describe()}).")
     if len(openings) == 1:
         if is_flat(surface):
             return Recognition(
@@ -79,7 +79,7 @@ def require_fit(surface: Surface, stated: Topology) -> None:
     Raises
     ------
     TopologyError
-        Saying what was found and what could be stated instead.
+        Naming the actual connectivity and the topologies that fit it.
     """
     if not len(surface.faces):
         raise TopologyError(
@@ -87,31 +87,31 @@ def require_fit(surface: Surface, stated: Topology) -> None:
             remedy="Send triangles, or the shape of the lattice that the vertices form (grid).",
             details={"stated": stated.name},
         )
-    found = surface.connectivity
+    connectivity = surface.connectivity
     n = len(surface.openings)
     reason = _obstacle(surface)
     possible: tuple[Topology, ...] = ()
     if not reason:
-        if found.genus == 0.0:
+        if connectivity.genus == 0.0:
             possible = {0: (SPHERE,), 1: (CUP, PLANE), 2: (CYLINDER, CUP)}.get(n, (CUP,))
-        elif found.genus == 1.0 and n == 0:
+        elif connectivity.genus == 1.0 and n == 0:
             possible = (TORUS,)
     if stated in possible:
         return
     names = " or ".join(topology.name for topology in possible)
     raise TopologyError(
-        f"A {stated} was stated, but the mesh has {found.describe()}. {reason}".strip(),
+        f"A {stated} was stated, but the mesh has {connectivity.describe()}. {reason}".strip(),
         remedy=f"State {names}, or leave the topology out."
         if possible
         else "Leave the topology out: the mesh then gets the spring modes of its own connectivity.",
-        details={"stated": stated.name, **found.details()},
+        details={"stated": stated.name, **connectivity.details()},
     )
 
 
 def _is_shallow(surface: Surface) -> bool:
-    """Whether the area is less than twice what the opening spans: that of a hemisphere is twice.
+    """Whether the area is less than twice the span of the opening; a hemisphere's is twice.
 
-    What an opening spans is the length of its vector area, which all surfaces that fill it share.
+    An opening spans the length of its vector area, which all surfaces that fill it share.
     """
     wound = oriented_faces(surface.faces, len(surface.vertices))
     if wound is None:
@@ -122,24 +122,25 @@ def _is_shallow(surface: Surface) -> bool:
 
 
 def _obstacle(surface: Surface) -> str:
-    """Say what keeps a mesh from being one surface with area; empty if nothing does."""
-    found = surface.connectivity
+    """Why a mesh is not one surface with area; empty if it is."""
+    connectivity = surface.connectivity
     if not len(surface.faces):
         return "There are no triangles."
-    if len(found.non_manifold_edges):
-        a, b = found.non_manifold_edges[0]
+    if len(connectivity.non_manifold_edges):
+        a, b = connectivity.non_manifold_edges[0]
         return (
-            f"{len(found.non_manifold_edges)} edges belong to more than two triangles, the first "
-            f"between vertices {a} and {b}."
+            f"{len(connectivity.non_manifold_edges)} edges belong to more than two triangles, the "
+            f"first between vertices {a} and {b}."
         )
-    if found.n_components != 1:
+    if connectivity.n_components != 1:
         return (
-            f"The mesh falls into {found.n_components} pieces; vertices at the same place may "
-            "have to be merged."
+            f"The mesh falls into {connectivity.n_components} pieces; vertices at the same place "
+            "may have to be merged."
         )
-    if len(found.pinched):
-        return f"Boundaries touch in {len(found.pinched)} vertices, the first {found.pinched[0]}."
-    if found.genus != int(found.genus):
+    if len(connectivity.pinched):
+        pinched = connectivity.pinched
+        return f"Boundaries touch in {len(pinched)} vertices, the first {pinched[0]}."
+    if connectivity.genus != int(connectivity.genus):
         return "The surface has one side only."
     if not surface.area > 0:
         return "The surface has no area in the reference frame."

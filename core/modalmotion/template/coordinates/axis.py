@@ -11,7 +11,7 @@ from modalmotion.modes.topology import CLOSED, Topology
 from modalmotion.numeric.products import along, second_moments, weighted_sum
 from modalmotion.template.surface import Surface
 
-# An axis given by two places closer than this share of the surface's size has no direction.
+# An axis through two places closer than this share of the surface's size has no direction.
 _SHORTEST = 1e-9
 
 
@@ -63,7 +63,7 @@ def principal_axes(surface: Surface) -> tuple[NDArray[np.float64], NDArray[np.fl
 
 
 def skewness(surface: Surface, direction: NDArray[np.float64]) -> float:
-    """How well the third moment tells one sense of a direction from the other, 0 to 1."""
+    """Strength of the third moment that gives a direction its sense, 0 to 1."""
     cubes = surface.areas * along(surface.offsets, direction) ** 3
     total = float(np.abs(cubes).sum())
     return abs(float(cubes.sum())) / total if total > 0 else 0.0
@@ -106,7 +106,7 @@ def towards(
     axis: NDArray[np.float64],
     size: float,
 ) -> NDArray[np.float64]:
-    """Find the unit vector across the axis towards a given place.
+    """Find the unit vector across the axis towards a place.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def towards(
 def azimuth(
     offsets: NDArray[np.float64], axis: NDArray[np.float64], zero: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Angle about the axis in turns, (-1/2, 1/2], right-handed whatever the winding of the mesh.
+    """Angle about the axis in turns, (-1/2, 1/2], right-handed for either winding of the mesh.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def degree(surface: Surface, coordinates: NDArray[np.float64], topology: Topolog
     """How many times the coordinates cover their rectangle, folds counted backwards.
 
     1 where every place has its own pair of coordinates; less where theta turns back on itself
-    or the axis meets the surface at places that are no poles.
+    or the axis meets the surface outside the poles.
     """
     faces = oriented_faces(surface.faces, len(surface.vertices))
     if faces is None:
