@@ -169,7 +169,7 @@ class Displacements:
 def _part(shape: ReferenceShape, there: NDArray[np.bool_], frame: int) -> ReferenceShape:
     if not shape.weights[there].any():
         raise ParameterError(
-            f"Frame {frame} has no vertex of the surface.",
+            f"The surface has no vertex in frame {frame}.",
             remedy="Leave the frame out.",
             frame=frame,
         )
