@@ -25,7 +25,8 @@ from modalmotion.simulate import Acquisition, MotionClass, simulate_cohort, simu
 from modalmotion.store import sequence_to_hdf5, signature_to_hdf5
 from modalmotion_service.cohort import CohortJob, read_manifest, sign_cohort
 from modalmotion_service.work.dask.executor import DaskExecutor
-from modalmotion_service.work.executor import Engine, WorkerPool
+from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.pool import WorkerPool
 
 N_SEQUENCES = int(os.environ.get("MODALMOTION_BENCH_SEQUENCES", "500"))
 N_ROUNDS = int(os.environ.get("MODALMOTION_BENCH_ROUNDS", "3"))
@@ -51,8 +52,8 @@ def run(_folder: Path | None = None) -> list[Table]:
             engines = {
                 "Dask, 1 worker": _Where(lambda at: DaskExecutor(one.address, at, *_LIMITS), one),
                 "Dask, 2 workers": _Where(lambda at: DaskExecutor(two.address, at, *_LIMITS), two),
-                "pebble, 1 process": _Where(lambda _: WorkerPool(1, *_LIMITS), None),
-                "pebble, 2 processes": _Where(lambda _: WorkerPool(2, *_LIMITS), None),
+                "pool, 1 process": _Where(lambda _: WorkerPool(1, *_LIMITS), None),
+                "pool, 2 processes": _Where(lambda _: WorkerPool(2, *_LIMITS), None),
             }
             return [*_scaling(job, engines), _batches(job, engines["Dask, 2 workers"]), _costs()]
 

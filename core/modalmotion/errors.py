@@ -4,7 +4,7 @@
 
     ModalMotionError
     ├── InputError (ValueError)         what came cannot be used as it is
-    │   ├── MalformedFileError          bytes that are no readable file of the format
+    │   ├── MalformedFileError          bytes that are not a readable file of the format
     │   ├── ShapeError                  arrays of the wrong shape, type or length
     │   ├── NonFiniteError              NaN or infinity; names frame and vertex
     │   ├── ConnectivityError           faces that name vertices that do not exist
@@ -86,7 +86,7 @@ class InputError(ModalMotionError, ValueError):
 
 
 class MalformedFileError(InputError):
-    """The bytes are no readable file of the stated format."""
+    """The bytes are not a readable file of the stated format."""
 
     code = "malformed_file"
 

@@ -1,4 +1,4 @@
-"""Numbers as a person reads them, whatever the unit that they come in."""
+"""Numbers for people, whatever their unit."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ from modalmotion_service.routes import (
 )
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.engine import open_engine
-from modalmotion_service.work.executor import WorkerPool
+from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.workspace.job_kinds import trainings_at_once
 from modalmotion_service.workspace.owners import Owners
 

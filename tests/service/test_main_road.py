@@ -137,13 +137,13 @@ def test_a_signature_is_made_once_and_then_taken_from_the_store(
     here = f"/v1/sequences/{send(client, beat)}/signature"
     first = client.get(here).content
 
-    work = Analysis._work
+    work = Analysis.work
 
     def watched(self: Analysis, task: Any, *args: Any) -> Any:
         assert task is not signatures.sign, "made a second time"
         return work(self, task, *args)
 
-    monkeypatch.setattr(Analysis, "_work", watched)
+    monkeypatch.setattr(Analysis, "work", watched)
     assert client.get(here).content == first
 
 

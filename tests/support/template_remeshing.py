@@ -8,7 +8,7 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial import Delaunay, cKDTree
 from template_surfaces import Floats, Ints, Moving
 
-from modalmotion.mesh import boundary_loops, face_areas
+from modalmotion.mesh import connectivity_of, face_areas
 
 
 def subdivided(moving: Moving) -> Moving:
@@ -61,7 +61,7 @@ def _ordered(loop: Ints) -> Ints:
 
 def _planar_image(vertices: Floats, faces: Ints) -> tuple[Floats, list[Ints]]:
     """Tutte's embedding: the longest loop on a circle, others filled by a vertex each."""
-    loops = [_ordered(loop) for loop in boundary_loops(faces)]
+    loops = [_ordered(loop) for loop in connectivity_of(faces, int(faces.max()) + 1).loops]
     steps = [np.linalg.norm(vertices[np.roll(p, -1)] - vertices[p], axis=1) for p in loops]
     loops = [loops[k] for k in np.argsort([-s.sum() for s in steps])]
     outer, n = loops[0], len(vertices)

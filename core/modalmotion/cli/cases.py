@@ -75,7 +75,7 @@ def read_manifest(manifest: Path) -> list[LabelledFile]:
     Raises
     ------
     MalformedFileError
-        If it is no such table, or a row lacks something; it names the line.
+        If it is not such a table, or a row lacks something; it names the line.
     """
     try:
         text = manifest.read_text(encoding="utf-8-sig")

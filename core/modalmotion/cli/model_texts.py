@@ -29,18 +29,18 @@ def card_lines(name: str, model_id: str, card: ModelCard) -> str:
     return "\n".join(lines + [f"note: {note}" for note in card.notes])
 
 
-def evaluation_lines(found: Evaluation) -> str:
+def evaluation_lines(result: Evaluation) -> str:
     """Say what a test found."""
     lines = [
-        f"{found.model} (id {found.model_id[:12]}) on {found.n_cases} sequences",
-        accuracy_text(found.accuracy, found.accuracy_interval),
-        f"balanced {100 * found.balanced_accuracy:.1f} %",
-        f"without a class {100 * found.abstained:.1f} %",
+        f"{result.model} (id {result.model_id[:12]}) on {result.n_cases} sequences",
+        accuracy_text(result.accuracy, result.accuracy_interval),
+        f"balanced {100 * result.balanced_accuracy:.1f} %",
+        f"without a class {100 * result.abstained:.1f} %",
     ]
-    lines += [f"  {100 * share:5.1f} %  {flag}" for flag, share in found.flagged.items()]
-    lines += _matrix(found.classes, found.confusion)
-    lines += _sets(found.coverage, found.class_coverage, found.mean_set_size)
-    lines.append(f"expected calibration error {found.calibration_error:.3f}")
+    lines += [f"  {100 * share:5.1f} %  {flag}" for flag, share in result.flagged.items()]
+    lines += _matrix(result.classes, result.confusion)
+    lines += _sets(result.coverage, result.class_coverage, result.mean_set_size)
+    lines.append(f"expected calibration error {result.calibration_error:.3f}")
     return "\n".join(lines)
 
 

@@ -42,30 +42,30 @@ def _rebuild(name: str, root: Path) -> None:
     from modalmotion.store import rebuild as run
 
     with _progress("reading files") as progress:
-        found = run(root, progress=progress)
+        result = run(root, progress=progress)
     click.echo(
-        f"{name}{found.n_sequences} sequences, {found.n_results} results, {found.n_models} models "
-        "are in the index"
+        f"{name}{result.n_sequences} sequences, {result.n_results} results, {result.n_models} "
+        "models are in the index"
     )
-    for kind, number in sorted(found.rewritten.items()):
+    for kind, number in sorted(result.rewritten.items()):
         what = f"{kind} file{'s' * (number > 1)}"
         click.echo(f"{name}{number} {what} of an older version rewritten")
-    for file, why in sorted(found.refused.items()):
+    for file, why in sorted(result.refused.items()):
         click.echo(f"{name}{file}: of an older version, and could not be taken: {why}")
     for what, number in (
-        ("deletions finished", found.n_deletions),
-        ("unfinished files removed", found.n_temporaries),
+        ("deletions finished", result.n_deletions),
+        ("unfinished files removed", result.n_temporaries),
     ):
         if number:
             click.echo(f"{name}{number} {what}")
     for what, files in (
-        ("record written anew", found.restored),
-        ("damaged", found.damaged),
-        ("belongs to nothing", found.orphans),
+        ("record written anew", result.restored),
+        ("damaged", result.damaged),
+        ("belongs to nothing", result.orphans),
     ):
         for file in files:
             click.echo(f"{name}{file}: {what}")
-    if found.guests_lost:
+    if result.guests_lost:
         click.echo(f"{name}The index was damaged: jobs and idempotency keys are lost.")
 
 
@@ -142,10 +142,10 @@ def _stores_of(folder: Path, owner: str | None) -> list[tuple[str, Path]]:
 def _store_of(folder: Path, owner: str | None) -> Path:
     if owner in (None, "local"):
         return folder
-    found = folder / "owners" / str(owner)
-    if re.fullmatch(r"[a-z0-9][a-z0-9_-]*", str(owner)) is None or not found.is_dir():
+    store_folder = folder / "owners" / str(owner)
+    if re.fullmatch(r"[a-z0-9][a-z0-9_-]*", str(owner)) is None or not store_folder.is_dir():
         raise click.BadParameter(f"{folder} has no store of {owner!r}.", param_hint="--owner")
-    return found
+    return store_folder
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""What the service says, as values."""
+"""Answers of the service as values."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ T = TypeVar("T")
 @shown("n_frames", "n_vertices", "n_faces", "topology", "unit", "subject", "label", "id")
 @dataclass(frozen=True)
 class SequenceInfo:
-    """What is known of a kept sequence.
+    """Description of a stored sequence.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ def readouts_of(answer: Any) -> Readouts:
     BrokenAnswerError
         If a member is not there.
     """
-    with understood("description of volumes"):
+    with understood("a description of volumes"):
         own, mesh, times = answer["from_signature"], answer["of_mesh"], answer["times"]
         ejected = own["ejection_fraction"]
         high = ejected["high"]
@@ -317,7 +317,7 @@ def template_modes_of(answer: Answer) -> TemplateModes:
 def pack_of(answer: Answer) -> list[SignatureArrays]:
     """Read many signatures from one .npz archive."""
     with (
-        understood("archive of signatures"),
+        understood("an archive of signatures"),
         np.load(io.BytesIO(answer.content), allow_pickle=False) as pack,
     ):
         labels = pack["labels"]

@@ -1,4 +1,4 @@
-"""What is sent, a piece at a time, as often as it takes."""
+"""Bodies of requests, sent in pieces, again where needed."""
 
 from __future__ import annotations
 

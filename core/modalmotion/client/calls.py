@@ -1,4 +1,4 @@
-"""What every group of calls is made of."""
+"""Common parts of all groups of calls."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Final, TypeVar
 from modalmotion.client.connection import Answer, Call, Connection
 from modalmotion.client.errors import BrokenAnswerError, understood
 from modalmotion.client.jobs import Job, JobStatus, awaited
-from modalmotion.client.query import Option
+from modalmotion.client.query import Option, segment
 from modalmotion.errors import ParameterError, StoreError
 from modalmotion.formats.npz import read_npz
 from modalmotion.mesh.sequence import MeshSequence
@@ -71,9 +71,9 @@ class Calls:
         cursor: str | None = None
         while True:
             page = self._get(path, {**query, "cursor": cursor}).json
-            with understood(f"page of {member}"):
-                found, following = list(page[member]), page["cursor"]
-            yield from found
+            with understood(f"a page of {member}"):
+                members, following = list(page[member]), page["cursor"]
+            yield from members
             if following is None:
                 return
             if following == cursor:
@@ -82,6 +82,11 @@ class Calls:
                     remedy="Check the version of the service.",
                 )
             cursor = following
+
+
+def sequence_path(sequence_id: str, *parts: str) -> str:
+    """Path of a stored sequence, or of something that belongs to it."""
+    return "/".join(("/v1/sequences", segment(sequence_id), *parts))
 
 
 def sequence_of(answer: Answer) -> MeshSequence:
@@ -117,9 +122,9 @@ def require_suffix(path: Path, known: dict[str, str]) -> str:
     ParameterError
         If it stands for none.
     """
-    found = known.get(path.suffix.lower())
-    if found is None:
+    media_type = known.get(path.suffix.lower())
+    if media_type is None:
         raise ParameterError(
             f"'{path.name}' does not say what to write.", remedy=f"Use one of {', '.join(known)}."
         )
-    return found
+    return media_type

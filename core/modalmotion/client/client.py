@@ -1,4 +1,4 @@
-"""A modalmotion service, called from Python."""
+"""A client of the modalmotion service."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Client(SequenceCalls, SignatureCalls, ReadoutCalls, ModelCalls, CodecCalls
     Raises
     ------
     ParameterError
-        If the address or the key is none.
+        If the address or the key cannot be one.
 
     Examples
     --------

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from modalmotion.client.answers import CompressedSequence, compressed_of
 from modalmotion.client.bodies import Source, body_of
-from modalmotion.client.calls import NPZ, STREAM, Calls, sequence_of
+from modalmotion.client.calls import NPZ, STREAM, Calls, sequence_of, sequence_path
 from modalmotion.client.connection import Call
-from modalmotion.client.query import Option, segment
+from modalmotion.client.query import Option
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
 
@@ -33,7 +33,7 @@ class CodecCalls(Calls):
 
     def encoded(self, sequence_id: str, **options: Option) -> CompressedSequence:
         """Give a kept sequence as a compressed stream: rms, max_error or bytes; effort."""
-        call = Call("GET", f"/v1/sequences/{segment(sequence_id)}/encoded", options, STREAM)
+        call = Call("GET", sequence_path(sequence_id, "encoded"), options, STREAM)
         return self._awaited(call, compressed_of)
 
     def decode(

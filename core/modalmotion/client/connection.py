@@ -111,28 +111,10 @@ class Answer:
 
 
 class Connection:
-    """Connections to one service, kept open between calls.
+    """Connections to one service, kept open between calls; see `Client` for the parameters.
 
-    Parameters
-    ----------
-    base_url : str
-        Such as http://127.0.0.1:8000; a path before the service's own is kept.
-    key : str or None
-        API key; sent to this service alone, for no redirection is followed.
-    timeout : float, s
-        For connecting, and for each pause within a request or an answer.
-    retries : Retries
-    transport : httpx2.BaseTransport, optional
-        In place of the network, such as an application in the same process.
-    sleep : function
-        Of seconds; kept as `sleep` for whatever waits for this service.
-    most_bytes : int
-        Of an answer, unpacked: it is held in memory.
-
-    Raises
-    ------
-    ParameterError
-        If the address or the key is none.
+    `key` is sent to this service alone, for no redirection is followed. A path in `base_url` before
+    the service's own is kept, and `sleep` (of seconds) serves whoever waits for this service.
     """
 
     def __init__(
@@ -151,7 +133,7 @@ class Connection:
         parts = urlsplit(base_url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise ParameterError(
-                f"{base_url[:80]!r} is no address of a service.",
+                f"{base_url[:80]!r} is not the address of a service.",
                 remedy="Give one such as http://127.0.0.1:8000.",
             )
         headers = {"User-Agent": f"modalmotion-client/{version('modalmotion')}"}
@@ -193,14 +175,14 @@ class Connection:
             call = call.with_headers(Idempotency_Key=secrets.token_hex(16))
         end = time.monotonic() + self._retries.deadline
         for attempt in range(self._retries.attempts):
-            asked = None
+            requested = None
             try:
                 return self._attempt(call, progress, end)
             except RemoteError as error:
                 if attempt and call.method == "DELETE" and error.status == 404:
                     # Deleted by an attempt whose answer was lost.
                     return Answer(204, {}, b"")
-                asked = error.details.get("retry_after")
+                requested = error.details.get("retry_after")
                 waits = (is_passing(error.status) and _may_repeat(call)) or (
                     attempt > 0 and call.is_keyed and error.status == _STILL_UNDER_WAY
                 )
@@ -209,7 +191,7 @@ class Connection:
                 # Where nothing was sent nothing can happen twice.
                 waits = _may_repeat(call) or bool(error.details.get("nothing_sent"))
                 failure = error
-            wait = self._retries.wait(attempt, asked if isinstance(asked, float) else None)
+            wait = self._retries.wait(attempt, requested if isinstance(requested, float) else None)
             is_last = attempt + 1 == self._retries.attempts
             if not waits or is_last or time.monotonic() + wait > end:
                 raise failure
@@ -220,7 +202,7 @@ class Connection:
         if not call.path.startswith("/"):
             # Another host's address would be sent the key.
             raise ParameterError(
-                f"{call.path[:80]!r} is no path of the service.",
+                f"{call.path[:80]!r} is not a path of the service.",
                 remedy="Begin it with a slash, such as /v1/limits.",
             )
         headers = {"Accept": call.accept, **(call.headers or {})}

@@ -156,7 +156,7 @@ def understood(what: str) -> Iterator[None]:
         raise
     except _MISUNDERSTOOD as error:
         raise BrokenAnswerError(
-            f"The answer is no {what}.",
+            f"The answer is not {what}.",
             remedy="Check the address, and the versions of service and client.",
         ) from error
 

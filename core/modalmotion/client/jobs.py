@@ -1,4 +1,4 @@
-"""Long work of the service, waited for."""
+"""Jobs: long work of the service, and waiting for it."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class JobStatus:
     @staticmethod
     def of(answer: Any) -> JobStatus:
         """Read what the service says of a job."""
-        with understood("job"):
+        with understood("a job"):
             result, error = answer["result"], answer["error"]
             return JobStatus(
                 id=segment(str(answer["id"])),
@@ -144,12 +144,15 @@ class Job(Generic[T]):
         end = None if timeout is None else time.monotonic() + timeout
         pause = _FIRST_LOOK
         while True:
-            asked = None if self.status.is_finished else self._look()
+            requested = None if self.status.is_finished else self._look()
             if progress is not None:
                 progress(self.status.progress)
             if self.status.is_finished:
                 return self._result()
-            pause = min(2 * pause, _LONGEST_LOOK if asked is None else max(asked, _FIRST_LOOK))
+            pause = min(
+                2 * pause,
+                _LONGEST_LOOK if requested is None else max(requested, _FIRST_LOOK),
+            )
             if end is not None and time.monotonic() + pause > end:
                 raise JobUnfinishedError(
                     f"The job {self.id} is {self.status.state} after {timeout:g} s, "

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from modalmotion.client.answers import ClassAnswer, ModelInfo, value_of
 from modalmotion.client.bodies import Source, body_of, json_body
-from modalmotion.client.calls import HDF5, PNG, Calls, require_suffix, save
+from modalmotion.client.calls import HDF5, PNG, Calls, require_suffix, save, sequence_path
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.errors import understood
 from modalmotion.client.jobs import Job
@@ -76,17 +76,17 @@ class ModelCalls(Calls):
         """Delete a version of a model; its number is never given again."""
         self._connection.send(Call("DELETE", _path(name, version)))
 
-    def classify(self, sequence_id: str, **request: Option) -> ClassAnswer:
+    def classify(self, sequence_id: str, **options: Option) -> ClassAnswer:
         """Ask a model for the class of a kept sequence's motion.
 
         Parameters
         ----------
         sequence_id : str
-        **request
+        **options
             Members of the request, such as model: the shipped one by default.
         """
-        path = f"/v1/sequences/{segment(sequence_id)}/classifications"
-        call = Call("POST", path, body=json_body(plain(request)), is_keyed=True)
+        path = sequence_path(sequence_id, "classifications")
+        call = Call("POST", path, body=json_body(plain(options)), is_keyed=True)
         return self._awaited(call, _class)
 
     def classify_of(
@@ -107,8 +107,8 @@ class ModelCalls(Calls):
 
     def classifications(self, sequence_id: str) -> list[ClassAnswer]:
         """List what models have said of a sequence."""
-        answer = self._get(f"/v1/sequences/{segment(sequence_id)}/classifications").json
-        with understood("list of classifications"):
+        answer = self._get(sequence_path(sequence_id, "classifications")).json
+        with understood("a list of classifications"):
             return [value_of(ClassAnswer, member) for member in answer["classifications"]]
 
 
@@ -118,12 +118,12 @@ def _path(name: str, version: int | None) -> str:
 
 
 def _training(name: str, cases: Iterable[Case], options: Mapping[str, Option]) -> Call:
-    asked: dict[str, Any] = {
+    request: dict[str, Any] = {
         "name": name,
         "sequences": [case if isinstance(case, str) else dict(case) for case in cases],
         "options": plain(options),
     }
-    return Call("POST", "/v1/models", body=json_body(asked), is_keyed=True)
+    return Call("POST", "/v1/models", body=json_body(request), is_keyed=True)
 
 
 def _model(answer: Answer) -> ModelInfo:
@@ -132,8 +132,8 @@ def _model(answer: Answer) -> ModelInfo:
 
 def _class(answer: Answer) -> ClassAnswer:
     # A job's result is the list of all; this one is the newest of its model.
-    found = answer.json
-    with understood("list of classifications"):
-        if isinstance(found, dict) and "classifications" in found:
-            found = found["classifications"][-1]
-    return value_of(ClassAnswer, found)
+    listed = answer.json
+    with understood("a list of classifications"):
+        if isinstance(listed, dict) and "classifications" in listed:
+            listed = listed["classifications"][-1]
+    return value_of(ClassAnswer, listed)

@@ -1,4 +1,4 @@
-"""Options as they stand in a query."""
+"""Options written as a query."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class Retries:
         if self.attempts < 1 or not 0 <= self.first_wait <= self.longest_wait:
             raise ParameterError(
                 f"{self.attempts} attempts with waits of {self.first_wait} to "
-                f"{self.longest_wait} s are no way to retry.",
+                f"{self.longest_wait} s do not make a schedule of retries.",
                 remedy="Use at least one attempt, and a first wait not above the longest.",
             )
 

@@ -8,10 +8,10 @@ from typing import Any
 
 from modalmotion.client.answers import SequenceInfo, value_of
 from modalmotion.client.bodies import Source, body_of, json_body
-from modalmotion.client.calls import Calls
+from modalmotion.client.calls import Calls, sequence_path
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.jobs import Job, awaited
-from modalmotion.client.query import Option, segment, stated_in
+from modalmotion.client.query import Option, stated_in
 from modalmotion.facts import Facts
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.progress import Progress
@@ -110,8 +110,10 @@ class SequenceCalls(Calls):
         page : int
             How many are fetched at once.
         """
-        found = self._pages("/v1/sequences", "sequences", subject=subject, label=label, limit=page)
-        return (value_of(SequenceInfo, member) for member in found)
+        members = self._pages(
+            "/v1/sequences", "sequences", subject=subject, label=label, limit=page
+        )
+        return (value_of(SequenceInfo, member) for member in members)
 
     def sequence(self, sequence_id: str) -> SequenceInfo:
         """Give what is known of a sequence.
@@ -121,7 +123,7 @@ class SequenceCalls(Calls):
         NotFoundError
             If there is none of that id.
         """
-        return _info(self._get(f"/v1/sequences/{segment(sequence_id)}"))
+        return _info(self._get(sequence_path(sequence_id)))
 
     def update(
         self,
@@ -144,16 +146,16 @@ class SequenceCalls(Calls):
         if isinstance(facts, Facts):
             facts = stated_in(facts)
         names = {"subject": subject, "label": label, "facts": facts}
-        given = {name: value for name, value in names.items() if value is not UNCHANGED}
+        changes = {name: value for name, value in names.items() if value is not UNCHANGED}
         return _info(
             self._connection.send(
-                Call("PATCH", f"/v1/sequences/{segment(sequence_id)}", body=json_body(given))
+                Call("PATCH", sequence_path(sequence_id), body=json_body(changes))
             )
         )
 
     def delete(self, sequence_id: str) -> None:
         """Delete a sequence with everything that derives from it."""
-        self._connection.send(Call("DELETE", f"/v1/sequences/{segment(sequence_id)}"))
+        self._connection.send(Call("DELETE", sequence_path(sequence_id)))
 
 
 def _upload(source: Source, options: dict[str, Option]) -> Call:

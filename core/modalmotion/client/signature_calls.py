@@ -8,11 +8,19 @@ from typing import Final
 
 from modalmotion.client.answers import SignatureArrays, pack_of
 from modalmotion.client.bodies import Source, body_of, json_body
-from modalmotion.client.calls import HDF5, NPZ, Calls, require_suffix, save, sequence_of
+from modalmotion.client.calls import (
+    HDF5,
+    NPZ,
+    Calls,
+    require_suffix,
+    save,
+    sequence_of,
+    sequence_path,
+)
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.errors import understood
 from modalmotion.client.jobs import Job
-from modalmotion.client.query import Option, plain, segment
+from modalmotion.client.query import Option, plain
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
 from modalmotion.signature.comparison import Comparison
@@ -92,7 +100,7 @@ class SignatureCalls(Calls):
         Parameters
         ----------
         sequence_ids : iterable of str
-            As many as there are: they are asked for in as few requests as the service allows.
+            Any number: they are sent in as few requests as the service allows.
         progress : callable, optional
             Called with the share that is done.
         **options
@@ -101,20 +109,20 @@ class SignatureCalls(Calls):
         ids = list(sequence_ids)
         at_once = _AT_ONCE
         if len(ids) > 1:
-            with understood("list of limits"):
+            with understood("a list of limits"):
                 at_once = max(1, int(self._get("/v1/limits").json.get("query_ids", _AT_ONCE)))
-        found: list[SignatureArrays] = []
+        answers: list[SignatureArrays] = []
         for start in range(0, len(ids), at_once):
-            asked = {"ids": ids[start : start + at_once], **plain(options)}
+            request = {"ids": ids[start : start + at_once], **plain(options)}
             call = Call(
                 *("POST", "/v1/signatures/query", None, NPZ),
-                body=json_body(asked),
+                body=json_body(request),
                 is_repeatable=True,
             )
-            found += self._awaited(call, pack_of)
+            answers += self._awaited(call, pack_of)
             if progress is not None:
-                progress(len(found) / len(ids))
-        return found
+                progress(len(answers) / len(ids))
+        return answers
 
     def reconstruction(self, sequence_id: str, **options: Option) -> MeshSequence:
         """Give the surfaces that a signature stands for.
@@ -125,29 +133,25 @@ class SignatureCalls(Calls):
         **options
             Of the signature; and times, in s: those of the frames by default.
         """
-        return sequence_of(self._get(_reconstruction(sequence_id), options, NPZ))
+        return sequence_of(self._get(sequence_path(sequence_id, "reconstruction"), options, NPZ))
 
     def save_reconstruction(self, sequence_id: str, path: str | Path, **options: Option) -> None:
         """Write the surfaces that a signature stands for: .npz, .vtkhdf, .glb, or .zip of PLY."""
         target = Path(path)
         accept = require_suffix(target, SURFACES)
-        save(self._get(_reconstruction(sequence_id), options, accept).content, target)
+        save(
+            self._get(sequence_path(sequence_id, "reconstruction"), options, accept).content, target
+        )
 
     def distance(self, sequence_id: str, to: str, **options: Option) -> Comparison:
         """Give the distance of a sequence's signature from another's: 0 for the same motion."""
-        answer = self._get(
-            f"/v1/sequences/{segment(sequence_id)}/distance", {**options, "to": to}
-        ).json
-        with understood("distance"):
+        answer = self._get(sequence_path(sequence_id, "distance"), {**options, "to": to}).json
+        with understood("a distance"):
             return Comparison(float(answer["distance"]), bool(answer["uses_theta_zero"]))
 
 
 def _signature(sequence_id: str, options: dict[str, Option]) -> Call:
-    return Call("GET", f"/v1/sequences/{segment(sequence_id)}/signature", options, HDF5)
-
-
-def _reconstruction(sequence_id: str) -> str:
-    return f"/v1/sequences/{segment(sequence_id)}/reconstruction"
+    return Call("GET", sequence_path(sequence_id, "signature"), options, HDF5)
 
 
 def _own(answer: Answer) -> ModalSignature:

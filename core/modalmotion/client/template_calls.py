@@ -40,7 +40,7 @@ class TemplateCalls(Calls):
     def templates(self) -> list[str]:
         """List the ids of all templates."""
         answer = self._get("/v1/templates").json
-        with understood("list of templates"):
+        with understood("a list of templates"):
             return [str(template_id) for template_id in answer["templates"]]
 
     def template(self, template_id: str) -> TemplateInfo:

@@ -1,9 +1,9 @@
 """The codec: mesh sequences at an error you choose."""
 
 from modalmotion.codec.container import Header
-from modalmotion.codec.decoder import decode, decode_blocks, inspect
+from modalmotion.codec.decoder import decode, inspect
 from modalmotion.codec.encoder import encode
 from modalmotion.codec.measure import Encoded
 from modalmotion.codec.target import Effort
 
-__all__ = ["Effort", "Encoded", "Header", "decode", "decode_blocks", "encode", "inspect"]
+__all__ = ["Effort", "Encoded", "Header", "decode", "encode", "inspect"]

@@ -62,30 +62,6 @@ def decode(
     return _sequence(header, positions, faces, times)
 
 
-def decode_blocks(
-    data: bytes, *, limits: ReadLimits = DECODE_LIMITS
-) -> Iterator[tuple[int, MeshSequence]]:
-    """Decode a stream block by block: no more than one is held in memory.
-
-    Yields
-    ------
-    first : int
-        Number of the block's first frame.
-    sequence : MeshSequence
-
-    Raises
-    ------
-    MalformedFileError, LimitError
-        As `decode`.
-    """
-    header, position = read_header(data, limits)
-    faces, position = _read_faces(data, position, header)
-    for first, positions in _blocks(data, position, header, faces, range(header.n_frames)):
-        stop = first + len(positions)
-        times = None if header.times is None else header.times[first:stop]
-        yield first, _sequence(header, positions, faces, times)
-
-
 def inspect(data: bytes, *, limits: ReadLimits = DECODE_LIMITS) -> Header:
     """Read what a stream says of itself, without decoding it.
 

@@ -1,4 +1,4 @@
-"""Which format bytes are in, by what they hold and not by what they are called."""
+"""Recognition of formats by content, not by name."""
 
 from __future__ import annotations
 
@@ -108,8 +108,8 @@ def _text_format(head: bytes) -> Format | None:
 
 
 def _vtk_xml_type(head: bytes) -> bytes | None:
-    found = _VTK_XML.search(head) if head.startswith(b"<") else None
-    return None if found is None else found[1]
+    match = _VTK_XML.search(head) if head.startswith(b"<") else None
+    return None if match is None else match[1]
 
 
 def unknown_format(data: bytes) -> MalformedFileError:

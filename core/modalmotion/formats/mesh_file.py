@@ -42,7 +42,7 @@ def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame
     ----------
     data : bytes
     stated : Format or None
-        Told from the content where it is None.
+        Recognised from the content where it is None.
     parser : Parser
         For the formats that need one; its limits hold for all.
 
@@ -56,24 +56,24 @@ def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame
     InputError
         The subclass says what is wrong.
     """
-    found = detect_format(data) if stated is None else stated
-    if found is None:
+    kind = detect_format(data) if stated is None else stated
+    if kind is None:
         raise unknown_format(data)
-    if found not in MESH_FORMATS:
+    if kind not in MESH_FORMATS:
         raise MalformedFileError(
-            f"The file is {found.upper()}, which holds a whole sequence or none.",
+            f"The file is {kind.upper()}, which holds a whole sequence or none.",
             remedy="Send such a file by itself, not as a frame.",
         )
-    if found in _READERS:
-        return _READERS[found](data, parser.limits), found
-    return _read_vtk(data, found, parser), found
+    if kind in _READERS:
+        return _READERS[kind](data, parser.limits), kind
+    return _read_vtk(data, kind, parser), kind
 
 
-def _read_vtk(data: bytes, found: Format, parser: Parser) -> Frame:
+def _read_vtk(data: bytes, kind: Format, parser: Parser) -> Frame:
     with needs_extra("vtk"):
         if importlib.util.find_spec("vtkmodules") is None:
             raise ModuleNotFoundError(name="vtk")
-    if found is Format.VTP:
+    if kind is Format.VTP:
         prolog = data.partition(b"<VTKFile")[0]
         if b"<!" in prolog.replace(b"<!--", b""):
             raise MalformedFileError(
@@ -81,10 +81,10 @@ def _read_vtk(data: bytes, found: Format, parser: Parser) -> Frame:
                 remedy="Save the frame again without it.",
             )
     # Told before memory is asked for; the process that parses is limited as well.
-    for limit, pattern in _DECLARED[found]:
+    for limit, pattern in _DECLARED[kind]:
         for count in re.findall(pattern, data[: 1 << 20]):
             parser.limits.require(limit, int(count))
-    answer = parser.parse(found.value, data)
+    answer = parser.parse(kind.value, data)
     polygons = triangulate(answer.arrays["offsets"], answer.arrays["corners"])
     return Frame(
         answer.arrays["positions"],

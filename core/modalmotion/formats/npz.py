@@ -11,11 +11,8 @@ from __future__ import annotations
 
 import io
 import json
-import lzma
 import re
-import struct
 import zipfile
-import zlib
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
@@ -25,6 +22,7 @@ import numpy as np
 from modalmotion.errors import MalformedFileError, ShapeError
 from modalmotion.facts import NAMES, Facts, facts_as_json, facts_from_texts
 from modalmotion.formats.result import Reading
+from modalmotion.formats.zip_member import UNREADABLE, member_content
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
@@ -51,7 +49,7 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     Raises
     ------
     MalformedFileError
-        If the bytes are no such archive, are cut or damaged, or hold pickled objects.
+        If the bytes are not such an archive, are cut or damaged, or hold pickled objects.
     LimitError
         If it declares more than `limits` accept.
     InputError
@@ -61,9 +59,9 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
         raise _malformed("The file is empty.")
     try:
         archive = zipfile.ZipFile(io.BytesIO(data))
-    except (zipfile.BadZipFile, ValueError, OverflowError, NotImplementedError) as error:
+    except UNREADABLE as error:
         raise _malformed(
-            f"These {len(data)} bytes are no readable .npz archive (the file may be cut short)."
+            f"These {len(data)} bytes are not a readable .npz archive (the file may be cut short)."
         ) from error
     with archive:
         members: dict[str, zipfile.ZipInfo] = {}
@@ -176,7 +174,7 @@ def _read_header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Header:
             length = int.from_bytes(start[8:10] + (stream.read(2) if wide else b""), "little")
             text = stream.read(min(length, _LONGEST_HEADER))
             offset = stream.tell()
-    except _UNREADABLE as error:
+    except UNREADABLE as error:
         raise _malformed(f"The array {name[:40]!r} cannot be read: {_reason(error)}.") from error
     match = _HEADER.fullmatch(text)
     if start[:6] != b"\x93NUMPY" or match is None:
@@ -228,10 +226,8 @@ def _read_array(
     archive: zipfile.ZipFile, info: zipfile.ZipInfo, header: _Header
 ) -> np.ndarray[Any, Any]:
     try:
-        # A member may hold more than it declares: read no further than one byte past it.
-        with archive.open(info) as stream:
-            data = stream.read(info.file_size + 1)
-    except _UNREADABLE as error:
+        data = member_content(archive, info)
+    except UNREADABLE as error:
         raise MalformedFileError(
             f"The array {info.filename.removesuffix('.npy')!r} is damaged: {_reason(error)}.",
             remedy="Send the file again, or write it anew.",
@@ -274,19 +270,5 @@ def _listing(names: list[str]) -> str:
 def _reason(error: Exception) -> str:
     return str(error).splitlines()[0][:120] if str(error) else type(error).__name__
 
-
-# What zipfile and zlib raise on bytes that are not what they say.
-_UNREADABLE: Final = (
-    zipfile.BadZipFile,
-    zlib.error,
-    ValueError,
-    EOFError,
-    OSError,
-    OverflowError,
-    NotImplementedError,
-    RuntimeError,
-    struct.error,
-    lzma.LZMAError,
-)
 
 _LONGEST_HEADER: Final = 10_000

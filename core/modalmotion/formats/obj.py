@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frames.frame import Frame, space_in
-from modalmotion.formats.polygons import offsets_of, triangulate
+from modalmotion.formats.polygons import triangulate_sizes
 from modalmotion.formats.text import line_blocks, parse_points
 from modalmotion.limits import NO_LIMITS, ReadLimits
 
@@ -80,9 +80,7 @@ def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         limits.require("faces", len(sizes))
     if not n_vertices:
         raise _malformed("The OBJ file holds no vertex.")
-    polygons = triangulate(
-        offsets_of(np.array(sizes, dtype=np.int64)), np.array(corners, dtype=np.int64)
-    )
+    polygons = triangulate_sizes(sizes, corners)
     return Frame(
         np.concatenate(blocks),
         polygons.faces,
@@ -167,4 +165,4 @@ def _positions(rows: list[list[bytes]]) -> NDArray[np.float64]:
     try:
         return parse_points(rows)
     except ValueError as error:
-        raise _malformed(f"A vertex of the OBJ file is none ({str(error)[:60]}).") from error
+        raise _malformed(f"A vertex of the OBJ file is not a point ({str(error)[:60]}).") from error

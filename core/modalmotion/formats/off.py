@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frames.frame import Frame, space_in
-from modalmotion.formats.polygons import offsets_of, triangulate
+from modalmotion.formats.polygons import triangulate_sizes
 from modalmotion.formats.text import lines_of, parse_points
 from modalmotion.limits import NO_LIMITS, ReadLimits
 
@@ -45,7 +45,7 @@ def read_off(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     Raises
     ------
     MalformedFileError
-        If the bytes are no OFF text, or hold fewer or more than they declare.
+        If the bytes are not OFF text, or hold fewer or more than they declare.
     LimitError
         If it declares more than `limits` accept.
     """
@@ -82,9 +82,7 @@ def read_off(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
             f"The OFF file declares {n_vertices} vertices and {n_faces} polygons, but {more} "
             "lines follow."
         )
-    polygons = triangulate(
-        offsets_of(np.array(sizes, dtype=np.int64)), np.array(corners, dtype=np.int64)
-    )
+    polygons = triangulate_sizes(sizes, corners)
     return Frame(positions, polygons.faces, notes=polygons.notes, statements=space_in(data[:1024]))
 
 
@@ -102,7 +100,9 @@ def _read_vertices(lines: Iterator[bytes], n_vertices: int) -> NDArray[np.float6
         try:
             block = parse_points(rows)
         except ValueError as error:
-            raise _malformed(f"A vertex of the OFF file is none ({str(error)[:60]}).") from error
+            raise _malformed(
+                f"A vertex of the OFF file is not a point ({str(error)[:60]})."
+            ) from error
         if not rows:
             raise _malformed(
                 f"The OFF file declares {n_vertices} vertices but ends after {n_read}."

@@ -1,4 +1,4 @@
-"""What may be said of a file beside it."""
+"""Options of reading, stated beside a file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ReadOptions:
     Parameters
     ----------
     format : Format, optional
-        Told from the content where it is left out; raw numbers need it, or `n_vertices`.
+        Recognised from the content where it is left out; raw numbers need it, or `n_vertices`.
     limits : ReadLimits
     unit : str, optional
         Length unit: m, cm, mm, um or nm.

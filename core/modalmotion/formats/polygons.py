@@ -1,11 +1,14 @@
-"""Polygons made triangles, the same way every time."""
+"""Triangulation of polygons, always the same way."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+Integers = Sequence[int] | NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +60,7 @@ def triangulate(offsets: NDArray[np.int64], corners: NDArray[np.int64]) -> Trian
     return Triangles(faces, tuple(notes))
 
 
-def offsets_of(sizes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Where each polygon begins, from the number of its corners, (polygons + 1,) int64."""
-    offsets = np.zeros(len(sizes) + 1, dtype=np.int64)
-    np.cumsum(sizes, out=offsets[1:])
-    return offsets
+def triangulate_sizes(sizes: Integers, corners: Integers) -> Triangles:
+    """Split polygons that are known by the number of corners of each, as `triangulate` does."""
+    ends = np.cumsum(np.asarray(sizes, dtype=np.int64))
+    return triangulate(np.concatenate([[0], ends]), np.asarray(corners, dtype=np.int64))

@@ -42,7 +42,7 @@ def read_raw(
     ParameterError
         If the number of vertices or the type is not stated, or cannot be.
     MalformedFileError
-        If the bytes are no whole number of frames.
+        If the bytes are not a whole number of frames.
     LimitError
         If there are more frames or vertices than `limits` accept.
     InputError
@@ -65,8 +65,8 @@ def read_raw(
     n_frames, rest = divmod(len(data), frame_bytes)
     if rest or not n_frames:
         raise MalformedFileError(
-            f"{len(data)} bytes are no whole number of frames of {n_vertices} vertices as {dtype} "
-            f"({frame_bytes} bytes each).",
+            f"{len(data)} bytes are not a whole number of frames of {n_vertices} vertices as "
+            f"{dtype} ({frame_bytes} bytes each).",
             remedy="Check the number of vertices and the type; the file may be cut short.",
             details={"bytes": len(data), "frame_bytes": frame_bytes},
         )

@@ -1,4 +1,4 @@
-"""Reading a sequence from a file of any format that is understood."""
+"""Reading a sequence from a file of any known format."""
 
 from __future__ import annotations
 
@@ -50,18 +50,18 @@ def read_sequence(
     InputError
         The subclass says what is wrong; frame and vertex are named where there is one.
     """
-    asked = ReadOptions() if options is None else options
+    options = ReadOptions() if options is None else options
     if parser is None:
-        with ParserProcess(asked.limits) as own:
-            return asked.apply(_read(source, asked, own, progress))
-    return asked.apply(_read(source, asked, parser, progress))
+        with ParserProcess(options.limits) as own:
+            return options.apply(_read(source, options, own, progress))
+    return options.apply(_read(source, options, parser, progress))
 
 
 def _read(
-    source: bytes | Path, asked: ReadOptions, parser: Parser, progress: Progress | None
+    source: bytes | Path, options: ReadOptions, parser: Parser, progress: Progress | None
 ) -> Reading:
     if isinstance(source, bytes):
-        return _read_bytes(source, asked, parser, progress)
+        return _read_bytes(source, options, parser, progress)
     if source.is_dir() or (is_pattern(source) and not source.exists()):
         return read_folder(source, parser, progress)
     try:
@@ -71,31 +71,33 @@ def _read(
             f"'{source.name}' cannot be read: {error.strerror}.",
             remedy="Name a file, a folder of frames, or a pattern such as 'scan_*.ply'.",
         ) from error
-    return _read_bytes(data, asked, parser, progress)
+    return _read_bytes(data, options, parser, progress)
 
 
 def _read_bytes(
-    data: bytes, asked: ReadOptions, parser: Parser, progress: Progress | None
+    data: bytes, options: ReadOptions, parser: Parser, progress: Progress | None
 ) -> Reading:
     limits = parser.limits
-    found = asked.format or detect_format(data)
-    if found is None and asked.n_vertices is not None:
+    kind = options.format or detect_format(data)
+    if kind is None and options.n_vertices is not None:
         # Only raw numbers need it said.
-        found = Format.RAW
-    if found is None or not data:
+        kind = Format.RAW
+    if kind is None or not data:
         raise unknown_format(data)
-    if found is Format.RAW:
-        return read_raw(data, asked.n_vertices, grid=asked.grid, dtype=asked.dtype, limits=limits)
+    if kind is Format.RAW:
+        return read_raw(
+            data, options.n_vertices, grid=options.grid, dtype=options.dtype, limits=limits
+        )
     try:
-        if found is Format.NPZ:
+        if kind is Format.NPZ:
             return read_npz(data, limits)
-        if found is Format.ZIP:
+        if kind is Format.ZIP:
             return read_zip(data, parser, progress)
-        if found is Format.HDF5:
+        if kind is Format.HDF5:
             return read_hdf5(data, limits, parser)
-        if found is Format.GLB:
-            return read_glb(data, limits, animation=asked.animation)
-        return FrameStack(*read_mesh(data, found, parser), 1, limits).result(None)
+        if kind is Format.GLB:
+            return read_glb(data, limits, animation=options.animation)
+        return FrameStack(*read_mesh(data, kind, parser), 1, limits).result(None)
     except InputError as error:
-        error.details.setdefault("format", found.value)
+        error.details.setdefault("format", kind.value)
         raise

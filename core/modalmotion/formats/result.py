@@ -1,4 +1,4 @@
-"""What a reader hands on: a sequence, and what was learned of it besides."""
+"""Result of a reader: a sequence with its origin and notes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
 
 Source = Literal["file", "format", "caller"]
-"""Who says so: this file, the definition of its format, or whoever asked for it to be read."""
+"""Origin of a fact: this file, the definition of its format, or the caller."""
 
 
 @shown("sequence.n_frames", "sequence.n_vertices", "format", "sequence.unit", "ignored", "notes")

@@ -71,7 +71,7 @@ def read_stl(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     Raises
     ------
     MalformedFileError
-        If the bytes are no STL file, or fewer or more than it declares.
+        If the bytes are not an STL file, or fewer or more than it declares.
     LimitError
         If there are more triangles than `limits` accept.
     """
@@ -87,7 +87,7 @@ def read_stl(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         if len(data) >= _HEADER_BYTES:
             n = int.from_bytes(data[80:_HEADER_BYTES], "little")
             detail = f" (a binary one of {n} triangles has {_declared_bytes(data)} bytes)"
-        raise _malformed(f"These {len(data)} bytes are no complete STL file{detail}.")
+        raise _malformed(f"These {len(data)} bytes are not a complete STL file{detail}.")
     if not len(corners):
         raise _malformed("The STL file holds no triangle.")
     faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
@@ -145,7 +145,9 @@ def _facets(words: list[bytes], n_before: int) -> NDArray[np.float64]:
                 place = _FIRST_CORNER + 4 * corner + 1 + axis
                 corners[:, corner, axis] = list(map(float, words[place :: len(_FACET)]))
     except ValueError as error:
-        raise _malformed(f"A vertex of the STL file is no number ({str(error)[:60]}).") from error
+        raise _malformed(
+            f"A vertex of the STL file is not a number ({str(error)[:60]})."
+        ) from error
     return corners.reshape(-1, 3)
 
 

@@ -61,7 +61,7 @@ def parse_points(rows: list[list[bytes]]) -> NDArray[np.float64]:
     Raises
     ------
     ValueError
-        If a row is no three numbers.
+        If a row is not three numbers.
     """
     for row in rows:
         if len(row) != 3:

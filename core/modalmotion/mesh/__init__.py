@@ -4,11 +4,8 @@ from modalmotion.mesh.areas import face_areas, face_gradients, face_normals, ver
 from modalmotion.mesh.cavity import Cavity, cavity_of
 from modalmotion.mesh.connectivity import (
     Connectivity,
-    boundary_loops,
     connectivity_of,
-    euler_characteristic,
     grouped_edges,
-    n_components,
     oriented_faces,
 )
 from modalmotion.mesh.dissection import nested_dissection, solve_positive_definite
@@ -18,19 +15,16 @@ from modalmotion.mesh.lattice_triangles import lattice_faces
 __all__ = [
     "Cavity",
     "Connectivity",
-    "boundary_loops",
     "cavity_of",
     "connectivity_of",
     "cotangent_laplacian",
     "divergence",
-    "euler_characteristic",
     "face_areas",
     "face_gradients",
     "face_normals",
     "graph_laplacian",
     "grouped_edges",
     "lattice_faces",
-    "n_components",
     "nested_dissection",
     "oriented_faces",
     "solve_positive_definite",

@@ -120,17 +120,6 @@ def connectivity_of(faces: NDArray[np.int64], n_vertices: int) -> Connectivity:
     )
 
 
-def boundary_loops(faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Edges of each boundary: those of exactly one triangle, grouped by connection.
-
-    Returns
-    -------
-    list of (edges, 2) int64
-        Largest number of edges first.
-    """
-    return list(connectivity_of(faces, _n_vertices(faces)).loops)
-
-
 def grouped_edges(edges: NDArray[np.int64], n_vertices: int) -> list[NDArray[np.int64]]:
     """Group edges by connection, largest number of edges first.
 
@@ -153,16 +142,6 @@ def grouped_edges(edges: NDArray[np.int64], n_vertices: int) -> list[NDArray[np.
     component = _labels(place[edges], len(nodes))[place[edges[:, 0]]]
     groups = [edges[component == i] for i in np.unique(component)]
     return sorted(groups, key=lambda group: (-len(group), int(group.min())))
-
-
-def n_components(faces: NDArray[np.int64]) -> int:
-    """Count the connected pieces that hold at least one triangle."""
-    return connectivity_of(faces, _n_vertices(faces)).n_components
-
-
-def euler_characteristic(faces: NDArray[np.int64]) -> int:
-    """Vertices - edges + faces, over the vertices that triangles use."""
-    return connectivity_of(faces, _n_vertices(faces)).euler_characteristic
 
 
 def oriented_faces(faces: NDArray[np.int64], n_vertices: int) -> NDArray[np.int64] | None:
@@ -201,10 +180,6 @@ def oriented_faces(faces: NDArray[np.int64], n_vertices: int) -> NDArray[np.int6
     turn = first[as_is] >= m
     turn |= first[turned] < first[as_is]
     return np.where(turn[:, None], faces[:, ::-1], faces)
-
-
-def _n_vertices(faces: NDArray[np.int64]) -> int:
-    return int(faces.max(initial=-1)) + 1
 
 
 def _labels(edges: NDArray[np.int64], n_vertices: int) -> NDArray[np.int64]:

@@ -1,4 +1,4 @@
-"""Frames out of order, or repeated."""
+"""Order of frames: sorting by time, dropping repetitions."""
 
 from __future__ import annotations
 

@@ -149,11 +149,6 @@ class VentricleParameters:
         return Beat(self.period, self.early_filling)
 
     @property
-    def sphericity(self) -> float:
-        """Width over length at end diastole."""
-        return 2 * self.radius / self.length
-
-    @property
     def twist(self) -> float:
         """Rotation of the apex against the base at end systole, degrees."""
         return self.apex_rotation - self.base_rotation

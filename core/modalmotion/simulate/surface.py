@@ -51,7 +51,7 @@ def lattice_points(
     Raises
     ------
     ShapeError
-        If the grid does not fit a cup: its columns must be even in number.
+        If the grid is not that of a cup: its columns must be even in number.
     """
     coordinates = Lattice(CUP, grid).natural_coordinates
     return Points(

@@ -33,7 +33,7 @@ _LEAST_RADIAL, _MOST_RADIAL = -0.15, 0.9
 _SEARCH_GRID: Final = (12, 24)
 _N_SEARCH_TIMES: Final = 15
 
-# Share of the volume; less does not count as ejection.
+# Share of the volume: less does not count as ejection.
 _SMALLEST_EJECTION: Final = 1e-3
 
 
@@ -113,7 +113,7 @@ def simulate_ventricle(
         If the ejection fraction cannot be reached with this shortening, or a generator is
         missing.
     ShapeError
-        If the grid does not fit a cup.
+        If the grid is not that of a cup.
 
     Notes
     -----

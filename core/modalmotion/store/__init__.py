@@ -1,4 +1,4 @@
-"""Results kept in files: written wholly or not at all, found again, checked."""
+"""Results in files: written wholly or not at all, indexed, checked."""
 
 from modalmotion.classification.answer.hdf5 import (
     classification_from_hdf5,

@@ -142,8 +142,8 @@ class Folder:
         """Highest version of a model that was ever given, whatever became of it; 0 for none."""
         folder = self.root / "models" / name
         names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
-        found = map(_MODEL.fullmatch, names)
-        return max((int(match[1]) for match in found if match is not None), default=0)
+        matches = map(_MODEL.fullmatch, names)
+        return max((int(match[1]) for match in matches if match is not None), default=0)
 
     def derived(self, sequence_id: str) -> list[Path]:
         """All files of results of a sequence, as they lie there."""
@@ -189,31 +189,31 @@ class Folder:
             scan.temporaries.append(path)
             return
         if folder == "models":
-            found = _MODEL.fullmatch(name)
-            if found is not None and is_model_name(path.parent.name):
-                kept = scan.models if found[2] == "h5" else scan.deleted_models
-                kept.add(ModelReference(path.parent.name, int(found[1])))
+            match = _MODEL.fullmatch(name)
+            if match is not None and is_model_name(path.parent.name):
+                kept = scan.models if match[2] == "h5" else scan.deleted_models
+                kept.add(ModelReference(path.parent.name, int(match[1])))
                 return
         elif name[:2] == path.parent.name:
             if folder == "sequences":
-                found = _SEQUENCE.fullmatch(name)
-                if found is not None:
+                match = _SEQUENCE.fullmatch(name)
+                if match is not None:
                     kinds = {
                         "json": scan.records,
                         "h5": scan.uploads,
                         "deleted": scan.deletions,
                     }
-                    kinds[found[2]].add(found[1])
+                    kinds[match[2]].add(match[1])
                     return
             elif folder == "templates":
                 if is_id(name.removesuffix(".h5")):
                     scan.templates.add(name.removesuffix(".h5"))
                     return
             else:
-                found = _RESULT.fullmatch(name)
+                match = _RESULT.fullmatch(name)
                 kind = _RESULT_FOLDERS[folder]
-                if found is not None and (found[2] is None) == (kind == "signature"):
-                    scan.results.add(ResultName(kind, found[1], found[2] or "", found[3]))
+                if match is not None and (match[2] is None) == (kind == "signature"):
+                    scan.results.add(ResultName(kind, match[1], match[2] or "", match[3]))
                     return
         scan.foreign.append(path)
 

@@ -1,4 +1,4 @@
-"""What is known of a sequence besides its vertices, in a small file of its own."""
+"""Records: small files that describe sequences without their vertices."""
 
 from __future__ import annotations
 

@@ -234,7 +234,7 @@ class ResultStore(TemplateStore, ModelStore):
         if not _is_name(name):
             raise StoreError(
                 f"A {name.kind} with the key {str(name.key)[:16]!r} and the model id "
-                f"{str(name.model_id)[:12]!r} cannot be kept: these are no digests.",
+                f"{str(name.model_id)[:12]!r} cannot be kept: these are not digests.",
                 remedy="Use the key of the signature's parameters and the model's sha256.",
             )
         index, path = self._open_index(), self._folder.result(name)

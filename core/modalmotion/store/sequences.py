@@ -210,7 +210,7 @@ class SequenceStore(Opening):
         Raises
         ------
         ParameterError
-            If the limit is out of range or the cursor is none.
+            If the limit is out of range or the cursor is not one of a list.
         """
         return self._open_index().page(subject, label, limit, cursor)
 

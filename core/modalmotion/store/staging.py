@@ -47,7 +47,7 @@ class StagedSignature:
         if not is_id(self.record.id) or not is_key(self.key):
             raise StoreError(
                 f"A signature of {self.record.id[:12]!r} with the key {self.key[:16]!r} cannot be "
-                "kept: these are no digests.",
+                "kept: these are not digests.",
                 remedy="Use the sequence's own id and the key of the signature's parameters.",
             )
 

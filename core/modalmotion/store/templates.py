@@ -41,7 +41,7 @@ class TemplateStore(SequenceStore):
         """
         if not is_id(template_id):
             raise StoreError(
-                f"A template cannot be kept as {str(template_id)[:12]!r}: that is no digest.",
+                f"A template cannot be kept as {str(template_id)[:12]!r}: that is not a digest.",
                 remedy="Use the template's own id.",
             )
         path = self._folder.template(template_id)

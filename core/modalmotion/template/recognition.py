@@ -1,4 +1,4 @@
-"""Topology of a mesh, from its connectivity and the places of its openings."""
+"""Recognition of a mesh's topology from its connectivity and its openings."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ class Template:
         Raises
         ------
         TopologyError
-            If there is none; check `has_natural_coordinates` first.
+            If there is none: `surface` is None then.
         """
         if self.surface is None:
             raise TopologyError(
@@ -93,11 +93,6 @@ class Template:
                 "surface, or a lattice with grid and topology.",
             )
         return self.surface
-
-    @property
-    def has_natural_coordinates(self) -> bool:
-        """Whether its modes are known in closed form."""
-        return self.surface is not None
 
     @property
     def n_vertices(self) -> int:

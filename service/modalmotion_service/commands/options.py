@@ -1,4 +1,4 @@
-"""Options that the commands for keys and for the audit log share."""
+"""Options that several commands share."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from typing import Any, Final
 
 import click
 
-from modalmotion_service.environment import read_settings
-
 DATA_DIR = click.option(
     "--data-dir",
     type=click.Path(file_okay=False, path_type=Path),
@@ -20,6 +18,9 @@ DATA_DIR = click.option(
 
 def folder_of(data_dir: Path | None) -> Path:
     """Give the folder that was named, or that of the settings."""
+    # Here, so that the help of all commands need not import the settings.
+    from modalmotion_service.environment import read_settings
+
     return read_settings().data_dir if data_dir is None else data_dir
 
 

@@ -18,14 +18,9 @@ from modalmotion_service.access.principal import LOCAL
 from modalmotion_service.audit.entry import BEGUN
 from modalmotion_service.audit.key_events import of_command, take_back_key
 from modalmotion_service.audit.log import AuditLog
-from modalmotion_service.environment import read_settings
+from modalmotion_service.commands.options import DATA_DIR
+from modalmotion_service.commands.options import folder_of as data_folder_of
 from modalmotion_service.workspace.owners import FOLDER, folder_of
-
-_DATA_DIR = click.option(
-    "--data-dir",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Folder that results lie in  [default: MODALMOTION_DATA_DIR or modalmotion-data].",
-)
 
 # No owner's name begins so: the service passes by what is being removed.
 _REMOVED: Final = ".removed-"
@@ -168,7 +163,7 @@ def owners() -> None:
 
 
 @owners.command("list")
-@_DATA_DIR
+@DATA_DIR
 def list_owners(data_dir: Path | None) -> None:
     """List sequences, results, models, megabytes and active keys; a service may be running."""
     click.echo("owner  sequences  results  models  MB  keys")
@@ -182,7 +177,7 @@ def list_owners(data_dir: Path | None) -> None:
 @owners.command()
 @click.argument("owner", metavar="NAME")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-@_DATA_DIR
+@DATA_DIR
 def remove(owner: str, yes: bool, data_dir: Path | None) -> None:
     """Remove the owner NAME with all sequences, results, models, jobs, and take back the keys.
 
@@ -197,7 +192,7 @@ def remove(owner: str, yes: bool, data_dir: Path | None) -> None:
 
 
 def _folder(data_dir: Path | None) -> Path:
-    folder = read_settings().data_dir if data_dir is None else data_dir
+    folder = data_folder_of(data_dir)
     if not folder.is_dir():
         raise click.ClickException(
             f"There is no folder {folder.absolute()}. Name the service's data folder with "

@@ -6,15 +6,13 @@ from pathlib import Path
 
 import click
 
+from modalmotion_service.commands.options import DATA_DIR
+
 
 @click.command()
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option("--port", default=8000, show_default=True, help="Port; 0 takes a free one.")
-@click.option(
-    "--data-dir",
-    type=click.Path(file_okay=False, path_type=Path),
-    help="Folder that results lie in  [default: MODALMOTION_DATA_DIR or modalmotion-data].",
-)
+@DATA_DIR
 def serve(host: str, port: int, data_dir: Path | None) -> None:
     """Start the HTTP service; its documentation is at /docs."""
     # Here, so that the help of all commands need not import the service.

@@ -6,7 +6,7 @@ import asyncio
 
 from fastapi import APIRouter, Response
 
-from modalmotion_service.routes.parts.deferral import accepted, result_or_job
+from modalmotion_service.routes.parts.deferral import result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, PROBLEMS
@@ -16,7 +16,6 @@ from modalmotion_service.schemas import (
     ClassificationRequest,
     SequenceId,
 )
-from modalmotion_service.workspace.jobs import Job
 from modalmotion_service.workspace.models import KeptClassification
 from modalmotion_service.workspace.state import State
 
@@ -60,8 +59,8 @@ async def classify(
             },
             state.models.classification(sequence_id, chosen, asked.coverage),
         )
-        if isinstance(found, Job):
-            return accepted(found)
+        if isinstance(found, Response):
+            return found
         kept, is_new = found
         return Response(
             _answer(kept, state).model_dump_json(),

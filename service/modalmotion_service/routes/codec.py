@@ -7,21 +7,19 @@ from typing import Annotated, Final
 
 from fastapi import APIRouter, Header, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
-from starlette.background import BackgroundTask
-from starlette.responses import FileResponse
 
 from modalmotion.errors import ParameterError
 from modalmotion_service.http.negotiation import NPZ, RAW, STREAM, VTKHDF, best_type
-from modalmotion_service.routes.parts.deferral import accepted, result_or_job
+from modalmotion_service.routes.parts.deferral import result_or_job
 from modalmotion_service.routes.parts.dependencies import (
     FileDependency,
     PreferenceDependency,
     StateDependency,
 )
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS, UPLOAD_BODY
+from modalmotion_service.routes.parts.temporary_file import temporary_file
 from modalmotion_service.schemas import EncodedAnswer, EncodingTarget, ReadingQuery, SequenceId
 from modalmotion_service.work.upload import Upload
-from modalmotion_service.workspace.jobs import Job
 
 router = APIRouter(prefix="/v1", tags=["codec"], responses=PROBLEMS)
 
@@ -90,7 +88,7 @@ async def decode(
             frames = range(query.first, query.stop)
         limits = state.settings.read_limits
         path = await state.analysis.decoded(file.path, limits, frames, media_type)
-    return FileResponse(path, media_type=media_type, background=BackgroundTask(_remove, path))
+    return temporary_file(path, media_type)
 
 
 @router.get(
@@ -109,17 +107,8 @@ async def encoded(
     request = {"sequence_id": sequence_id, "target": target.model_dump(mode="json")}
     work = state.analysis.encoded(sequence_id, target)
     found = await result_or_job(state, preference, "encoding", request, work)
-    return accepted(found) if isinstance(found, Job) else _stream(*found)
+    return found if isinstance(found, Response) else _stream(*found)
 
 
 def _stream(path: Path, answer: EncodedAnswer) -> Response:
-    return FileResponse(
-        path,
-        media_type=STREAM,
-        headers=answer.headers,
-        background=BackgroundTask(_remove, path),
-    )
-
-
-def _remove(path: Path) -> None:
-    path.unlink(missing_ok=True)
+    return temporary_file(path, STREAM, headers=answer.headers)

@@ -13,7 +13,7 @@ from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_patched
 from modalmotion.store import UNSET
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_facts
-from modalmotion_service.routes.parts.deferral import accepted, result_or_job
+from modalmotion_service.routes.parts.deferral import result_or_job
 from modalmotion_service.routes.parts.dependencies import (
     FileDependency,
     PreferenceDependency,
@@ -31,7 +31,6 @@ from modalmotion_service.schemas import (
 )
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.erasure import erase
-from modalmotion_service.workspace.jobs import Job
 
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=PROBLEMS)
 
@@ -71,9 +70,9 @@ async def upload(
             await asyncio.to_thread(file.make_durable)
         work = state.analysis.keep(sent, subject=query.subject, label=query.label)
         kept = await result_or_job(state, preference, "upload", request, work)
-        if isinstance(kept, Job):
+        if isinstance(kept, Response):
             is_left_to_job = True
-            return accepted(kept)
+            return kept
         return _answer(SequenceSummary.of(kept.record, kept.reading), 201 if kept.is_new else 200)
 
     try:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Header, Query, Request, Response
 from pydantic import Field
-from starlette.background import BackgroundTask
 from starlette.responses import FileResponse
 
 from modalmotion.errors import LimitError
@@ -17,9 +15,10 @@ from modalmotion.facts import facts_as_json
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_ids
 from modalmotion_service.http.negotiation import GLB, HDF5, JSON, NPZ, PNG, VTKHDF, ZIP, best_type
-from modalmotion_service.routes.parts.deferral import accepted, result_or_job
+from modalmotion_service.routes.parts.deferral import result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
+from modalmotion_service.routes.parts.temporary_file import temporary_file
 from modalmotion_service.schemas import (
     DistanceAnswer,
     ManySignatures,
@@ -28,7 +27,6 @@ from modalmotion_service.schemas import (
     SignatureQuery,
     parse_times,
 )
-from modalmotion_service.workspace.jobs import Job
 
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 
@@ -61,8 +59,8 @@ async def signature(
     found = await result_or_job(
         state, preference, "signature", asked, state.analysis.signature(sequence_id, parameters)
     )
-    if isinstance(found, Job):
-        return accepted(found)
+    if isinstance(found, Response):
+        return found
     headers = {"ETag": tag, "Vary": "Accept"}
     name = f"{sequence_id[:12]}-signature.h5"
     if media_type == HDF5 and not shown:
@@ -145,9 +143,7 @@ async def reconstruction(
         sequence_id, query.parameters(), surface_format, times, query.max_targets
     )
     name = f"{sequence_id[:12]}-reconstruction{suffix}"
-    return FileResponse(
-        path, media_type=media_type, filename=name, background=BackgroundTask(_remove, path)
-    )
+    return temporary_file(path, media_type, filename=name)
 
 
 @router.post(
@@ -181,16 +177,7 @@ async def signatures(
     request = {**asked.model_dump(mode="json"), "as_hdf5": media_type == HDF5}
     work = state.analysis.pack(asked.ids, asked.parameters(), media_type == HDF5)
     found = await result_or_job(state, preference, "signatures", request, work)
-    if isinstance(found, Job):
-        return accepted(found)
-    return packed(found, media_type, BackgroundTask(_remove, found))
-
-
-def packed(path: Path, media_type: str, background: BackgroundTask | None = None) -> FileResponse:
-    """Answer with a file of packed signatures."""
+    if isinstance(found, Response):
+        return found
     name = "signatures.h5" if media_type == HDF5 else "signatures.npz"
-    return FileResponse(path, media_type=media_type, filename=name, background=background)
-
-
-def _remove(path: Path) -> None:
-    path.unlink(missing_ok=True)
+    return temporary_file(found, media_type, filename=name)

@@ -5,17 +5,15 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response
-from starlette.background import BackgroundTask
-from starlette.responses import FileResponse
 
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.negotiation import JSON, PNG, best_type
-from modalmotion_service.routes.parts.deferral import accepted, result_or_job
+from modalmotion_service.routes.parts.deferral import result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
+from modalmotion_service.routes.parts.temporary_file import temporary_file
 from modalmotion_service.schemas import SequenceId, TradeoffAnswer
 from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
-from modalmotion_service.workspace.jobs import Job
 
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 
@@ -55,11 +53,6 @@ async def tradeoff(
         sequence_id, parameters, query.front_modes, query.components, media_type
     )
     found = await result_or_job(state, preference, "tradeoff", asked, work)
-    if isinstance(found, Job):
-        return accepted(found)
-    return FileResponse(
-        found,
-        media_type=media_type,
-        headers={"ETag": f"W/{tag}", "Vary": "Accept"},
-        background=BackgroundTask(found.unlink, missing_ok=True),
-    )
+    if isinstance(found, Response):
+        return found
+    return temporary_file(found, media_type, headers={"ETag": f"W/{tag}", "Vary": "Accept"})

@@ -3,13 +3,8 @@
 from modalmotion_service.schemas.facts import FactsAnswer
 from modalmotion_service.schemas.fields import (
     GRID,
-    GRID_PATTERN,
-    PLACE,
-    TOPOLOGY,
     JobId,
     SequenceId,
-    parse_grid,
-    parse_place,
     parse_times,
 )
 from modalmotion_service.schemas.general import (
@@ -47,7 +42,6 @@ from modalmotion_service.schemas.signatures import (
     DistanceAnswer,
     FrameErrors,
     Label,
-    LandmarksAnswer,
     ManySignatures,
     SignatureAnswer,
     SignatureQuery,
@@ -58,13 +52,10 @@ from modalmotion_service.schemas.templates import (
     TemplateAnswer,
     TemplateList,
 )
-from modalmotion_service.schemas.tradeoff import PriceAnswer, TradeoffAnswer
+from modalmotion_service.schemas.tradeoff import TradeoffAnswer
 
 __all__ = [
     "GRID",
-    "GRID_PATTERN",
-    "PLACE",
-    "TOPOLOGY",
     "ClassificationAnswer",
     "ClassificationList",
     "ClassificationRequest",
@@ -80,7 +71,6 @@ __all__ = [
     "JobState",
     "Label",
     "LabelledSequence",
-    "LandmarksAnswer",
     "ManySignatures",
     "ModelAnswer",
     "ModelName",
@@ -89,7 +79,6 @@ __all__ = [
     "ModelVersion",
     "ModesAnswer",
     "ModesQuery",
-    "PriceAnswer",
     "Problem",
     "ReadingAnswer",
     "ReadingQuery",
@@ -106,7 +95,5 @@ __all__ = [
     "TrainingRequest",
     "UploadClassificationAnswer",
     "UploadQuery",
-    "parse_grid",
-    "parse_place",
     "parse_times",
 ]

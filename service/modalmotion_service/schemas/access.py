@@ -29,20 +29,8 @@ class AuditEntryAnswer(BaseModel):
     @staticmethod
     def of(entry: AuditEntry) -> AuditEntryAnswer:
         """Write an entry out."""
-        event = entry.event
-        return AuditEntryAnswer(
-            number=entry.number,
-            time=entry.time,
-            owner=event.owner,
-            key_id=event.key_id,
-            client=event.client,
-            method=event.method,
-            route=event.route,
-            ids=event.ids.split(),
-            status=event.status,
-            request_id=event.request_id,
-            sha256=entry.sha256,
-        )
+        values = {**vars(entry), **vars(entry.event), "ids": entry.event.ids.split()}
+        return AuditEntryAnswer.model_validate(values)
 
 
 class AuditPageAnswer(BaseModel):

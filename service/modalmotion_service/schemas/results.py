@@ -39,14 +39,7 @@ class EncodedAnswer(BaseModel):
     @staticmethod
     def of(found: Encoded) -> EncodedAnswer:
         """Write out what was measured."""
-        return EncodedAnswer(
-            n_bytes=found.n_bytes,
-            bits_per_vertex_and_frame=found.bits_per_vertex_and_frame,
-            rms=found.rms,
-            max_error=found.max_error,
-            kg_error=found.kg_error,
-            transform=found.transform,
-        )
+        return EncodedAnswer.model_validate(found, from_attributes=True)
 
     @property
     def headers(self) -> dict[str, str]:
@@ -125,12 +118,7 @@ class ClassificationAnswer(BaseModel):
             coverage=result.coverage,
             flags=list(result.flags),
             explanation=[
-                ContributionAnswer(
-                    modes=list(part.modes),
-                    score=part.score,
-                    amplitude=part.amplitude,
-                    unit=part.unit,
-                )
+                ContributionAnswer.model_validate(part, from_attributes=True)
                 for part in result.explanation
             ],
             notes=list(result.notes),

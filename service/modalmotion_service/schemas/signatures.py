@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, FailFast, Field
 
-from modalmotion.choice.parameters import ErrorKind, ModeOrder
+from modalmotion.choice.parameters import ErrorKind, ModeOrder, parameters_as_json
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.modes import ModeLabel
 from modalmotion.signature.making import MOST_MODES, ModalSignature, SignatureParameters
@@ -98,32 +98,14 @@ class SignatureQuery(BaseModel):
 
     def parameters(self) -> SignatureParameters:
         """Translate to the library's parameters."""
-        return SignatureParameters(
-            modes=self.modes,
-            amplitudes=self.amplitudes,
-            tolerance=self.tolerance,
-            tolerance_of=self.tolerance_of,
-            tolerance_share=self.tolerance_share,
-            auto=self.auto,
-            order=self.order,
-            most_modes=self.most_modes,
-            harmonics=self.harmonics,
-            split_pairs=self.split_pairs,
-            topology=self.topology,
-            grid=parse_grid(self.grid),
-            reference=self.reference,
-            weights=self.weights,
-            remove_rotation=self.remove_rotation,
-            wave_speed=self.wave_speed,
-            components=self.components,
-            landmarks=GivenLandmarks(
-                apex=parse_place(self.apex),
-                base=parse_place(self.base),
-                theta_zero=parse_place(self.theta_zero),
-            ),
-            closed_form=self.closed_form,
-            template=self.template,
+        values = {name: getattr(self, name) for name in SignatureQuery.model_fields}
+        values["grid"] = parse_grid(self.grid)
+        values["landmarks"] = GivenLandmarks(
+            apex=parse_place(values.pop("apex")),
+            base=parse_place(values.pop("base")),
+            theta_zero=parse_place(values.pop("theta_zero")),
         )
+        return SignatureParameters(**values)
 
 
 class ManySignatures(JsonBody, SignatureQuery):
@@ -281,27 +263,7 @@ class SignatureAnswer(BaseModel):
             choice=None if signature.choice is None else signature.choice.as_json(),
             facts=FactsAnswer.of(signature.facts),
             notes=list(signature.notes),
-            parameters={
-                "modes": asked.modes,
-                "topology": asked.topology,
-                "grid": None if asked.grid is None else list(asked.grid),
-                "reference": asked.reference,
-                "weights": asked.weights.value,
-                "remove_rotation": asked.remove_rotation,
-                "wave_speed": asked.wave_speed,
-                "components": asked.components.value,
-                "landmarks": asked.landmarks.as_json(),
-                "closed_form": asked.closed_form,
-                "template": asked.template,
-                "tolerance": asked.tolerance,
-                "tolerance_of": asked.tolerance_of.value,
-                "tolerance_share": asked.tolerance_share,
-                "auto": asked.auto,
-                "order": asked.order.value,
-                "most_modes": asked.most_modes,
-                "harmonics": asked.harmonics,
-                "split_pairs": asked.split_pairs,
-            },
+            parameters=parameters_as_json(asked),
             provenance=signature.provenance,
             file=file,
         )

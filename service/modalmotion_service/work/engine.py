@@ -7,7 +7,8 @@ from pathlib import Path
 from modalmotion.errors import needs_extra
 from modalmotion.store.disk.atomic import make_folder
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.executor import Engine, WorkerPool
+from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.pool import WorkerPool
 
 
 def open_engine(settings: Settings, folder: Path | None = None) -> Engine:

@@ -75,7 +75,7 @@ class Analysis:
 
         async def make() -> KeptUpload:
             with self._image() as image, stage("worker"):
-                work = self._work(sequences.ingest, upload, image)
+                work = self.work(sequences.ingest, upload, image)
                 sent, reading, milliseconds = await work
                 add_milliseconds(milliseconds)
                 with stage("store"):
@@ -117,7 +117,7 @@ class Analysis:
             sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
             template = self._template_path(parameters)
             with self._image() as image, stage("worker"):
-                work = self._work(signatures.sign, sequence, parameters, template, image)
+                work = self.work(signatures.sign, sequence, parameters, template, image)
                 add_milliseconds(await work)
                 with stage("store"):
                     return await asyncio.to_thread(
@@ -137,7 +137,7 @@ class Analysis:
         """Fit an upload and give its signature as the media type; nothing is kept."""
         template = self._template_path(parameters)
         with stage("worker"):
-            work = self._work(signatures.sign_upload, upload, parameters, template, media_type)
+            work = self.work(signatures.sign_upload, upload, parameters, template, media_type)
             body, milliseconds = await work
         add_milliseconds(milliseconds)
         return body
@@ -148,7 +148,7 @@ class Analysis:
         """Compare the signatures of two sequences, made with the same parameters."""
         own = await self.signature(sequence_id, parameters)
         other = await self.signature(other_id, parameters)
-        return await self._work(signatures.compare_signatures, own, other, closed)
+        return await self.work(signatures.compare_signatures, own, other, closed)
 
     async def signature_json(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
         """Give a signature as the service's JSON."""
@@ -156,27 +156,26 @@ class Analysis:
         with stage("render"):
             facts = self._store.sequence_record(sequence_id).facts
             file = self.within_store(path)
-            return await self._work(signatures.signature_as_json, path, file, facts)
+            return await self.work(signatures.signature_as_json, path, file, facts)
 
     async def signature_hdf5(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
         """Give a signature with the facts of its sequence as HDF5."""
         path = await self.signature(sequence_id, parameters)
         facts = self._store.sequence_record(sequence_id).facts
-        return await self._work(signatures.signature_with_facts, path, facts)
+        return await self.work(signatures.signature_with_facts, path, facts)
 
     async def draw_signature(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
         """Draw a signature beside its sequence, as PNG."""
-        path = await self.signature(sequence_id, parameters)
-        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        sequence, signature = await self._with_sequence(sequence_id, parameters)
         with stage("draw"):
-            return await self._work(signatures.draw_signature, sequence, path)
+            return await self.work(signatures.draw_signature, sequence, signature)
 
     async def template(
         self, upload: Upload, parameters: SignatureParameters
     ) -> tuple[TemplateAnswer, bool]:
         """Make and keep the template of an upload; tell whether it is new."""
         with self._image() as image, stage("worker"):
-            work = self._work(templates.make_template, upload, parameters, image)
+            work = self.work(templates.make_template, upload, parameters, image)
             answer, milliseconds = await work
             add_milliseconds(milliseconds)
             with stage("store"):
@@ -186,28 +185,27 @@ class Analysis:
     async def describe_template(self, template_id: str) -> TemplateAnswer:
         """Say what a kept template holds."""
         path = await asyncio.to_thread(self._store.template_path, template_id)
-        return await self._work(templates.describe_template, path)
+        return await self.work(templates.describe_template, path)
 
     async def draw_template(self, template_id: str) -> bytes:
         """Draw the natural coordinates of a kept template, as PNG."""
         path = await asyncio.to_thread(self._store.template_path, template_id)
-        return await self._work(templates.draw_template, path)
+        return await self.work(templates.draw_template, path)
 
     async def template_modes(self, template_id: str, query: ModesQuery, media_type: str) -> bytes:
         """Give the vibration modes of a kept template as the media type."""
         path = await asyncio.to_thread(self._store.template_path, template_id)
         with stage("modes"):
-            return await self._work(templates.modes_of_template, path, query, media_type)
+            return await self.work(templates.modes_of_template, path, query, media_type)
 
     async def readouts(
         self, sequence_id: str, parameters: SignatureParameters, *, as_picture: bool
     ) -> bytes:
         """Read volume and ejection fraction from a signature, as JSON or as PNG."""
-        signature = await self.signature(sequence_id, parameters)
-        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        sequence, signature = await self._with_sequence(sequence_id, parameters)
         template = self._template_path(parameters)
         with stage("readouts"):
-            return await self._work(derived.read_out, sequence, signature, template, as_picture)
+            return await self.work(derived.read_out, sequence, signature, template, as_picture)
 
     async def reconstruction(
         self,
@@ -218,10 +216,9 @@ class Analysis:
         max_targets: int | None,
     ) -> Path:
         """Superpose a signature's surfaces into a file, which the caller removes."""
-        signature = await self.signature(sequence_id, parameters)
-        sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
+        sequence, signature = await self._with_sequence(sequence_id, parameters)
         with self._output() as output, stage("superpose"):
-            await self._work(
+            await self.work(
                 derived.superpose,
                 sequence,
                 signature,
@@ -244,7 +241,7 @@ class Analysis:
         """Measure a trade into a file, which the caller removes."""
         sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
         with self._output() as output, stage("worker"):
-            spent = await self._work(
+            spent = await self.work(
                 derived.measure_trade,
                 sequence,
                 parameters,
@@ -270,9 +267,9 @@ class Analysis:
             with self._output() as output, stage("encode"):
                 if isinstance(source, str):
                     path = await asyncio.to_thread(self._store.sequence_path, source)
-                    work = self._work(codec.encode_kept, path, target, output, progress)
+                    work = self.work(codec.encode_kept, path, target, output, progress)
                 else:
-                    work = self._work(codec.encode_upload, source, target, output, progress)
+                    work = self.work(codec.encode_upload, source, target, output, progress)
                 return output, await followed(work, progress, report)
         finally:
             remove_with_beside(progress)
@@ -282,8 +279,14 @@ class Analysis:
     ) -> Path:
         """Decode a stream to a file that the caller removes."""
         with self._output() as output, stage("decode"):
-            await self._work(codec.decode_upload, stream, limits, frames, media_type, output)
+            await self.work(codec.decode_upload, stream, limits, frames, media_type, output)
         return output
+
+    async def _with_sequence(
+        self, sequence_id: str, parameters: SignatureParameters
+    ) -> tuple[Path, Path]:
+        signature = await self.signature(sequence_id, parameters)
+        return await asyncio.to_thread(self._store.sequence_path, sequence_id), signature
 
     def _template_path(self, parameters: SignatureParameters) -> Path | None:
         if parameters.template is None:
@@ -305,14 +308,15 @@ class Analysis:
         records = [self._store.sequence_record(sequence_id) for sequence_id in sequence_ids]
         with self._output() as output:
             task = signatures.pack_hdf5 if as_hdf5 else signatures.pack_npz
-            await self._work(task, paths, records, output)
+            await self.work(task, paths, records, output)
         return output
 
     def within_store(self, path: Path) -> str:
         """Path of a result within the data folder."""
         return path.relative_to(self._store.root).as_posix()
 
-    async def _work(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    async def work(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """Have a worker do a task."""
         # Cancelling the wait cancels the future, and with it ends the worker's process.
         return await asyncio.wrap_future(self.engine.submit(task, *args, **kwargs))
 

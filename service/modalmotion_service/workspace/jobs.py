@@ -183,7 +183,7 @@ class Jobs:
         Raises
         ------
         ParameterError
-            If the limit is out of range or the cursor is none.
+            If the limit is out of range or the cursor is not one of a list.
         """
         condition, values = "(created, id) < (?, ?)", [*from_cursor(cursor)]
         if state is not None:

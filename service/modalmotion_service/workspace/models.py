@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, ParamSpec, TypeVar
+from typing import Final
 
 from modalmotion.classification import Classification, available_models, load_model
 from modalmotion.errors import NotFoundError
@@ -27,9 +25,6 @@ from modalmotion_service.work.tasks import classification
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.shared_work import SharedWork
-
-P = ParamSpec("P")
-T = TypeVar("T")
 
 # A model that comes with the package has one version.
 SHIPPED_VERSION: Final = 1
@@ -82,15 +77,12 @@ class Models:
     ----------
     store : ResultStore
     analysis : Analysis
-        Makes the signatures that models read.
-    executor : Executor
-        Where models are loaded and asked.
+        Makes the signatures that models read; its workers load models and ask them.
     """
 
-    def __init__(self, store: ResultStore, analysis: Analysis, executor: Executor) -> None:
+    def __init__(self, store: ResultStore, analysis: Analysis) -> None:
         self._store = store
         self._analysis = analysis
-        self._executor = executor
         self._shared_work = SharedWork()
 
     def choose(self, text: str) -> ChosenModel:
@@ -177,11 +169,13 @@ class Models:
         ModelNotReproducedError
             If it no longer says what it said when it was made.
         """
-        await self._work(classification.require_loads, chosen.source)
+        await self._analysis.work(classification.require_loads, chosen.source)
 
     async def draw(self, kept: KeptModel) -> bytes:
         """Draw the confusion matrix and the calibration curve of a model's card, as PNG."""
-        return await self._work(classification.draw_card, kept.card, str(kept.record.reference))
+        return await self._analysis.work(
+            classification.draw_card, kept.card, str(kept.record.reference)
+        )
 
     async def classification(
         self, sequence_id: str, chosen: ChosenModel, coverage: float
@@ -193,7 +187,7 @@ class Models:
         async def make() -> None:
             signature = await self._analysis.signature(sequence_id, parameters)
             with stage("worker"):
-                result = await self._work(
+                result = await self._analysis.work(
                     classification.name_class, signature, chosen.source, coverage
                 )
             with stage("store"):
@@ -230,7 +224,7 @@ class Models:
     ) -> tuple[Classification, ReadingAnswer]:
         """Say what a model says of an upload; nothing is kept."""
         with stage("worker"):
-            return await self._work(
+            return await self._analysis.work(
                 classification.classify_upload,
                 upload,
                 chosen.parameters,
@@ -245,10 +239,6 @@ class Models:
             return SHIPPED_VERSION
         known = self._store.models_with_id(model_id)
         return min((record.version for record in known if record.name == name), default=None)
-
-    async def _work(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-        # Cancelling the wait cancels the future, and with it ends the worker's process.
-        return await asyncio.wrap_future(self._executor.submit(task, *args, **kwargs))
 
 
 def shipped_name(name: str, why: str, remedy: str) -> ConflictError:

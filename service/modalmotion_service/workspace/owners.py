@@ -143,7 +143,7 @@ class Owners:
             )
             spool.clear(keep=await asyncio.to_thread(retention.needed))
             analysis = Analysis(store, self._engine, spool)
-            models = Models(store, analysis, self._engine)
+            models = Models(store, analysis)
             trainer = Trainer(
                 *(store, analysis, self._training_executor, spool),
                 settings.scheduler,

@@ -232,7 +232,7 @@ def test_one_and_two_frames(heart: Moving, n_frames: int) -> None:
 def test_zero_area_mesh(heart: Moving) -> None:
     vertices, faces = heart
     point = describe((np.ones((2, vertices.shape[1], 3)), faces), 3)
-    assert not point.template.has_natural_coordinates
+    assert point.template.surface is None
     assert "no area" in point.template.reason
     assert (point.fit.amplitudes == 0).all()
     line = vertices * [1, 0, 0]

@@ -28,7 +28,7 @@ from modalmotion.formats.frames.frame import Frame
 from modalmotion.formats.obj import read_obj
 from modalmotion.formats.off import read_off
 from modalmotion.formats.ply.ply import read_ply, write_ply
-from modalmotion.formats.polygons import offsets_of, triangulate
+from modalmotion.formats.polygons import triangulate_sizes
 from modalmotion.formats.stl import read_stl
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.checks import FloatArray
@@ -96,13 +96,13 @@ def test_polygons_become_fans_from_their_first_corner(write: Callable[..., bytes
 @given(st.lists(st.integers(0, 7), max_size=8))
 def test_fans_are_those_of_a_loop(sizes: list[int]) -> None:
     corners = np.random.default_rng(1).integers(0, 99, sum(sizes))
-    offsets = offsets_of(np.array(sizes, dtype=np.int64))
+    offsets = np.cumsum([0, *sizes])
     expected = [
         [corners[start], corners[start + i], corners[start + i + 1]]
         for start, size in zip(offsets, sizes, strict=False)
         for i in range(1, size - 1)
     ]
-    faces = triangulate(offsets, corners).faces
+    faces = triangulate_sizes(sizes, corners).faces
     assert faces.shape == (len(expected), 3)
     assert np.array_equal(faces, np.array(expected).reshape(-1, 3))
 
@@ -186,15 +186,19 @@ def test_a_stated_coordinate_system_is_found(name: str, data: bytes) -> None:
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [
-        ("stl", stl_binary(VERTICES[0])[:-1], "no complete STL"),
+        ("stl", stl_binary(VERTICES[0])[:-1], "not a complete STL"),
         ("stl", stl_binary(VERTICES[0]) + b"\0", "684 bytes"),
         ("stl", stl_binary(VERTICES[0], FACES[:0]), "no triangle"),
         ("stl", stl_text(VERTICES[0]).rpartition(b"facet normal")[0], "cut short"),
         ("stl", stl_text(VERTICES[0]).replace(b"endfacet", b"", 1), "Facet 0"),
         ("stl", stl_text(VERTICES[0]).replace(b"loop\nvertex", b"loop\nvertex 1", 3), "Facet 0"),
-        ("stl", stl_text(VERTICES[0]).replace(b"solid vertex", b"facet vertex", 1), "no complete"),
+        (
+            "stl",
+            stl_text(VERTICES[0]).replace(b"solid vertex", b"facet vertex", 1),
+            "not a complete",
+        ),
         ("stl", stl_text(VERTICES[0]).replace(b"endsolid", b"solid"), "Facet 12"),
-        ("stl", stl_text(VERTICES[0] * 0).replace(b"vertex 0.0", b"vertex a", 1), "no number"),
+        ("stl", stl_text(VERTICES[0] * 0).replace(b"vertex 0.0", b"vertex a", 1), "not a number"),
         ("off", off(VERTICES[0]).replace(b"12 12", b"12 13"), "fewer"),
         ("off", off(VERTICES[0]).replace(b"12 12", b"12 11"), "more"),
         ("off", off(VERTICES[0]).replace(b"12 12", b"40 12"), "ends after 24"),

@@ -84,7 +84,7 @@ def test_what_is_written_reads_back_with_the_same_id(
     ("data", "error", "words"),
     [
         (b"", MalformedFileError, "empty"),
-        (b"vertices: 1 2 3", MalformedFileError, "no readable .npz"),
+        (b"vertices: 1 2 3", MalformedFileError, "not a readable .npz"),
         (full_file()[: len(full_file()) // 2], MalformedFileError, "cut short"),
         (npz(points=VERTICES), MalformedFileError, "'points'"),
         (npz(vertices=np.array([{}, None], dtype=object)), MalformedFileError, "pickled"),

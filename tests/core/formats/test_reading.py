@@ -111,8 +111,8 @@ def test_raw_numbers_take_their_shape_from_what_is_stated() -> None:
     [
         (ReadOptions(format=Format.RAW), ParameterError, "number of vertices"),
         (ReadOptions(format=Format.RAW, n_vertices=0), ParameterError, "number of vertices"),
-        (ReadOptions(format=Format.RAW, n_vertices=7), MalformedFileError, "no whole number"),
-        (ReadOptions(format=Format.RAW, n_vertices=10**12), MalformedFileError, "no whole"),
+        (ReadOptions(format=Format.RAW, n_vertices=7), MalformedFileError, "not a whole number"),
+        (ReadOptions(format=Format.RAW, n_vertices=10**12), MalformedFileError, "not a whole"),
         (ReadOptions(format=Format.RAW, n_vertices=12, dtype="f2"), ParameterError, "'f2'"),
         (
             ReadOptions(format=Format.RAW, n_vertices=12, limits=ReadLimits(frames=2)),

@@ -11,11 +11,8 @@ from hypothesis import strategies as st
 from template_surfaces import MAKERS
 
 from modalmotion.mesh import (
-    boundary_loops,
     connectivity_of,
-    euler_characteristic,
     lattice_faces,
-    n_components,
     oriented_faces,
 )
 from modalmotion.modes.topology import CYLINDER, PLANE, TORUS
@@ -48,10 +45,10 @@ def side_counts(faces: np.ndarray) -> Counter[tuple[int, ...]]:
 def test_known_surfaces(topology: str, n_loops: int, euler: int, genus: int) -> None:
     vertices, faces = MAKERS[topology](200, np.random.default_rng(0))
     found = connectivity_of(faces, vertices.shape[1])
-    assert len(found.loops) == n_loops == len(boundary_loops(faces))
-    assert found.euler_characteristic == euler == euler_characteristic(faces)
+    assert len(found.loops) == n_loops
+    assert found.euler_characteristic == euler
     assert found.genus == genus
-    assert found.n_components == 1 == n_components(faces)
+    assert found.n_components == 1
     assert not len(found.non_manifold_edges)
     assert not len(found.pinched)
     counts = side_counts(faces)

@@ -266,4 +266,3 @@ def test_a_pose_that_is_not_finite_is_refused() -> None:
 
 def test_derived_numbers_follow_from_the_parameters() -> None:
     assert HEALTHY.twist == HEALTHY.apex_rotation - HEALTHY.base_rotation
-    assert HEALTHY.sphericity == 2 * HEALTHY.radius / HEALTHY.length

@@ -24,7 +24,7 @@ def sequence_of(topology: str, n: int = 300, *, stated: str | None = None) -> Me
 def test_it_is_found_from_the_connectivity(topology: str) -> None:
     template = make_template(sequence_of(topology))
     assert template.topology.name == topology
-    assert template.has_natural_coordinates
+    assert template.surface is not None
     assert np.isfinite(template.coordinates).all()
     assert template.weights.sum() == pytest.approx(1.0, abs=1e-12)
     for axis, ends in enumerate(template.topology.ends):
@@ -79,7 +79,7 @@ def test_openings_all_around_are_no_cup() -> None:
         places = moving[0][0] - moving[0][0].mean(axis=0)
         moving = with_hole(moving, int(np.argmax(places @ direction)))
     template = make_template(mesh_sequence(*moving))
-    assert not template.has_natural_coordinates
+    assert template.surface is None
     assert "openings do not lie at one end" in template.reason
 
 
@@ -130,7 +130,7 @@ def book(moving: Moving) -> Moving:
 def test_anything_else_gets_its_own_springs(change: object, reason: str) -> None:
     moving = change(surface("cup"))  # type: ignore[operator]
     found = describe(moving, 7)
-    assert not found.template.has_natural_coordinates
+    assert found.template.surface is None
     assert found.template.surface is None
     assert found.template.coordinates.shape[1] == 0
     assert reason in found.template.reason
@@ -164,7 +164,7 @@ def test_a_folded_closed_surface_gets_springs_unless_stated() -> None:
     x, y, z = (vertices / np.abs(vertices).max()).transpose(2, 0, 1)
     bent = np.stack([x + 3 * z**2, y, z * 1.2], axis=2) * 30
     template = make_template(mesh_sequence(bent, faces))
-    assert not template.has_natural_coordinates
+    assert template.surface is None
     assert "no straight axis" in template.reason
     stated = make_template(mesh_sequence(bent, faces, topology="sphere"))
     assert stated.topology.name == "sphere"
@@ -188,7 +188,7 @@ def test_a_knotted_torus_gets_springs() -> None:
     at = [((i + p) % 12 * 160 + (j + q) % 160).ravel() for p in (0, 1) for q in (0, 1)]
     faces = np.concatenate([np.stack([at[0], at[1], at[2]], 1), np.stack([at[1], at[3], at[2]], 1)])
     template = make_template(mesh_sequence(vertices, faces))
-    assert not template.has_natural_coordinates
+    assert template.surface is None
     assert "no straight axis" in template.reason
 
 

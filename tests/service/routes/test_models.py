@@ -270,8 +270,8 @@ def test_a_training_says_how_far_it_is(trained: Trained, monkeypatch: pytest.Mon
         def told(share: float, text: str = "") -> None:
             seen.append((share, text))
             report(share, text)
-            jobs = trained.client.app.state.owners.local.jobs  # type: ignore[attr-defined]
-            trained.texts += jobs._texts.values()
+            runner = trained.client.app.state.owners.local.runner  # type: ignore[attr-defined]
+            trained.texts += runner._texts.values()
 
         return await original(*args[:-1], told)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from modalmotion_service.work.executor import WorkerPool
+from modalmotion_service.work.pool import WorkerPool
 
 
 @pytest.fixture(scope="module")

@@ -19,18 +19,19 @@ from worker_tasks import die, die_once, hang, is_running, refuse, swallow_memory
 
 from modalmotion.errors import LimitError, NonFiniteError
 from modalmotion_service.errors import ClusterError, WorkerDiedError
-from modalmotion_service.work.executor import _MOST_STARTS, Engine, WorkerPool
+from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.pool import MOST_STARTS, WorkerPool
 
 MEMORY = 3_000_000_000
 # Two processes here, or two Dask workers of a process each.
 OpenEngine = Callable[[float], Engine]
 
 
-@pytest.fixture(scope="module", params=["pebble", "dask"])
+@pytest.fixture(scope="module", params=["processes", "dask"])
 def open_engine(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> OpenEngine:
-    if request.param == "pebble":
+    if request.param == "processes":
         return lambda task_seconds: WorkerPool(2, task_seconds, MEMORY)
     from modalmotion_service.work.dask.executor import DaskExecutor
 
@@ -117,7 +118,7 @@ def test_a_machine_that_starts_no_process_is_told_and_may_recover(
             with pytest.raises(ClusterError, match="No process could be started") as caught:
                 future.result(timeout=20)
             assert caught.value.remedy
-        assert 3 <= n_tries <= 3 * _MOST_STARTS + 1
+        assert 3 <= n_tries <= 3 * MOST_STARTS + 1
     assert pool.submit(abs, -4).result(timeout=20) == 4
     pool.shutdown()
 
@@ -150,7 +151,7 @@ def test_cancelling_ends_the_work(open_engine: OpenEngine) -> None:
 def test_a_worker_ends_with_the_process_that_it_works_for(tmp_path: Path) -> None:
     code = (
         "import os, signal\n"
-        "from modalmotion_service.work.executor import WorkerPool\n"
+        "from modalmotion_service.work.pool import WorkerPool\n"
         "from worker_tasks import hang\n"
         "if __name__ == '__main__':\n"
         "    pool = WorkerPool(1, 60.0, 3_000_000_000)\n"
@@ -160,7 +161,8 @@ def test_a_worker_ends_with_the_process_that_it_works_for(tmp_path: Path) -> Non
     )
     script = tmp_path / "killed.py"
     script.write_text(code)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "tests" / "support")}
+    path = [str(ROOT / "tests" / "support"), os.environ.get("PYTHONPATH", "")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
     run = subprocess.run(
         [sys.executable, script], env=environment, capture_output=True, check=False
     )

@@ -14,7 +14,7 @@ from worker_tasks import die, die_once
 from modalmotion.errors import StoreError
 from modalmotion_service.errors import WorkerDiedError
 from modalmotion_service.http.problems import problem_body
-from modalmotion_service.work.executor import WorkerPool
+from modalmotion_service.work.pool import WorkerPool
 
 FULL = Path("/dev/full")
 

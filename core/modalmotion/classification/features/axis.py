@@ -59,7 +59,7 @@ class _Layout(NamedTuple):
     signs : (readings, features) float64
         What the other readings turn round in the first one.
     deforming : (n,) int64
-        Modes that are no translation of the whole.
+        Modes that do not translate the whole.
     """
 
     columns: tuple[Column, ...]

@@ -101,10 +101,10 @@ class PatchModes:
             K = np.zeros((len(patch), len(patch)))
             K[a, b] = K[b, a] = -stiffness[part]
             np.fill_diagonal(K, -K.sum(axis=1))
-            square, V = linalg.eigh(K, driver="evd", overwrite_a=True, check_finite=False)
-            signs = np.sign(_scatter(patch, self.seed + 1) @ V - V.sum(axis=0) / 2.0)
+            square, Phi = linalg.eigh(K, driver="evd", overwrite_a=True, check_finite=False)
+            signs = np.sign(_scatter(patch, self.seed + 1) @ Phi - Phi.sum(axis=0) / 2.0)
             squares.append(square)
-            modes.append(V * np.where(signs == 0, 1.0, signs))
+            modes.append(Phi * np.where(signs == 0, 1.0, signs))
         return squares, modes
 
     @cached_property
@@ -123,7 +123,8 @@ class PatchModes:
     def analyse(self, values: Floats) -> Floats:
         """Values at the vertices to coefficients, (rows, vertices) to (rows, modes)."""
         parts = [
-            values[:, patch] @ V for patch, V in zip(self.patches, self.solution[1], strict=True)
+            values[:, patch] @ Phi
+            for patch, Phi in zip(self.patches, self.solution[1], strict=True)
         ]
         return np.concatenate(parts, axis=1)[:, self.order]
 
@@ -134,10 +135,10 @@ class PatchModes:
         flat[:, self.order[:n_modes]] = coefficients
         values = np.empty((n_rows, self.n_vertices))
         start = 0
-        for patch, V in zip(self.patches, self.solution[1], strict=True):
+        for patch, Phi in zip(self.patches, self.solution[1], strict=True):
             part = flat[:, start : start + len(patch)]
             used = int(np.flatnonzero(part.any(axis=0)).max(initial=-1)) + 1
-            values[:, patch] = part[:, :used] @ V[:, :used].T
+            values[:, patch] = part[:, :used] @ Phi[:, :used].T
             start += len(patch)
         return values
 
@@ -154,11 +155,11 @@ class PatchModes:
             In the order of the coefficients.
         """
         bounds = []
-        for square, V in zip(*self.solution, strict=True):
+        for square, Phi in zip(*self.solution, strict=True):
             gaps = np.diff(square, prepend=-np.inf, append=np.inf)
             gap = np.minimum(gaps[:-1], gaps[1:])
             largest = max(float(square[-1]), 1.0)
-            peak = np.pad(np.abs(V).max(axis=0), 1)
+            peak = np.pad(np.abs(Phi).max(axis=0), 1)
             peak = np.maximum(np.maximum(peak[:-2], peak[2:]), peak[1:-1])
             with np.errstate(divide="ignore"):
                 bounds.append(1e-14 * largest / gap * peak)
@@ -169,11 +170,11 @@ class PatchModes:
         """Look at a few entries of the basis, (8,) int64, in 1/4096."""
         squares, modes = self.solution
         largest = int(np.argmax([len(square) for square in squares]))
-        V = modes[largest]
-        n = len(V)
+        Phi = modes[largest]
+        n = len(Phi)
         places = np.arange(PROBES)
         rows, columns = (places * 7919 + 11) % n, (places * n) // PROBES
-        probe: Ints = np.rint(V[rows, columns] / PROBE_STEP).astype(np.int64)
+        probe: Ints = np.rint(Phi[rows, columns] / PROBE_STEP).astype(np.int64)
         return probe
 
     @property

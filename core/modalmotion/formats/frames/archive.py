@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import io
-import lzma
 import stat
-import struct
 import zipfile
-import zlib
 from functools import partial
 from typing import Final
 
@@ -19,6 +16,7 @@ from modalmotion.formats.frames.series import write_series
 from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.ply.ply import write_ply
 from modalmotion.formats.result import Reading
+from modalmotion.formats.zip_member import UNREADABLE, member_content
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
@@ -27,18 +25,6 @@ from modalmotion.progress import Progress
 _MEMBERS_PER_FRAME: Final = 4
 _ENCRYPTED: Final = 0x1
 _REMEDY: Final = "Pack the frames again as a plain .zip."
-_UNREADABLE: Final = (
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    struct.error,
-    ValueError,
-    EOFError,
-    OSError,
-    OverflowError,
-    NotImplementedError,
-    RuntimeError,
-)
 # The earliest date that a zip can state: the same content makes the same bytes.
 _NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
 
@@ -59,7 +45,7 @@ def read_zip(data: bytes, parser: Parser, progress: Progress | None = None) -> R
     Raises
     ------
     MalformedFileError
-        If it is no readable archive, or holds links or names that lead out of it.
+        If it is not a readable archive, or holds links or names that lead out of it.
     LimitError
         If its members declare more than is accepted.
     InputError
@@ -67,9 +53,9 @@ def read_zip(data: bytes, parser: Parser, progress: Progress | None = None) -> R
     """
     try:
         archive = zipfile.ZipFile(io.BytesIO(data))
-    except _UNREADABLE as error:
+    except UNREADABLE as error:
         raise MalformedFileError(
-            f"These {len(data)} bytes are no readable .zip (the file may be cut short).",
+            f"These {len(data)} bytes are not a readable .zip (the file may be cut short).",
             remedy=_REMEDY,
         ) from error
     with archive:
@@ -147,10 +133,8 @@ def _plain_members(archive: zipfile.ZipFile, limits: ReadLimits) -> dict[str, zi
 
 def _content(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
     try:
-        with archive.open(info) as stream:
-            # A member may hold more than it declares: read no further than one byte past it.
-            data = stream.read(info.file_size + 1)
-    except _UNREADABLE as error:
+        data = member_content(archive, info)
+    except UNREADABLE as error:
         raise MalformedFileError(
             f"The member {info.filename[-60:]!r} of the archive is damaged ({str(error)[:80]}).",
             remedy="Send the file again, or pack it anew.",

@@ -42,23 +42,23 @@ def read_folder(path: Path, parser: Parser, progress: Progress | None = None) ->
         If the frames make no sequence; frame and file are named.
     """
     folder, pattern = (path, "*") if path.is_dir() else (path.parent, path.name)
-    found = {file.name: file for file in folder.glob(pattern) if file.is_file()}
+    paths = {file.name: file for file in folder.glob(pattern) if file.is_file()}
     if path.is_dir():
         # A list of frames may name those in folders beneath it.
-        found |= {
+        paths |= {
             file.relative_to(folder).as_posix(): file
             for file in folder.glob("*/*")
-            if file.is_file() and any(name.endswith((".pvd", ".series")) for name in found)
+            if file.is_file() and any(name.endswith((".pvd", ".series")) for name in paths)
         }
 
     def read(name: str) -> bytes:
         try:
-            return found[name].read_bytes()
+            return paths[name].read_bytes()
         except OSError as error:
             raise MalformedFileError(
                 f"{name!r} cannot be read: {error.strerror}.", remedy="Check its permissions."
             ) from error
 
-    listing = list_frames(list(found), read, parser.limits)
+    listing = list_frames(list(paths), read, parser.limits)
     files = [FrameFile(name, partial(read, name)) for name in listing.names]
     return listing.complete(read_frames(files, parser, listing.times, progress))

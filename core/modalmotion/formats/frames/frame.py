@@ -55,5 +55,5 @@ def space_in(text: bytes) -> tuple[tuple[str, str], ...]:
     tuple of (str, str)
         None or one of them, for `Frame.statements`.
     """
-    found = _SPACE.search(text)
-    return () if found is None else (("coordinate_system", found[1].decode()),)
+    match = _SPACE.search(text)
+    return () if match is None else (("coordinate_system", match[1].decode()),)

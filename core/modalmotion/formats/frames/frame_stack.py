@@ -32,14 +32,14 @@ class FrameStack:
     ----------
     frame : Frame
         The first one.
-    found : Format
+    kind : Format
     n_frames : int
         How many there will be.
     limits : ReadLimits
     """
 
-    def __init__(self, frame: Frame, found: Format, n_frames: int, limits: ReadLimits) -> None:
-        self._first, self._format = frame, found
+    def __init__(self, frame: Frame, kind: Format, n_frames: int, limits: ReadLimits) -> None:
+        self._first, self._format = frame, kind
         self._merge: MergeMap | None = None
         positions = self._finite(frame, 0)
         self._faces = frame.faces
@@ -54,7 +54,7 @@ class FrameStack:
         self._vertices[0] = positions
         self._times = [frame.stated("time")]
 
-    def add(self, number: int, frame: Frame, found: Format) -> None:
+    def add(self, number: int, frame: Frame, kind: Format) -> None:
         """Put the next frame behind those that are there.
 
         Raises
@@ -63,9 +63,9 @@ class FrameStack:
             If it differs from the first in anything but positions.
         """
         first = self._first
-        if found is not self._format:
+        if kind is not self._format:
             raise ShapeError(
-                f"It is {found.upper()}, frame 0 is {self._format.upper()}.",
+                f"It is {kind.upper()}, frame 0 is {self._format.upper()}.",
                 remedy="Send all frames in one format.",
             )
         space = frame.stated("coordinate_system")

@@ -59,8 +59,8 @@ def read_frames(
             remedy="Send files that end in .stl, .ply, .obj, .off, .vtk or .vtp.",
         )
     with _named(0, files[0].name):
-        frame, found = read_mesh(files[0].read(), None, parser)
-        stack = FrameStack(frame, found, len(files), parser.limits)
+        frame, kind = read_mesh(files[0].read(), None, parser)
+        stack = FrameStack(frame, kind, len(files), parser.limits)
     report(1, len(files))
     for number, file in enumerate(files[1:], 1):
         with _named(number, file.name):

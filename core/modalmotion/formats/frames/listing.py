@@ -1,4 +1,4 @@
-"""Which files are frames, and in which order."""
+"""Choice and order of the files that are frames."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Listing:
     names : tuple of str
     times : tuple of float, s, or None
     others : tuple of str
-        Files that are no frames.
+        Files that are not frames.
     notes : tuple of str
     """
 

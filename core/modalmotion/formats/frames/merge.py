@@ -1,4 +1,4 @@
-"""Triangles that share no vertices, given common ones: one map for all frames."""
+"""Vertices for triangles that share none: one map for all frames."""
 
 from __future__ import annotations
 

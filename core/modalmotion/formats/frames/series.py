@@ -96,9 +96,7 @@ def _read_pvd(data: bytes) -> list[tuple[float, str]]:
     except (expat.ExpatError, LookupError, ValueError) as error:
         if isinstance(error, MalformedFileError):
             raise
-        raise _malformed(
-            f"The .pvd file is no XML that can be read ({str(error)[:80]})."
-        ) from error
+        raise _malformed(f"The .pvd file is not readable XML ({str(error)[:80]}).") from error
     return entries
 
 

@@ -131,7 +131,7 @@ def _with_sparse(container: Container, sparse: Any, values: NDArray[Any]) -> NDA
     count = _count(sparse, "count")
     code = _TYPES.get(sparse["indices"].get("componentType"))
     if code is None or np.dtype(code).kind != "u":
-        raise malformed("A sparse accessor's indices are none.")
+        raise malformed("A sparse accessor's indices are not unsigned integers.")
     where, what = sparse["indices"], sparse["values"]
     kind = np.dtype(code)
     view = _view(container, where.get("bufferView"))

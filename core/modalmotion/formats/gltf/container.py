@@ -46,10 +46,10 @@ class Container:
         is_place = isinstance(index, int) and not isinstance(index, bool)
         if not (is_place and isinstance(listed, list) and 0 <= index < len(listed)):
             raise malformed(f"The GLB file names {kind}[{str(index)[:20]}], which is not there.")
-        found = listed[index]
-        if not isinstance(found, dict):
-            raise malformed(f"The GLB file's {kind}[{index}] is none.")
-        return found
+        member = listed[index]
+        if not isinstance(member, dict):
+            raise malformed(f"The GLB file's {kind}[{index}] is not an object.")
+        return member
 
 
 def read_container(data: bytes) -> Container:
@@ -61,7 +61,7 @@ def read_container(data: bytes) -> Container:
         If it is cut, of another version, or its document cannot be read.
     """
     if data[:4] != _MAGIC or len(data) < 20:
-        raise malformed(f"These {len(data)} bytes are no GLB file.")
+        raise malformed(f"These {len(data)} bytes are not a GLB file.")
     version = int.from_bytes(data[4:8], "little")
     length = int.from_bytes(data[8:12], "little")
     if version != _VERSION or length != len(data):
@@ -84,7 +84,7 @@ def read_container(data: bytes) -> Container:
     except (KeyError, ValueError, RecursionError) as error:
         raise malformed(f"The GLB file's document cannot be read ({str(error)[:80]}).") from error
     if not isinstance(document, dict):
-        raise malformed("The GLB file's document is none.")
+        raise malformed("The GLB file's document is not an object.")
     return Container(document, parts.get(_BINARY, memoryview(b"")))
 
 
@@ -106,4 +106,4 @@ def write_container(document: dict[str, Any], binary: bytes) -> bytes:
 
 
 def _no_constant(name: str) -> float:
-    raise ValueError(f"{name} is no number of JSON")
+    raise ValueError(f"{name} is not a number in JSON")

@@ -127,10 +127,10 @@ def _faces(
 
 
 def _require_plain(primitive: dict[str, Any]) -> None:
-    found = [name for name in _COMPRESSED if name in primitive.get("extensions", {})]
-    if found:
+    compressions = [name for name in _COMPRESSED if name in primitive.get("extensions", {})]
+    if compressions:
         raise MalformedFileError(
-            f"The GLB file's mesh is compressed by {found[0]}, which is not read.",
+            f"The GLB file's mesh is compressed by {compressions[0]}, which is not read.",
             remedy="Export again without compression.",
         )
     if primitive.get("mode", _TRIANGLES) in _STRIPS_AND_FANS:

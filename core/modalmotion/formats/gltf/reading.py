@@ -150,8 +150,8 @@ def _positions(
 
 def _ours(container: Container) -> dict[str, Any]:
     extras = container.document.get("asset", {}).get("extras", {})
-    found = extras.get(OURS, {}) if isinstance(extras, dict) else {}
-    return found if isinstance(found, dict) else {}
+    ours = extras.get(OURS, {}) if isinstance(extras, dict) else {}
+    return ours if isinstance(ours, dict) else {}
 
 
 def _text(ours: dict[str, Any], name: str) -> str | None:

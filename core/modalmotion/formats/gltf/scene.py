@@ -45,7 +45,7 @@ def mesh_nodes(container: Container) -> list[MeshNode]:
     LimitError
         If there are too many nodes.
     """
-    found = []
+    nodes = []
     seen: set[int] = set()
     waiting: list[tuple[Chain, Any]] = [((), root) for root in reversed(_roots(container))]
     while waiting:
@@ -71,9 +71,9 @@ def mesh_nodes(container: Container) -> list[MeshNode]:
                     remedy="Bake the animation to shape keys (morph targets) and export again, or "
                     "export each frame as PLY or OBJ and send them as .zip.",
                 )
-            found.append(MeshNode(chain, node["mesh"]))
+            nodes.append(MeshNode(chain, node["mesh"]))
         waiting += [(chain, child) for child in reversed(node.get("children", []))]
-    return found
+    return nodes
 
 
 def transform_at(

@@ -1,4 +1,4 @@
-"""What a parser gives, and what has files parsed."""
+"""Answers of parsers, and the protocol of those who call them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What runs in the process of `parser_process`: parsers, one file after the other."""
+"""The process behind `parser_process`: runs parsers, one file after the other."""
 
 from __future__ import annotations
 

@@ -46,5 +46,5 @@ class ParserHere:
 def parser_of(task: str) -> Callable[[bytes, ReadLimits], Parsed]:
     """Find a parser by its name."""
     module, _, function = _TASKS[task].partition(":")
-    found: Callable[[bytes, ReadLimits], Parsed] = getattr(import_module(module), function)
-    return found
+    parse: Callable[[bytes, ReadLimits], Parsed] = getattr(import_module(module), function)
+    return parse

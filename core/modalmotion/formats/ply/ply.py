@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frames.frame import Frame, space_in
 from modalmotion.formats.ply.ply_body import Element, Property, read_elements
-from modalmotion.formats.polygons import offsets_of, triangulate
+from modalmotion.formats.polygons import triangulate_sizes
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.checks import FloatArray
 
@@ -66,7 +66,7 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     Raises
     ------
     MalformedFileError
-        If the bytes are no PLY file, or fewer or more than its header declares.
+        If the bytes are not a PLY file, or fewer or more than its header declares.
     LimitError
         If it declares more than `limits` accept.
     """
@@ -95,7 +95,7 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         raise _malformed("The PLY file's faces have no vertex_indices.")
     none = np.zeros(0, dtype=np.int64)
     sizes, corners = (none, none) if name is None else lists["face", name]
-    polygons = triangulate(offsets_of(sizes), corners)
+    polygons = triangulate_sizes(sizes, corners)
     used = {("vertex", axis) for axis in "xyz"} | {("face", name)}
     return Frame(
         positions.astype(np.float32) if is_single else positions.astype(np.float64),
@@ -158,7 +158,7 @@ def _read_header(data: bytes) -> _Header:
     newline = head.find(b"\n", end)
     if not head.startswith(b"ply") or end < 0 or newline < 0:
         raise _malformed(f"These {len(data)} bytes have no PLY header (the file may be cut short).")
-    found: dict[str, str | None] = {}
+    orders: list[str | None] = []
     elements: list[Element] = []
     statements = list(space_in(head[:end]))
     for line in head[:end].splitlines()[1:]:
@@ -169,16 +169,16 @@ def _read_header(data: bytes) -> _Header:
                     name, _, value = line[len(_OURS) :].decode().strip().partition(" ")
                     statements.append((name, value))
             elif words[0] == b"format":
-                found["order"] = _ORDERS[words[1]]
+                orders.append(_ORDERS[words[1]])
             elif words[0] == b"element":
                 elements.append(_element(words))
             else:
                 elements[-1] = elements[-1].with_property(_property(words))
         except (KeyError, IndexError, ValueError):
             raise _malformed(f"The PLY header has a line {line[:60]!r}.") from None
-    if "order" not in found:
+    if not orders:
         raise _malformed("The PLY header states no format.")
-    return _Header(found["order"], tuple(elements), tuple(statements), newline + 1)
+    return _Header(orders[-1], tuple(elements), tuple(statements), newline + 1)
 
 
 def _element(words: list[bytes]) -> Element:

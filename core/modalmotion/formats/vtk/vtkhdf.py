@@ -47,7 +47,7 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
     Raises
     ------
     MalformedFileError
-        If it is no PolyData of one part, or its offsets lead nowhere.
+        If it is not PolyData of one part, or its offsets lead nowhere.
     ShapeError
         If a frame has another number of vertices.
     ConnectivityError

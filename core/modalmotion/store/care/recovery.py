@@ -1,4 +1,4 @@
-"""Bringing index and folder together: after a crash, and when the index is built anew."""
+"""Reconciliation of index and folder: after a crash, and when the index is rebuilt."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Reconciliation:
     damaged : tuple of str
         Files that do not read, left where they are; such results are not in the index.
     orphans : tuple of str
-        Results of no sequence, and files that are none of the store's.
+        Results of no sequence, and files that are not the store's.
     guests_lost : bool
         Whether the index was so damaged that tables of others in it, a service's jobs and
         idempotency keys, are lost.

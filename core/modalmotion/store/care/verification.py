@@ -59,7 +59,7 @@ class VerifyReport:
     unfinished : tuple of str
         What a crash left, and the next `open` finishes or removes.
     orphans : tuple of str
-        Results of no sequence, and files that are none of the store's.
+        Results of no sequence, and files that are not the store's.
     n_models : int
         Files of models.
     """

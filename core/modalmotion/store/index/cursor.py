@@ -42,7 +42,7 @@ def from_cursor(cursor: str | None) -> tuple[str, str]:
         created, row_id = base64.b64decode(padded, altchars=b"-_", validate=True).decode().split()
     except (binascii.Error, ValueError):
         raise ParameterError(
-            f"{cursor[:40]!r} is no cursor.",
+            f"{cursor[:40]!r} is not a cursor.",
             remedy="Use the cursor of the page before, unchanged, or none for the first page.",
         ) from None
     return created, row_id

@@ -62,7 +62,7 @@ class Index:
         Raises
         ------
         ParameterError
-            If the limit is out of range or the cursor is none.
+            If the limit is out of range or the cursor is not one of a list.
         """
         # By value and not by count: what is put meanwhile is newer, lies before the cursor,
         # and moves nothing behind it.

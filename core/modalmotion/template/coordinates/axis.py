@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -123,6 +125,29 @@ def towards(
         )
     unit: NDArray[np.float64] = across / length
     return unit
+
+
+def theta_zero(
+    surface: Surface,
+    places: Mapping[str, NDArray[np.float64]],
+    origin: NDArray[np.float64],
+    axis: NDArray[np.float64],
+    by_shape: Callable[[Surface, NDArray[np.float64]], tuple[NDArray[np.float64], float]],
+) -> tuple[NDArray[np.float64], float]:
+    """Direction in which theta is 0, and how well it is determined, 0 to 1.
+
+    Parameters
+    ----------
+    surface : Surface
+    places : mapping of str to (3,) float64
+        Positions of the stated landmarks; "theta_zero" decides where it is one of them.
+    origin, axis : (3,) float64
+    by_shape : callable
+        `lean` or `widest_across`: how the shape decides otherwise.
+    """
+    if "theta_zero" in places:
+        return towards(places["theta_zero"], origin, axis, surface.area**0.5), 1.0
+    return by_shape(surface, axis)
 
 
 def azimuth(

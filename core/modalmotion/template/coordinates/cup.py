@@ -14,7 +14,7 @@ from modalmotion.template.coordinates.axis import (
     azimuth,
     lean,
     principal_axes,
-    towards,
+    theta_zero,
 )
 from modalmotion.template.coordinates.potential import potential
 from modalmotion.template.coordinates.value import Coordinates
@@ -60,10 +60,7 @@ def cup_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) ->
     apex, roundness = _centre_of_cap(surface, cap)
     base = places.get("base", mean_of(surface.openings))
     origin, axis, strength = _axis(surface, places, base)
-    if "theta_zero" in places:
-        zero, zero_strength = towards(places["theta_zero"], origin, axis, surface.area**0.5), 1.0
-    else:
-        zero, zero_strength = lean(surface, axis)
+    zero, zero_strength = theta_zero(surface, places, origin, axis, lean)
     offsets = surface.vertices - origin
     theta = azimuth(offsets, axis, zero)
     s = along(offsets, axis) if u is None else (1 - np.clip(u / u.max(), 0.0, 1.0)) ** _EXPONENT

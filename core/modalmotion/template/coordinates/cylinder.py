@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.numeric.products import along
-from modalmotion.template.coordinates.axis import axis_between, azimuth, lean, towards
+from modalmotion.template.coordinates.axis import axis_between, azimuth, lean, theta_zero
 from modalmotion.template.coordinates.potential import potential
 from modalmotion.template.coordinates.value import Coordinates
 from modalmotion.template.landmarks import Landmarks
@@ -35,10 +35,7 @@ def cylinder_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]
     origin, axis = axis_between(surface, apex, base)
     if not {"apex", "base"} & set(places):
         origin = surface.centroid
-    if "theta_zero" in places:
-        zero, zero_strength = towards(places["theta_zero"], origin, axis, surface.area**0.5), 1.0
-    else:
-        zero, zero_strength = lean(surface, axis)
+    zero, zero_strength = theta_zero(surface, places, origin, axis, lean)
     offsets = surface.vertices - origin
     theta = azimuth(offsets, axis, zero)
     notes: list[str] = []

@@ -14,7 +14,7 @@ from modalmotion.template.coordinates.axis import (
     azimuth,
     principal_axes,
     skewness,
-    towards,
+    theta_zero,
     widest_across,
 )
 from modalmotion.template.coordinates.potential import potential
@@ -53,10 +53,7 @@ def sphere_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]])
         origin, axis = surface.centroid, directions[0]
         strength = float((variances[0] - variances[1]) / variances[0])
         sense = skewness(surface, axis)
-    if "theta_zero" in places:
-        zero, zero_strength = towards(places["theta_zero"], origin, axis, surface.area**0.5), 1.0
-    else:
-        zero, zero_strength = widest_across(surface, axis)
+    zero, zero_strength = theta_zero(surface, places, origin, axis, widest_across)
     height = along(surface.offsets, axis)
     theta = azimuth(surface.vertices - origin, axis, zero)
     notes: list[str] = []

@@ -15,7 +15,7 @@ from modalmotion.template.coordinates.axis import (
     n_vortices,
     principal_axes,
     skewness,
-    towards,
+    theta_zero,
     widest_across,
 )
 from modalmotion.template.coordinates.potential import potential
@@ -57,10 +57,7 @@ def torus_coordinates(
         sense = 1.0
         if (places["base"] - origin) @ axis < 0:
             axis = -axis
-    if "theta_zero" in places:
-        zero, zero_strength = towards(places["theta_zero"], origin, axis, surface.area**0.5), 1.0
-    else:
-        zero, zero_strength = widest_across(surface, axis)
+    zero, zero_strength = theta_zero(surface, places, origin, axis, widest_across)
     offsets = surface.offsets
     height = along(offsets, axis)
     radius = np.linalg.norm(offsets - height[:, None] * axis, axis=1)

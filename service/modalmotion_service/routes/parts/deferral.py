@@ -22,8 +22,8 @@ async def result_or_job(
     kind: str,
     request: Any,
     work: Coroutine[Any, Any, T],
-) -> T | Job:
-    """Wait for work as long as client and settings allow, then leave it to a job.
+) -> T | Response:
+    """Wait for work as long as client and settings allow, then leave it to a job and answer 202.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ async def result_or_job(
         wait = min(wait, preference.wait_seconds)
     if preference.is_async:
         work.close()
-        return await state.runner.start(kind, request)
+        return accepted(await state.runner.start(kind, request))
     task = asyncio.ensure_future(work)
     try:
         await asyncio.wait([task], timeout=wait)
@@ -49,7 +49,7 @@ async def result_or_job(
     if task.done():
         return task.result()
     try:
-        return await state.runner.start(kind, request, instead_of=task)
+        return accepted(await state.runner.start(kind, request, instead_of=task))
     except BaseException:
         task.cancel()
         raise

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import pickle
 import secrets
 import threading
 from collections.abc import Callable, Coroutine
@@ -19,8 +18,11 @@ from typing import Any, ParamSpec, TypeVar
 from distributed import Client, KilledWorker
 
 from modalmotion_service.errors import ClusterError, WorkerDiedError
+from modalmotion_service.work.answers import AnswerError, from_bytes, result_type
 from modalmotion_service.work.dask.tasks import PLUGIN, Mark, PoolLimits, PoolPlugin, run_in_pool
 from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.payload import payload_of
+from modalmotion_service.work.pool import unreadable_answer
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -112,11 +114,11 @@ class DaskExecutor(Engine):
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Run a task on some worker; cancelling the future ends its process there."""
-        payload = pickle.dumps((fn, args, kwargs))
+        payload = payload_of(fn, args, kwargs)
         with self._lock:
             if not self._is_open:
                 raise RuntimeError("The executor takes no more tasks.")
-            future: Future[T] = self._call(self._run(payload))
+            future: Future[T] = self._call(self._run(payload, result_type(fn)))
             self._futures.add(future)
         future.add_done_callback(self._forget)
         return future
@@ -145,7 +147,7 @@ class DaskExecutor(Engine):
         with self._lock:
             self._futures.discard(future)
 
-    async def _run(self, payload: bytes) -> Any:
+    async def _run(self, payload: bytes, expected: object) -> Any:
         client = self._client
         if client is None:
             raise self._is_lost()
@@ -159,10 +161,12 @@ class DaskExecutor(Engine):
         )
         self._remotes.add(remote)
         try:
-            return pickle.loads(await remote)  # noqa: S301 (written by our own worker)
+            return from_bytes(await remote, expected)
         except FutureCancelled as error:
             # Not by us: asyncio's own exception of that name is another one.
             raise self._is_lost() from error
+        except AnswerError as error:
+            raise unreadable_answer() from error
         except KilledWorker as error:
             raise WorkerDiedError(
                 "Several workers ended while they were at work on this.",

@@ -8,7 +8,6 @@ Dask worker itself reads nothing that a user sent.
 from __future__ import annotations
 
 import os
-import pickle
 import secrets
 import socket
 import threading
@@ -26,7 +25,8 @@ from distributed import Worker, WorkerPlugin, get_worker
 from distributed.core import Status
 
 from modalmotion_service.errors import ClusterError
-from modalmotion_service.work.executor import WorkerPool
+from modalmotion_service.work.payload import run_payload
+from modalmotion_service.work.pool import WorkerPool
 
 PLUGIN: Final = "modalmotion-pools"
 # Pools that are kept for limits that tasks may come with again.
@@ -187,7 +187,7 @@ class Mark:
 
 
 def run_in_pool(payload: bytes, limits: PoolLimits, mark: Mark) -> bytes:
-    """Run a pickled task in a pool of this worker's; gives its pickled result.
+    """Run a task that came as bytes in a pool of this worker's; gives its result as bytes.
 
     Raises
     ------
@@ -199,7 +199,7 @@ def run_in_pool(payload: bytes, limits: PoolLimits, mark: Mark) -> bytes:
     key = worker.get_current_task()
     plugin: Any = worker.plugins[PLUGIN]
     with plugin.pools.pool(limits) as pool:
-        future = pool.submit(run_pickled, payload)
+        future = pool.submit(run_payload, payload)
         while not wait([future], timeout=_LOOK_SECONDS).done:
             state = worker.state.tasks.get(key)
             is_released = state is None or state.state == "cancelled"
@@ -212,12 +212,6 @@ def run_in_pool(payload: bytes, limits: PoolLimits, mark: Mark) -> bytes:
         raise ClusterError("The work was given up.", remedy="Try again.")
     result: bytes = future.result()
     return result
-
-
-def run_pickled(payload: bytes) -> bytes:
-    """Do what a payload says, in a disposable process."""
-    function, args, kwargs = pickle.loads(payload)  # noqa: S301 (sent by our own service)
-    return pickle.dumps(function(*args, **kwargs))
 
 
 @lru_cache(maxsize=1)

@@ -132,7 +132,7 @@ def test_what_is_written_as_a_series_reads_back() -> None:
         (b'{"files": [{"name": "a", "time": "x"}]}', "time 'x'"),
         (b'{"files": [{"name": 3, "time": 1}]}', "file '3'"),
         (b"[" * 100_000, "not of the form"),
-        (b"<", "no XML"),
+        (b"<", "not readable XML"),
         (b"<VTKFile type='PolyData'/>", "type 'PolyData'"),
         (b"<VTKFile type='Collection'><DataSet/></VTKFile>", "time 'None'"),
         (
@@ -278,8 +278,8 @@ LINK = (stat.S_IFLNK | 0o777) << 16
         (zipped({"a.pvd": pvd([(0, "../b.ply")])}), "leads out"),
         (zipped({"a.pvd": pvd([(0, "/etc/passwd")])}), "leads out"),
         (zipped({"a.obj": obj(VERTICES[0])}, zipfile.ZIP_LZMA), "deflate"),
-        (frame_zip(obj, "obj")[:-200], "no readable .zip"),
-        (frame_zip(obj, "obj")[:700], "no readable .zip"),
+        (frame_zip(obj, "obj")[:-200], "not a readable .zip"),
+        (frame_zip(obj, "obj")[:700], "not a readable .zip"),
         (frame_zip(obj, "obj").replace(b"frame_1.obj", b"frame_0.obj"), "twice"),
     ],
 )

@@ -198,10 +198,10 @@ GOOD = glb(scene(), *ARRAYS)
     ("data", "error", "words"),
     [
         (GOOD[: len(GOOD) // 2], MalformedFileError, "declares version 2"),
-        (GOOD[:15], MalformedFileError, "no GLB"),
+        (GOOD[:15], MalformedFileError, "not a GLB"),
         (GOOD[:4] + b"\x01" + GOOD[5:], MalformedFileError, "version 1"),
         (write_container({"a": 1}, b"").replace(b'"a"', b"'a'"), MalformedFileError, "document"),
-        (write_container([], b""), MalformedFileError, "document is none"),  # type: ignore[arg-type]
+        (write_container([], b""), MalformedFileError, "document is not an object"),  # type: ignore[arg-type]
         (write_container({}, b""), MalformedFileError, "nodes"),
         (GOOD.replace(b'"count":12', b'"count":-2', 1), MalformedFileError, "states count"),
         (GOOD.replace(b'"count":12', b'"count":99', 1), MalformedFileError, "ends at byte"),

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from access_parts import guarded
 
-from modalmotion_service.work.executor import WorkerPool
+from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.work.tasks.files import whole_file, write_whole
 
 

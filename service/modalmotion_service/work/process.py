@@ -1,0 +1,234 @@
+"""A worker process: begun with a deadline, spoken to with a deadline, ended for certain.
+
+Of a process nothing is believed but its end of a socket: it is alive while that is open. Neither
+the fork server nor the resource tracker is asked, which may be killed or stopped like any other.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import pickle
+import resource
+import select
+import signal
+import socket
+import threading
+import time
+from multiprocessing import forkserver
+from multiprocessing.connection import wait as wait_for_any
+from typing import Any, Final
+
+from modalmotion_service.work.allocation import keep_freed_memory
+from modalmotion_service.work.answers import answer_of
+
+_PRELOADED: Final = [
+    f"modalmotion_service.work.tasks.{name}"
+    for name in ("sequences", "signatures", "templates", "derived", "codec", "classification")
+]
+
+# For a process to be forked and to say that it is there. The first imports all that tasks need.
+_START_SECONDS: Final = 60.0
+
+# Freed memory that a worker keeps: a signature of 1 MB needs 4 MB for a moment.
+_KEPT_BYTES: Final = 8 << 20
+
+_PREFIX: Final = 8
+_PIECE: Final = 1 << 20
+_READY: Final = b"ready"
+
+# One at a time: whoever finds that the fork server does not answer ends it for the next.
+_STARTING = threading.Lock()
+
+
+class ProcessLostError(Exception):
+    """A process ended, or could not be begun."""
+
+
+class DeadlineError(Exception):
+    """A process was not done in time."""
+
+
+class WokenError(Exception):
+    """Somebody wants what is waited for no more."""
+
+
+class WorkerProcess:
+    """One worker process, and the socket that leads to it.
+
+    Parameters
+    ----------
+    memory_bytes : int
+        Its address space.
+    waker : int
+        File descriptor that becomes readable when whoever waits is to look up.
+
+    Raises
+    ------
+    ProcessLostError
+        If it cannot be begun.
+    """
+
+    def __init__(self, memory_bytes: int, waker: int) -> None:
+        self._waker = waker
+        ours, theirs = socket.socketpair()
+        self._socket = ours
+        self._process: Any = None
+        try:
+            with theirs:
+                self._process = _begun(theirs, memory_bytes)
+            ours.setblocking(False)
+            self._receive(time.monotonic() + _START_SECONDS, wakes=False)
+        except BaseException as error:
+            self.end()
+            if isinstance(error, (OSError, EOFError, RuntimeError, DeadlineError, UserWarning)):
+                raise ProcessLostError(f"no process: {type(error).__name__}: {error}") from error
+            raise
+
+    @property
+    def pid(self) -> int:
+        """Its number."""
+        return int(self._process.pid)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether its end of the socket is open."""
+        try:
+            return self._socket.recv(1, socket.MSG_PEEK) != b""
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+
+    def exchange(self, request: bytes, seconds: float) -> bytes:
+        """Send a request and wait for the answer.
+
+        Raises
+        ------
+        ProcessLostError
+            If the process ends before it has answered.
+        DeadlineError
+            If it has not answered in time.
+        WokenError
+            If the waker becomes readable first.
+        """
+        deadline = time.monotonic() + seconds
+        self._send(request, deadline)
+        return self._receive(deadline)
+
+    def exit_code(self) -> int | None:
+        """Code that it ended with, negative for a signal; None where nobody knows."""
+        with contextlib.suppress(OSError, ValueError, AssertionError, EOFError):
+            self._process.join(0.5)
+            code = self._process.exitcode
+            return None if code is None else int(code)
+        return None
+
+    def end(self) -> None:
+        """End it, whatever it does."""
+        # While its end of the socket is open the number is its own and nobody else's.
+        if self._process is not None and self.is_alive:
+            with contextlib.suppress(OSError):
+                os.kill(self.pid, signal.SIGKILL)
+        self._socket.close()
+
+    def _send(self, request: bytes, deadline: float) -> None:
+        left = memoryview(len(request).to_bytes(_PREFIX, "little") + request)
+        while left:
+            self._wait(select.POLLOUT, deadline, wakes=True)
+            try:
+                left = left[self._socket.send(left) :]
+            except BlockingIOError:
+                continue
+            except OSError as error:
+                raise ProcessLostError("it ended while it was sent a task") from error
+
+    def _receive(self, deadline: float, *, wakes: bool = True) -> bytes:
+        length = int.from_bytes(self._exactly(_PREFIX, deadline, wakes=wakes), "little")
+        return self._exactly(length, deadline, wakes=wakes)
+
+    def _exactly(self, length: int, deadline: float, *, wakes: bool) -> bytes:
+        data = bytearray()
+        while len(data) < length:
+            self._wait(select.POLLIN, deadline, wakes=wakes)
+            try:
+                piece = self._socket.recv(min(_PIECE, length - len(data)))
+            except BlockingIOError:
+                continue
+            except OSError as error:
+                raise ProcessLostError("its connection broke") from error
+            if not piece:
+                raise ProcessLostError("it ended")
+            data += piece
+        return bytes(data)
+
+    def _wait(self, event: int, deadline: float, *, wakes: bool) -> None:
+        poll = select.poll()
+        poll.register(self._socket, event)
+        if wakes:
+            poll.register(self._waker, select.POLLIN)
+        left = deadline - time.monotonic()
+        ready = dict(poll.poll(1e3 * left)) if left > 0 else {}
+        if self._waker in ready:
+            raise WokenError
+        if not ready:
+            raise DeadlineError
+
+
+def _begun(theirs: socket.socket, memory_bytes: int) -> Any:
+    # A worker is forked from a process that has imported what tasks need and opened nothing: it
+    # starts at once, and inherits no lock, socket or database connection.
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(_PRELOADED)
+    process = context.Process(target=_work, args=(theirs, memory_bytes), daemon=True)
+    with _STARTING:
+        # A fork server that is stopped answers nobody; one that is gone is begun anew.
+        watch = threading.Timer(_START_SECONDS, _end_fork_server)
+        watch.daemon = True
+        watch.start()
+        try:
+            process.start()
+        finally:
+            watch.cancel()
+            # At its end the interpreter would wait for it, stopped or not; it ends by itself.
+            multiprocessing.process._children.discard(process)  # type: ignore[attr-defined]
+    return process
+
+
+def _end_fork_server() -> None:
+    pid = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
+    if pid is not None:
+        with contextlib.suppress(OSError):
+            os.kill(pid, signal.SIGKILL)
+
+
+def _work(ours: socket.socket, memory_bytes: int) -> None:
+    """Answer requests until the socket closes: what runs in the process."""
+    resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+    keep_freed_memory(_KEPT_BYTES)
+    # The server decides when its workers end, not a Ctrl-C that reaches the whole group.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    _answer(ours, _READY)
+    with ours.makefile("rb") as requests:
+        while length := int.from_bytes(requests.read(_PREFIX), "little"):
+            # From our own server: only answers come from where strangers' files are read.
+            function, args, kwargs = pickle.loads(requests.read(length))  # noqa: S301
+            _answer(ours, answer_of(function, args, kwargs))
+            del function, args, kwargs
+    os._exit(0)
+
+
+def _answer(ours: socket.socket, data: bytes) -> None:
+    ours.sendall(len(data).to_bytes(_PREFIX, "little"))
+    ours.sendall(data)
+
+
+def _end_with_parent() -> None:
+    # A server that is killed leaves its workers behind: what they would still write may by then
+    # be another worker's work.
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait_for_any([parent.sentinel])
+        os._exit(1)

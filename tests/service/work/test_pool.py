@@ -1,0 +1,143 @@
+"""Whatever is killed at whatever moment, every future settles."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import Future, wait
+from contextlib import contextmanager
+from multiprocessing import forkserver, resource_tracker
+from typing import Any
+
+import pytest
+from worker_tasks import short
+
+from modalmotion.errors import LimitError
+from modalmotion_service.errors import ClusterError, WorkerDiedError
+from modalmotion_service.work.pool import WorkerPool
+
+MEMORY = 3_000_000_000
+N_WORKERS = 3
+# Of one task; a future that has not settled in a few times of it never will.
+TASK_SECONDS = 5.0
+WHAT = ("all workers", "a worker", "fork server", "resource tracker")
+
+
+@contextmanager
+def busy_processes(n: int) -> Iterator[None]:
+    """Keep the machine busy."""
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(n)]
+    try:
+        yield
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+
+
+def victims(pool: WorkerPool, what: str) -> list[int]:
+    """Give the numbers of the processes that may be killed."""
+    if what == "fork server":
+        return [forkserver._forkserver._forkserver_pid or 0]  # type: ignore[attr-defined]
+    if what == "resource tracker":
+        return [resource_tracker._resource_tracker._pid or 0]  # type: ignore[attr-defined]
+    processes = [keeper._process for keeper in pool._keepers]
+    return [process.pid for process in processes if process is not None]
+
+
+def kill(pids: list[int], how: signal.Signals) -> None:
+    for pid in pids:
+        if pid > 0:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, how)
+
+
+def kill_and_count(n_kills: int, seed: int) -> Counter[str]:
+    """Kill at random moments, before, between and after tasks; count how the tasks ended."""
+    rng = random.Random(seed)  # noqa: S311 (which process is killed is no secret)
+    ends: Counter[str] = Counter()
+    pool = WorkerPool(N_WORKERS, TASK_SECONDS, MEMORY)
+    futures: list[Future[Any]] = []
+    for n in range(n_kills):
+        if rng.random() < 0.5:
+            # All at rest: what is killed now is idle.
+            wait(futures, timeout=20 * TASK_SECONDS)
+        what = rng.choices(
+            ["all workers", "a worker", "fork server", "resource tracker"], [4, 4, 1, 1]
+        )[0]
+        pids = victims(pool, what)
+        if what == "a worker":
+            pids = [rng.choice(pids)] if pids else []
+        kill(pids, signal.SIGKILL)
+        time.sleep(rng.uniform(0, 0.02))
+        futures += [pool.submit(short, n, rng.uniform(0, 0.02)) for _ in range(3)]
+        if len(futures) > 60:
+            count(futures[:-10], ends)
+            del futures[:-10]
+    count(futures, ends)
+    pool.shutdown()
+    return ends
+
+
+def count(futures: list[Future[Any]], ends: Counter[str]) -> None:
+    wait(futures, timeout=20 * TASK_SECONDS)
+    for future in futures:
+        if not future.done():
+            ends["unsettled"] += 1
+        elif isinstance(error := future.exception(), (ClusterError, WorkerDiedError, LimitError)):
+            ends["failed by name"] += 1
+        elif error is not None:
+            ends[f"failed: {error!r}"] += 1
+        else:
+            ends["done"] += 1
+
+
+@pytest.mark.filterwarnings("ignore:resource_tracker")
+def test_a_few_dozen_kills_leave_no_future_unsettled() -> None:
+    ends = kill_and_count(40, seed=1)
+    assert ends.keys() <= {"done", "failed by name"}, ends
+    assert ends["done"] > 100
+
+
+@pytest.mark.soak
+@pytest.mark.filterwarnings("ignore:resource_tracker")
+def test_three_thousand_kills_on_a_busy_machine_leave_no_future_unsettled(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    n_kills = 3000 * int(os.environ.get("SOAK", "1"))
+    with busy_processes(12):
+        ends = kill_and_count(n_kills, seed=2)
+    with capsys.disabled():
+        print(f"\n{n_kills} kills: {dict(ends)}")  # noqa: T201
+    assert ends.keys() <= {"done", "failed by name"}, ends
+    assert ends["done"] > 8 * n_kills / 3
+
+
+def test_a_worker_that_is_stopped_ends_at_its_tasks_deadline() -> None:
+    with WorkerPool(1, 1.0, MEMORY) as pool:
+        assert pool.submit(abs, -1).result(timeout=60) == 1
+        kill(victims(pool, "workers"), signal.SIGSTOP)
+        with pytest.raises(LimitError):
+            pool.submit(abs, -2).result(timeout=60)
+        assert pool.submit(abs, -3).result(timeout=60) == 3
+
+
+def test_workers_live_on_without_their_fork_server() -> None:
+    with WorkerPool(1, 20.0, MEMORY) as pool:
+        pid = pool.submit(os.getpid).result(timeout=60)
+        kill(victims(pool, "fork server"), signal.SIGKILL)
+        assert pool.submit(os.getpid).result(timeout=60) == pid
+
+
+def test_the_end_of_the_interpreter_waits_for_no_worker() -> None:
+    with WorkerPool(1, 20.0, MEMORY) as pool:
+        assert pool.submit(abs, -1).result(timeout=60) == 1
+        assert not multiprocessing.active_children()
