@@ -21,7 +21,7 @@ _BLOCK: Final = 500_000
 
 @dataclass(frozen=True, eq=False)
 class PositionBlock:
-    """Positions in consecutive frames in which the same vertices are there.
+    """Positions in consecutive frames in which the same vertices are present.
 
     Parameters
     ----------
@@ -30,9 +30,9 @@ class PositionBlock:
         From the reference's centroid, direction by direction, which is how products and sums
         run fast.
     is_still : (frames,) bool
-        Which frames repeat the reference bit for bit.
+        True for frames that repeat the reference bit for bit.
     shape : ReferenceShape
-        What they are measured from: the vertices that are there.
+        The reference's vertices that are present.
     remove_rotation : bool
     """
 
@@ -54,7 +54,7 @@ class PositionBlock:
         rotations : Rotations
             About the centroid of each frame.
         drifts : (frames, 3) float64, in units of the scale
-            Of the whole reference's centroid, carried along with the part that is there.
+            Of the whole reference's centroid, carried along with the part that is present.
         """
         shape, middle = self.shape, sums[:, :, 3]
         if self.remove_rotation:
@@ -62,7 +62,7 @@ class PositionBlock:
         else:
             rotations = Rotations.none(len(sums))
         drifts = middle - rotations.matrices @ shape.middle
-        # A frame that repeats the reference has moved by exactly nothing.
+        # A frame that repeats the reference has not moved at all.
         rotations.matrices[self.is_still], drifts[self.is_still] = np.eye(3), 0.0
         return rotations, drifts
 
@@ -87,7 +87,7 @@ class PositionBlock:
 
 @dataclass(frozen=True, eq=False)
 class DisplacementBlock:
-    """Displacements in consecutive frames in which the same vertices are there.
+    """Displacements in consecutive frames in which the same vertices are present.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class DisplacementBlock:
     drifts : (frames, 3) float64, in units of the scale
         Of the weighted centroid from the reference's, part of the displacements.
     shape : ReferenceShape
-        What they were measured from.
+        The reference.
     """
 
     frames: slice
@@ -123,7 +123,7 @@ class Displacements:
     remove_rotation : bool
         Whether each frame's best rotation about its centroid is taken out.
     present : (frames, vertices) bool or None
-        Which positions are there; None if all are. The others are not read.
+        True for positions that are present; None if all are. The others are not read.
     """
 
     sequence: MeshSequence
@@ -142,7 +142,7 @@ class Displacements:
         Raises
         ------
         ParameterError
-            Naming the first frame in which no weighted vertex is there.
+            Naming the first frame without any weighted vertex.
         """
         n = max(1, _BLOCK // (3 * self.sequence.n_vertices))
         for first, last in self._alike():
@@ -158,7 +158,7 @@ class Displacements:
                 )
 
     def _alike(self) -> Iterator[tuple[int, int]]:
-        """Beginnings and ends of runs of frames in which the same vertices are there."""
+        """Beginnings and ends of runs of frames in which the same vertices are present."""
         ends = [self.sequence.n_frames]
         if self.present is not None:
             differ = (self.present[1:] != self.present[:-1]).any(axis=1)
@@ -169,7 +169,7 @@ class Displacements:
 def _part(shape: ReferenceShape, there: NDArray[np.bool_], frame: int) -> ReferenceShape:
     if not shape.weights[there].any():
         raise ParameterError(
-            f"No vertex of the surface is there in frame {frame}.",
+            f"The surface has no vertex in frame {frame}.",
             remedy="Leave the frame out.",
             frame=frame,
         )
@@ -199,8 +199,8 @@ def _is_still(
     start: NDArray[np.float64],
     shape: ReferenceShape,
 ) -> NDArray[np.bool_]:
-    """Which frames repeat the reference bit for bit, at the vertices that are read."""
-    # A few vertices tell nearly all frames that do not.
+    """Frames that repeat the reference bit for bit, at the vertices that are read."""
+    # A few vertices rule out nearly all frames that do not.
     probe = slice(None, None, max(1, len(start) // 16))
     if len(shape.ignored):
         there = np.ones(len(start), dtype=np.bool_)

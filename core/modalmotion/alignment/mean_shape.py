@@ -14,7 +14,7 @@ from modalmotion.mesh import lattice_faces, vertex_areas
 from modalmotion.mesh.curves import curve_weights
 from modalmotion.mesh.sequence import MeshSequence
 
-# Each brings the mean that is reached from two starts a hundred times nearer.
+# Each brings the means from two starts a hundred times nearer.
 _N_ROUNDS: Final = 3
 
 
@@ -37,7 +37,7 @@ def mean_shape(sequence: MeshSequence) -> NDArray[np.float64]:
     scaling; vertices count by their area on the mean shape.
     """
     if _ends_as_it_began(sequence):
-        # A frame that is there twice counts once.
+        # A repeated frame counts once.
         times = None if sequence.times is None else sequence.times[:-1]
         sequence = replace(sequence, vertices=sequence.vertices[:-1], times=times)
     mean: NDArray[np.float64] = sequence.vertices[0].astype(np.float64)
@@ -64,10 +64,10 @@ def _ends_as_it_began(sequence: MeshSequence) -> bool:
 
 
 def _shares(sequence: MeshSequence, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Share of each vertex in the surface, or in the curve; all alike where there is neither."""
+    """Share of each vertex in the surface, or in the curve; equal shares without either."""
     topology, faces, grid = sequence.topology, sequence.faces, sequence.grid
     sizes = np.ones(len(positions))
-    # Near size 1 no square is lost, whatever the unit.
+    # Near size 1 no square is lost, in any unit.
     extent = float(np.ptp(positions, axis=0).max(initial=0.0))
     scaled = (positions - positions[0]) / extent if extent > 0 else positions
     if topology is not None and topology.n_axes == 1:

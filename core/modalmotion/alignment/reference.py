@@ -61,7 +61,7 @@ def displacements_from(
     remove_rotation : bool
         Whether to take out each frame's best rotation about its centroid first.
     present : (frames, vertices) bool, optional
-        Which positions are there; the others are not read. The reference must be complete.
+        True for positions present; the others are not read. The reference must be complete.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def _require_present(
         if not present.all():
             raise ParameterError(
                 "Vertices are missing, so there is no mean shape to measure from.",
-                remedy="Choose a reference frame in which all vertices are there.",
+                remedy="Choose a reference frame with all vertices present.",
             )
         return
     if not present[reference].all():
@@ -100,7 +100,7 @@ def _require_present(
         raise ParameterError(
             f"Vertex {vertex} is missing in the reference, frame {reference}, so nothing can be "
             "measured from it.",
-            remedy="Choose a reference frame in which all vertices are there.",
+            remedy="Choose a reference frame with all vertices present.",
             frame=reference,
             vertex=vertex,
         )

@@ -38,13 +38,13 @@ class ReferenceShape:
         A power of two; 1 unless the surface is so large or small that squares would
         overflow or vanish.
     tolerance : float
-        Of `kabsch`: what rounding of the stored positions gives to a line.
+        Of `kabsch`: the thickness that rounding of the stored positions gives to a line.
     ignored : (n,) int64
         Vertices that are not read; they count in no error.
     middle : (3,) float64, in units of `scale`
         Weighted mean of `rest`, zero unless vertices are missing.
     coverage : float
-        Share of the surface that is there, 1 unless vertices are missing.
+        Share of the surface present, 1 unless vertices are missing.
     """
 
     centre: NDArray[np.float64]

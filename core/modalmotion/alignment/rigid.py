@@ -59,9 +59,9 @@ def kabsch(
     covariances : (frames, 3, 3) float64, length unit squared
         sum w (x - centroid) (x_ref - centroid_ref)'.
     tolerance : float
-        Smallest second singular value, relative to the first, that is no rounding.
+        Smallest second singular value, relative to the first, that is not rounding.
     noise : (frames,) float64, length unit squared, optional
-        Singular values up to this are rounding, whatever the first one is.
+        Singular values up to this are rounding, for any size of the first one.
 
     Returns
     -------

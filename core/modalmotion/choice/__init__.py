@@ -1,1 +1,1 @@
-"""How many modes serve: nested sets, their errors, the measurement's noise, simple scenes."""
+"""Choice of the modes: nested sets, their errors, the measurement's noise, simple scenes."""

@@ -74,7 +74,7 @@ class Energies:
         Returns
         -------
         (sets, harmonics + 1) float64, length unit
-            From 0 harmonics to the most that there are.
+            From 0 harmonics to the largest number available.
         """
         f, m, _ = self.coefficients.shape
         T = harmonics.functions
@@ -83,12 +83,12 @@ class Energies:
         beyond = flat - product(T, along)
         by_function = (along.reshape(-1, m, 3) ** 2).sum(axis=2) / f
         left = (beyond.reshape(f, m, 3) ** 2).sum(axis=(0, 2)) / f
-        # Of the modes that are kept, what later functions of time would hold is lost.
+        # Modes in the set lose the later functions of time.
         n = [min(n_functions(h), T.shape[1]) for h in range(harmonics.most + 1)]
         lost = left + _dropped(by_function)[n]
-        kept = np.concatenate([np.zeros((len(n), 1)), np.cumsum(lost, axis=1)], axis=1)
+        late = np.concatenate([np.zeros((len(n), 1)), np.cumsum(lost, axis=1)], axis=1)
         by_mode = by_function.sum(axis=0) + left
-        squares = float(self.outside.mean()) + _dropped(by_mode)[counts][:, None] + kept.T[counts]
+        squares = float(self.outside.mean()) + _dropped(by_mode)[counts][:, None] + late.T[counts]
         joint: NDArray[np.float64] = self.scale * np.sqrt(squares)
         return joint
 

@@ -1,4 +1,4 @@
-"""A fitted motion: amplitudes of some modes, limited as was asked for, and what they leave."""
+"""A fitted motion: amplitudes of some modes, limited on request, and their errors."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Model:
         Its errors are those of these amplitudes.
     condition : float
     choice : ModelChoice or None
-        What decided on the modes, where their number was not stated.
+        How the modes were chosen, where their number was not stated.
     notes : tuple of str
     """
 
@@ -42,7 +42,7 @@ class Model:
     notes: tuple[str, ...] = ()
 
     def error(self, kind: ErrorKind) -> float:
-        """Give the error that a tolerance is about, length unit."""
+        """Error that a tolerance limits, length unit."""
         if kind == ErrorKind.MAX:
             return float(self.fit.max_errors.max())
         return root_mean_square(self.fit.rms_errors)
@@ -55,7 +55,7 @@ def fit_model(
     normal: tuple[float, float, float] | None = None,
     basis: Basis | None = None,
 ) -> Model:
-    """Fit modes to a sequence, their paths limited to harmonics and to a plane if asked to.
+    """Fit modes to a sequence, their paths limited to harmonics and to a plane on request.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def fit_model(
     ModeCountError
         If the surface cannot tell that many modes apart.
     ParameterError
-        If the frames tell fewer harmonics apart than are asked for.
+        If the frames tell fewer harmonics apart than requested.
     """
     basis = make_basis(fitter.template, modes) if basis is None else basis
     fit = fitter.fit(basis)

@@ -44,21 +44,21 @@ class Fitter:
         sequence: MeshSequence, template: Template, parameters: SignatureParameters | None = None
     ) -> Fitter:
         """Centre a sequence on a template; 7 modes against frame 0 by default."""
-        asked = SignatureParameters() if parameters is None else parameters
+        parameters = SignatureParameters() if parameters is None else parameters
         displacements = displacements_from(
-            asked.reference,
+            parameters.reference,
             sequence,
             template.weights,
             template.isolated,
-            remove_rotation=asked.remove_rotation,
+            remove_rotation=parameters.remove_rotation,
         )
-        return Fitter(sequence, template, asked, displacements)
+        return Fitter(sequence, template, parameters, displacements)
 
     def asking(self, **changes: Any) -> Fitter:
         """Fit otherwise, from the same reference: parameters that no template depends on."""
-        asked = replace(self.parameters, **changes)
-        displacements = replace(self.displacements, remove_rotation=asked.remove_rotation)
-        return replace(self, parameters=asked, displacements=displacements)
+        parameters = replace(self.parameters, **changes)
+        displacements = replace(self.displacements, remove_rotation=parameters.remove_rotation)
+        return replace(self, parameters=parameters, displacements=displacements)
 
     @cached_property
     def frames(self) -> NDArray[np.float64] | None:

@@ -1,4 +1,4 @@
-"""Few functions of time that a trajectory is limited to: harmonics, by least squares."""
+"""Harmonics: the few functions of time that limit a trajectory, by least squares."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.numeric.products import product
 
 MOST_HARMONICS: Final = 64
-"""Harmonics that are ever told apart; more are given as the frames themselves."""
+"""Largest number of harmonics; a path that needs more is given as its frames."""
 
 # Uneven times tell harmonics apart up to this condition.
 _LARGEST_CONDITION: Final = 1e3
@@ -23,8 +23,8 @@ class Harmonics:
     """Orthonormal functions of the frames, the slow ones first.
 
     A constant and a straight line in time, then cosine and sine of each harmonic: least
-    squares on the times as they are, even or not. The line takes up what a movement that does
-    not come back ends away from its beginning, so that no cycle is closed by force.
+    squares on the times as they are, even or not. The line takes up the distance between the
+    ends of a movement that does not come back, so that no cycle is closed by force.
 
     Parameters
     ----------
@@ -86,16 +86,16 @@ def harmonics_of(n_frames: int, times: NDArray[np.float64] | None) -> Harmonics:
     return Harmonics(functions * np.where(np.diag(R) < 0, -1.0, 1.0))
 
 
-def require_harmonics(harmonics: int, found: Harmonics) -> None:
+def require_harmonics(harmonics: int, available: Harmonics) -> None:
     """Refuse more harmonics than the frames tell apart.
 
     Raises
     ------
     ParameterError
     """
-    if harmonics > found.most:
+    if harmonics > available.most:
         raise ParameterError(
-            f"{harmonics} harmonics cannot be told apart in {len(found.functions)} frames.",
-            remedy=f"Ask for at most {found.most}, or leave the path over time as it is.",
-            details={"harmonics": harmonics, "most": found.most},
+            f"{harmonics} harmonics cannot be told apart in {len(available.functions)} frames.",
+            remedy=f"Ask for at most {available.most}, or leave the path over time as it is.",
+            details={"harmonics": harmonics, "most": available.most},
         )

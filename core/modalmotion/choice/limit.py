@@ -1,4 +1,4 @@
-"""The error that is not to be exceeded, in the length unit of a sequence."""
+"""The error limit, in the length unit of a sequence."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _ESTIMATE = 0.03
 
 
 def limit_of(
-    asked: SignatureParameters, sequence: MeshSequence, motion_rms: NDArray[np.float64]
+    parameters: SignatureParameters, sequence: MeshSequence, motion_rms: NDArray[np.float64]
 ) -> float:
     """Error that parameters with a tolerance allow.
 
     Parameters
     ----------
-    asked : SignatureParameters
+    parameters : SignatureParameters
     sequence : MeshSequence
     motion_rms : (frames,) float64, length unit
 
@@ -38,22 +38,22 @@ def limit_of(
     ParameterError
         If the tolerance is in mm and the unit of the sequence is unknown.
     """
-    if asked.tolerance_share is not None:
-        return asked.tolerance_share * root_mean_square(motion_rms)
-    require_unit(asked, sequence)
-    return (asked.tolerance or 0.0) / MM_PER_UNIT[sequence.unit or "mm"]
+    if parameters.tolerance_share is not None:
+        return parameters.tolerance_share * root_mean_square(motion_rms)
+    require_unit(parameters, sequence)
+    return (parameters.tolerance or 0.0) / MM_PER_UNIT[sequence.unit or "mm"]
 
 
-def require_unit(asked: SignatureParameters, sequence: MeshSequence) -> None:
-    """Refuse a tolerance in mm on numbers that are in no known unit.
+def require_unit(parameters: SignatureParameters, sequence: MeshSequence) -> None:
+    """Refuse a tolerance in mm on numbers that are in an unknown unit.
 
     Raises
     ------
     ParameterError
     """
-    if asked.tolerance is not None and sequence.unit is None:
+    if parameters.tolerance is not None and sequence.unit is None:
         raise ParameterError(
-            f"A tolerance of {asked.tolerance:g} mm was asked for, but the length unit of the "
+            f"A tolerance of {parameters.tolerance:g} mm was requested, but the length unit of the "
             "sequence is unknown.",
             remedy="State the unit (m, cm, mm, um or nm), or ask by tolerance_share, a share of "
             "the motion.",
@@ -61,7 +61,7 @@ def require_unit(asked: SignatureParameters, sequence: MeshSequence) -> None:
 
 
 def error_of(error: SceneError, kind: ErrorKind) -> float:
-    """Give the error that a tolerance is about."""
+    """Error that a tolerance limits."""
     return error.max if kind == ErrorKind.MAX else error.rms
 
 
@@ -71,11 +71,11 @@ def noise_rms(noise: Noise, n_frames: int, n_directions: int = 3) -> float:
 
 
 def holds_noise(error: float, noise: Noise, sequence: MeshSequence, n_directions: int = 3) -> bool:
-    """Tell whether an RMS error cannot be told from that of noise alone."""
+    """Whether an RMS error is as small as that of noise alone."""
     expected = noise_rms(noise, sequence.n_frames, n_directions)
     # The reference's part of the noise is drawn once for all frames.
     spread = float(np.sqrt(2.0 / (n_directions * sequence.n_vertices)))
-    # Not squared: that has no room for very large coordinates.
+    # Not squared: the square of very large coordinates would overflow.
     return error <= expected * float(np.sqrt(1.0 + _ESTIMATE + _DEVIATIONS * spread))
 
 
@@ -88,7 +88,7 @@ def simplest(scene: Scene, limit: float, kind: ErrorKind) -> SceneKind:
 
 
 def simplest_with_noise(scene: Scene, noise: Noise, sequence: MeshSequence) -> SceneKind:
-    """Simplest kind of motion whose residual cannot be told from noise."""
+    """Simplest kind of motion whose residual looks like noise."""
     for name, error in scene.errors.items():
         n_directions = 1 if name == SceneKind.PLANAR else 3
         if holds_noise(error.rms, noise, sequence, n_directions):

@@ -42,7 +42,7 @@ class Ladder:
     ends_because : str
         Why there is no larger set; empty if there may be one.
     notes : tuple of str
-        What a user should know of the modes.
+        Caveats about the modes.
     """
 
     basis: Basis
@@ -76,7 +76,7 @@ def ladder_of(template: Template, n_modes: int, grid: tuple[int, ...] | None = N
     ----------
     template : Template
     n_modes : int
-        Wanted number of the largest set; fewer if the surface, memory or the condition of
+        Requested number of the largest set; fewer if the surface, memory or the condition of
         the fit ends the order before.
     grid : tuple of int, optional
         Nodes along each axis of a lattice.
@@ -100,7 +100,7 @@ def ladder_of(template: Template, n_modes: int, grid: tuple[int, ...] | None = N
 def most_modes_of(
     template: Template, n_modes: int, grid: tuple[int, ...] | None
 ) -> tuple[int, str]:
-    """Largest whole number of modes up to a wanted one, and what ends the order there if any."""
+    """Largest whole number of modes up to a requested one, and what ends the order, if anything."""
     n_weighted = int((template.weights > 0).sum())
     n_memory = max(_MOST_NUMBERS // template.n_vertices, 7)
     limits = [
@@ -117,7 +117,7 @@ def most_modes_of(
         if grid is not None:
             most = min(most, math.prod(grid))
         whole = whole_count(template.surface, most, grid)
-        # Not beyond what ends the order.
+        # Not beyond the end of the order.
         most = whole if whole == most or not reason else most - 1
     return most, reason
 
@@ -125,12 +125,12 @@ def most_modes_of(
 def _sound(R: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[int, float]:
     """Largest whole set whose amplitudes are worth giving, and the condition of its fit.
 
-    The condition only grows with the set, so that the set is found by halving.
+    The condition only grows with the set, so bisection finds it.
 
     Raises
     ------
     ModeCountError
-        If not even the smallest set is.
+        If not even those of the smallest set are.
     """
     condition = _condition(R)
     if condition <= LARGEST_CONDITION:

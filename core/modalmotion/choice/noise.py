@@ -16,11 +16,11 @@ from modalmotion.fit.fit import Fit
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
 
-# Modes that are taken out of the motion first, and the share of the vertices they may be.
+# Modes that are taken out of the motion first, and their largest share of the vertices.
 _MODES: Final = 120
 _SHARE: Final = 4
 
-# Vertices and frames that are looked at; more of them say the same.
+# Largest number of vertices and frames used; more do not change the estimate.
 _MOST_VERTICES: Final = 4000
 _MOST_FRAMES: Final = 400
 
@@ -38,11 +38,11 @@ class Noise:
     sigma : float, length unit
         Standard deviation, `rounding` at least.
     rounding : float, length unit
-        What storing the coordinates in their type adds.
+        Noise from storing the coordinates in their type.
     modes : int
         Spatial modes that were taken out first.
     rank, n_values : int
-        Which singular value of the rest was read, counted from the smallest, of how many.
+        Rank of the singular value used, counted from the smallest, and their number.
     """
 
     sigma: float
@@ -52,7 +52,7 @@ class Noise:
     n_values: int
 
     def note(self, unit: str | None) -> str:
-        """Say what was estimated and how."""
+        """Describe the estimate and its method."""
         size = f"{self.sigma:.3g} {unit or 'length units'}"
         if self.sigma <= self.rounding:
             return (
@@ -60,7 +60,7 @@ class Noise:
                 "modes are added until they describe rounding. Ask by tolerance for fewer."
             )
         if not self.n_values:
-            return f"The noise cannot be told from one frame; {size} was assumed."
+            return f"One frame is too few to estimate noise; {size} was assumed."
         text = (
             f"The noise was estimated at {size} a coordinate (standard deviation): of what "
             f"{self.modes} modes leave, the singular value over time of rank {self.rank + 1} of "
@@ -74,11 +74,11 @@ class Noise:
 def estimate_noise(fitter: Fitter, ladder: Ladder, fit: Fit) -> Noise:
     """Estimate independent noise of equal size in every coordinate.
 
-    What many modes leave of the motion is fine and, in time, takes few directions; noise takes
+    The residual motion after many modes is fine and, in time, takes few directions; noise takes
     all alike. Subtracting each vertex's mean over time takes out the reference's own noise,
     which all displacements share. The median singular value of the rest is then that of
     noise (Gavish and Donoho, The optimal hard threshold for singular values is 4/sqrt(3),
-    IEEE Transactions on Information Theory, 2014), whatever the motion does in time.
+    IEEE Transactions on Information Theory, 2014), for any motion over time.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ def estimate_noise(fitter: Fitter, ladder: Ladder, fit: Fit) -> Noise:
     sequence, template = fitter.sequence, fitter.template
     rounding = _rounding(sequence)
     n_weighted = int((template.weights > 0).sum())
-    wanted = max(1, min(_MODES, n_weighted // _SHARE))
-    m = int(ladder.counts[np.searchsorted(ladder.counts, wanted, side="right") - 1])
+    n_modes = max(1, min(_MODES, n_weighted // _SHARE))
+    m = int(ladder.counts[np.searchsorted(ladder.counts, n_modes, side="right") - 1])
     if sequence.n_frames < 2 or n_weighted <= m:
         return Noise(rounding, rounding, m, 0, 0)
     r = _residual(fitter, ladder, fit, m)

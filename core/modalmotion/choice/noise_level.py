@@ -1,4 +1,4 @@
-"""How much noise a sequence has, and the set of modes that stops there."""
+"""Noise of a sequence, and the set of modes that stops there."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ def measure_noise(fitter: Fitter) -> Noise:
 
 
 def modes_until_noise(fitter: Fitter, noise: Noise) -> tuple[Ladder, int]:
-    """Give a ladder of modes, and how many of them to keep.
+    """Give a ladder of modes, and the number of them to keep.
 
     Parameters
     ----------
     fitter : Fitter
     noise : Noise
     """
-    asked = fitter.parameters
-    most = asked.most_modes or MOST_MODES
+    parameters = fitter.parameters
+    most = parameters.most_modes or MOST_MODES
     n = min(_FIRST, most)
-    if asked.order == ModeOrder.ENERGY:
-        n = most = asked.most_modes or ENERGY_POOL
+    if parameters.order == ModeOrder.ENERGY:
+        n = most = parameters.most_modes or ENERGY_POOL
     while True:
         ladder, fit = sorted_ladder(fitter, n)
         count = least_risk(ladder, energies_of(ladder.basis, fit), noise)
@@ -52,7 +52,7 @@ def least_risk(ladder: Ladder, energies: Energies, noise: Noise) -> int:
     square is the coefficient's less that of its noise: an unbiased risk (Mallows, Some comments
     on C_p, Technometrics, 1973). Measured from the true reference a displacement carries the
     noise of its frame and of the reference; positions on the reference as recorded carry the
-    latter whatever the modes. The set is the one that is nearest to the best for both.
+    latter with any modes. The set is the one that is nearest to the best for both.
 
     Parameters
     ----------
@@ -67,8 +67,8 @@ def least_risk(ladder: Ladder, energies: Energies, noise: Noise) -> int:
     counts = ladder.counts
     motion = np.append(np.cumsum((squares - noises)[::-1])[::-1], 0.0)[counts]
     motion = np.maximum(motion, 0.0)
-    kept = np.concatenate([[0.0], np.cumsum(noises)])[counts]
-    displaced, placed = motion + kept, motion + 3.0 * variance
+    kept_noise = np.concatenate([[0.0], np.cumsum(noises)])[counts]
+    displaced, placed = motion + kept_noise, motion + 3.0 * variance
     if not displaced.min() > 0.0:
         return int(counts[int(np.argmin(displaced))])
     excess = np.maximum(displaced / displaced.min(), placed / placed.min())

@@ -1,4 +1,4 @@
-"""Sets of modes one inside the other, in the order that was asked for."""
+"""Sets of modes one inside the other, in the requested order."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from modalmotion.fit.fit import Fit
 from modalmotion.numeric.qr import tall_qr
 
 ENERGY_POOL: Final = 200
-"""Modes among which those with most energy are looked for, unless `most_modes` says."""
+"""Modes from which those with most energy are taken, unless `most_modes` is set."""
 
 
 def sorted_ladder(fitter: Fitter, n_modes: int) -> tuple[Ladder, Fit]:
-    """Give modes in the order asked for, lowest or with most energy first, and their fit."""
+    """Modes in the requested order, lowest or most energetic first, and their fit."""
     ladder = ladder_of(fitter.template, n_modes, fitter.sequence.grid)
     return in_order(fitter, ladder)
 
@@ -30,9 +30,9 @@ def in_order(fitter: Fitter, ladder: Ladder) -> tuple[Ladder, Fit]:
     return by_energy(ladder, fit) if fitter.parameters.order == ModeOrder.ENERGY else (ladder, fit)
 
 
-def notes_on(ladder: Ladder, asked: SignatureParameters) -> tuple[str, ...]:
-    """Tell what a user should know of modes that were chosen from a ladder."""
-    if asked.order == ModeOrder.FIXED:
+def notes_on(ladder: Ladder, parameters: SignatureParameters) -> tuple[str, ...]:
+    """Caveats about modes chosen from a ladder."""
+    if parameters.order == ModeOrder.FIXED:
         return ladder.notes
     note = (
         f"The modes are those that move most among the first {len(ladder.basis.modes)}; other "

@@ -1,4 +1,4 @@
-"""What a signature is asked for."""
+"""Request for a signature: number of modes, order, reference and limits."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ FASTEST_WAVE: Final = 1e100
 """Largest wave speed, length unit per s."""
 
 USUAL_MODES: Final = 7
-"""Modes of a signature of which nothing else is asked: a whole set for every topology."""
+"""Default number of modes: a whole set for every topology."""
 
 
 class ErrorKind(StrEnum):
-    """Which error a tolerance is about, over all frames."""
+    """Error that a tolerance limits, over all frames."""
 
     RMS = "rms"
     MAX = "max"
@@ -47,9 +47,9 @@ class ModeOrder(StrEnum):
 @shown("modes", "tolerance", "tolerance_of", "auto", "topology", "reference", "components", "key")
 @dataclass(frozen=True)
 class SignatureParameters:
-    """What a signature is asked for.
+    """Request for a signature.
 
-    How many modes it has is asked for in one of four ways: `modes` (or `amplitudes`),
+    The number of modes is set in one of four ways: `modes` (or `amplitudes`),
     `tolerance`, `tolerance_share` or `auto`; 7 modes if in none.
 
     Parameters
@@ -69,29 +69,29 @@ class SignatureParameters:
     wave_speed : float, length unit per s
         c of w = c k, which frequencies and strain energy are stated with.
     components : Components
-        What the three amplitudes of a mode stand for: x, y, z or radial, tangential, axial.
+        Directions of the three amplitudes of a mode: x, y, z or radial, tangential, axial.
     landmarks : GivenLandmarks
-        Places that are stated and not left to the shape.
+        Places stated by the user, over those of the shape.
     closed_form : bool
-        False asks for the spring modes of the mesh itself, whatever its topology.
+        False selects the spring modes of the mesh itself, even on a known topology.
     template : str or None
         Id of a template to use in place of one made from the sequence's own reference.
     tolerance : float or None, mm
         Error that is not exceeded, with the fewest modes that hold it.
     tolerance_of : ErrorKind
-        What a tolerance is about: the RMS error over all frames, or the largest of any vertex.
+        Error that a tolerance limits: the RMS error over all frames, or the largest of any vertex.
     tolerance_share : float or None
         A tolerance as a share of the motion: of the RMS displacement over all frames.
     auto : bool
-        Stop where the residual cannot be told from the noise of the measurement.
+        Stop where the residual looks like the noise of the measurement.
     order : ModeOrder
         Fixed, or by energy among the first `most_modes`.
     most_modes : int or None
-        Largest number of modes that a tolerance, `auto` or the order of energy may reach to.
+        Largest number of modes for a tolerance, `auto` or the order of energy.
     harmonics : int or None
         Harmonics that each amplitude's path over time is limited to; None leaves it as it is.
     split_pairs : bool
-        Take the stated number of modes exactly, be it odd: the amplitudes of a cosine without
+        Take the stated number of modes exactly: the amplitudes of a cosine without
         its sine depend on where theta is zero, and compare only where that is the same.
     amplitudes : int, optional
         In place of `modes`: amplitudes a frame, three of a mode.
@@ -121,29 +121,29 @@ class SignatureParameters:
     def __post_init__(self, amplitudes: int | None) -> None:
         if amplitudes is not None:
             if self.modes is not None:
-                raise _asked_twice(["modes", "amplitudes"])
+                raise _several_requests(["modes", "amplitudes"])
             object.__setattr__(self, "modes", -(-amplitudes // 3))
-        given = {name: getattr(self, name) for name in _WAYS}
-        asked = [name for name, value in given.items() if not (value is None or value is False)]
-        if len(asked) > 1:
-            raise _asked_twice(asked)
-        if not asked:
+        values = {name: getattr(self, name) for name in _WAYS}
+        requests = [name for name, value in values.items() if not (value is None or value is False)]
+        if len(requests) > 1:
+            raise _several_requests(requests)
+        if not requests:
             object.__setattr__(self, "modes", USUAL_MODES)
         for name, count in (("modes", self.modes), ("most_modes", self.most_modes)):
             if count is not None and not 1 <= count <= MOST_MODES:
                 raise ModeCountError(
-                    f"{count} modes were asked for; a signature has 1 to {MOST_MODES}.",
+                    f"{count} modes were requested; a signature has 1 to {MOST_MODES}.",
                     remedy=f"Ask for 1 to {MOST_MODES} modes; 7 is the usual number.",
                     details={name: count, "most": MOST_MODES},
                 )
         if self.split_pairs and (self.modes is None or self.order != ModeOrder.FIXED):
             raise ParameterError(
-                "Pairs are split only for a stated number of modes in the fixed order: whatever "
-                "follows from the data takes whole pairs.",
+                "Pairs are split only for a stated number of modes in the fixed order: a number "
+                "that follows from the data takes whole pairs.",
                 remedy="Leave out split_pairs, or ask by modes or amplitudes and leave the order "
                 "fixed.",
             )
-        # Beyond it the energy, which has its square, may be no number.
+        # Beyond it the energy, which contains its square, may overflow.
         if not 0 < self.wave_speed <= FASTEST_WAVE:
             raise ParameterError(
                 f"The wave speed is {self.wave_speed}.",
@@ -158,7 +158,7 @@ class SignatureParameters:
                 )
         if self.harmonics is not None and self.harmonics < 0:
             raise ParameterError(
-                f"{self.harmonics} harmonics were asked for.", remedy="Use 0 or more."
+                f"{self.harmonics} harmonics were requested.", remedy="Use 0 or more."
             )
 
     @property
@@ -171,7 +171,7 @@ class SignatureParameters:
     ) -> SignatureParameters:
         """Return the parameters with the facts that the fit reads: landmarks of the template.
 
-        So a fact that is read is part of the key, and one that is not read is no part of it.
+        So the key contains a fact that the fit reads, and no other.
 
         Parameters
         ----------
@@ -191,13 +191,13 @@ class SignatureParameters:
             Topology.parse(known) if isinstance(known, str) else known,
             is_lattice=(grid if self.grid is None else self.grid) is not None,
         )
-        # `amplitudes` is no field: replacing leaves `modes` as it is.
+        # `amplitudes` is not a field: replacing leaves `modes` as it is.
         return self if landmarks == self.landmarks else replace(self, landmarks=landmarks)
 
     def as_plain(self) -> dict[str, Any]:
-        """Give the parameters as values that JSON knows."""
+        """Give the parameters as JSON values."""
         values = asdict(self)
-        # How a number of modes is found is left out where it is stated: most are so.
+        # Settings of adaptive choice are left out at their defaults, as in most requests.
         for way in fields(self):
             if way.name in _LEFT_OUT and values[way.name] == way.default:
                 del values[way.name]
@@ -224,9 +224,9 @@ _LEFT_OUT: Final = (
 )
 
 
-def _asked_twice(names: list[str]) -> ParameterError:
+def _several_requests(names: list[str]) -> ParameterError:
     return ParameterError(
-        f"The number of modes was asked for in several ways: {', '.join(names)}.",
+        f"The number of modes was requested in several ways: {', '.join(names)}.",
         remedy="Ask by one of modes, amplitudes, tolerance, tolerance_share and auto.",
         details={"asked": names},
     )
@@ -240,7 +240,7 @@ def parameters_as_json(parameters: SignatureParameters) -> dict[str, Any]:
 
 
 def parameters_from_json(values: dict[str, Any]) -> SignatureParameters:
-    """Read what `parameters_as_json` gave."""
+    """Read the output of `parameters_as_json`."""
     # JSON has neither tuples nor enumerations.
     grid = values["grid"]
     return SignatureParameters(

@@ -1,4 +1,4 @@
-"""What decided how much of a motion is modelled."""
+"""Reason for the number of modes of a signature."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from modalmotion.representation import shown
 @shown("asked", "limit", "limit_of", "scene", "noise.sigma")
 @dataclass(frozen=True)
 class ModelChoice:
-    """Why a signature has the modes it has.
+    """Reason for the modes of a signature.
 
     Parameters
     ----------
     asked : str
         "tolerance", "tolerance_share" or "auto".
     limit : float, length unit
-        The error that is not exceeded; for "auto" the RMS error that noise alone would leave.
+        The error limit; for "auto" the RMS error that noise alone would leave.
     limit_of : ErrorKind
     noise : Noise or None
-        What was estimated, for "auto".
+        The estimate, for "auto".
     scene : SceneKind
         The simplest kind of motion that holds the limit.
     errors : dict of SceneKind to SceneError
-        What each kind leaves.
+        Error of each kind.
     normal : tuple of float or None
         Unit normal of the plane that a planar motion was limited to.
     """
@@ -47,7 +47,7 @@ class ModelChoice:
 
     @staticmethod
     def from_json(values: dict[str, Any]) -> ModelChoice:
-        """Read what `as_json` gave, after a turn through JSON."""
+        """Read the output of `as_json`, after a round trip through JSON."""
         noise, normal = values["noise"], values["normal"]
         return ModelChoice(
             asked=values["asked"],

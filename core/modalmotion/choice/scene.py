@@ -40,7 +40,7 @@ NUMBERS: Final = {SceneKind.STATIC: 0, SceneKind.RIGID: 6, SceneKind.AFFINE: 12}
 
 @dataclass(frozen=True)
 class SceneError:
-    """What a kind of motion leaves when it is taken for all there is.
+    """Error of a kind of motion when it describes all of the motion.
 
     Parameters
     ----------
@@ -193,12 +193,12 @@ def planar_motion(fitter: Fitter) -> PlanarMotion:
     normal = np.linalg.eigh(moments)[1][:, 0]
     largest = int(np.argmax(np.abs(normal)))
     normal = normal * (1.0 if normal[largest] > 0 else -1.0)
-    found = [
+    errors = [
         distances((block.u.transpose(0, 2, 1) @ normal)[:, :, None] * block.shape.scale, template)
         for block in turned.blocks()
     ]
     x, y, z = normal.tolist()
-    return PlanarMotion((x, y, z), _over_frames(found))
+    return PlanarMotion((x, y, z), _over_frames(errors))
 
 
 def _linear(
@@ -213,18 +213,18 @@ def _linear(
     nothing = SceneError(0.0, 0.0, 0.0)
     motion = LinearMotion(kind, matrices, shifts, nothing)
     step = max(1, _BLOCK // (3 * sequence.n_vertices))
-    found = []
+    errors = []
     for first in range(0, sequence.n_frames, step):
         at = slice(first, first + step)
         x = start[None] if kind == SceneKind.STATIC else motion.positions(start, centre, at)
-        found.append(distances(x - sequence.vertices[at], template))
-    return LinearMotion(kind, matrices, shifts, _over_frames(found))
+        errors.append(distances(x - sequence.vertices[at], template))
+    return LinearMotion(kind, matrices, shifts, _over_frames(errors))
 
 
 def _over_frames(
-    found: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
+    errors: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
 ) -> SceneError:
-    rms, p95, largest = (np.concatenate(part) for part in zip(*found, strict=True))
+    rms, p95, largest = (np.concatenate(part) for part in zip(*errors, strict=True))
     return SceneError(
         rms=root_mean_square(rms),
         p95=float(p95.max()),

@@ -1,4 +1,4 @@
-"""The model that answers a request: as many modes as were asked for, or as few as serve."""
+"""The model that answers a request: the requested number of modes, or as few as serve."""
 
 from __future__ import annotations
 
@@ -37,99 +37,99 @@ def select_model(fitter: Fitter, cache: TemplateCache) -> Model:
     ----------
     fitter : Fitter
     cache : TemplateCache
-        Where factored modes of a stated number are looked for, and kept.
+        Holds factored modes for a stated number.
 
     Raises
     ------
     ToleranceError
-        If no set of modes holds the tolerance; its details say the best that can be had.
+        If no set of modes holds the tolerance; its details name the best error possible.
     ParameterError
         If a tolerance is in mm and the unit unknown, or an option does not go with the data.
     ModeCountError
         If the surface cannot tell that many modes apart.
     """
-    sequence, template, asked = fitter.sequence, fitter.template, fitter.parameters
-    if not asked.is_adaptive:
+    sequence, template, parameters = fitter.sequence, fitter.template, fitter.parameters
+    if not parameters.is_adaptive:
         return _with_count(fitter, cache)
-    require_unit(asked, sequence)
+    require_unit(parameters, sequence)
     smallest = choose_modes(template, 1, sequence.grid).modes
     first = fit_model(fitter.asking(harmonics=None), smallest)
     scene = scene_of(fitter, first.fit.rotations)
-    if asked.auto:
+    if parameters.auto:
         return _until_noise(fitter, smallest, scene)
-    limit = limit_of(asked, sequence, first.fit.motion_rms)
-    kind = simplest(scene, limit, asked.tolerance_of)
-    way = "tolerance" if asked.tolerance is not None else "tolerance_share"
-    choice = ModelChoice(way, limit, asked.tolerance_of, None, kind, scene.errors, None)
+    limit = limit_of(parameters, sequence, first.fit.motion_rms)
+    kind = simplest(scene, limit, parameters.tolerance_of)
+    way = "tolerance" if parameters.tolerance is not None else "tolerance_share"
+    choice = ModelChoice(way, limit, parameters.tolerance_of, None, kind, scene.errors, None)
     if kind == SceneKind.STATIC:
-        found = static_model(fitter, smallest, scene.static)
-        return _noted(found, choice, sequence)
-    found = smallest_within(fitter, limit)
-    if _may_flatten(asked) and simplest_is_planar(scene, limit, asked.tolerance_of):
+        model = static_model(fitter, smallest, scene.static)
+        return _noted(model, choice, sequence)
+    model = smallest_within(fitter, limit)
+    if _may_flatten(parameters) and simplest_is_planar(scene, limit, parameters.tolerance_of):
         normal = scene.planar.normal
-        flat = fit_model(fitter, found.modes, normal=normal)
-        if flat.error(asked.tolerance_of) <= limit:
-            found = replace(flat, notes=found.notes)
+        flat = fit_model(fitter, model.modes, normal=normal)
+        if flat.error(parameters.tolerance_of) <= limit:
+            model = replace(flat, notes=model.notes)
             choice = replace(choice, normal=normal)
-    return _noted(found, choice, sequence)
+    return _noted(model, choice, sequence)
 
 
 def simplest_is_planar(scene: Scene, limit: float, kind: ErrorKind) -> bool:
-    """Tell whether leaving out what is off the plane holds a limit by itself."""
+    """Whether leaving out the motion off the plane holds a limit by itself."""
     error = scene.planar.error
     return (error.max if kind == ErrorKind.MAX else error.rms) <= limit
 
 
 def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
-    asked = fitter.parameters
-    n = asked.modes or 1
-    if asked.order == ModeOrder.FIXED:
+    parameters = fitter.parameters
+    n = parameters.modes or 1
+    if parameters.order == ModeOrder.FIXED:
         choice, basis = cache.basis(
-            fitter.template, n, fitter.sequence.grid, split_pairs=asked.split_pairs
+            fitter.template, n, fitter.sequence.grid, split_pairs=parameters.split_pairs
         )
-        found = fit_model(fitter, choice.modes, basis=basis)
-        return replace(found, notes=choice.notes)
-    ladder, _ = sorted_ladder(fitter, asked.most_modes or max(ENERGY_POOL, n))
+        model = fit_model(fitter, choice.modes, basis=basis)
+        return replace(model, notes=choice.notes)
+    ladder, _ = sorted_ladder(fitter, parameters.most_modes or max(ENERGY_POOL, n))
     if n > ladder.counts[-1]:
         raise ModeCountError(
-            f"{n} modes were asked for among the {ladder.counts[-1]} whose energy is compared.",
+            f"{n} modes were requested among the {ladder.counts[-1]} whose energy is compared.",
             remedy=f"Ask for at most {ladder.counts[-1]} modes, or for a larger most_modes.",
             details={"modes": n, "most": int(ladder.counts[-1])},
         )
     count = int(ladder.counts[np.searchsorted(ladder.counts, n)])
-    found = fit_model(fitter, ladder.modes(count))
-    return replace(found, notes=notes_on(ladder, asked))
+    model = fit_model(fitter, ladder.modes(count))
+    return replace(model, notes=notes_on(ladder, parameters))
 
 
 def _until_noise(fitter: Fitter, smallest: Modes, scene: Scene) -> Model:
-    sequence, asked = fitter.sequence, fitter.parameters
+    sequence, parameters = fitter.sequence, fitter.parameters
     noise = measure_noise(fitter)
     kind = simplest_with_noise(scene, noise, sequence)
     limit = noise_rms(noise, sequence.n_frames)
     choice = ModelChoice("auto", limit, ErrorKind.RMS, noise, kind, scene.errors, None)
     if kind == SceneKind.STATIC:
-        found = static_model(fitter, smallest, scene.static)
-        return _noted(found, choice, sequence)
-    is_simple = kind == SceneKind.RIGID and asked.remove_rotation
-    if is_simple and asked.components == Components.CARTESIAN:
+        model = static_model(fitter, smallest, scene.static)
+        return _noted(model, choice, sequence)
+    is_simple = kind == SceneKind.RIGID and parameters.remove_rotation
+    if is_simple and parameters.components == Components.CARTESIAN:
         return _noted(fit_model(fitter, smallest), choice, sequence)
     ladder, count = modes_until_noise(fitter, noise)
     normal = None
-    if _may_flatten(asked) and holds_noise(scene.planar.error.rms, noise, sequence, 1):
+    if _may_flatten(parameters) and holds_noise(scene.planar.error.rms, noise, sequence, 1):
         normal = scene.planar.normal
-    found = fit_model(fitter, ladder.modes(count), normal=normal)
-    notes = list(notes_on(ladder, asked))
+    model = fit_model(fitter, ladder.modes(count), normal=normal)
+    notes = list(notes_on(ladder, parameters))
     if count == ladder.counts[-1]:
         reason = ladder.ends_because or "no more were allowed"
         notes.append(
             f"The residual of {count} modes still shows motion above the noise, but {reason}."
         )
     choice = replace(choice, normal=normal)
-    return _noted(replace(found, notes=tuple(notes)), choice, sequence)
+    return _noted(replace(model, notes=tuple(notes)), choice, sequence)
 
 
-def _may_flatten(asked: SignatureParameters) -> bool:
-    return asked.components == Components.CARTESIAN and asked.remove_rotation
+def _may_flatten(parameters: SignatureParameters) -> bool:
+    return parameters.components == Components.CARTESIAN and parameters.remove_rotation
 
 
 def _noted(model: Model, choice: ModelChoice, sequence: MeshSequence) -> Model:

@@ -1,4 +1,4 @@
-"""Errors of nested sets of modes, of the kind that is asked about."""
+"""Errors of nested sets of modes, of the requested kind."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ _ROUNDING_OF_MOTION: Final = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class SetErrors:
-    """Errors of the sets of one ladder, of the kind that is asked about."""
+    """Errors of the sets of one ladder, of the requested kind."""
 
     fitter: Fitter
     ladder: Ladder
     energies: Energies
 
     def slack(self, limit: float) -> float:
-        """How far errors that are worked out from energies may be off."""
+        """Bound the rounding of errors computed from energies."""
         return _ROUNDING * limit + _ROUNDING_OF_MOTION * self.energies.scale
 
     def bound(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
-        """RMS errors, which are no larger than what is asked about."""
+        """RMS errors: a lower bound of the requested error."""
         if self.fitter.parameters.harmonics is not None:
             return self._joint(counts)
         if self.fitter.parameters.tolerance_of == ErrorKind.MAX:

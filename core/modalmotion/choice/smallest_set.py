@@ -19,7 +19,7 @@ from modalmotion.mesh.sequence import MM_PER_UNIT
 # The first ladder; each further one is twice as long.
 _FIRST: Final = 64
 
-# Sets that are scanned for their largest error before it is decided whether one serves.
+# Sets that are scanned for their largest error before one is tried.
 _WINDOW: Final = 16
 
 
@@ -29,13 +29,13 @@ def smallest_within(fitter: Fitter, limit: float) -> Model:
     Raises
     ------
     ToleranceError
-        If none does; its details say the best that can be had.
+        If none does; its details name the best error possible.
     """
-    asked = fitter.parameters
-    most = asked.most_modes or MOST_MODES
+    parameters = fitter.parameters
+    most = parameters.most_modes or MOST_MODES
     n = min(_FIRST, most)
-    if asked.order == ModeOrder.ENERGY:
-        n = most = asked.most_modes or ENERGY_POOL
+    if parameters.order == ModeOrder.ENERGY:
+        n = most = parameters.most_modes or ENERGY_POOL
     known: dict[int, float] = {}
     while True:
         ladder, fit = sorted_ladder(fitter, n)
@@ -48,9 +48,9 @@ def smallest_within(fitter: Fitter, limit: float) -> Model:
             known.update(zip(some.tolist(), errors.of(some).tolist(), strict=True))
             for count in some.tolist():
                 if known[count] <= limit + errors.slack(limit):
-                    found = fit_model(fitter, ladder.modes(count))
-                    if found.error(asked.tolerance_of) <= limit:
-                        return replace(found, notes=notes_on(ladder, asked))
+                    model = fit_model(fitter, ladder.modes(count))
+                    if model.error(parameters.tolerance_of) <= limit:
+                        return replace(model, notes=notes_on(ladder, parameters))
         if ladder.ends_because or n >= most:
             best = errors.best(known)
             reason = ladder.ends_because or f"no more than {ladder.counts[-1]} were allowed"
@@ -65,19 +65,19 @@ def _unreachable(
     best: tuple[float, int],
     reason: str,
 ) -> ToleranceError:
-    asked, unit = fitter.parameters, fitter.sequence.unit or "length units"
+    parameters, unit = fitter.parameters, fitter.sequence.unit or "length units"
     error, count = best
     in_mm = MM_PER_UNIT.get(unit)
     return ToleranceError(
-        f"No set of modes holds {limit:.6g} {unit} ({asked.tolerance_of}): the best, of {count} "
-        f"modes, leaves {error:.6g} {unit}; {reason}.",
+        f"No set of modes holds {limit:.6g} {unit} ({parameters.tolerance_of}): the best, of "
+        f"{count} modes, leaves {error:.6g} {unit}; {reason}.",
         remedy=f"Allow {error * (1 + 1e-6):.7g} {unit} or more, or send a finer mesh.",
         details={
             "limit_asked": limit,
             "best_error": error,
             "best_error_mm": None if in_mm is None else error * in_mm,
             "best_modes": count,
-            "error_of": asked.tolerance_of.value,
+            "error_of": parameters.tolerance_of.value,
             "unit": fitter.sequence.unit,
         },
     )

@@ -1,4 +1,4 @@
-"""What a clinician reads from a moving cavity: its volume over time and what it ejects."""
+"""Clinical readouts of a moving cavity: volume over time and ejection fraction."""
 
 from modalmotion.clinical.readouts import ClinicalReadouts, clinical_readouts
 from modalmotion.clinical.volume_curve import VolumeCurve

@@ -1,9 +1,9 @@
 """Positions superposed from amplitudes, with the affine part of the motion exact.
 
-A heart that contracts evenly moves by an affine map, which no few modes hold exactly: what they
-leave of it is a bias of the volume, always to the same side. The amplitudes of an affine map are
+A heart that contracts evenly moves by an affine map, which a few modes cannot hold exactly: the
+residual biases the volume, always to the same side. The amplitudes of an affine map are
 known, though, from the reference alone. So the map whose amplitudes are nearest to those of the
-frame is applied as it is, and the modes carry only what remains of the amplitudes. The result has
+frame is applied as it is, and the modes carry only the rest of the amplitudes. The result has
 the same amplitudes as before, and is exact for every affine motion that they determine.
 """
 
@@ -25,8 +25,8 @@ from modalmotion.template.body_frame import Components, from_local, local_frames
 # Floats of positions held at once.
 _BLOCK: Final = 500_000
 
-# Of the RMS of an affine motion: motions of which the modes hold less are left to the modes, for
-# their amplitudes say too little of them.
+# Share of an affine motion's RMS: motions of which the modes hold less are left to the modes,
+# whose amplitudes say too little about them.
 _HELD: Final = 0.5
 
 # Of the longest axis: a surface thinner than this has no extent in that direction.
@@ -51,7 +51,7 @@ def superposed_positions(
     ------
     frames : slice
     positions : (n, vertices, 3) float64
-        In the unit of `rest` if the amplitudes are: they are given in it by the caller.
+        In the unit of `rest`, in which the caller passes the amplitudes.
     """
     is_local = signature.parameters.components != Components.CARTESIAN
     frames = local_frames(template) if is_local else None

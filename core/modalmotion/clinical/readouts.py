@@ -30,7 +30,7 @@ _NOTHING: Final = 1e-9
 _SMALLEST: Final = 1e-90
 _LARGEST: Final = 1e90
 
-# What ventricles hold, in ml, from less than a mouse's to more than an elephant's.
+# Volumes of ventricles, in ml, from less than a mouse's to more than an elephant's.
 _MOUSE: Final = 1e-3
 _ELEPHANT: Final = 2e4
 
@@ -48,7 +48,7 @@ _ROUNDING: Final = 64.0
 )
 @dataclass(frozen=True, eq=False)
 class ClinicalReadouts:
-    """What is read from a cavity's volume over time.
+    """Readouts of a cavity's volume over time.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class ClinicalReadouts:
         Of the surface, each closed by a fan to the mean of its vertices.
     sequence_id, template_id : str
     notes : tuple of str
-        What a user should know.
+        Caveats for the user.
     """
 
     curve: VolumeCurve
@@ -81,7 +81,7 @@ class ClinicalReadouts:
 
     @property
     def millilitres(self) -> float:
-        """What one cubed length unit is in ml.
+        """Volume of one cubed length unit in ml.
 
         Raises
         ------
@@ -128,7 +128,7 @@ def clinical_readouts(
     Returns
     -------
     ClinicalReadouts
-        Volumes are positive where the surface encloses most, whatever its winding.
+        Volumes are positive where the surface encloses most, for either winding.
 
     Raises
     ------
@@ -136,13 +136,13 @@ def clinical_readouts(
         If the surface encloses nothing: a curve, a sheet, several pieces, one side only.
     ParameterError
         If the sequence is another, if the signature is of times between its frames, or if
-        cubes of its size are no ordinary numbers.
+        cubes of its size overflow or vanish.
 
     Notes
     -----
     The volume is that of the triangles, with each opening closed by a fan to the mean of its
-    vertices. The bound of a frame is |V(signature) - V(frame)|, measured, and what rounding
-    may add; those of derived figures follow by interval arithmetic.
+    vertices. The bound of a frame is |V(signature) - V(frame)|, measured, plus a bound on
+    rounding; those of derived figures follow by interval arithmetic.
     """
     used = fitted_on(signature, sequence, template)
     basis = make_basis(used, signature.modes)
@@ -215,7 +215,8 @@ def _size(offsets: NDArray[np.float64]) -> float:
         )
     if not _SMALLEST < size < _LARGEST:
         raise ParameterError(
-            f"The surface is {size:.1g} in size; its volume is no number of double precision.",
+            f"The surface is {size:.1g} in size; its volume overflows or vanishes in double "
+            "precision.",
             remedy="State lengths in another unit.",
         )
     return power_of_two(size)
@@ -224,14 +225,14 @@ def _size(offsets: NDArray[np.float64]) -> float:
 def _measured(
     cavity: Cavity, used: NDArray[np.int64], positions: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Volumes, and how far from the vertex that they are taken about the farthest one lies."""
+    """Volumes about a vertex, and the distance from it to the farthest vertex."""
     offsets = positions - positions[:, cavity.faces[0, :1]]
     squares = np.einsum("fnd,fnd->fn", offsets, offsets)
     return cavity.volume(positions), np.sqrt(squares[:, used].max(axis=1))
 
 
 def _unlikely(unit: str | None, volume: float) -> tuple[str, ...]:
-    """Say where no heart could hold so much: lengths ten times too long make it a thousandfold."""
+    """Note a volume that no heart holds: lengths ten times too long make it a thousandfold."""
     if unit is None or _MOUSE <= volume * millilitres_in(unit) <= _ELEPHANT:
         return ()
     amount = numeral(volume * millilitres_in(unit), 1)

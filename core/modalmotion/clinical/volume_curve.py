@@ -1,4 +1,4 @@
-"""Volume over time, each with a bound, and what is read from it."""
+"""Volume over time, each with a bound, and the figures derived from it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from modalmotion.representation import shown
 @shown("ejection_fraction", "ejection_fraction_bound", "volumes")
 @dataclass(frozen=True, eq=False)
 class VolumeCurve:
-    """Volume enclosed in each frame, and how far it can be off.
+    """Volume enclosed in each frame, and its error bound.
 
     Parameters
     ----------
@@ -53,28 +53,28 @@ class VolumeCurve:
 
     @property
     def ejection_fraction(self) -> float:
-        """Stroke volume over end-diastolic volume, percent: whatever the unit."""
+        """Stroke volume over end-diastolic volume, percent; independent of the unit."""
         return _ejected(self.end_diastolic_volume, self.end_systolic_volume)
 
     @property
     def end_diastolic_range(self) -> tuple[float, float]:
-        """Between which the true end-diastolic volume lies, length unit cubed."""
+        """Interval of the true end-diastolic volume, length unit cubed."""
         return float((self.volumes - self.bounds).max()), float((self.volumes + self.bounds).max())
 
     @property
     def end_systolic_range(self) -> tuple[float, float]:
-        """Between which the true end-systolic volume lies, length unit cubed."""
+        """Interval of the true end-systolic volume, length unit cubed."""
         return float((self.volumes - self.bounds).min()), float((self.volumes + self.bounds).min())
 
     @property
     def stroke_range(self) -> tuple[float, float]:
-        """Between which the true stroke volume lies, length unit cubed."""
+        """Interval of the true stroke volume, length unit cubed."""
         (low, high), (least, most) = self.end_diastolic_range, self.end_systolic_range
         return max(0.0, low - most), high - least
 
     @property
     def ejection_fraction_range(self) -> tuple[float, float]:
-        """Between which the true ejection fraction lies, percent.
+        """Interval of the true ejection fraction, percent.
 
         Falls with min V and rises with max V; each lies in its interval, wherever in time.
         """
@@ -89,7 +89,7 @@ class VolumeCurve:
 
     @property
     def ejection_fraction_bound(self) -> float:
-        """How far the true ejection fraction can be from the one stated, percentage points."""
+        """Largest error of the stated ejection fraction, percentage points."""
         low, high = self.ejection_fraction_range
         return max(high - self.ejection_fraction, self.ejection_fraction - low)
 

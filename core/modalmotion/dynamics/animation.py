@@ -1,7 +1,7 @@
 """Animation: any shape moved by modes, one frame after the other.
 
-As figures 2 and 3 of Nastar (1994). Nothing here asks what the modes are of: shapes at the
-nodes of a lattice or at the vertices of a mesh serve alike.
+As figures 2 and 3 of Nastar (1994). The modes may be of anything: shapes at the nodes of a
+lattice or at the vertices of a mesh serve alike.
 """
 
 from __future__ import annotations

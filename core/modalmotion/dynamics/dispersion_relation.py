@@ -107,7 +107,7 @@ def phase_velocity(lattice: Lattice, k: Array, spacing: Spacing = 1.0) -> Array:
     Returns
     -------
     (waves,) float64, mm per time unit
-        At k = 0 its limit a sqrt(K / M) on one axis; 0 on several, where there is no limit.
+        At k = 0 its limit a sqrt(K / M) on one axis; 0 on several, where no limit exists.
     """
     k = _require_wave_vectors(lattice, k)
     a = _spacings(lattice, spacing)

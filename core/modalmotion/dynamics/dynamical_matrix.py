@@ -62,7 +62,7 @@ def dynamical_matrices(
     Raises
     ------
     ShapeError
-        If the wavenumbers are no integers of that shape.
+        If the wavenumbers are not integers of that shape.
     """
     matrices, _ = _matrices(potential, wavenumbers)
     return matrices
@@ -84,7 +84,7 @@ def polarised_waves(potential: HarmonicPotential, wavenumbers: NDArray[np.int64]
     Raises
     ------
     ShapeError
-        If the wavenumbers are no integers of that shape.
+        If the wavenumbers are not integers of that shape.
     ParameterError
         If the potential has no minimum along a wave (w^2 < 0), which it names.
     """

@@ -9,7 +9,7 @@ c < 2w), z = r h and Z = R h, every response is a divided difference of the expo
 
 which has no singular point: not at c = 2w, where the roots meet, nor at w = 0 or c = 0.
 They are evaluated by recursion where the roots lie apart from 0, and as a power series where
-they do not; nothing is subtracted from its equal in either.
+they do not; neither subtracts nearly equal numbers.
 
 Source of the divided differences: McCurdy, Ng and Parlett, "Accurate computation of divided
 differences of the exponential function", Mathematics of Computation 43, 1984.

@@ -1,4 +1,4 @@
-"""Damped oscillators, one for each mode: what they are, where they are, what they store."""
+"""Damped oscillators, one for each mode: their equation, their state, their energy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from modalmotion.representation import shown
 @shown()
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where oscillators are and how fast they move.
+    """Displacements and velocities of oscillators.
 
     Parameters
     ----------
@@ -23,8 +23,8 @@ class State:
     velocities : (modes, ...) float64, mm per time unit
         u'.
     amplitude_rests, velocity_rests : (modes, ...) float64 or 0
-        What rounding cut off at the last step. A step hands it on to the next, so that many
-        small steps are as exact as few large ones. Nobody else needs it.
+        Rounding error of the last step. A step hands it on to the next, so that many
+        small steps are as exact as few large ones. Only steps need it.
     """
 
     amplitudes: NDArray[np.float64]
@@ -38,8 +38,8 @@ class State:
 class Oscillators:
     """Independent oscillators (3) u'' + c u' + w^2 u = f, one for each mode.
 
-    What the equations of motion (1) M U'' + C U' + K U = F are in modes, U = Phi u by (2), where
-    the damping C leaves them uncoupled. Equation numbers are those of Nastar (1994).
+    The equations of motion (1) M U'' + C U' + K U = F in modes, U = Phi u by (2), where the
+    damping C leaves them uncoupled. Equation numbers are those of Nastar (1994).
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def require_state(oscillators: Oscillators, state: State) -> State:
     Raises
     ------
     ShapeError
-        If amplitudes and velocities differ in shape, or have not one row for each mode.
+        If amplitudes and velocities differ in shape, or do not have one row for each mode.
     """
     u = np.asarray(state.amplitudes, dtype=np.float64)
     v = np.asarray(state.velocities, dtype=np.float64)

@@ -114,10 +114,10 @@ class HarmonicPotential:
         return np.array(half, dtype=np.float64).reshape(len(half), 3, 3)
 
 
-def _completed(given: Mapping[Offset, Array], n_axes: int) -> dict[Offset, Array]:
+def _completed(force_constants: Mapping[Offset, Array], n_axes: int) -> dict[Offset, Array]:
     """All force constants, K(-l) and K(0) included."""
     constants: dict[Offset, Array] = {}
-    for offset, matrix in given.items():
+    for offset, matrix in force_constants.items():
         n = tuple(int(entry) for entry in offset)
         K = np.array(matrix, dtype=np.float64)
         if len(n) != n_axes or K.shape != (3, 3) or not np.isfinite(K).all():

@@ -1,7 +1,7 @@
 """Responses of oscillators over time, exact at every time by itself.
 
-No response is built from the one before, so errors do not add up: with the given frequencies
-taken as exact, each is good to some 1e-15 of its envelope, whatever the time.
+No response is built from the one before, so errors do not add up: with the frequencies
+taken as exact, each is good to some 1e-15 of its envelope, at any time.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def ramp_response(oscillators: Oscillators, times: NDArray[np.float64]) -> NDArr
 
 
 def free_response(oscillators: Oscillators, times: NDArray[np.float64], start: State) -> State:
-    """Motion without force from a given displacement and velocity.
+    """Motion without force from an initial displacement and velocity.
 
     Parameters
     ----------

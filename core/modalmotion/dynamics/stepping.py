@@ -114,7 +114,7 @@ class ExactStep:
                 self.restoring,
             )
         )
-        # u <- A u + (a u + g v + ...), A whole: the sum's rounding error is all there is.
+        # u <- A u + (a u + g v + ...), A whole: the only error is the sum's rounding.
         du = (a * u + g * v) + (A * state.amplitude_rests + pushed)
         dv = (b * v - w2_g * u) + (B * state.velocity_rests + speeded)
         u_next, v_next = twofold.add(A * u, du), twofold.add(B * v, dv)
@@ -122,7 +122,7 @@ class ExactStep:
 
 
 def exact_step(oscillators: Oscillators, duration: float) -> ExactStep:
-    """Exact step of a given length.
+    """Exact step of length `duration`.
 
     Without damping a step changes the energy by 0.5 eps at most, 1.2 eps where it is a quarter
     of a period: the coefficients are adjusted within their last places until their determinant
@@ -132,7 +132,7 @@ def exact_step(oscillators: Oscillators, duration: float) -> ExactStep:
     ----------
     oscillators : Oscillators
     duration : float, time units
-        Length h of the step, of any size: there is no limit of stability.
+        Length h of the step, of any size: every step is stable.
 
     Returns
     -------
@@ -223,9 +223,9 @@ def _conserving(
     excess = _determinant_excess(A, a, b, g, w2_g)
     w2_g = w2_g - np.where(turned, excess / np.where(turned, g, 1.0), 0.0)
     excess = _determinant_excess(A, a, b, g, w2_g)
-    kept = A + a
-    sensitive = undamped & (np.abs(kept) > 0.1)
-    b = b - np.where(sensitive, excess / np.where(sensitive, kept, 1.0), 0.0)
+    total = A + a
+    sensitive = undamped & (np.abs(total) > 0.1)
+    b = b - np.where(sensitive, excess / np.where(sensitive, total, 1.0), 0.0)
     return b, w2_g
 
 

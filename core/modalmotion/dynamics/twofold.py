@@ -1,4 +1,4 @@
-"""Unevaluated sums of two floats: products and roots whose rounding error is kept.
+"""Unevaluated sums of two floats: products and roots with their rounding error.
 
 A phase w t of 1e6 rad rounded to one float is wrong by 1e-10 rad before its cosine is taken.
 Kept as a sum of two floats it loses nothing, and a sine of it is good to its last digit.

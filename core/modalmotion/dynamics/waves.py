@@ -149,7 +149,7 @@ def travelling_wave(
 
 
 def _is_pair(lattice: Lattice, modes: ModeSet) -> bool:
-    """Whether k and -k are different waves: 2 p is no multiple of N on some closed axis."""
+    """Whether k and -k are different waves: 2 p is not a multiple of N on some closed axis."""
     p = modes.wavenumbers[0]
     axes = zip(lattice.topology.ends, lattice.shape, p.tolist(), strict=True)
     return any(ends == CLOSED and 2 * wavenumber % n != 0 for ends, n, wavenumber in axes)

@@ -32,7 +32,7 @@ def modal_animation(
     sequence : MeshSequence
         The one it was made from: its reference frame gives the shape to deform.
     max_targets : int, optional
-        Keep no more targets than these; `rms_left_out` then says what that costs.
+        Keep no more targets than these; `rms_left_out` then is the error this causes.
     template : Template, optional
         The one that the signature's parameters name, if they name one.
 
@@ -54,7 +54,7 @@ def modal_animation(
         )
     if max_targets is not None and max_targets < 0:
         raise ParameterError(
-            f"{max_targets} targets were asked for.", remedy="Ask for none or more."
+            f"{max_targets} targets were requested.", remedy="Ask for none or more."
         )
     parameters = signature.parameters
     if parameters.components != Components.CARTESIAN:
@@ -74,12 +74,12 @@ def modal_animation(
     phi = phi - means
     energy = _energies(used.weights, phi, a)
     order = np.argsort(-energy.ravel(), kind="stable")
-    wanted = order[energy.ravel()[order] > 0]
-    kept = wanted if max_targets is None else wanted[:max_targets]
-    modes, directions = np.divmod(kept, 3)
-    targets = np.zeros((len(kept), *start.shape), dtype=np.float32)
-    targets[np.arange(len(kept)), :, directions] = phi[:, modes].T
-    left_out = wanted[len(kept) :]
+    moving = order[energy.ravel()[order] > 0]
+    taken = moving if max_targets is None else moving[:max_targets]
+    modes, directions = np.divmod(taken, 3)
+    targets = np.zeros((len(taken), *start.shape), dtype=np.float32)
+    targets[np.arange(len(taken)), :, directions] = phi[:, modes].T
+    left_out = moving[len(taken) :]
     labels = signature.modes.labels
     return MorphAnimation(
         base=start - centre,
@@ -88,7 +88,7 @@ def modal_animation(
             f"{labels[mode]} {'xyz'[direction]}"
             for mode, direction in zip(modes.tolist(), directions.tolist(), strict=True)
         ),
-        weights=a.reshape(len(a), -1)[:, kept],
+        weights=a.reshape(len(a), -1)[:, taken],
         rotations=signature.rotations.matrices,
         translations=centre + drift,
         faces=sequence.faces,
@@ -105,7 +105,7 @@ def _energies(
     weights: NDArray[np.float64], phi: NDArray[np.float64], a: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Mean square displacement of each mode and direction, relative, (modes, 3) float64."""
-    # Of the largest amplitude's square: what is very large or very small has none.
+    # Relative to the largest amplitude: squares of extreme ones overflow or vanish.
     scale = float(np.abs(a).max(initial=0.0)) or 1.0
     energies: NDArray[np.float64] = (weights @ phi**2)[:, None] * ((a / scale) ** 2).mean(axis=0)
     return energies
@@ -115,12 +115,12 @@ def _root_mean_square(
     weights: NDArray[np.float64],
     phi: NDArray[np.float64],
     a: NDArray[np.float64],
-    chosen: NDArray[np.int64],
+    indices: NDArray[np.int64],
 ) -> float:
-    if not len(chosen):
+    if not len(indices):
         return 0.0
     some = np.zeros((a.shape[1] * 3,))
-    some[chosen] = 1.0
+    some[indices] = 1.0
     scale = float(np.abs(a).max(initial=0.0)) or 1.0
     u = np.einsum("vm,fmd->fvd", phi, a / scale * some.reshape(-1, 3))
     return scale * float(np.sqrt(np.einsum("v,fvd->f", weights, u**2).mean()))

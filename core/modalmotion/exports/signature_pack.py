@@ -65,7 +65,7 @@ _COLUMNS: Final = (
 
 
 class _Kind(NamedTuple):
-    """What signatures of one group have in common."""
+    """Properties common to the signatures of one group."""
 
     key: str
     modes: Modes
@@ -73,7 +73,7 @@ class _Kind(NamedTuple):
 
 
 def is_pack(path: Path) -> bool:
-    """Tell whether a file was written by `export` or `write_pack`."""
+    """Whether a file was written by `export` or `write_pack`."""
     import h5py
 
     if not h5py.is_hdf5(path):
@@ -97,9 +97,9 @@ def export(
     ----------
     root : Path
     out : Path
-        Must not exist, but for a pack that is to be replaced.
+        Must not exist, except for a pack with `replace`.
     replace : bool
-        Whether an earlier pack may be; nothing else ever is.
+        Whether to overwrite an earlier pack; other files are never overwritten.
     progress : callable, optional
 
     Returns
@@ -110,7 +110,7 @@ def export(
     Raises
     ------
     NotFoundError
-        If there is no store.
+        If the store does not exist.
     CorruptFileError
         If a signature is damaged: none is left out silently.
     StoreError

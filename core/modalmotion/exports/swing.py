@@ -149,13 +149,13 @@ def swing(
     damping : float
         Share of the critical damping of each mode.
     together : bool
-        All modes swing in that same period, whatever their frequencies.
+        All modes swing in that same period, regardless of their frequencies.
     unit : str, optional
 
     Raises
     ------
     ParameterError
-        If an amplitude, the damping or the duration is not finite, or there is no frame.
+        If an amplitude, the damping or the duration is not finite, or `n_frames` is below 1.
     LimitError
         If there are too many frames.
     """
@@ -186,7 +186,7 @@ def swing(
 def one_by_one(
     template: Template, modes: VibrationModes, direction: Array, unit: str | None = None
 ) -> Swing:
-    """Show modes one after the other, each swinging once, by what can be seen of it.
+    """Show modes one after the other, each swinging once, with a visible amplitude.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ def _require_frames(n_frames: int, seconds: float) -> None:
         )
     if n_frames > DEFAULT_LIMITS.frames:
         raise LimitError(
-            f"{n_frames} frames were asked for; at most {DEFAULT_LIMITS.frames} are made.",
+            f"{n_frames} frames were requested; at most {DEFAULT_LIMITS.frames} are made.",
             remedy="Ask for fewer frames.",
             limit="frames",
             details={"value": n_frames, "most": DEFAULT_LIMITS.frames},

@@ -1,4 +1,4 @@
-"""What a sender states of a sequence beside its arrays."""
+"""Facts: statements of the sender about a sequence beside its arrays."""
 
 from modalmotion.facts.facts import NAMES, NO_FACTS, UNKNOWN, WORDS, Facts
 from modalmotion.facts.json_form import facts_as_json, facts_from_json, facts_patched

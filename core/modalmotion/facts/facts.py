@@ -1,4 +1,4 @@
-"""Facts: what a sender states of a sequence, and no array can say."""
+"""Facts: statements of the sender that the arrays of a sequence cannot hold."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ _EXACT: Final = 2.0**53
 
 @dataclass(frozen=True, repr=False)
 class Facts:
-    """What a sender states of a sequence beside its arrays; all of it may be unknown.
+    """Statements of the sender about a sequence beside its arrays; all may be unknown.
 
-    No part of the sequence's id: a fact may be corrected, and the arrays stay what they are. A
-    result that reads a fact has it in its key.
+    Not part of the sequence's id: correcting a fact leaves the arrays as they are. A result that
+    reads a fact has it in its key.
 
     Parameters
     ----------
@@ -54,18 +54,18 @@ class Facts:
     handedness : {"right", "left", "unknown"}
         Of the coordinate system.
     coordinates : {"LPS", "RAS", "unknown"}
-        Which way x, y and z point in a patient. Both are right-handed.
+        Directions of x, y and z in a patient. Both are right-handed.
     period : float or None, s
         Of a cycle, such as a heartbeat; at least as long as the times span.
     cavity : {"lv", "rv", "la", "ra", "other", "none", "unknown"}
-        What the surface encloses: a ventricle or an atrium, left or right.
+        The enclosed cavity: a ventricle or an atrium, left or right.
     modality : str or None
         How it was recorded: MR, CT, US, simulated.
     landmarks : mapping of str to (int, (x, y, z) or four of these)
         Named places: a vertex by its number, or a point in the coordinates of the reference
         frame. apex, base, theta_zero and corners place the natural coordinates.
     covariates : mapping of str to (float or str)
-        What else is known, such as an age: a number or a word for each name.
+        Other knowledge, such as an age: a number or a word for each name.
 
     Raises
     ------
@@ -117,15 +117,15 @@ class Facts:
 
     @property
     def stated(self) -> tuple[str, ...]:
-        """Names of those that are not unknown."""
+        """Names of the known facts."""
         return self.changed(NO_FACTS)
 
     def changed(self, other: Facts) -> tuple[str, ...]:
-        """Names of those in which two differ."""
+        """Names of the facts in which two differ."""
         return tuple(name for name in NAMES if getattr(self, name) != getattr(other, name))
 
     def over(self, other: Facts) -> Facts:
-        """Put what is stated here over what another states; landmarks and covariates by name.
+        """Override another's facts with these; landmarks and covariates by name.
 
         Raises
         ------
@@ -139,7 +139,7 @@ class Facts:
         return replace(other, **stated) if stated else other
 
     def require_fit(self, n_vertices: int, span: float | None) -> None:
-        """Check the facts against the arrays that they are stated of.
+        """Check the facts against the arrays of their sequence.
 
         Parameters
         ----------
@@ -206,7 +206,7 @@ def _modality(value: Any) -> str | None:
 
 
 def _covariate(name: str, value: Any) -> float | str:
-    # Its value is not told: messages reach logs.
+    # The value is left out: messages reach logs.
     if isinstance(value, str) and _is_plain(value, LONGEST_WORD):
         return value
     if isinstance(value, Real) and not isinstance(value, bool):
@@ -256,11 +256,11 @@ def require_fact_name(kind: str, name: Any) -> None:
     Raises
     ------
     ParameterError
-        If it is too long, or no text that can stand in a heading or before an "=".
+        If it is too long, or cannot stand in a heading or before an "=".
     """
     if not isinstance(name, str) or not _is_plain(name, LONGEST_NAME) or set("=:;,") & set(name):
         raise ParameterError(
-            f"The name {str(name)[:40]!r} of a {kind} cannot be kept.",
+            f"The name {str(name)[:40]!r} of a {kind} cannot be stored.",
             remedy=f"Use 1 to {LONGEST_NAME} printable characters without blanks at the ends "
             "and without = : ; and comma.",
             details={"fact": f"{kind}s"},
@@ -282,4 +282,4 @@ def _is_plain(text: str, longest: int) -> bool:
 
 
 NO_FACTS: Final = Facts()
-"""Of a sequence of which nothing is stated."""
+"""Facts of a sequence without statements."""

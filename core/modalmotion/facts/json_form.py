@@ -1,4 +1,4 @@
-"""Facts as JSON: as every answer shows them, and as a change of them is sent."""
+"""Facts as JSON: in answers, and in requests that change them."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def facts_as_json(facts: Facts) -> dict[str, Any]:
 
 
 def facts_from_json(values: Any) -> Facts:
-    """Read what `facts_as_json` gave; what is missing or null is unknown.
+    """Read the output of `facts_as_json`; missing or null facts are unknown.
 
     Raises
     ------
     ParameterError
-        If something is not a fact, or one is out of range.
+        If something is not a fact, or is out of range.
     """
     return facts_patched(NO_FACTS, values)
 
@@ -37,13 +37,13 @@ def facts_patched(facts: Facts, changes: Any) -> Facts:
     ----------
     facts : Facts
     changes : mapping
-        What is missing stays; null makes it unknown. Landmarks and covariates are changed name
+        A missing fact stays; null makes it unknown. Landmarks and covariates are changed name
         by name, and null takes one away.
 
     Raises
     ------
     ParameterError
-        If something is not a fact, or what comes of it is out of range or contradicts itself.
+        If something is not a fact, or the result is out of range or contradicts itself.
     """
     if not isinstance(changes, Mapping):
         raise ParameterError(
@@ -76,7 +76,7 @@ def read_object(name: str, text: str) -> dict[str, Any]:
     Raises
     ------
     ParameterError
-        If it is no object, names something twice, or holds NaN.
+        If it is not an object, names something twice, or holds NaN.
     """
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -91,16 +91,16 @@ def read_object(name: str, text: str) -> dict[str, Any]:
         raise ValueError(f"{constant} is not a finite number")
 
     if len(text) > LONGEST_TEXT:
-        raise _no_object(name, f"{len(text)} characters, more than {LONGEST_TEXT}")
+        raise _not_an_object(name, f"{len(text)} characters, more than {LONGEST_TEXT}")
     try:
-        found = json.loads(text, object_pairs_hook=once, parse_constant=refused)
+        values = json.loads(text, object_pairs_hook=once, parse_constant=refused)
     except ParameterError:
         raise
     except (ValueError, RecursionError) as error:
-        raise _no_object(name, str(error)) from error
-    if not isinstance(found, dict):
-        raise _no_object(name, f"it is a {type(found).__name__}")
-    return found
+        raise _not_an_object(name, str(error)) from error
+    if not isinstance(values, dict):
+        raise _not_an_object(name, f"it is a {type(values).__name__}")
+    return values
 
 
 def _merged(known: Mapping[str, Any], change: Any) -> Any:
@@ -112,10 +112,10 @@ def _merged(known: Mapping[str, Any], change: Any) -> Any:
     return {name: value for name, value in merged.items() if value is not None}
 
 
-def _no_object(name: str, reason: str) -> ParameterError:
+def _not_an_object(name: str, reason: str) -> ParameterError:
     example = '{"apex": [0, 0, -40]}' if name == "landmarks" else '{"age": 61, "sex": "f"}'
     return ParameterError(
-        f"The {name} are no JSON object ({reason[:100]}).",
+        f"The {name} are not a JSON object ({reason[:100]}).",
         remedy=f"Write them as {example}.",
         details={"fact": name},
     )

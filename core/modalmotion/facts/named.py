@@ -14,7 +14,7 @@ class Named(Mapping[str, T]):
     Parameters
     ----------
     values : mapping of str to T
-        Copied, and sorted by name: two that are equal are written alike.
+        Copied, and sorted by name: equal mappings are written alike.
     """
 
     __slots__ = ("_values",)

@@ -63,7 +63,7 @@ def read_landmark(text: str, name: str) -> Place | Corners:
     Raises
     ------
     ParameterError
-        If it is none.
+        If it is not a landmark.
     """
     if name != CORNERS:
         return read_place(text, name)

@@ -34,7 +34,7 @@ def column_of(heading: str) -> str:
 
 
 def fact_prefix(name: str) -> str | None:
-    """Give what a column begins with: "covariate" of covariate:age; None of most."""
+    """Prefix of a column's name: "covariate" of covariate:age; None of most."""
     prefix, colon, _ = name.partition(":")
     return prefix if colon and prefix in _PREFIXES else None
 
@@ -47,7 +47,8 @@ def facts_from_texts(texts: Mapping[str, Any]) -> Facts:
     texts : mapping of str to str
         By the names of facts, landmarks and covariates as JSON; or one by one, as
         "landmark:apex" (7, or 0,0,-40) and "covariate:age" (61, or a word). An empty text, or
-        None, states nothing. What is no text is taken as it is. Capitals do not matter in words.
+        None, states nothing. Values other than texts are taken as they are. Capitals do not
+        matter in words.
 
     Raises
     ------

@@ -68,7 +68,7 @@ def make_basis(template: Template, modes: Modes) -> Basis:
 
 
 def factored(modes: Modes, shapes: NDArray[np.float64], weights: NDArray[np.float64]) -> Basis:
-    """Factor shapes under given weights.
+    """Factor shapes with weights.
 
     Raises
     ------

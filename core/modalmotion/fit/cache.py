@@ -1,4 +1,4 @@
-"""Templates and factored modes that were made before, by their content."""
+"""Cache of templates and factored modes, by their content."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ _LAYOUTS: Final = 4
 class TemplateCache:
     """The last templates and factored modes, for threads that share them.
 
-    What comes out is what would be made anew: templates are found by what they are made from.
+    Results equal new ones: the key of a template is the content that it is made from.
 
     Parameters
     ----------
     n_templates, n_bases : int
-        How many of each are kept; the longest unused go first. A template of 10,000 vertices
+        Largest number of each; the longest unused go first. A template of 10,000 vertices
         takes 1 MB, its factored modes 0.3 MB for each mode.
     most_bytes : int
-        Memory for each of the two; what is larger by itself is not kept.
+        Memory for each of the two; anything larger is not stored.
     """
 
     def __init__(
@@ -47,11 +47,11 @@ class TemplateCache:
 
     def named(self, template_id: str, load: Callable[[], Template]) -> Template:
         """Return the template of an id, loaded if it is not here."""
-        found = self._templates.get(template_id)
-        if found is None:
-            found = load()
-            self._templates.put(template_id, found, _size(found))
-        return found
+        template = self._templates.get(template_id)
+        if template is None:
+            template = load()
+            self._templates.put(template_id, template, _size(template))
+        return template
 
     def template(
         self,
@@ -96,12 +96,12 @@ class TemplateCache:
     ) -> tuple[ModeChoice, Basis]:
         """Choose and factor the modes of a template: see `choose_modes` and `make_basis`."""
         key = f"{template.id} {n_modes} {grid} {split_pairs}"
-        found = self._bases.get(key)
-        if found is None:
+        entry = self._bases.get(key)
+        if entry is None:
             choice = choose_modes(template, n_modes, grid, split_pairs=split_pairs)
-            found = (choice, make_basis(template, choice.modes))
-            self._bases.put(key, found, _LAYOUTS * found[1].shapes.nbytes)
-        return found
+            entry = (choice, make_basis(template, choice.modes))
+            self._bases.put(key, entry, _LAYOUTS * entry[1].shapes.nbytes)
+        return entry
 
 
 def _size(template: Template) -> int:

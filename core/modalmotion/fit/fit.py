@@ -27,7 +27,7 @@ __all__ = ["Fit", "fit_displacements", "project"]
 @shown()
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Amplitudes of every frame, and what they leave.
+    """Amplitudes of every frame, and their errors.
 
     Parameters
     ----------
@@ -41,11 +41,11 @@ class Fit:
         Of the distances between vertices and their reconstruction; RMS and 95th percentile
         are over the surface (by weight), the maximum over all vertices of it.
     motion_rms : (frames,) float64, length unit
-        RMS displacement from the reference, rotation removed: the error of no modes at all.
+        RMS displacement from the reference, rotation removed: the error with no modes.
     conditions : (frames,) float64
         Of the weighted shapes; all the same unless vertices are missing.
     coverages : (frames,) float64
-        Share of the surface that is there, 1 unless vertices are missing.
+        Share of the surface present, 1 unless vertices are missing.
     """
 
     amplitudes: NDArray[np.float64]
@@ -81,7 +81,7 @@ def fit_displacements(
     ParameterError
         If a frame is empty.
     ModeCountError
-        Naming the first frame in which too little is there to tell the modes apart.
+        Naming the first frame with too few vertices to tell the modes apart.
     """
     parts = []
     products: _Products | None = None
@@ -128,12 +128,12 @@ class _Products:
     """Rotation and fit of frames in two products over the vertices.
 
     The turned displacements u = R'(x - d) + d - rest, d the drift of the centroid, are never
-    made. The products of x with the projector, the reference and the weights give rotation and
+    built. The products of x with the projector, the reference and the weights give rotation and
     amplitudes; the residual is taken before turning back, where it is as long:
 
         |u - Phi a| = |x - (R a Phi + R rest + d - R d)|.
 
-    Local components turn from vertex to vertex: displacements in them are made first, and are
+    Local components turn from vertex to vertex: displacements in them are built first, and are
     positions from a reference at rest in the centroid, with no rotation left.
 
     Parameters
@@ -193,7 +193,7 @@ class _Products:
         centre = d[:, :, None] * self.of_one
         # a = P u = R'(P x - d P 1) + d P 1 - P rest
         a = R.transpose(0, 2, 1) @ (sums[:, :, :m] - centre) + centre - self.of_rest
-        # A frame that repeats the reference has moved by exactly nothing.
+        # A frame that repeats the reference has not moved at all.
         a[block.is_still] = 0.0
         model = np.empty((f, 3, m + 4))
         model[:, :, :m] = R @ a
@@ -202,12 +202,14 @@ class _Products:
         squares = _squared_distances(rows, model.reshape(3 * f, m + 4), self.rows)
         if len(shape.ignored):
             squares[:, shape.ignored] = 0.0
-        # einsum adds in one order whatever the number of threads.
+        # einsum adds in one order on any number of threads.
         mean = np.einsum("fn,n->f", squares, shape.weights)
         # The residual is orthogonal to the shapes, so |u|^2 = |Q'u|^2 + |r|^2 with Q'u = R a:
         # a sum of squares, without cancellation.
-        kept = product(a.reshape(3 * f, m), np.ascontiguousarray(self.basis.triangle.T))
-        motion = np.einsum("fk,fk->f", kept.reshape(f, -1), kept.reshape(f, -1)) + mean
+        coefficients = product(a.reshape(3 * f, m), np.ascontiguousarray(self.basis.triangle.T))
+        motion = (
+            np.einsum("fk,fk->f", coefficients.reshape(f, -1), coefficients.reshape(f, -1)) + mean
+        )
         p95 = weighted_quantile(squares, shape.weights, 0.95)
         return Fit(
             amplitudes=np.ascontiguousarray(a.transpose(0, 2, 1)) * shape.scale,

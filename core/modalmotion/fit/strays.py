@@ -1,7 +1,6 @@
-"""Points out of place in a frame: a vertex apart from its neighbours, a frame of other numbers.
+"""Points out of place: a vertex apart from its neighbours, a frame numbered or scaled otherwise.
 
-Told by the edges, which hardly change when a surface moves, and not by the fit, which says only
-where to look.
+The edges decide, which hardly change when a surface moves; the fit says only where to look.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numerals import numeral
 from modalmotion.template import Template
 
-# A largest error is looked at beyond so many p95 errors, or this share of the surface.
+# A largest error is checked beyond so many p95 errors, or this share of the surface.
 _P95S: Final = 8.0
 _SHARE: Final = 0.2
 
@@ -27,7 +26,7 @@ _FACTOR: Final = 3.0
 
 
 def notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> list[str]:
-    """Name the frame with the largest error, and the vertex, if they do not belong there.
+    """Name the frame with the largest error, and its vertex, if they are out of place.
 
     Costs nothing where the errors are those of a surface that moves.
 
@@ -35,7 +34,7 @@ def notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> lis
     ----------
     sequence : MeshSequence
     template : Template
-        Whose vertices are the reference.
+        Its vertices are the reference.
     fit : Fit
         Of the sequence.
 
@@ -60,11 +59,11 @@ def notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> lis
     usual = float(np.median(before))
     for suspect in suspects:
         after = _lengths(sequence.vertices[suspect].astype(np.float64), sides, extent)
-        found = float(np.median(after))
-        if not usual / _FACTOR <= found <= usual * _FACTOR:
+        length = float(np.median(after))
+        if not usual / _FACTOR <= length <= usual * _FACTOR:
             text = (
                 f"Frame {suspect} does not go with the others: half of its edges are "
-                f"{found / usual if usual > 0 else np.inf:.3g} times as long as in the reference. "
+                f"{length / usual if usual > 0 else np.inf:.3g} times as long as in the reference. "
                 "Its vertices may be numbered otherwise, or be in another unit; send it again or "
                 "leave it out."
             )

@@ -41,7 +41,7 @@ def vertex_areas(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDA
     Returns
     -------
     (vertices,) float64, length unit squared
-        Zero at vertices of no triangle.
+        Zero at vertices in no triangle.
     """
     thirds = np.repeat(face_areas(vertices, faces) / 3.0, 3)
     areas: NDArray[np.float64] = np.bincount(

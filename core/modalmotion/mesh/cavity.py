@@ -1,4 +1,4 @@
-"""Cavities: what a surface encloses once its openings are closed."""
+"""Cavities: the volume inside a surface whose openings are closed."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from modalmotion.representation import shown
 @shown()
 @dataclass(frozen=True, eq=False)
 class Cavity:
-    """What the triangles of a surface enclose, its openings closed by fans.
+    """The cavity inside a surface's triangles, its openings closed by fans.
 
-    Make one of faces that nobody has checked with `cavity_of`.
+    For unchecked faces use `cavity_of`.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Cavity:
         Parameters
         ----------
         vertices : (..., vertices, 3) float64, length unit
-            Those of no triangle are not read.
+            Those in no triangle are not read.
 
         Returns
         -------
@@ -92,8 +92,8 @@ def cavity_of(faces: NDArray[np.int64], n_vertices: int) -> Cavity:
     Raises
     ------
     TopologyError
-        If there are no triangles, if they are several pieces or no surface, or if the surface
-        has one side only.
+        If there are no triangles, if they form several pieces or not a surface, or if the
+        surface has one side only.
     """
     connectivity = connectivity_of(faces, n_vertices)
     proper = np.delete(faces, connectivity.degenerate, axis=0)
@@ -105,8 +105,8 @@ def cavity_of(faces: NDArray[np.int64], n_vertices: int) -> Cavity:
     if len(connectivity.non_manifold_edges):
         vertex = int(connectivity.non_manifold_edges[0, 0])
         raise TopologyError(
-            f"{len(connectivity.non_manifold_edges)} edges belong to three triangles or more (one "
-            f"of them at vertex {vertex}): such a surface has no inside.",
+            f"{len(connectivity.non_manifold_edges)} edges belong to three triangles or more "
+            f"(one of them at vertex {vertex}): such a surface has no inside.",
             remedy="Send the wall of the cavity alone, without inner sheets or repeated triangles.",
             vertex=vertex,
             details=connectivity.details(),
@@ -114,7 +114,7 @@ def cavity_of(faces: NDArray[np.int64], n_vertices: int) -> Cavity:
     if connectivity.n_components > 1:
         raise TopologyError(
             f"The triangles are {connectivity.n_components} separate pieces: which of them bound "
-            "the cavity, and whether one lies inside another, cannot be told.",
+            "the cavity, and whether one lies inside another, is unknown.",
             remedy="Send the surface of one cavity at a time.",
             details=connectivity.details(),
         )

@@ -1,4 +1,4 @@
-"""Checks of arrays at the public doors; what lies behind them trusts what came through."""
+"""Checks of arrays at the public doors; inner functions trust checked arrays."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def require_vertices(vertices: Any, name: str = "vertices") -> FloatArray:
     ----------
     vertices : array_like
     name : str
-        What to call it in the error.
+        Its name in the error.
 
     Returns
     -------
@@ -70,13 +70,13 @@ def require_vertices(vertices: Any, name: str = "vertices") -> FloatArray:
 
 
 def single_precision(values: NDArray[Any], what: str) -> NDArray[np.float32]:
-    """Round to little-endian float32, for formats that have nothing longer.
+    """Round to little-endian float32, for formats without double precision.
 
     Parameters
     ----------
     values : array of float32 or float64
     what : str
-        What to call them in the error, such as "A position".
+        Their name in the error, such as "A position".
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the triangles of a mesh join: edges, boundary loops, pieces, handles."""
+"""Connectivity of a mesh: edges, boundary loops, pieces, handles."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from modalmotion.representation import shown
 @shown()
 @dataclass(frozen=True, eq=False)
 class Connectivity:
-    """Counts and loops found from the faces alone.
+    """Counts and loops from the faces alone.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Connectivity:
     loops : tuple of (edges, 2) int64
         Boundary edges, grouped by connection.
     isolated : (n,) int64
-        Vertices of no triangle.
+        Vertices in no triangle.
     n_components : int
         Pieces that hold at least one triangle.
     euler_characteristic : int
@@ -57,7 +57,7 @@ class Connectivity:
         return 1.0 - (self.euler_characteristic + len(self.loops)) / 2
 
     def describe(self) -> str:
-        """One line of what was found, for errors and notes."""
+        """Summary in one line, for errors and notes."""
         parts = [
             f"{self.n_components} piece(s)",
             f"{len(self.loops)} boundary loop(s)",
@@ -70,7 +70,7 @@ class Connectivity:
         return ", ".join(parts)
 
     def details(self) -> dict[str, object]:
-        """Return the same as numbers, ready for JSON."""
+        """Return the counts, ready for JSON."""
         return {
             "components": self.n_components,
             "boundary_loops": len(self.loops),
@@ -97,7 +97,7 @@ def connectivity_of(faces: NDArray[np.int64], n_vertices: int) -> Connectivity:
     twice = (a == b) | (b == c) | (c == a)
     proper = faces[~twice]
     n = np.int64(n_vertices)
-    # One integer a side: sorting integers is what makes this linear in practice.
+    # One integer a side: sorting integers makes this linear in practice.
     start, end = proper[:, [0, 1, 2]].ravel(), proper[:, [1, 2, 0]].ravel()
     keys, counts = np.unique(
         np.minimum(start, end) * n + np.maximum(start, end), return_counts=True
@@ -171,14 +171,14 @@ def oriented_faces(faces: NDArray[np.int64], n_vertices: int) -> NDArray[np.int6
     columns = np.concatenate([np.where(agree, other, other + m), np.where(agree, other + m, other)])
     graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * m, 2 * m))
     _, label = connected_components(graph, directed=False)
-    kept, turned = label[:m], label[m:]
-    if (kept == turned).any():
+    as_is, turned = label[:m], label[m:]
+    if (as_is == turned).any():
         return None
     first = np.full(int(label.max(initial=0)) + 1, 2 * m)
     np.minimum.at(first, label, np.arange(2 * m))
-    # Of the two copies of a piece that one is kept in which its first triangle is as it was.
-    turn = first[kept] >= m
-    turn |= first[turned] < first[kept]
+    # Of a piece's two copies the one with its first triangle unturned is kept.
+    turn = first[as_is] >= m
+    turn |= first[turned] < first[as_is]
     return np.where(turn[:, None], faces[:, ::-1], faces)
 
 
@@ -188,5 +188,5 @@ def _labels(edges: NDArray[np.int64], n_vertices: int) -> NDArray[np.int64]:
         shape=(n_vertices, n_vertices),
     )
     _, labels = connected_components(graph, directed=False)
-    found: NDArray[np.int64] = labels.astype(np.int64)
-    return found
+    numbers: NDArray[np.int64] = labels.astype(np.int64)
+    return numbers

@@ -26,9 +26,9 @@ def nested_dissection(
     Parameters
     ----------
     positions : (n, 3) float64
-        Where each unknown lies.
+        Place of each unknown.
     rows, columns : (entries,) int64
-        Where the matrix is not zero off its diagonal; one of its triangles is enough.
+        Nonzero entries off the diagonal; one triangle of the matrix is enough.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def nested_dissection(
     for level in range(n_levels):
         side = np.zeros(n, dtype=np.int64)
         side[active] = _halves(coordinates[:, active], region[active], 2**level)
-        # Of an edge between the halves the end in the first one is cut out.
+        # An edge between the halves loses its end in the first half.
         crossing = side[rows] != side[columns]
         first, second = rows[crossing], columns[crossing]
         cut = np.where(side[first] == 0, first, second)
@@ -57,15 +57,15 @@ def nested_dissection(
         region *= 2
         region += side
         active = active[~is_cut[active]]
-        kept = ~(crossing | is_cut[rows] | is_cut[columns])
-        rows, columns = rows[kept], columns[kept]
+        inside = ~(crossing | is_cut[rows] | is_cut[columns])
+        rows, columns = rows[inside], columns[inside]
     return np.argsort(key, kind="stable")
 
 
 def _halves(
     coordinates: NDArray[np.float64], region: NDArray[np.int64], n_regions: int
 ) -> NDArray[np.bool_]:
-    """Which unknowns lie beyond the mean of their region along its longest direction."""
+    """Unknowns beyond the mean of their region along its longest direction."""
     count = np.maximum(np.bincount(region, minlength=n_regions), 1)
     offsets = np.empty_like(coordinates)
     spread = np.empty((3, n_regions))
@@ -88,7 +88,7 @@ def solve_positive_definite(
     matrix : (n, n) csc_array of float64
     right : (n,) or (n, k) float64
     positions : (n, 3) float64
-        Where each unknown lies; they guide the order of elimination only.
+        Place of each unknown; used for the order of elimination only.
 
     Returns
     -------

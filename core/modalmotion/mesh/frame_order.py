@@ -19,16 +19,16 @@ def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tu
     ----------
     vertices : (frames, vertices, 3) float
     times : (frames,) array_like, s
-        Left as it is where it is not a list of finite numbers, one for each frame: the check of
-        sequences says what is wrong with it.
+        Returned unchanged unless it is a list of finite numbers, one for each frame: the check of
+        sequences reports the error.
 
     Returns
     -------
     vertices : (n, vertices, 3) float
-        The same array where nothing was to be done.
+        The same array where nothing changed.
     times : (n,) float64, s
     notes : tuple of str
-        What was done.
+        Changes to the frames.
 
     Raises
     ------
@@ -62,5 +62,5 @@ def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tu
             f"Repeated at the same time and dropped: {counted(len(repeats), 'frame')} (first: "
             f"frame {int(order[repeats[0]])})."
         )
-    kept = np.delete(order, repeats)
-    return vertices[kept], stamps[kept].astype(np.float64), tuple(notes)
+    distinct = np.delete(order, repeats)
+    return vertices[distinct], stamps[distinct].astype(np.float64), tuple(notes)

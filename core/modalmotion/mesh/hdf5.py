@@ -46,7 +46,7 @@ def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
 
 
 def sequence_from_hdf5(source: bytes | Path) -> MeshSequence:
-    """Read a mesh sequence, bit for bit as it was written.
+    """Read a mesh sequence, bit for bit as written.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def read_sequence(source: bytes | Path) -> tuple[MeshSequence, Contents]:
 
 
 def sequence_in(contents: Contents) -> MeshSequence:
-    """Sequence that a file holds, without its facts: as files of version 1 do, too."""
+    """Sequence of a file, without its facts, which files of version 1 lack."""
     return mesh_sequence(
         contents.array("vertices", (None, None, 3)),
         contents.array("faces", (None, 3)),

@@ -25,13 +25,13 @@ MM_PER_UNIT: Final[dict[str, float]] = {
     "um": 1e-3,
     "nm": 1e-6,
 }
-"""Length units that are understood, in millimetres."""
+"""Known length units, in millimetres."""
 
 
 MEAN: Final = "mean"
 
 Reference: TypeAlias = int | Literal["mean"]
-"""What displacements are measured from: a frame, or `MEAN`, the mean shape."""
+"""Origin of displacements: a frame, or `MEAN`, the mean shape."""
 
 
 @shown("n_frames", "n_vertices", "faces", "topology", "unit")
@@ -50,12 +50,12 @@ class MeshSequence:
         Nodes along each axis if the vertices are those of a lattice, vertex = row * N' +
         column.
     topology : Topology, optional
-        What the sender states; found from the connectivity otherwise.
+        As the sender states it; otherwise the connectivity decides.
     times : (frames,) float64, s, optional
     unit : str, optional
         Length unit: m, cm, mm, um or nm; None where it is unknown.
     facts : Facts
-        What the sender states besides; no part of the id.
+        Further statements of the sender; not part of the id.
     """
 
     vertices: FloatArray
@@ -119,7 +119,7 @@ class MeshSequence:
         return digest.hexdigest()
 
     def require_reference(self, reference: Reference) -> None:
-        """Check that there is such a reference.
+        """Check that a reference exists.
 
         Raises
         ------
@@ -138,7 +138,7 @@ class MeshSequence:
             )
 
     def with_unit(self, unit: str) -> MeshSequence:
-        """Return the same numbers, understood in another length unit.
+        """Return the same numbers in another length unit.
 
         Raises
         ------
@@ -149,7 +149,7 @@ class MeshSequence:
         return replace(self, unit=unit)
 
     def with_facts(self, facts: Facts) -> MeshSequence:
-        """Return the same sequence, of which these facts are stated; it has the same id.
+        """Return the same sequence, and the same id, with these facts.
 
         Raises
         ------
@@ -162,7 +162,7 @@ class MeshSequence:
     def with_topology(
         self, topology: Topology | None, grid: tuple[int, ...] | None
     ) -> MeshSequence:
-        """Return the same sequence with a stated topology or lattice shape, where one is given."""
+        """Return the same sequence with another topology or lattice shape; None keeps its own."""
         if topology is None and grid is None:
             return self
         grid = self.grid if grid is None else grid
@@ -195,12 +195,12 @@ def mesh_sequence(
     unit : str, optional
         m, cm, mm, um or nm.
     facts : Facts, optional
-        What is stated besides; all unknown by default.
+        Further statements; all unknown by default.
 
     Raises
     ------
     InputError
-        The subclass says what is wrong; frame and vertex are named where there is one.
+        The subclass names the error; frame and vertex are named where one is at fault.
     """
     positions = require_vertices(vertices)
     n_frames, n_vertices, _ = positions.shape

@@ -70,7 +70,7 @@ class SpringModes:
 
     @cached_property
     def is_sine(self) -> NDArray[np.bool_]:
-        """False for every mode: there are no pairs."""
+        """False for every mode: spring modes have no pairs."""
         return np.zeros(len(self), dtype=np.bool_)
 
     @cached_property
@@ -80,7 +80,7 @@ class SpringModes:
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """What they are stored as."""
+        """Datasets of the modes in files."""
         identity = np.array(self.connectivity_id.encode(), dtype="S64")
         return {"spring_eigenvalues": self.eigenvalues, "connectivity_id": identity}
 
@@ -95,7 +95,7 @@ class SpringModes:
         Raises
         ------
         ParameterError
-            If others are asked for: their names are their ranks.
+            For any other modes: their names are their ranks.
         """
         if not np.array_equal(indices, np.arange(len(indices))):
             raise ParameterError(
@@ -109,7 +109,7 @@ class SpringModes:
         return spring_modes(surface.faces, len(surface.vertices), len(self)).shapes
 
     def frequencies_on(self, surface: Surface, wave_speed: float) -> NDArray[np.float64]:
-        """Frequencies of springs that carry long waves at a given speed: see `Modes`."""
+        """Frequencies of springs that carry long waves at `wave_speed`: see `Modes`."""
         mesh = connectivity_of(surface.faces, len(surface.vertices))
         steps = surface.vertices[mesh.edges[:, 0]] - surface.vertices[mesh.edges[:, 1]]
         largest = float(np.abs(steps).max(initial=0.0)) or 1.0
@@ -145,7 +145,7 @@ class SolvedSpringModes(SpringModes):
     Parameters
     ----------
     shapes : (vertices, modes) float64
-        Mean square 1 over the vertices in use; zero at those of no triangle.
+        Mean square 1 over the vertices in use; zero at those in no triangle.
     """
 
     shapes: NDArray[np.float64]
@@ -161,7 +161,7 @@ class SolvedSpringModes(SpringModes):
         return SolvedSpringModes(names.eigenvalues, names.connectivity_id, shapes)
 
     def shapes_on(self, surface: Surface) -> NDArray[np.float64]:  # noqa: ARG002
-        """Give the shapes, (vertices, modes) float64: they are those of one mesh."""
+        """Return the shapes, (vertices, modes) float64, which belong to one mesh."""
         return self.shapes
 
 
@@ -184,19 +184,19 @@ def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> Sol
     Raises
     ------
     ModeCountError
-        If there are not that many vertices in use.
+        If fewer vertices are in use.
     """
-    found = connectivity_of(faces, n_vertices)
+    connectivity = connectivity_of(faces, n_vertices)
     used = np.ones(n_vertices, dtype=np.bool_)
-    used[found.isolated] = False
+    used[connectivity.isolated] = False
     place = np.cumsum(used) - 1
-    edges = place[found.edges]
+    edges = place[connectivity.edges]
     n = int(used.sum())
     values, vectors = lowest_eigenpairs(graph_laplacian(edges, n), n_modes, _indicators(edges, n))
     shapes = np.zeros((n_vertices, n_modes))
     shapes[used] = vectors * np.sqrt(n)
     digest = hashlib.sha256(str(n_vertices).encode())
-    digest.update(np.ascontiguousarray(found.edges.astype("<i8")).data)
+    digest.update(np.ascontiguousarray(connectivity.edges.astype("<i8")).data)
     return SolvedSpringModes(np.maximum(values, 0.0), digest.hexdigest(), shapes)
 
 

@@ -1,4 +1,4 @@
-"""A lattice of each topology in space, for those who have no surface of their own at hand."""
+"""A lattice of each topology in space, for users without a surface of their own."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def standard_surface(lattice: Lattice) -> MeshSequence:
     Raises
     ------
     TopologyError
-        If it is none of these.
+        If its topology is another.
     """
     topology = lattice.topology
     coordinates = lattice.natural_coordinates

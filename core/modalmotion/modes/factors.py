@@ -1,4 +1,4 @@
-"""Values of modes along each axis of a lattice: what separable shapes are made of."""
+"""Values of modes along each axis of a lattice: the factors of separable shapes."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class Factors:
     functions : tuple of (functions, nodes) float64
         For each axis its distinct functions at the nodes along it.
     separable : Separable
-        Which of them multiply and add up to which modes.
+        Rule by which they multiply and add up to modes.
     coefficients : (terms,) float64
-        What each product is multiplied by: the sign of the term and the scale of the mode.
+        Factor of each product: the sign of the term times the scale of the mode.
     """
 
     functions: tuple[NDArray[np.float64], ...]
@@ -52,7 +52,7 @@ class Factors:
         Raises
         ------
         ShapeError
-            If `out` is not such an array.
+            If `out` is another kind of array.
         """
         by_mode = self._by_mode(out)
         grid = by_mode.reshape(self.n_modes, self.functions[0].shape[1], -1)
@@ -66,7 +66,7 @@ class Factors:
         return by_mode.T
 
     def shapes_along(self) -> NDArray[np.float64]:
-        """Multiply node by node, for functions given at places of the same nodes on each axis.
+        """Multiply node by node, for functions at places of the same nodes on each axis.
 
         Returns
         -------
@@ -206,7 +206,7 @@ def places_along(
     Raises
     ------
     ShapeError
-        If they are no list of integers, or one of them is no node.
+        If they are not a list of integers, or one of them is not a node.
     LimitError
         If 64 bits do not number all nodes.
     """

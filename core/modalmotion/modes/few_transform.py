@@ -19,7 +19,7 @@ from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.stacked_products import multiply
 
-# Numbers in factors that are kept from call to call, at most 512 KB: frame after frame their
+# Numbers in factors cached from call to call, at most 512 KB: frame after frame their
 # evaluation would take as long as the products. Larger ones take little beside theirs.
 _KEPT: Final = 1 << 16
 
@@ -42,7 +42,7 @@ def project(lattice: Lattice, modes: ModeSet, displacements: NDArray[Any]) -> ND
     Raises
     ------
     ShapeError
-        If the displacements are no real array of that shape.
+        If the displacements are not a real array of that shape.
     NonFiniteError
         Naming the first frame and node that are not finite.
     TopologyError, ParameterError
@@ -76,7 +76,7 @@ def superpose(
     Raises
     ------
     ShapeError
-        If the amplitudes are no real array of that shape, or `out` is not.
+        If the amplitudes or `out` are not a real array of that shape.
     NonFiniteError
         Naming the first frame and mode that are not finite.
     TopologyError, ParameterError
@@ -93,7 +93,7 @@ def project_with(factors: Factors, displacements: NDArray[Any]) -> NDArray[np.fl
     first, *others = factors.separable.sums
     weights = factors.coefficients[:, None]
     amplitudes = np.empty((len(source), factors.n_modes, n_directions))
-    # What overflows is found in the amplitudes.
+    # Overflow shows in the amplitudes.
     with np.errstate(over="ignore", invalid="ignore"):
         for frames in blocks(len(source), factors.n_nodes * n_directions):
             block = np.ascontiguousarray(source[frames], dtype=np.float64)
@@ -102,12 +102,12 @@ def project_with(factors: Factors, displacements: NDArray[Any]) -> NDArray[np.fl
                 values = multiply(f, values.reshape(n_done, f.shape[1], -1))
                 n_done *= len(f)
             values = values.reshape(len(block), n_products, n_directions)
-            found = amplitudes[frames]
-            np.multiply(values.take(first.product, axis=1), weights[first.term], out=found)
+            result = amplitudes[frames]
+            np.multiply(values.take(first.product, axis=1), weights[first.term], out=result)
             for terms in others:
-                found[:, terms.mode] += values[:, terms.product] * weights[terms.term]
-            found /= factors.n_nodes
-            require_finite(found, block, frames.start, "node")
+                result[:, terms.mode] += values[:, terms.product] * weights[terms.term]
+            result /= factors.n_nodes
+            require_finite(result, block, frames.start, "node")
     return amplitudes
 
 
@@ -138,7 +138,7 @@ def superpose_with(
 
 
 def _factors(lattice: Lattice, modes: ModeSet) -> Factors:
-    """Evaluate factors, or find those of an earlier call."""
+    """Evaluate factors, or return those of an earlier call."""
     if len(modes) * sum(lattice.shape) <= _KEPT:
         return _factors_kept(lattice.topology, lattice.shape, modes)
     return lattice.factors(modes)
@@ -146,5 +146,5 @@ def _factors(lattice: Lattice, modes: ModeSet) -> Factors:
 
 @lru_cache(maxsize=16)
 def _factors_kept(topology: Topology, shape: tuple[int, ...], modes: ModeSet) -> Factors:
-    # Shapes do not depend on the springs. Of the lattice itself nothing is kept.
+    # Shapes do not depend on the springs. The lattice itself is not cached.
     return Lattice(topology, shape).factors(modes)

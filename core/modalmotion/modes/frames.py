@@ -22,15 +22,15 @@ def require_frames(array: Any, name: str, length: int, of: str) -> NDArray[Any]:
     array : array_like
         Neither copied nor read: it may be mapped from a file.
     name : str
-        What to call it in the error.
+        Its name in the error.
     length : int
     of : str
-        What `length` counts.
+        Meaning of `length`.
 
     Raises
     ------
     ShapeError
-        If it is no real array of that shape.
+        If it is not a real array of that shape.
     """
     frames: NDArray[Any] = np.asanyarray(array)
     if frames.dtype.kind not in "fiu":
@@ -54,7 +54,7 @@ def require_output(out: NDArray[Any] | None, shape: tuple[int, ...]) -> NDArray[
     Raises
     ------
     ShapeError
-        If it is no writeable C-contiguous float64 array of that shape.
+        If it is not a writeable C-contiguous float64 array of that shape.
     """
     if out is None:
         return np.empty(shape)
@@ -81,9 +81,9 @@ def blocks(n_frames: int, frame_size: int) -> Iterator[slice]:
 
 
 def require_finite(result: NDArray[Any], source: NDArray[Any], first: int, of: str) -> None:
-    """Refuse frames that are not finite, found from a result to which every number adds.
+    """Refuse frames that are not finite, detected in a result to which every number adds.
 
-    Looking at the few results costs nothing beside looking at every number that came.
+    Looking at the few results costs nothing beside looking at every number of the source.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def require_finite(result: NDArray[Any], source: NDArray[Any], first: int, of: s
     first : int
         Number of the first frame.
     of : str
-        What the middle axis of `source` counts.
+        Meaning of the middle axis of `source`.
 
     Raises
     ------

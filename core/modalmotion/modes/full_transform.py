@@ -36,12 +36,12 @@ def project_all(
     Returns
     -------
     (frames, modes, directions) float64, the same unit
-        In the order of `Lattice.all_modes`; what `project` finds for them, to rounding.
+        In the order of `Lattice.all_modes`; equal to those of `project`, to rounding.
 
     Raises
     ------
     ShapeError
-        If the displacements are no real array of that shape, or `out` is not.
+        If the displacements or `out` are not a real array of that shape.
     NonFiniteError
         Naming the first frame and node that are not finite.
     """
@@ -51,15 +51,15 @@ def project_all(
     for frame, values in enumerate(source):
         with np.errstate(over="ignore", invalid="ignore"):
             spectrum = _forward(lattice, values)
-            found = amplitudes[frame]
-            found[:] = 0.0
+            result = amplitudes[frame]
+            result[:] = 0.0
             for places in lattice.places:
                 part = spectrum[:, :, _part(places)]
                 # The transform's imaginary part is minus the sine.
                 weight = scales[places.mode] * places.sign * (-1.0) ** sum(places.sines)
-                found[places.mode] += part[places.place] * weight[:, None]
-            found /= lattice.n_nodes
-        require_finite(found[None], source[frame : frame + 1], frame, "node")
+                result[places.mode] += part[places.place] * weight[:, None]
+            result /= lattice.n_nodes
+        require_finite(result[None], source[frame : frame + 1], frame, "node")
     return amplitudes
 
 
@@ -83,7 +83,7 @@ def superpose_all(
     Raises
     ------
     ShapeError
-        If the amplitudes are no real array of that shape, or `out` is not.
+        If the amplitudes or `out` are not a real array of that shape.
     NonFiniteError
         Naming the first frame and mode that are not finite.
     """
@@ -108,7 +108,7 @@ def _forward(lattice: Lattice, values: NDArray[Any]) -> NDArray[np.float64]:
     topology = lattice.topology
     n_directions = values.shape[1]
     x = values.reshape(*lattice.shape, n_directions)
-    # Node n = N of a closed axis stands where the transform counts from: at angle 0.
+    # Node n = N of a closed axis stands at the transform's origin, angle 0.
     x = np.roll(x, (1,) * len(topology.closed_axes), axis=topology.closed_axes)
     x = x.astype(np.float64, copy=False)
     for axis in topology.closed_axes:
@@ -130,7 +130,7 @@ def _forward(lattice: Lattice, values: NDArray[Any]) -> NDArray[np.float64]:
 def _backward(lattice: Lattice, spectrum: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sum multiples of products of functions: (nodes, directions).
 
-    What stands at a place is half the multiple for each axis of mean square 1/2.
+    The entry at a place is half the multiple for each axis of mean square 1/2.
     """
     topology = lattice.topology
     x = spectrum.reshape(*_spectrum_shape(lattice, spectrum.shape[1]))

@@ -20,9 +20,9 @@ class ModeLabel(NamedTuple):
     ----------
     wavenumbers : tuple of int
         One for each axis: counted from 0 on open and pole axes, the (signed) number of
-        periods on closed ones. Of a spring mode its place in the order of frequency.
+        periods on closed ones. For a spring mode its place in the order of frequency.
     part : "cos", "sin" or "spring"
-        Which of the two shapes of a wave vector; "cos" where there is only one.
+        One of the two shapes of a wave vector; "cos" where there is only one.
     """
 
     wavenumbers: tuple[int, ...]

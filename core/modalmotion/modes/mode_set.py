@@ -92,7 +92,7 @@ class ModeSet:
 
     @cached_property
     def n_waves(self) -> NDArray[np.int64]:
-        """Number of factors of each shape that are no constant, all closed axes together one.
+        """Number of factors of each shape that vary; all closed axes count as one.
 
         Returns
         -------
@@ -106,7 +106,7 @@ class ModeSet:
 
     @cached_property
     def extents(self) -> tuple[tuple[int, int], ...]:
-        """Least and largest wavenumber along each axis; 0 and 0 of no modes."""
+        """Least and largest wavenumber along each axis; 0 and 0 without modes."""
         return tuple((int(p.min(initial=0)), int(p.max(initial=0))) for p in self.wavenumbers.T)
 
     @cached_property
@@ -136,16 +136,16 @@ class ModeSet:
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """What they are stored as."""
+        """Datasets of the modes in files."""
         return {"wavenumbers": self.wavenumbers, "is_sine": self.is_sine.astype(np.uint8)}
 
     def take(self, indices: NDArray[np.int64] | list[int] | slice) -> ModeSet:
-        """Modes at the given indices, in that order."""
+        """Modes at these indices, in this order."""
         return ModeSet(self.topology, self.wavenumbers[indices], self.is_sine[indices])
 
     @staticmethod
     def of(topology: Topology, labels: tuple[ModeLabel, ...] | list[ModeLabel]) -> ModeSet:
-        """Modes with the given labels, in that order."""
+        """Modes with these labels, in this order."""
         wavenumbers = np.array([label.wavenumbers for label in labels], dtype=np.int64)
         return ModeSet(
             topology,
@@ -164,8 +164,8 @@ class ModeSet:
         Returns
         -------
         (vertices, modes) float64
-            Phi, each column with mean square 1 over the natural coordinates, whatever surface
-            they map. At a pole every mode that turns about it is zero.
+            Phi, each column with mean square 1 over the natural coordinates, on any surface
+            that they map. At a pole every mode that turns about it is zero.
         """
         # (6) phi = scale * product over the axes of
         #     open:    cos(p pi s)
@@ -196,7 +196,7 @@ class ModeSet:
         return self.shapes_at(surface.coordinates)
 
     def wavenumbers_on(self, lengths: tuple[float, ...]) -> NDArray[np.float64]:
-        """Physical wavenumbers |k| on a surface with the given axis lengths.
+        """Physical wavenumbers |k| on a surface with these axis lengths.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What modes of every kind can do, known in closed form or solved for."""
+"""Interface of modes of every kind, known in closed form or solved for."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from modalmotion.modes.topology import Topology
 
 
 class Surface(Protocol):
-    """What modes need to know of a surface; a template does."""
+    """Properties of a surface that modes need; a template has them."""
 
     @property
     def coordinates(self) -> NDArray[np.float64]:
@@ -32,7 +32,7 @@ class Surface(Protocol):
 
 
 class Modes(Protocol):
-    """Modes in an order, by name: equal, and of one hash, where their names are."""
+    """Modes in an order, by name: equal, with equal hashes, where their names are."""
 
     @property
     def topology(self) -> Topology | None:
@@ -56,23 +56,23 @@ class Modes(Protocol):
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """What they are stored as."""
+        """Datasets of the modes in files."""
 
     @property
     def names(self) -> Modes:
-        """What a result keeps: the same without shapes that had to be solved for."""
+        """The modes as a result stores them: without shapes that had to be solved for."""
 
     def __len__(self) -> int: ...
 
     def __hash__(self) -> int: ...
 
     def take(self, indices: NDArray[np.int64]) -> Modes:
-        """Modes at the given indices, in that order.
+        """Modes at these indices, in this order.
 
         Raises
         ------
         ParameterError
-            If they have one order only, and this is another.
+            If their order is fixed, and this one differs.
         """
 
     def shapes_on(self, surface: Surface) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Modes by their names: labels as people write them, and the modes that bear them."""
+"""Modes by their names: labels as people write them, and the modes with these labels."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def parse_label(text: str) -> ModeLabel:
 def modes_named(
     topology: Topology, labels: list[ModeLabel], shape: tuple[int, ...] | None = None
 ) -> ModeSet:
-    """Modes with the given labels, each checked to be a mode of the topology.
+    """Modes with these labels, each checked to be a mode of the topology.
 
     Parameters
     ----------
@@ -52,8 +52,8 @@ def modes_named(
     Raises
     ------
     ParameterError
-        Naming the first label that no mode of the topology has, and the one that is meant
-        where there is one.
+        Naming the first label that no mode of the topology has, and the intended one if
+        there is one.
     """
     for label in labels:
         _require_mode(topology, label)

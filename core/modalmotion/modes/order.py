@@ -1,4 +1,4 @@
-"""The fixed order of modes, and which counts of them are whole.
+"""The fixed order of modes, and the counts that split no pair.
 
 The order is by physical wavenumber on a reference surface whose axis is 0.55 of its
 circumference, computed in integers. It depends on the topology alone, never on the number of
@@ -41,7 +41,7 @@ def lowest_modes(topology: Topology, n_modes: int, shape: tuple[int, ...] | None
         How many. Taken literally: see `whole_count` for counts that split no pair.
     shape : tuple of int, optional
         Nodes along each axis of a lattice, which has no modes beyond its Nyquist
-        wavenumber; without it the surface is a continuum and has as many as you like.
+        wavenumber; without it the surface is a continuum and has any number of modes.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def lowest_modes(topology: Topology, n_modes: int, shape: tuple[int, ...] | None
     if n_modes < 1 or n_modes > _LARGEST_COUNT or (n_total is not None and n_modes > n_total):
         most = _LARGEST_COUNT if n_total is None else min(n_total, _LARGEST_COUNT)
         raise ModeCountError(
-            f"{n_modes} modes were asked for; a {topology} "
+            f"{n_modes} modes were requested; a {topology} "
             f"{'' if shape is None else f'of {shape} nodes '}has 1 to {most}.",
             remedy=f"Ask for 1 to {most} modes.",
             details={"modes": n_modes, "most": most},
@@ -81,7 +81,7 @@ def all_modes(topology: Topology, shape: tuple[int, ...]) -> ModeSet:
 
 
 def require_shape(topology: Topology, shape: tuple[int, ...]) -> None:
-    """Refuse a lattice shape that the topology has no closed form for.
+    """Refuse a lattice shape without a closed form on the topology.
 
     Raises
     ------
@@ -203,11 +203,11 @@ def _lowest(topology: Topology, n_modes: int, shape: tuple[int, ...] | None) -> 
     if shape is not None and n_modes == _n_modes_of(topology, shape):
         bound = sum(w * (2.0 * n) ** 2 for w, n in zip(_weights(topology), shape, strict=True))
     while True:
-        found, keys = _modes_within(topology, bound, shape)
+        modes, keys = _modes_within(topology, bound, shape)
         # A whole level is needed so that ties are broken among all of its members.
-        if len(found) >= n_modes:
-            return found.take(np.lexsort(keys)[:n_modes])
-        bound *= 2.0 if len(found) > 1000 else 4.0
+        if len(modes) >= n_modes:
+            return modes.take(np.lexsort(keys)[:n_modes])
+        bound *= 2.0 if len(modes) > 1000 else 4.0
 
 
 def _modes_within(
@@ -229,8 +229,8 @@ def _modes_within(
     p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, topology.n_axes)
     p = p[squared_keys(topology, p) <= bound]
 
-    # Of a wave vector and its opposite one is kept: the one whose first entry that differs
-    # from its own opposite is positive. Where none differs the sine is zero and is no mode.
+    # Of a wave vector and its opposite, keep the one whose first entry that differs from
+    # its own opposite is positive. Where none differs the sine is zero and not a mode.
     sign = np.zeros(len(p), dtype=np.int8)
     for axis in topology.closed_axes:
         entry = np.sign(p[:, axis]).astype(np.int8)

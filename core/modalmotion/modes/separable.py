@@ -24,7 +24,7 @@ class Terms(NamedTuple):
     Parameters
     ----------
     term : (terms,) int64
-        Which of all terms these are.
+        Their numbers among all terms.
     mode : (terms,) int64
         The mode each belongs to.
     product : (terms,) int64
@@ -39,7 +39,7 @@ class Terms(NamedTuple):
 @shown("topology", "n_functions")
 @dataclass(frozen=True, eq=False)
 class Separable:
-    """Which functions along the axes multiply and add up to which modes.
+    """Functions along the axes, and how they multiply and add up to modes.
 
     A mode is scale * sum of terms, a term +1 or -1 times a product of one function for each
     axis. One closed axis or none: one term. cos(a + b) = cos a cos b - sin a sin b: two on a
@@ -152,7 +152,7 @@ def separate(
     Raises
     ------
     ModeCountError
-        If there are no modes.
+        If `half_periods` is empty.
     ParameterError
         If a mode is the sine of a wave vector without any period, which is zero.
     """
@@ -164,7 +164,7 @@ def separate(
     mode = mode[order]
     if len(np.unique(mode)) != len(is_sine):
         raise ParameterError(
-            "The sine of a wave vector without any period is zero everywhere and is no mode.",
+            "The sine of a wave vector without any period is zero everywhere and not a mode.",
             remedy="Ask for its cosine alone.",
         )
     family = np.concatenate([terms.is_sine for terms in expanded])[order]

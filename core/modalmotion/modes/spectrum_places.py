@@ -55,7 +55,7 @@ def places(modes: ModeSet, shape: tuple[int, ...]) -> tuple[Places, ...]:
     shape : tuple of int
         Nodes along each axis.
     """
-    found = []
+    places = []
     topology, closed = modes.topology, modes.topology.closed_axes
     for term in expand(topology, modes.half_periods, modes.is_odd_at_pole, modes.is_sine):
         halvings = np.zeros(len(term.mode), dtype=np.int8)
@@ -64,7 +64,7 @@ def places(modes: ModeSet, shape: tuple[int, ...]) -> tuple[Places, ...]:
             p = np.abs(modes.wavenumbers[term.mode, axis])
             place = place * n + p
             period = shape[axis] if topology.ends[axis] == CLOSED else 4 * shape[axis]
-            # A constant and what alternates from node to node have mean square 1.
+            # A constant and a wave that alternates from node to node have mean square 1.
             h = modes.half_periods[term.mode, axis]
             halvings += 2 * h % period != 0
         # (p, p') and (p, -p') have the same products: apart.
@@ -72,7 +72,7 @@ def places(modes: ModeSet, shape: tuple[int, ...]) -> tuple[Places, ...]:
         for signs in product((False, True), repeat=len(closed)):
             part = np.flatnonzero((negative == signs).all(axis=1))
             if part.size:
-                found.append(
+                places.append(
                     Places(
                         term.sines,
                         term.mode[part].astype(np.int32),
@@ -81,4 +81,4 @@ def places(modes: ModeSet, shape: tuple[int, ...]) -> tuple[Places, ...]:
                         halvings[part],
                     )
                 )
-    return tuple(found)
+    return tuple(places)

@@ -1,4 +1,4 @@
-"""Topologies: what the ends of each axis of a surface are joined to."""
+"""Topologies: the ends of each axis of a surface."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from modalmotion.representation import shown
 
 
 class End(StrEnum):
-    """What a chain of nodes meets at one of its two ends."""
+    """Boundary at one of the two ends of a chain of nodes."""
 
     OPEN = "open"
     CLOSED = "closed"
@@ -49,7 +49,7 @@ class Topology:
     Raises
     ------
     TopologyError
-        If there are no or more than three axes, an axis mixes ends that cannot meet, or a
+        If there are no axes or more than three, an axis mixes ends that cannot meet, or a
         pole axis is not followed by a closed one.
     """
 
@@ -85,7 +85,7 @@ class Topology:
 
     @property
     def name(self) -> str:
-        """Common name where there is one ("cup"), else the ends ("open x open x closed")."""
+        """Common name if it has one ("cup"), else the ends ("open x open x closed")."""
         return _NAMES.get(self.ends, " x ".join(_AXIS_NAMES[e] for e in self.ends))
 
     def __str__(self) -> str:

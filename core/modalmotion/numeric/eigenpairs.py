@@ -1,8 +1,8 @@
-"""Lowest eigenpairs of sparse symmetric matrices, the same whatever solver found them.
+"""Lowest eigenpairs of sparse symmetric matrices, the same from any solver.
 
-Where eigenvalues coincide a solver returns any basis of their space. Here each such space is
-given the basis that fixed probe vectors, projected into it one after the other, span: it depends
-on the space alone. That also fixes the sign of every vector.
+Where eigenvalues coincide a solver returns any basis of their space. Here each such space gets
+the basis that fixed probe vectors, projected into it one after the other, span: it depends on
+the space alone. That also fixes the sign of every vector.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _LARGEST_DENSE: Final = 5000
 _SAME: Final = 1e-8
 _ZERO: Final = 1e-11
 
-# Found besides those asked for, so that a space that ends beyond them is seen whole.
+# Extra pairs, so that a space that ends beyond the requested ones is seen whole.
 _GUARD: Final = 8
 
 # A probe whose projection is this much shorter than expected tells nothing.
@@ -56,27 +56,27 @@ def lowest_eigenpairs(
     Raises
     ------
     ModeCountError
-        If more are asked for than there are, or the solver loses some.
+        If `n_pairs` exceeds n, or the solver loses some.
     """
     n = matrix.shape[0]
     if not 1 <= n_pairs <= n:
         raise ModeCountError(
-            f"{n_pairs} modes were asked for; there are {n}.",
+            f"{n_pairs} modes were requested; there are {n}.",
             remedy=f"Ask for 1 to {n} modes.",
             details={"modes": n_pairs, "most": n},
         )
     scale = float(np.abs(matrix).sum(axis=0).max())
-    wanted = n_pairs
+    count = n_pairs
     while True:
-        values, vectors = _solve(matrix, min(n, wanted + _GUARD), scale)
+        values, vectors = _solve(matrix, min(n, count + _GUARD), scale)
         groups = _groups(values, scale)
-        # The last group may go on beyond what was found, unless everything was.
+        # The last group may go on beyond these pairs, unless they are all.
         complete = groups if len(values) == n else groups[:-1]
         if complete and complete[-1].stop >= n_pairs:
             break
-        wanted *= 2
-    kept = [group for group in complete if group.start < n_pairs]
-    basis = [_canonical(vectors[:, group], first_probes) for group in kept]
+        count *= 2
+    spaces = [group for group in complete if group.start < n_pairs]
+    basis = [_canonical(vectors[:, group], first_probes) for group in spaces]
     return values[:n_pairs], np.concatenate(basis, axis=1)[:, :n_pairs]
 
 
@@ -108,8 +108,8 @@ def _solve(
         count = min(n - 1, count + _GUARD)
     if n > _LARGEST_DENSE:
         raise ModeCountError(
-            f"The lowest {count} spring modes of {n} vertices were not all found: too many "
-            "frequencies coincide.",
+            f"The lowest {count} spring modes of {n} vertices could not all be solved for: too "
+            "many frequencies coincide.",
             remedy="Ask for fewer modes, or state a topology.",
             details={"modes": count},
         )
@@ -137,7 +137,7 @@ def _canonical(
 ) -> NDArray[np.float64]:
     """Give a space the basis that the probes span in it, one after the other."""
     n, k = space.shape
-    chosen: list[NDArray[np.float64]] = []
+    vectors: list[NDArray[np.float64]] = []
     expected = np.sqrt(k / n)
     for index in range(first_probes.shape[1] + 50 * k):
         if index < first_probes.shape[1]:
@@ -147,14 +147,14 @@ def _canonical(
         # Coordinates within the space: the projection is space @ inside.
         inside = space.T @ (probe / np.linalg.norm(probe))
         for _ in range(2):
-            for before in chosen:
+            for before in vectors:
                 inside = inside - (before @ inside) * before
         length = float(np.linalg.norm(inside))
         if length > _FAINT * expected:
-            chosen.append(inside / length)
-            if len(chosen) == k:
+            vectors.append(inside / length)
+            if len(vectors) == k:
                 break
-    basis: NDArray[np.float64] = space @ np.stack(chosen, axis=1)
+    basis: NDArray[np.float64] = space @ np.stack(vectors, axis=1)
     return basis
 
 

@@ -1,6 +1,6 @@
 """Tall products and sums whose bits do not depend on the number of threads.
 
-A threaded BLAS cuts large products where the number of threads says, and rounds otherwise for
+A threaded BLAS cuts large products where the number of threads dictates, and rounds otherwise for
 each cut. OpenBLAS leaves small ones to one thread, so larger ones are cut here, always in the
 same places: docs/decisions/0002-bit-identical-products.md. Sums use NumPy's pairwise addition.
 

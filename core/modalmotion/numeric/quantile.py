@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-# Sorted besides those that would be enough if all weights were equal.
+# Sorted besides the number that equal weights would need.
 _MARGIN: Final = 0.5
 
 
@@ -30,8 +30,8 @@ def weighted_quantile(
 
     Notes
     -----
-    The largest values are picked without sorting the others, half as many again as would do
-    if all weighed the same. Where those weigh too little after all, the whole row is sorted.
+    The largest values are picked without sorting the others, half as many again as equal
+    weights would need. Where those weigh too little, the whole row is sorted.
     """
     allowed = (1.0 - q) * float(weights.sum())
     n = values.shape[1]
@@ -49,9 +49,9 @@ def weighted_quantile(
 def _from_top(
     values: NDArray[np.float64], weights: NDArray[np.float64], allowed: float
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Value of each row at which the weight from the top first exceeds what is allowed.
+    """Value of each row at which the weight from the top first exceeds the allowed weight.
 
-    And whether it does at all. Of equal values any may be the one.
+    Also whether it does at all. Among equal values the choice is arbitrary.
     """
     order = np.argsort(values, axis=1)[:, ::-1]
     reached = np.cumsum(np.take_along_axis(weights, order, axis=1), axis=1)

@@ -1,4 +1,4 @@
-"""Sizes of numbers that neither overflow nor vanish."""
+"""Scales at which squares neither overflow nor vanish."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 def power_of_two(size: float) -> float:
-    """Give a power of two just above a size: dividing by it costs no digit, and squares have room.
+    """Give a power of two just above a size: dividing by it is exact, and squares do not overflow.
 
     Parameters
     ----------
@@ -33,10 +33,10 @@ def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     -------
     (...) float64
     """
-    found: NDArray[np.float64] = np.hypot(
+    result: NDArray[np.float64] = np.hypot(
         np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2]
     )
-    return found
+    return result
 
 
 def root_mean_square(values: NDArray[np.float64]) -> float:

@@ -33,7 +33,7 @@ def multiply(
     """Multiply each matrix of a stack from the left by the same matrix.
 
     Cut into tiles that no BLAS call shares among threads and added up in a fixed order that
-    depends on the shapes alone. One matrix's product does not depend on what else is stacked.
+    depends on the shapes alone. One matrix's product does not depend on the rest of the stack.
 
     Parameters
     ----------

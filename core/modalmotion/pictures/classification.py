@@ -1,4 +1,4 @@
-"""Picture of what a model says of one sequence. Needs matplotlib (extra ``plot``)."""
+"""Picture of a model's answer about one sequence. Needs matplotlib (extra ``plot``)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MOST_MODES: Final = 10
 
 
 def answer_figure(result: Classification) -> Figure:
-    """Draw the probability of each class, the class set, and what moved the prediction.
+    """Draw the probability of each class, the class set, and the reasons of the prediction.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Pictures of how a model does. Needs matplotlib (extra ``plot``)."""
+"""Pictures of a model's performance. Needs matplotlib (extra ``plot``)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _BLUE = "#2f6690"
 
 
 def card_figure(card: ModelCard, title: str) -> Figure:
-    """Draw how a model did in cross-validation.
+    """Draw a model's performance in cross-validation.
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ def card_figure(card: ModelCard, title: str) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        The confusion matrix by shares of the true class, with counts; and the share of answers
-        that were right against the probability that was stated, over the number of answers.
+        The confusion matrix by shares of the true class, with counts; and the share of right
+        answers against the stated probability, over the number of answers.
     """
     return measured_figure(
         title=f"{title}: {_accuracy(card)}",
@@ -59,7 +59,7 @@ def measured_figure(
     confusion : tuple of tuple of int
         Rows are true classes, columns answers; one column more counts abstentions.
     curve : tuple of (float, float, int)
-        Mean probability of the label, share that was right, number of cases, by bins.
+        Mean probability of the label, share of right answers, number of cases, by bins.
     calibration_error : float or None
 
     Returns

@@ -19,7 +19,7 @@ from modalmotion.template.vibration_modes import VibrationModes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Blue where a shape is below zero, red where it is above: told apart by colour-blind readers too.
+# Blue where a shape is below zero, red where it is above: distinct for colour-blind readers too.
 COLOURS: Final = "RdBu_r"
 
 _MOST_PANELS: Final = 24
@@ -30,13 +30,13 @@ _TILT: Final = 0.45
 def modes_figure(template: Template, modes: VibrationModes) -> Figure:
     """Draw the shape of each mode in colour on its surface, with its label and frequency.
 
-    Of a curve each shape is a line over the curve's own coordinate.
+    On a curve each shape is a line over the curve's own coordinate.
 
     Parameters
     ----------
     template : Template
     modes : VibrationModes
-        Of that template; the first 24 are drawn.
+        Of that template; the picture shows the first 24.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def draw_shape(
     phi : (vertices,) float64
     scale : matplotlib ScalarMappable
     tilt : float, optional, rad
-        From how far above it is seen; a sheet from its normal by default.
+        Angle of view from above; a sheet is seen along its normal by default.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -102,7 +102,7 @@ def draw_shape(
     panel.view_init(elev=0, azim=-90)
     panel.set_proj_type("ortho")
     shown = template.faces
-    # Of a tube the inside is seen too, of what is closed only the outside.
+    # A tube shows its inside too, a closed surface only its outside.
     if template.surface is not None and all(e == CLOSED for e in template.surface.ends):
         shown = shown[faces_viewer(vertices, template)]
     colours = scale.to_rgba(phi[shown].mean(axis=1))

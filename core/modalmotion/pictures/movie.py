@@ -33,12 +33,12 @@ _LIGHT: Final = np.array([-0.48, -0.6, 0.64])
 def draw_frames(
     template: Template, positions: Iterable[Array], heights: Iterable[Array], extent: Extent
 ) -> Iterator[NDArray[np.uint8]]:
-    """Draw each frame, coloured by how far its vertices are displaced.
+    """Draw each frame, coloured by the displacement of its vertices.
 
     Parameters
     ----------
     template : Template
-        How the surface is joined, and from where it is seen.
+        Connectivity of the surface, and direction of view.
     positions : iterable of (vertices, 3) float64
     heights : iterable of (vertices,) float64
         Displacement along its direction, signed.
@@ -64,7 +64,7 @@ def draw_frames(
 
 
 class Extent:
-    """What all frames fill: a box in the view, and the largest displacement.
+    """Extent of all frames: a box in the view, and the largest displacement.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def write_gif(pictures: Iterable[NDArray[np.uint8]], seconds: float) -> bytes:
     ----------
     pictures : iterable of (height, width, 3) uint8
     seconds : float
-        Of each picture; GIF counts in hundredths, of which two are the least that players keep.
+        Of each picture; GIF counts in hundredths, and players keep no less than two.
 
     Returns
     -------

@@ -26,7 +26,7 @@ _REFERENCE = "#7d8791"
 
 
 def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figure:
-    """Draw what a signature says of a motion: surfaces, trajectories, spectrum, error.
+    """Draw a signature beside its motion: surfaces, trajectories, spectrum, error.
 
     Above the reference, the frame farthest from it, its reconstruction, and the error; below the
     amplitudes over time, their spectrum, and motion and error by frame.
@@ -70,7 +70,7 @@ def _draw_surfaces(
     reference = reference_positions(sequence, signature.parameters.reference)
     true = sequence.vertices[frame].astype(np.float64)
     superposed = reconstruct(signature, sequence, [frame])[0]
-    # Divided first: squares of what is very large or very small are none.
+    # Divided first: squares of very large or very small numbers overflow or vanish.
     error = np.linalg.norm(superposed / shown.size - true / shown.size, axis=1)
     moved, left, most = (
         float(values[frame]) / shown.size
@@ -112,7 +112,7 @@ def _faces(sequence: MeshSequence, signature: ModalSignature) -> NDArray[np.int6
 def _view(reference: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotation that lays the longest axis upright, the next one across.
 
-    The wider end is above, as ventricles are shown: the apex points down, whatever the file's axes.
+    The wider end is above, as ventricles are shown: the apex points down, for any axes of the file.
     """
     offsets = reference - reference.mean(axis=0)
     _, _, rows = np.linalg.svd(offsets, full_matrices=False)

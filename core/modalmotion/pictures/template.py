@@ -80,8 +80,8 @@ def _title(template: Template) -> str:
     lengths = " x ".join(f"{length:.3g}" for length in template.lengths)
     text = f"{template.topology.name}: {template.n_vertices} vertices, {lengths}"
     if template.landmarks is not None:
-        found = ", ".join(f"{k} {v:.2f}" for k, v in template.landmarks.strengths.items())
-        text += f"; how well determined: {found}"
+        strengths = ", ".join(f"{k} {v:.2f}" for k, v in template.landmarks.strengths.items())
+        text += f"; how well determined: {strengths}"
     return text
 
 
@@ -93,7 +93,7 @@ def _draw(
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     used = np.unique(template.faces)
-    # Of any size: it has no axes, and so no unit.
+    # At any size: the picture has no axes, and so no unit.
     size = size_of(template)
     centre = (template.vertices[used] / size).mean(axis=0)
     vertices = (template.vertices / size - centre) @ view
@@ -102,7 +102,7 @@ def _draw(
     panel.set_proj_type("ortho")
     # Lines lie on the triangles; Matplotlib would sort them behind.
     panel.computed_zorder = False
-    # What looks away is left out: lines would shine through it.
+    # Triangles that face away are left out: lines would shine through them.
     values = _corners(template, axis, closed)
     corners = vertices[template.faces]
     ahead = faces_viewer(vertices, template)
@@ -135,10 +135,10 @@ def _corners(template: Template, axis: int, closed: bool) -> NDArray[np.float64]
 def _lines(
     corners: NDArray[np.float64], values: NDArray[np.float64], closed: bool
 ) -> list[tuple[str, NDArray[np.float64]]]:
-    """Segments in which triangles meet whole multiples of the coordinate's step."""
+    """Segments of triangles at whole multiples of the coordinate's step."""
     n = _LINES[closed]
     scaled = values * n
-    found: dict[bool, list[NDArray[np.float64]]] = {True: [], False: []}
+    segments: dict[bool, list[NDArray[np.float64]]] = {True: [], False: []}
     first, last = int(np.floor(scaled.min())), int(np.ceil(scaled.max()))
     for level in range(first, last + 1):
         ends = []
@@ -151,9 +151,9 @@ def _lines(
         inside = np.isfinite(points[:, :, 0])
         cut = inside.sum(axis=1) == 2
         is_zero = closed and level % n == 0
-        found[is_zero].append(points[cut][inside[cut]].reshape(-1, 2, 3))
+        segments[is_zero].append(points[cut][inside[cut]].reshape(-1, 2, 3))
     return [
-        (colour, np.concatenate(found[kind]))
+        (colour, np.concatenate(segments[kind]))
         for kind, colour in ((False, "#222222"), (True, "#d62728"))
-        if sum(map(len, found[kind]))
+        if sum(map(len, segments[kind]))
     ]

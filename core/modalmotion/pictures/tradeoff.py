@@ -28,7 +28,7 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     """Draw error against amplitudes and against bytes, and time against both.
 
     Lines are topologies and components; in the second panel the dots below them are paths over
-    time limited to harmonics. The star is the point that was asked for.
+    time limited to harmonics. The star is the requested point.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     price = tradeoff.chosen.price
     # Prices are in mm already, where the unit is known.
     left = price.rms_error / shown.size
-    # A logarithmic scale has no place for nothing.
+    # A logarithmic scale has no place for zero.
     at = [(max(price.amplitudes_per_frame, 1), 0), (max(price.bytes, 8), 1)]
     for x, panel in at:
         if left > 0:
@@ -92,8 +92,8 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
                 factor * tradeoff.limit, color=_CHOSEN, linewidth=0.8, linestyle="--", zorder=1
             )
     largest = max(factor * front.motion_rms, 1e-300)
-    found = np.concatenate([branch.rms for branch in front.branches]) * factor
-    smallest = float(found[found > _SMALLEST_SHARE * largest].min(initial=largest))
+    errors = np.concatenate([branch.rms for branch in front.branches]) * factor
+    smallest = float(errors[errors > _SMALLEST_SHARE * largest].min(initial=largest))
     smallest = min(smallest, left) if left > 0 else smallest
     for panel, label in zip(
         panels, ("amplitudes a frame", "bytes of the trajectory (float64)"), strict=False
@@ -112,19 +112,19 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
 
 
 def _lower_hull(front: Front) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Bytes and error of the points that no other beats in both."""
+    """Bytes and error of the points that no other point beats in both."""
     points = [
         (8.0 * 3 * count * min(n_functions(h), front.n_frames), float(error))
         for branch in front.branches
         for count, row in zip(branch.counts.tolist(), branch.joint_rms, strict=True)
         for h, error in enumerate(row)
     ]
-    best, kept = np.inf, []
+    best, hull = np.inf, []
     for size, error in sorted(points):
         if error < best:
             best = error
-            kept.append((size, error))
-    sizes, errors = np.array(kept).T if kept else np.zeros((2, 0))
+            hull.append((size, error))
+    sizes, errors = np.array(hull).T if hull else np.zeros((2, 0))
     return sizes, errors
 
 

@@ -11,7 +11,7 @@ from modalmotion.numerals import numeral
 from modalmotion.pictures.unit import ShownUnit
 from modalmotion.signature.making import ModalSignature
 
-# Told apart by colour-blind readers too (Okabe and Ito, Color Universal Design, 2008).
+# Distinct for colour-blind readers too (Okabe and Ito, Color Universal Design, 2008).
 _COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _OTHERS: Final = "#b9bdc1"
 _MOST_LABELS: Final = 24
@@ -70,7 +70,7 @@ def draw_spectrum(axes: Any, signature: ModalSignature, shown: ShownUnit) -> Non
 
 
 def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
-    """Draw how far the surface has moved in each frame, and what the amplitudes leave of it."""
+    """Draw the motion of the surface in each frame, and the error of the amplitudes."""
     at, label = _times(signature)
     marker = _marker(at)
     motion = signature.motion_rms / shown.size

@@ -1,4 +1,4 @@
-"""The unit that lengths are drawn in: beyond what axes can count, a power of ten of it."""
+"""The unit of drawn lengths; beyond the range of axes a power of ten of it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class ShownUnit:
     Parameters
     ----------
     size : float
-        By which lengths are divided before they are drawn.
+        Divisor of lengths before drawing.
     name : str
     """
 

@@ -1,4 +1,4 @@
-"""From where a surface is seen."""
+"""Direction from which a surface is seen."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from modalmotion.mesh import face_normals, oriented_faces
 from modalmotion.template.template import Template
 
-# From how far above a surface is seen, in radians.
+# Angle of view from above, in radians.
 _TILT: Final = 0.2
 
 
@@ -37,7 +37,7 @@ def upright(template: Template) -> NDArray[np.float64]:
 
 
 def size_of(template: Template) -> float:
-    """Largest coordinate, by which positions are divided before they are drawn."""
+    """Largest coordinate: divisor of positions before drawing."""
     return float(np.abs(template.vertices).max()) or 1.0
 
 
@@ -49,7 +49,7 @@ def tilted(view: NDArray[np.float64], tilt: float = _TILT) -> NDArray[np.float64
 
 
 def faces_viewer(vertices: NDArray[np.float64], template: Template) -> NDArray[np.bool_]:
-    """Which triangles show their outside: all of a sheet, which has none."""
+    """Triangles that show their outside: all of a sheet, which has no outside."""
     faces = oriented_faces(template.faces, len(vertices))
     if faces is None or not template.topology.closed_axes:
         return np.ones(len(template.faces), dtype=np.bool_)

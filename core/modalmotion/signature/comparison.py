@@ -1,4 +1,4 @@
-"""How far two signatures are from each other."""
+"""Distance between two signatures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from modalmotion.signature.making import ModalSignature
 from modalmotion.template.landmarks import WEAK
 
 N_PHASES = 64
-"""Phases that trajectories are compared at."""
+"""Number of phases at which trajectories are compared."""
 
 
 @shown()

@@ -12,7 +12,7 @@ from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.modes import Modes, wave_pairs
 from modalmotion.template.body_frame import Components
 
-# Harmonics fitted to uneven times are given up from the highest on until they are told apart.
+# The highest harmonics fitted to uneven times are dropped until the condition is below this.
 _LARGEST_CONDITION: Final = 1e3
 
 # Times that are even to this share of a step are taken as even.
@@ -36,7 +36,7 @@ def signature_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     Raises
     ------
     ShapeError
-        If the two have not the same frames and modes.
+        If their frames or modes differ.
     """
     if a.shape != b.shape or a.ndim != 3:
         raise ShapeError(
@@ -59,7 +59,7 @@ def resample_to_phase(
     period: float | None = None,
     closed: bool = True,
 ) -> NDArray[np.float64]:
-    """Amplitudes at evenly spaced phases, whatever the frame rate.
+    """Amplitudes at evenly spaced phases, for any frame rate.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def resample_to_phase(
     times : (frames,) float64, s, optional
         Increasing; evenly spaced if they are left out.
     period : float, s, optional
-        Of a closed cycle: from the first frame to its first repetition, which is no frame.
+        Of a closed cycle: from the first frame to its first repetition, which is not a frame.
         One even step beyond the last frame by default.
     closed : bool
         True for a cycle: trigonometric interpolation, by least squares where times are uneven.
@@ -83,12 +83,12 @@ def resample_to_phase(
     Raises
     ------
     ParameterError
-        If no phases are asked for, or the period is shorter than the times.
+        If `n_phases` is below 1, or the period is shorter than the times.
     """
     n_frames = len(amplitudes)
     if n_phases < 1:
         raise ParameterError(
-            f"{n_phases} phases were asked for.", remedy="Ask for at least one phase."
+            f"{n_phases} phases were requested.", remedy="Ask for at least one phase."
         )
     if n_frames == 1:
         return np.repeat(amplitudes, n_phases, axis=0)
@@ -105,14 +105,14 @@ def resample_to_phase(
             "out of the sequence.",
         )
     phases = at / span
-    wanted = np.arange(n_phases) / n_phases
+    even_phases = np.arange(n_phases) / n_phases
     flat = amplitudes.reshape(n_frames, -1)
     if np.abs(phases - np.arange(n_frames) / n_frames).max() < _EVEN / n_frames:
         if n_phases == n_frames:
             return amplitudes.copy()
-        result = _trigonometric(flat, wanted)
+        result = _trigonometric(flat, even_phases)
     else:
-        result = _least_squares(flat, phases, wanted)
+        result = _least_squares(flat, phases, even_phases)
     return result.reshape(n_phases, *amplitudes.shape[1:])
 
 
@@ -162,19 +162,21 @@ def theta_invariants(
     return np.stack([one, other, np.abs(z)], axis=2)
 
 
-def _trigonometric(values: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
+def _trigonometric(
+    values: NDArray[np.float64], targets: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Interpolate evenly spaced samples of a cycle exactly by harmonics."""
     n = len(values)
     coefficients = np.fft.rfft(values, axis=0) / n
     p = np.arange(len(coefficients))
     factor = np.where((p == 0) | (2 * p == n), 1.0, 2.0)[:, None]
-    waves = np.exp(2j * np.pi * np.outer(wanted, p))
+    waves = np.exp(2j * np.pi * np.outer(targets, p))
     result: NDArray[np.float64] = (waves @ (factor * coefficients)).real
     return result
 
 
 def _least_squares(
-    values: NDArray[np.float64], phases: NDArray[np.float64], wanted: NDArray[np.float64]
+    values: NDArray[np.float64], phases: NDArray[np.float64], targets: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Fit harmonics to uneven samples, as many as they tell apart."""
     for n_harmonics in range((len(phases) - 1) // 2, -1, -1):
@@ -182,7 +184,7 @@ def _least_squares(
         if n_harmonics == 0 or np.linalg.cond(design) <= _LARGEST_CONDITION:
             break
     coefficients = np.linalg.lstsq(design, values, rcond=None)[0]
-    result: NDArray[np.float64] = _harmonics(wanted, n_harmonics) @ coefficients
+    result: NDArray[np.float64] = _harmonics(targets, n_harmonics) @ coefficients
     return result
 
 

@@ -47,7 +47,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
     Raises
     ------
     StoreError
-        If the unit is no text that HDF5 can hold.
+        If HDF5 cannot hold the unit as text.
     """
     unit = signature.unit or UNKNOWN
     ids = {
@@ -55,7 +55,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
         "template_id": signature.template_id,
         "parameters_key": signature.parameters.key,
     }
-    # Squares of huge amplitudes overflow; what is kept of them is then infinite.
+    # Squares of huge amplitudes overflow; their stored sums are then infinite.
     with np.errstate(over="ignore", invalid="ignore"):
         spectrum, energy = signature.deformation_spectrum, signature.strain_energy
     datasets = [
@@ -83,7 +83,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
         json_text("notes", signature.notes),
         json_text("provenance", signature.provenance),
     ]
-    # Kept signatures have none, for facts may change: the answer is what adds them.
+    # Stored signatures have no facts, which may change: the answer adds them.
     if signature.facts.stated:
         datasets.append(json_text("facts", facts_as_json(signature.facts)))
     if signature.choice is not None:
@@ -175,5 +175,5 @@ def _modes(contents: Contents, n_modes: int) -> Modes:
 
 @lru_cache(maxsize=64)
 def _parameters_text(parameters: SignatureParameters) -> Dataset:
-    # Most signatures are asked for alike.
+    # Most signatures have the same parameters.
     return json_text("parameters", parameters_as_json(parameters))

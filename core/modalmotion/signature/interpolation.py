@@ -34,29 +34,29 @@ def at_times(signature: ModalSignature, times: NDArray[np.float64]) -> ModalSign
     Raises
     ------
     ParameterError
-        If there is no time, or one lies outside the recording.
+        If `times` is empty, or one lies outside the recording.
     """
     own = _times_of(signature)
-    wanted = np.asarray(times, dtype=np.float64)
-    outside = ~((wanted >= own[0]) & (wanted <= own[-1]))
-    if wanted.ndim != 1 or not len(wanted) or outside.any():
-        first = wanted[outside][0] if wanted.ndim == 1 and outside.any() else wanted
+    instants = np.asarray(times, dtype=np.float64)
+    outside = ~((instants >= own[0]) & (instants <= own[-1]))
+    if instants.ndim != 1 or not len(instants) or outside.any():
+        first = instants[outside][0] if instants.ndim == 1 and outside.any() else instants
         raise ParameterError(
-            f"The time {first} was asked for; the recording runs from {own[0]} to {own[-1]}.",
+            f"The time {first} was requested; the recording runs from {own[0]} to {own[-1]}.",
             remedy="Ask for times within the recording (frame numbers where it has no times).",
             details={"least": float(own[0]), "most": float(own[-1])},
         )
-    nearest = np.abs(own[:, None] - wanted).argmin(axis=0)
+    nearest = np.abs(own[:, None] - instants).argmin(axis=0)
     if len(own) == 1:
         amplitudes, translations = signature.amplitudes[nearest], signature.translations[nearest]
         matrices = signature.rotations.matrices[nearest]
     else:
-        amplitudes = CubicSpline(own, signature.amplitudes, axis=0)(wanted)
-        translations = CubicSpline(own, signature.translations, axis=0)(wanted)
+        amplitudes = CubicSpline(own, signature.amplitudes, axis=0)(instants)
+        translations = CubicSpline(own, signature.translations, axis=0)(instants)
         turns = Rotation.from_matrix(signature.rotations.matrices)
-        matrices = Slerp(own, turns)(wanted).as_matrix()
+        matrices = Slerp(own, turns)(instants).as_matrix()
     # At a frame the trajectory is the frame's own, to the last bit.
-    exact = own[nearest] == wanted
+    exact = own[nearest] == instants
     amplitudes[exact] = signature.amplitudes[nearest[exact]]
     translations[exact] = signature.translations[nearest[exact]]
     matrices[exact] = signature.rotations.matrices[nearest[exact]]
@@ -69,7 +69,7 @@ def at_times(signature: ModalSignature, times: NDArray[np.float64]) -> ModalSign
         p95_errors=signature.p95_errors[nearest],
         max_errors=signature.max_errors[nearest],
         motion_rms=signature.motion_rms[nearest],
-        times=wanted,
+        times=instants,
     )
 
 

@@ -57,7 +57,7 @@ def modal_signature(
     template : Template, optional
         The one that the parameters name; made from the sequence's own reference by default.
     cache : TemplateCache, optional
-        Where factored modes of the template are looked for, and kept.
+        Holds factored modes of templates.
 
     Returns
     -------
@@ -78,25 +78,25 @@ def modal_signature(
     -----
     Nastar, Vibration modes for nonrigid motion analysis in 3D images, INRIA 1994.
     """
-    asked = resolve_parameters(sequence, parameters or SignatureParameters())
-    given, sequence = sequence, resolve_sequence(sequence, asked)
-    chosen = resolve_template(sequence, asked, template)
-    model = select_model(Fitter.of(sequence, chosen, asked), cache or TemplateCache())
+    parameters = resolve_parameters(sequence, parameters or SignatureParameters())
+    original, sequence = sequence, resolve_sequence(sequence, parameters)
+    own_template = resolve_template(sequence, parameters, template)
+    model = select_model(Fitter.of(sequence, own_template, parameters), cache or TemplateCache())
     modes, fit = model.modes, model.fit
-    notes = [*_notes_on_sequence(sequence, asked.reference), *chosen.notes, *model.notes]
+    notes = [*_notes_on_sequence(sequence, parameters.reference), *own_template.notes, *model.notes]
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
     if undetermined.size:
         notes.append(
             f"The rotation is not determined in {counted(undetermined.size, 'frame')} (first: "
             f"frame {undetermined[0]}): the points span less than a plane or fit several rotations."
         )
-    notes += notes_on_strays(sequence, chosen, fit)
+    notes += notes_on_strays(sequence, own_template, fit)
     if not fit.motion_rms.any():
         notes.append("Nothing moves: every frame equals the reference.")
     return ModalSignature(
         modes=modes.names,
         amplitudes=fit.amplitudes,
-        angular_frequencies=modes.frequencies_on(chosen, asked.wave_speed),
+        angular_frequencies=modes.frequencies_on(own_template, parameters.wave_speed),
         rotations=fit.rotations,
         translations=fit.translations,
         rms_errors=fit.rms_errors,
@@ -106,23 +106,23 @@ def modal_signature(
         times=sequence.times,
         unit=sequence.unit,
         n_vertices=sequence.n_vertices,
-        lengths=chosen.lengths,
-        landmarks=chosen.landmarks,
+        lengths=own_template.lengths,
+        landmarks=own_template.landmarks,
         condition=model.condition,
-        parameters=asked,
-        sequence_id=given.id,
-        template_id=chosen.id,
+        parameters=parameters,
+        sequence_id=original.id,
+        template_id=own_template.id,
         notes=tuple(notes),
         provenance=provenance(),
         choice=model.choice,
-        facts=given.facts,
+        facts=original.facts,
     )
 
 
 def resolve_parameters(
     sequence: MeshSequence, parameters: SignatureParameters
 ) -> SignatureParameters:
-    """Return the parameters with what the fit reads of the sequence's facts."""
+    """Return the parameters with those of the sequence's facts that the fit reads."""
     return parameters.with_facts(sequence.facts, sequence.topology, sequence.grid)
 
 
@@ -137,12 +137,12 @@ def resolve_template(
 ) -> Template:
     """Give the template that the parameters ask for: the one they name, or the sequence's own.
 
-    Of the sequence's facts nothing is read; `resolve_parameters` has done that before.
+    The sequence's facts are not read; `resolve_parameters` has done that before.
 
     Raises
     ------
     ParameterError
-        If they name another than the one that is given, or one and none is given.
+        If they name another template, or one without `template`.
     TopologyError, ConnectivityError
         If the template is of another mesh.
     """
@@ -182,7 +182,7 @@ def _notes_on_sequence(sequence: MeshSequence, reference: Reference) -> list[str
     if sequence.unit is None:
         notes.append("The length unit is unknown; lengths are in the unit of the input.")
     if sequence.vertices.dtype == np.float32:
-        # Direction by direction: along the memory, extremes are found ten times as fast.
+        # Direction by direction: along the memory, extremes are ten times as fast.
         x = np.ascontiguousarray(reference_positions(sequence, reference).T)
         low, high = x.min(axis=1), x.max(axis=1)
         extent = float((high - low).max())

@@ -27,7 +27,7 @@ def reconstruct(
     sequence : MeshSequence
         The one it was made from: its reference frame gives the shape to deform.
     frames : (n,) int, optional
-        Which frames; all of them by default.
+        Numbers of the frames; all by default.
     template : Template, optional
         The one that the signature's parameters name, if they name one.
 
@@ -40,20 +40,20 @@ def reconstruct(
     ParameterError
         If the sequence is not the one the signature was made from.
     """
-    asked = signature.parameters
+    parameters = signature.parameters
     used = fitted_on(signature, sequence, template)
     on = Superposition.on(
         sequence,
         used,
         signature.modes.shapes_on(used),
-        reference=asked.reference,
-        components=asked.components,
+        reference=parameters.reference,
+        components=parameters.components,
     )
-    chosen = slice(None) if frames is None else np.asarray(frames)
+    rows = slice(None) if frames is None else np.asarray(frames)
     return on.positions(
-        signature.amplitudes[chosen],
-        signature.rotations.matrices[chosen],
-        signature.translations[chosen],
+        signature.amplitudes[rows],
+        signature.rotations.matrices[rows],
+        signature.translations[rows],
     )
 
 

@@ -1,4 +1,4 @@
-"""The modal signature: everything an answer says of one sequence."""
+"""The modal signature: the whole answer about one sequence."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class ModalSignature:
         Distances between vertices and their reconstruction in each frame; RMS and 95th
         percentile are over the surface, the maximum over all vertices.
     motion_rms : (frames,) float64, `unit`
-        RMS displacement from the reference: the error of no modes at all.
+        RMS displacement from the reference: the error with no modes.
     times : (frames,) float64, s, or None
     unit : str or None
     n_vertices : int
@@ -51,16 +51,16 @@ class ModalSignature:
     landmarks : Landmarks or None
         Axis and zero of theta; None where the surface has no axis.
     condition : float
-        Of the weighted shapes: how much of the data's precision the amplitudes may lose.
+        Of the weighted shapes: factor of the data's precision that amplitudes may lose.
     parameters : SignatureParameters
-        As asked; `modes` may have been rounded up, or be None.
+        As requested; `modes` may have been rounded up, or be None.
     sequence_id, template_id : str
     notes : tuple of str
-        What was met on the way that a user should know.
+        Caveats for the user.
     provenance : dict
         Versions of the software that made it.
     choice : ModelChoice or None
-        What decided on the modes, where their number was not stated.
+        How the modes were chosen, where their number was not stated.
     facts : Facts
         Those of the sequence.
     """
@@ -106,7 +106,7 @@ class ModalSignature:
         -------
         (frames, modes, 3) float64, `unit`
             Along theta_zero, across it, and along the axis; radial, tangential and axial ones
-            are of the body already, and so are those of a surface without an axis taken to be.
+            are in that frame already; so, by convention, are those of a surface without an axis.
         """
         if self.landmarks is None or self.parameters.components != Components.CARTESIAN:
             return self.amplitudes

@@ -19,7 +19,7 @@ from modalmotion.simulate.surface import lattice_points
 
 
 class MotionClass(StrEnum):
-    """How a simulated ventricle moves. "No motion" is measured, never learned: see classify."""
+    """Motion of a simulated ventricle. "No motion" is measured, never learned: see classify."""
 
     NORMAL = "normal"
     HYPOKINESIA = "global hypokinesia"

@@ -44,7 +44,7 @@ def simulate_cohort(
     """Simulate as many ventricles of each class, one after the other.
 
     Severity, geometry, pose, drift, number of frames and mesh differ from case to case; see
-    `draw_parameters` for what the classes are.
+    `draw_parameters` for the classes.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def simulate_cohort(
     if n_per_class < 0 or not 0.0 <= triangle_share <= 1.0 or not 1 <= n_frames[0] <= n_frames[1]:
         raise ParameterError(
             f"A cohort of {n_per_class} a class, with {n_frames} frames and a share of "
-            f"{triangle_share} triangulations, was asked for.",
+            f"{triangle_share} triangulations, was requested.",
             remedy="Use 0 or more cases, at least 1 frame, and a share from 0 to 1.",
         )
     for _ in range(n_per_class):

@@ -1,4 +1,4 @@
-"""Kinematics: where each material point of the ventricle is at each time of the beat.
+"""Kinematics: place of each material point of the ventricle at each time of the beat.
 
 A prescribed motion, not mechanics: every wall element contracts towards the axis and along
 the wall by its own share of its own time course, and each level turns about the axis. All
@@ -29,7 +29,7 @@ _BORDER: Final = 0.12
 # the base pull it along.
 _TETHERING: Final = 0.5
 
-# Lateness of what an individual's walls do out of step, s.
+# Lateness of an individual's walls that move out of step, s.
 _LAG: Final = 0.08
 
 # Points along each meridian at which the wall's shortening is added up from the apex.
@@ -45,7 +45,7 @@ class MaterialPoints:
     parameters : VentricleParameters
     polar_angles, azimuths : (points,) float64, rad
     shape, displacement, lag : SmoothField
-        What is individual: added to the surface, to the displacement as it contracts, and to
+        Individual variation: added to the surface, to the displacement as it contracts, and to
         the displacement that runs ahead of or behind the contraction.
     """
 
@@ -98,7 +98,7 @@ class MaterialPoints:
 
     @cached_property
     def spheroid(self) -> Spheroid:
-        """The resting shape without what is individual."""
+        """The resting shape without individual variation."""
         p = self.parameters
         return Spheroid(p.length, p.radius, float(np.radians(p.truncation)))
 
@@ -147,7 +147,7 @@ class MaterialPoints:
 
 
 def region_weight(parameters: VentricleParameters, n: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How much a wall element belongs to the akinetic region, 1 at its centre.
+    """Membership of a wall element in the akinetic region, 1 at its centre.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ class VentricleParameters:
     """One ventricle and its beat. The defaults are a healthy adult's.
 
     Azimuths are right-handed about the axis from apex to base, in degrees: 0 lateral,
-    90 inferior, 180 septal, 270 anterior. Rotations are given as seen from the apex,
+    90 inferior, 180 septal, 270 anterior. Rotations are as seen from the apex,
     counterclockwise positive, as in cardiology: the opposite sense about that axis.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Where a simulated surface lies in the scanner, and how it drifts as a whole."""
+"""Pose of a simulated surface in the scanner, and its drift as a whole."""
 
 from __future__ import annotations
 

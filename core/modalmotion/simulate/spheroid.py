@@ -17,7 +17,7 @@ _N_TABLE: Final = 4001
 
 
 class Spacing(StrEnum):
-    """What is equal between the rows of a lattice."""
+    """Quantity that is equal between the rows of a lattice."""
 
     ARC = "arc length"
     HEIGHT = "height"
@@ -78,7 +78,7 @@ class Spheroid:
 
     def polar_angle_of_area(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
         """Polar angle below which a share of the area lies."""
-        # The area grows as nu^2 at the apex; its root is what interpolates well there.
+        # The area grows as nu^2 at the apex; its root interpolates well there.
         ring = self.radius_at(self._angles) * self.speed_at(self._angles)
         area = _running_integral(ring, self._angles)
         return _interpolate(np.sqrt(share), np.sqrt(area / area[-1]), self._angles)

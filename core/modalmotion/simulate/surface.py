@@ -1,4 +1,4 @@
-"""Where the vertices of a simulated surface sit, and how they are joined."""
+"""Vertices and triangles of a simulated surface."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def triangle_points(spheroid: Spheroid, n_vertices: int, rng: np.random.Generato
     """
     if not _FEWEST_VERTICES <= n_vertices <= _MOST_VERTICES:
         raise ParameterError(
-            f"A triangulation of {n_vertices} vertices was asked for.",
+            f"A triangulation of {n_vertices} vertices was requested.",
             remedy=f"Use {_FEWEST_VERTICES} to {_MOST_VERTICES} vertices.",
         )
     # A loop of n_loop vertices as far apart as the others: circumference / sqrt(area / n).

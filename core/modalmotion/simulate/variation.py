@@ -1,4 +1,4 @@
-"""Smooth random vector fields: what makes one heart differ from the next."""
+"""Smooth random vector fields: differences between individual hearts."""
 
 from __future__ import annotations
 

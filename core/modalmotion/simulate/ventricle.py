@@ -21,15 +21,15 @@ from modalmotion.simulate.spheroid import Spacing, Spheroid
 from modalmotion.simulate.surface import Points, lattice_points, triangle_points
 from modalmotion.simulate.variation import random_field
 
-# Correlation lengths of what is individual. With _FINE and 2 mm, 7, 18 and 37 modes leave
-# 1.1, 0.7 and 0.4 mm, as on a real ventricle; what runs late does so wall by wall.
+# Correlation lengths of individual variation. With _FINE and 2 mm, 7, 18 and 37 modes leave
+# 1.1, 0.7 and 0.4 mm, as on a real ventricle; lateness differs wall by wall.
 _FINE: Final = 0.4
 _COARSE: Final = 0.8
 
-# Radial contractions between which the ejection fraction is looked for.
+# Range of radial contractions in which the ejection fraction is sought.
 _LEAST_RADIAL, _MOST_RADIAL = -0.15, 0.9
 
-# Lattice on which the time of the smallest volume is looked for first.
+# Lattice on which the time of the smallest volume is sought first.
 _SEARCH_GRID: Final = (12, 24)
 _N_SEARCH_TIMES: Final = 15
 
@@ -40,7 +40,7 @@ _SMALLEST_EJECTION: Final = 1e-3
 @shown()
 @dataclass(frozen=True)
 class Acquisition:
-    """How a ventricle is recorded.
+    """Settings of a ventricle's recording.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Acquisition:
     noise : float, mm
         Standard deviation of each coordinate of each vertex in each frame.
     pose : Pose
-        Where the ventricle lies and how it drifts.
+        Position and drift of the ventricle.
     """
 
     n_frames: int = 25
@@ -65,7 +65,7 @@ class Acquisition:
     def __post_init__(self) -> None:
         if not 1 <= self.n_frames <= 10_000:
             raise ParameterError(
-                f"{self.n_frames} frames were asked for.", remedy="Use 1 to 10,000 frames."
+                f"{self.n_frames} frames were requested.", remedy="Use 1 to 10,000 frames."
             )
         if not (np.isfinite(self.start_phase) and 0.0 <= self.noise < np.inf):
             raise ParameterError(
@@ -95,11 +95,11 @@ def simulate_ventricle(
     n_vertices : int, optional
         For an irregular triangulation of that many vertices in place of the lattice.
     spacing : Spacing
-        What is equal between the lattice's rows.
+        Quantity that is equal between the lattice's rows.
     acquisition : Acquisition, optional
         25 frames from end diastole on, without noise, by default.
     rng : numpy.random.Generator, optional
-        Needed for whatever is random: variation, triangulation, noise. The individual is drawn
+        Needed where something is random: variation, triangulation, noise. The individual is drawn
         first, so the same generator state gives the same one on any mesh.
 
     Returns

@@ -19,7 +19,7 @@ from modalmotion.template import Landmarks, Template
 
 
 class Components(StrEnum):
-    """What the three amplitudes of a mode stand for."""
+    """Directions of the three amplitudes of a mode."""
 
     CARTESIAN = "cartesian"
     CYLINDRICAL = "cylindrical"
@@ -86,7 +86,7 @@ def local_frames(template: Template) -> NDArray[np.float64]:
     offsets = template.vertices - landmarks.origin
     axis = landmarks.axis
     across = offsets - along(offsets, axis)[:, None] * axis
-    # Twice, for where the radius is small its rounding has a part along the axis.
+    # Twice, since at a small radius its rounding has a part along the axis.
     across -= along(across, axis)[:, None] * axis
     radius = lengths(across)
     on_axis = ~(radius > 1e-9 * radius.max(initial=0.0))

@@ -37,7 +37,7 @@ from modalmotion.template.recognition import recognise, require_fit
 from modalmotion.template.surface import Surface, surface_of
 from modalmotion.template.template import Template, Weights, landmarks_read, template_id
 
-# Below this degree the natural coordinates give one name to too many places.
+# Below this degree too many places share the same natural coordinates.
 _FOLDED = 0.8
 
 _MAKERS = {
@@ -62,20 +62,20 @@ def make_template(
     Parameters
     ----------
     sequence : MeshSequence
-        Its topology is taken at its word where the connectivity allows it, and found from the
-        connectivity where it states none.
+        A stated topology is accepted where the connectivity allows it; without one the
+        connectivity decides.
     reference : int or "mean"
         Frame whose shape the coordinates and areas are taken from.
     weights : Weights
     landmarks : GivenLandmarks, optional
-        Places that are stated and not left to the shape; over those of the sequence's facts.
+        Places stated by the user, over those of the shape and of the sequence's facts.
     closed_form : bool
-        False asks for the spring modes of the mesh, whatever its topology.
+        False selects the spring modes of the mesh, even on a known topology.
 
     Raises
     ------
     ParameterError
-        If there is no such frame, or a landmark is no place of the surface.
+        If there is no such frame, or a landmark is not a place on the surface.
     TopologyError
         If the stated topology does not fit the connectivity, or there are neither triangles
         nor a stated topology.
@@ -84,45 +84,55 @@ def make_template(
     is_stated = sequence.topology is not None or sequence.grid is not None
     if reference == MEAN and not is_stated and closed_form:
         return _recognised_in_frame_0(sequence, weights, landmarks)
-    given = landmarks_read(sequence, landmarks, closed_form=closed_form)
+    own_landmarks = landmarks_read(sequence, landmarks, closed_form=closed_form)
     start = reference_positions(sequence, reference)
     faces = _faces_of(sequence)
     surface, corner, scale = _normalised(start, faces)
     places = {
-        name: (place - corner) / scale for name, place in resolve_places(given, start).items()
+        name: (place - corner) / scale
+        for name, place in resolve_places(own_landmarks, start).items()
     }
     notes = notes_on_mesh(surface) if len(sequence.faces) else []
     topology, reason = _decide(sequence, surface, closed_form, notes)
-    found = None if topology is None else _coordinates(sequence, topology, surface, places)
-    if found is not None and topology is not None and topology in _MAKERS and not sequence.grid:
-        cover = degree(surface, found.values, topology)
+    coordinates = None if topology is None else _coordinates(sequence, topology, surface, places)
+    if (
+        coordinates is not None
+        and topology is not None
+        and topology in _MAKERS
+        and not sequence.grid
+    ):
+        cover = degree(surface, coordinates.values, topology)
         if cover < _FOLDED and topology == SPHERE and sequence.topology is None:
-            found = None
+            coordinates = None
         elif cover < _FOLDED:
             notes.append(
                 f"The coordinates fold: they cover their range {cover:.2f} times instead of once, "
                 "so the surface is described badly. Give apex and base where the axis is wrong."
             )
-    if topology is not None and found is None:
+    if topology is not None and coordinates is None:
         topology, reason = None, f"The surface is a {topology}, but around no straight axis."
-    require_used(given, topology, is_lattice=sequence.grid is not None)
+    require_used(own_landmarks, topology, is_lattice=sequence.grid is not None)
     if reason and topology is None:
         notes.append(f"{reason} The modes are those of springs along the edges of this mesh.")
     shares = _shares(surface, sequence, topology, weights, notes)
     id_ = template_id(
-        sequence, reference=reference, weights=weights, landmarks=given, closed_form=closed_form
+        sequence,
+        reference=reference,
+        weights=weights,
+        landmarks=own_landmarks,
+        closed_form=closed_form,
     )
     isolated = surface.connectivity.isolated if len(faces) else np.zeros(0, dtype=np.int64)
     values = np.zeros((len(start), 0))
     lengths: tuple[float, ...] = ()
     placed: Landmarks | None = None
-    if found is not None:
-        values = _carried_over(found.values, surface, isolated)
-        lengths = axis_lengths(surface, found.topology, sequence.grid, values)
-        notes += found.notes
-        if found.landmarks is not None:
-            placed = found.landmarks.placed(corner, scale)
-            notes += notes_on_landmarks(found)
+    if coordinates is not None:
+        values = _carried_over(coordinates.values, surface, isolated)
+        lengths = axis_lengths(surface, coordinates.topology, sequence.grid, values)
+        notes += coordinates.notes
+        if coordinates.landmarks is not None:
+            placed = coordinates.landmarks.placed(corner, scale)
+            notes += notes_on_landmarks(coordinates)
     return Template(
         id=id_,
         surface=topology,
@@ -141,13 +151,13 @@ def make_template(
 def _recognised_in_frame_0(
     sequence: MeshSequence, weights: Weights, landmarks: GivenLandmarks | None
 ) -> Template:
-    """Make the template of the mean shape, as what frame 0 is.
+    """Make the template of the mean shape, with the topology of frame 0.
 
-    Limbs that swing leave a mean without them, which may be a sphere where no frame is one.
+    Limbs that swing leave a mean without them, which may be a sphere although no frame is one.
     """
     first = make_template(sequence, weights=weights, landmarks=landmarks)
     is_known = first.surface is not None
-    made = make_template(
+    of_mean = make_template(
         sequence.with_topology(first.surface, None),
         reference=MEAN,
         weights=weights,
@@ -155,8 +165,8 @@ def _recognised_in_frame_0(
         closed_form=is_known,
     )
     id_ = template_id(sequence, reference=MEAN, weights=weights, landmarks=landmarks)
-    notes = tuple(dict.fromkeys((*first.notes, *made.notes))) if is_known else first.notes
-    return replace(made, id=id_, reason=first.reason, notes=notes)
+    notes = tuple(dict.fromkeys((*first.notes, *of_mean.notes))) if is_known else first.notes
+    return replace(of_mean, id=id_, reason=first.reason, notes=notes)
 
 
 def _decide(
@@ -167,10 +177,10 @@ def _decide(
     if not closed_form:
         if not len(surface.faces):
             raise TopologyError(
-                "Spring modes were asked for, but nothing joins the vertices.",
+                "Spring modes were requested, but nothing joins the vertices.",
                 remedy="Send triangles, or a lattice of two axes.",
             )
-        return None, "Spring modes were asked for."
+        return None, "Spring modes were requested."
     if sequence.grid is not None:
         if stated is None:
             raise TopologyError(
@@ -190,10 +200,10 @@ def _decide(
             remedy="Send triangles, or the lattice as grid and topology, or say that the "
             "points are an open curve or a closed curve.",
         )
-    found = recognise(surface)
-    if found.topology is not None and found.reason:
-        notes.append(found.reason)
-    return found.topology, found.reason
+    recognition = recognise(surface)
+    if recognition.topology is not None and recognition.reason:
+        notes.append(recognition.reason)
+    return recognition.topology, recognition.reason
 
 
 def _coordinates(
@@ -223,7 +233,7 @@ def _normalised(
 ) -> tuple[Surface, NDArray[np.float64], float]:
     """Bring the surface near the origin and near size 1: position = scale * result + corner.
 
-    Vertices of no triangle may lie anywhere and must not set the scale: they are put into
+    Vertices in no triangle may lie anywhere and must not set the scale: they are put into
     the corner.
     """
     used = np.ones(len(start), dtype=np.bool_)
@@ -271,7 +281,7 @@ def _shares(
 def _carried_over(
     values: NDArray[np.float64], surface: Surface, isolated: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Coordinates with those of isolated vertices taken from the nearest vertex in use."""
+    """Coordinates with isolated vertices at those of the nearest vertex in use."""
     if not len(isolated):
         return values
     used = np.delete(np.arange(len(values)), isolated)

@@ -15,7 +15,7 @@ from modalmotion.template.template import Template
 
 
 class Direction(StrEnum):
-    """Along what the vertices move."""
+    """Direction along which the vertices move."""
 
     NORMAL = "normal"
     X = "x"
@@ -38,7 +38,7 @@ def directions_on(template: Template, direction: Direction) -> NDArray[np.float6
     Returns
     -------
     (vertices, 3) float64
-        Zero at vertices of no triangle, which have no normal.
+        Zero at vertices in no triangle, which have no normal.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def vertex_normals(template: Template) -> NDArray[np.float64]:
             else "Vertices without triangles have no normals.",
             remedy="Move it along x, y or z.",
         )
-    # Of any size: squares of what is very large or very small are none.
+    # At any size: squares of very large or very small numbers overflow or vanish.
     vertices = template.vertices / (float(np.abs(template.vertices).max()) or 1.0)
     of_faces = face_normals(vertices, faces)
     normals = np.zeros_like(vertices)

@@ -15,7 +15,7 @@ from modalmotion.facts import Corners, Facts, Place
 from modalmotion.modes.topology import Topology
 from modalmotion.representation import shown
 
-# Below this a direction found by an integral turns by more than a few degrees when the same
+# Below this a direction from an integral turns by more than a few degrees when the same
 # surface is triangulated anew, and is called weak.
 WEAK = 0.01
 
@@ -23,7 +23,7 @@ WEAK = 0.01
 @shown()
 @dataclass(frozen=True)
 class GivenLandmarks:
-    """What the sender states instead of leaving it to the shape; every one is optional.
+    """Landmarks that the sender states instead of leaving them to the shape; all optional.
 
     Parameters
     ----------
@@ -44,31 +44,31 @@ class GivenLandmarks:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of those that are given."""
+        """Names of the stated landmarks."""
         return tuple(f.name for f in fields(self) if getattr(self, f.name) is not None)
 
     def as_json(self) -> dict[str, Any]:
-        """Return those that are given, for headers and answers."""
+        """Stated landmarks, for headers and answers."""
         return {name: getattr(self, name) for name in self.names}
 
     @staticmethod
     def from_json(values: Mapping[str, Any]) -> GivenLandmarks:
-        """Read what `as_json` gave, lists for tuples."""
+        """Read the output of `as_json`, lists for tuples."""
         return GivenLandmarks(**{name: _place_from(value) for name, value in values.items()})
 
 
 def landmarks_in(
-    facts: Facts, given: GivenLandmarks, topology: Topology | None, *, is_lattice: bool
+    facts: Facts, landmarks: GivenLandmarks, topology: Topology | None, *, is_lattice: bool
 ) -> GivenLandmarks:
-    """Landmarks that a template reads: those that are given, then those that the facts state.
+    """Landmarks that a template reads: first those stated, then those of the facts.
 
     Parameters
     ----------
     facts : Facts
-    given : GivenLandmarks
-        Go over what the facts state.
+    landmarks : GivenLandmarks
+        Override those of the facts.
     topology : Topology or None
-        None where the connectivity has yet to tell it: then any may be read.
+        None where the connectivity has yet to decide: then any may be read.
     is_lattice : bool
         Its rows and columns place its coordinates, and no landmark does.
 
@@ -82,8 +82,9 @@ def landmarks_in(
         names = list(_USED_ON.get(topology.name, ()))
     stated = {name: facts.landmarks[name] for name in names if name in facts.landmarks}
     if is_lattice or not stated:
-        return given
-    return GivenLandmarks(**{**stated, **{name: getattr(given, name) for name in given.names}})
+        return landmarks
+    own = {name: getattr(landmarks, name) for name in landmarks.names}
+    return GivenLandmarks(**{**stated, **own})
 
 
 def _place_from(value: Any) -> Any:
@@ -93,12 +94,12 @@ def _place_from(value: Any) -> Any:
 @shown("strengths", "given", "n_loops")
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """Where the natural coordinates sit, each found by integrals unless it was given.
+    """Where the natural coordinates sit, each from integrals unless stated.
 
     Parameters
     ----------
     origin : (3,) float64, length unit
-        Area centroid (length centroid of a curve), or its foot on a given axis.
+        Area centroid (length centroid of a curve), or its foot on a stated axis.
     axis : (3,) float64
         Unit vector from the apex end to the base end.
     theta_zero : (3,) float64
@@ -106,12 +107,12 @@ class Landmarks:
     apex, base : (3,) float64, length unit
         Centres of the two ends: of the cap around the pole, of an opening.
     strengths : mapping of str to float
-        How well the shape determines "axis", "apex", "base" and "theta_zero": 0 where it
-        could as well be another, 1 where there is no doubt or it was given.
+        How well the shape determines "axis", "apex", "base" and "theta_zero": 0 where
+        another would do as well, 1 where there is no doubt or it was stated.
     n_loops : int
         Boundary loops of the mesh.
     given : tuple of str
-        Which ones the sender stated.
+        Names of those that the sender stated.
     """
 
     origin: NDArray[np.float64]
@@ -133,7 +134,7 @@ class Landmarks:
 
     @property
     def weak(self) -> tuple[str, ...]:
-        """Names of those that the shape does not determine."""
+        """Names of the landmarks that the shape does not determine."""
         return tuple(name for name, strength in self.strengths.items() if strength < WEAK)
 
     def placed(self, corner: NDArray[np.float64], scale: float) -> Landmarks:
@@ -162,13 +163,13 @@ _USED_ON: dict[str, tuple[str, ...]] = {
 
 
 def resolve_places(
-    given: GivenLandmarks, vertices: NDArray[np.float64]
+    landmarks: GivenLandmarks, vertices: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Positions of the given landmarks.
+    """Positions of the stated landmarks.
 
     Parameters
     ----------
-    given : GivenLandmarks
+    landmarks : GivenLandmarks
     vertices : (vertices, 3) float64, length unit
         The reference frame.
 
@@ -183,8 +184,8 @@ def resolve_places(
         coincide.
     """
     positions = {}
-    for name in given.names:
-        value = getattr(given, name)
+    for name in landmarks.names:
+        value = getattr(landmarks, name)
         if name != "corners":
             positions[name] = _position(name, value, vertices)
             continue
@@ -201,7 +202,7 @@ def resolve_places(
     return positions
 
 
-def require_used(given: GivenLandmarks, topology: Topology | None, *, is_lattice: bool) -> None:
+def require_used(landmarks: GivenLandmarks, topology: Topology | None, *, is_lattice: bool) -> None:
     """Refuse landmarks that the topology has no use for, rather than ignore them.
 
     A lattice uses none: its rows and columns say where its coordinates are.
@@ -212,7 +213,7 @@ def require_used(given: GivenLandmarks, topology: Topology | None, *, is_lattice
         Naming the landmark and those that would be used.
     """
     used = () if topology is None or is_lattice else _USED_ON.get(topology.name, ())
-    for name in given.names:
+    for name in landmarks.names:
         if name not in used:
             surface = "surface without natural coordinates" if topology is None else topology.name
             if is_lattice:

@@ -1,4 +1,4 @@
-"""Landmarks of a lattice, whose coordinates are given and whose axis is not."""
+"""Landmarks of a lattice, which has coordinates but no stated axis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user should know of a template: notes on its mesh and on its landmarks."""
+"""Caveats of a template: notes on its mesh and on its landmarks."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from modalmotion.template.surface import Surface
 
 
 def notes_on_mesh(surface: Surface) -> list[str]:
-    """Say what of a mesh has no part in its surface."""
-    found = surface.connectivity
+    """Name the parts of a mesh outside its surface."""
+    isolated, degenerate = surface.connectivity.isolated, surface.connectivity.degenerate
     notes = []
-    if len(found.isolated):
+    if len(isolated):
         notes.append(
-            f"{len(found.isolated)} vertices belong to no triangle (first: {found.isolated[0]}); "
+            f"{len(isolated)} vertices belong to no triangle (first: {isolated[0]}); "
             "they have no weight."
         )
-    if len(found.degenerate):
+    if len(degenerate):
         notes.append(
-            f"{len(found.degenerate)} triangles name a vertex twice (first: face "
-            f"{found.degenerate[0]}); they were left out."
+            f"{len(degenerate)} triangles name a vertex twice (first: face "
+            f"{degenerate[0]}); they were left out."
         )
     return notes
 
 
-def notes_on_landmarks(found: Coordinates) -> list[str]:
-    """Say which landmarks the shape leaves open."""
-    if found.landmarks is None:
+def notes_on_landmarks(coordinates: Coordinates) -> list[str]:
+    """Name the landmarks that the shape does not determine."""
+    if coordinates.landmarks is None:
         return []
     meaning = {
         "axis": "The direction of the axis",
@@ -34,8 +34,8 @@ def notes_on_landmarks(found: Coordinates) -> list[str]:
         "theta_zero": "The zero of theta",
         "start": "Which corner s and t start from",
     }
-    weak = [meaning[name] for name in found.landmarks.weak if name in meaning]
+    weak = [meaning[name] for name in coordinates.landmarks.weak if name in meaning]
     notes = [f"{name} is not determined by the shape; give it as a landmark." for name in weak]
-    if "theta_zero" in found.landmarks.weak and found.topology.closed_axes:
+    if "theta_zero" in coordinates.landmarks.weak and coordinates.topology.closed_axes:
         notes[-1] += " Cosine and sine of a pair can only be compared together."
     return notes

@@ -1,4 +1,4 @@
-"""Which modes a surface is described by."""
+"""The modes that describe a surface."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class ModeChoice:
     modes : Modes
         In closed form where the surface has natural coordinates.
     notes : tuple of str
-        Why there are more than were asked for, what a split pair costs, or that they belong to
+        Why there are more than requested, the cost of a split pair, or that they belong to
         one mesh only.
     """
 
@@ -42,7 +42,7 @@ def choose_modes(
     grid : tuple of int, optional
         Nodes along each axis of a lattice, which has no modes beyond its own number.
     split_pairs : bool
-        Not to round up.
+        Whether to take the number literally.
 
     Raises
     ------

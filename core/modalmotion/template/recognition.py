@@ -12,20 +12,20 @@ from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topo
 from modalmotion.template.coordinates.cup import FAINT_AXIS, axis_strength, is_flat
 from modalmotion.template.surface import Surface
 
-# Triangles of a hemisphere miss this share of it, and more.
+# Triangles of a hemisphere miss at least this share of its area.
 _HEMISPHERE = 0.05
 
 
 @dataclass(frozen=True)
 class Recognition:
-    """What a mesh was taken for, and why.
+    """Topology recognised on a mesh, and the reason.
 
     Parameters
     ----------
     topology : Topology or None
-        None where no natural coordinates are known.
+        None without known natural coordinates.
     reason : str
-        Why there are none, or what was decided on the way; empty if there was no doubt.
+        Why none are known, or which doubt was decided; empty if there was none.
     """
 
     topology: Topology | None
@@ -79,7 +79,7 @@ def require_fit(surface: Surface, stated: Topology) -> None:
     Raises
     ------
     TopologyError
-        Saying what was found and what could be stated instead.
+        Naming the actual connectivity and the topologies that fit it.
     """
     if not len(surface.faces):
         raise TopologyError(
@@ -109,9 +109,9 @@ def require_fit(surface: Surface, stated: Topology) -> None:
 
 
 def _is_shallow(surface: Surface) -> bool:
-    """Whether the area is less than twice what the opening spans: that of a hemisphere is twice.
+    """Whether the area is less than twice the span of the opening; a hemisphere's is twice.
 
-    What an opening spans is the length of its vector area, which all surfaces that fill it share.
+    An opening spans the length of its vector area, which all surfaces that fill it share.
     """
     wound = oriented_faces(surface.faces, len(surface.vertices))
     if wound is None:
@@ -122,7 +122,7 @@ def _is_shallow(surface: Surface) -> bool:
 
 
 def _obstacle(surface: Surface) -> str:
-    """Say what keeps a mesh from being one surface with area; empty if nothing does."""
+    """Why a mesh is not one surface with area; empty if it is."""
     connectivity = surface.connectivity
     if not len(surface.faces):
         return "There are no triangles."

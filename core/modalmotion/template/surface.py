@@ -1,4 +1,4 @@
-"""A reference surface made ready: proper triangles, areas, moments, openings."""
+"""A prepared reference surface: proper triangles, areas, moments, openings."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ class Surface:
     @cached_property
     def openings(self) -> tuple[Opening, ...]:
         """The boundary loops, the longest first."""
-        found = [Opening.of(self.vertices, loop) for loop in self.connectivity.loops]
-        return tuple(sorted(found, key=lambda opening: -opening.length))
+        openings = [Opening.of(self.vertices, loop) for loop in self.connectivity.loops]
+        return tuple(sorted(openings, key=lambda opening: -opening.length))
 
     @cached_property
     def base(self) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Templates: what is known of a surface before it moves."""
+"""Templates: surfaces before they move."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SCHEMA = 2
 
 
 class Weights(StrEnum):
-    """How much each vertex counts in rotation, fit and error."""
+    """Weight of each vertex in rotation, fit and error."""
 
     AREA = "area"
     UNIFORM = "uniform"
@@ -36,7 +36,7 @@ class Template:
     Parameters
     ----------
     id : str
-        sha256 of what it was made from, in hex: never of what else was seen before.
+        sha256 of the content it was made from, in hex, independent of earlier templates.
     surface : Topology or None
         None where no natural coordinates are known: the surface then has the spring modes of
         its own mesh, comparable within the same connectivity only.
@@ -54,11 +54,11 @@ class Template:
     faces : (faces, 3) int64
         Of the mesh, or between the nodes of a lattice.
     isolated : (n,) int64
-        Vertices of no triangle: they carry no weight and count in no error.
+        Vertices in no triangle: they carry no weight and count in no error.
     reason : str
         Why there are no natural coordinates; empty if there are.
     notes : tuple of str
-        What was met on the way that a user should know.
+        Caveats for the user.
     """
 
     id: str
@@ -116,13 +116,13 @@ def template_id(
         sha256 in hex, over faces, reference vertices, topology, grid, weights and landmarks.
     """
     start = reference_positions(sequence, reference).astype("<f8")
-    given = landmarks_read(sequence, landmarks, closed_form=closed_form)
+    own_landmarks = landmarks_read(sequence, landmarks, closed_form=closed_form)
     header = {
         "schema": _SCHEMA,
         "topology": None if sequence.topology is None else sequence.topology.name,
         "grid": sequence.grid,
         "weights": weights.value,
-        "landmarks": given.as_json(),
+        "landmarks": own_landmarks.as_json(),
         "closed_form": closed_form,
         "n_vertices": len(start),
     }
@@ -135,12 +135,12 @@ def template_id(
 def landmarks_read(
     sequence: MeshSequence, landmarks: GivenLandmarks | None, *, closed_form: bool
 ) -> GivenLandmarks:
-    """Landmarks that the template of a sequence is made with; see `landmarks_in`."""
-    given = GivenLandmarks() if landmarks is None else landmarks
+    """Landmarks that the template of a sequence uses; see `landmarks_in`."""
+    landmarks = GivenLandmarks() if landmarks is None else landmarks
     if not closed_form:
-        return given
+        return landmarks
     is_lattice = sequence.grid is not None
-    return landmarks_in(sequence.facts, given, sequence.topology, is_lattice=is_lattice)
+    return landmarks_in(sequence.facts, landmarks, sequence.topology, is_lattice=is_lattice)
 
 
 def require_same_mesh(template: Template, sequence: MeshSequence) -> None:
@@ -149,7 +149,7 @@ def require_same_mesh(template: Template, sequence: MeshSequence) -> None:
     Raises
     ------
     ParameterError
-        If they have not the same number of vertices and the same triangles.
+        If their numbers of vertices or their triangles differ.
     """
     if sequence.n_vertices != template.n_vertices:
         raise ParameterError(

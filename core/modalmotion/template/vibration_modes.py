@@ -32,7 +32,7 @@ class VibrationModes:
     shapes : (vertices, modes) float64
         Phi, each column with mean square 1.
     frequency_unit : str
-        With what it was chosen for: the speed of waves, or stiffness and mass.
+        With its assumptions: the speed of waves, or stiffness and mass.
     notes : tuple of str
     """
 
@@ -87,7 +87,7 @@ def surface_modes(template: Template, n_modes: int, wave_speed: float = 1.0) -> 
     choice = choose_modes(template, min(n_modes, template.n_vertices + 1))
     if len(choice.modes) > template.n_vertices:
         raise ModeCountError(
-            f"{n_modes} modes were asked for on {template.n_vertices} vertices.",
+            f"{n_modes} modes were requested on {template.n_vertices} vertices.",
             remedy=f"Ask for at most {template.n_vertices} modes.",
             details={"modes": n_modes, "most": template.n_vertices},
         )
@@ -149,7 +149,7 @@ def _of_template(
 
 
 def _require_shown(template: Template, modes: ModeSet) -> None:
-    """Refuse waves shorter than two steps of the mesh, which its vertices show as longer ones."""
+    """Refuse waves shorter than two steps of the mesh: its vertices show them as longer ones."""
     lengths = tuple(length if length > 0 else np.inf for length in template.lengths)
     if not len(template.faces):
         short = np.abs(modes.wavenumbers).max(axis=1) > template.n_vertices / 2

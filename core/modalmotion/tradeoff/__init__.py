@@ -1,4 +1,4 @@
-"""Speed for accuracy: what each choice costs and loses, measured on the sequence itself."""
+"""Speed for accuracy: cost and error of each choice, measured on the sequence itself."""
 
 from modalmotion.tradeoff.answer import Tradeoff, measure_tradeoff
 from modalmotion.tradeoff.chosen import Chosen

@@ -1,4 +1,4 @@
-"""The trade of accuracy for numbers and time on one sequence, and the point that was asked for."""
+"""The trade of accuracy for numbers and time on one sequence, and the requested point."""
 
 from __future__ import annotations
 
@@ -44,20 +44,20 @@ _REPEATS: Final = 2
 )
 @dataclass(frozen=True, eq=False)
 class Tradeoff:
-    """What each choice costs and loses on one sequence, and the choice that was asked for.
+    """Cost and error of each choice on one sequence, and the requested choice.
 
     Parameters
     ----------
     sequence_id : str
     parameters : SignatureParameters
-        As asked.
+        As requested.
     front : Front
     scene : Scene
         The motion measured against each simple kind.
     limit : float or None, length unit
-        The error that is not exceeded; None where the number of modes was stated.
+        The error limit; None where the number of modes was stated.
     noise : Noise or None
-        What was estimated, for `auto`.
+        The estimate, for `auto`.
     chosen : Chosen
         RMS, 95th percentile and largest error are those of the model itself.
     fit_milliseconds : mapping of int to float
@@ -115,29 +115,29 @@ def measure_tradeoff(
     ParameterError
         If a tolerance is in mm and the unit of the sequence unknown.
     """
-    asked = SignatureParameters() if parameters is None else parameters
-    require_unit(asked, sequence)
+    parameters = SignatureParameters() if parameters is None else parameters
+    require_unit(parameters, sequence)
     watch = Stopwatch()
-    own = resolve_sequence(sequence, asked)
-    if asked.harmonics is not None:
-        require_harmonics(asked.harmonics, harmonics_of(own.n_frames, own.times))
+    own = resolve_sequence(sequence, parameters)
+    if parameters.harmonics is not None:
+        require_harmonics(parameters.harmonics, harmonics_of(own.n_frames, own.times))
     with watch.stage("template"):
-        used = resolve_template(own, resolve_parameters(own, asked), template)
+        used = resolve_template(own, resolve_parameters(own, parameters), template)
     with watch.stage("front"):
         front = measure_front(
-            sequence, asked, most_modes=most_modes, components=components, template=template
+            sequence, parameters, most_modes=most_modes, components=components, template=template
         )
     with watch.stage("scene"):
-        fitter = Fitter.of(own, used, asked)
+        fitter = Fitter.of(own, used, parameters)
         first = fitter.fit(make_basis(used, choose_modes(used, 1, own.grid).modes))
         scene = scene_of(fitter, first.rotations)
     limit = None
     with watch.stage("choice"):
-        if asked.is_adaptive and not asked.auto:
-            limit = limit_of(asked, own, first.motion_rms)
-            chosen = fewest_numbers(sequence, asked, front, scene, limit, template)
+        if parameters.is_adaptive and not parameters.auto:
+            limit = limit_of(parameters, own, first.motion_rms)
+            chosen = fewest_numbers(sequence, parameters, front, scene, limit, template)
         else:
-            chosen = of_signature(modal_signature(sequence, asked, template=template))
+            chosen = of_signature(modal_signature(sequence, parameters, template=template))
     choice = None if chosen.signature is None else chosen.signature.choice
     times: dict[int, float] = {}
     if with_times:
@@ -145,7 +145,7 @@ def measure_tradeoff(
             times = _fit_milliseconds(fitter, front.branches[0])
     return Tradeoff(
         sequence_id=sequence.id,
-        parameters=asked,
+        parameters=parameters,
         front=front,
         scene=scene,
         limit=limit if choice is None or limit is not None else choice.limit,

@@ -48,20 +48,20 @@ class Chosen:
 
 def fewest_numbers(
     sequence: MeshSequence,
-    asked: SignatureParameters,
+    parameters: SignatureParameters,
     front: Front,
     scene: Scene,
     limit: float,
     template: Template | None,
 ) -> Chosen:
-    """Choose what holds a limit with fewest numbers over all frames.
+    """Choose the description that holds a limit with fewest numbers over all frames.
 
     Rotations count, three numbers a frame, where modes are compared with simpler kinds.
 
     Parameters
     ----------
     sequence : MeshSequence
-    asked : SignatureParameters
+    parameters : SignatureParameters
         With a tolerance.
     front : Front
     scene : Scene
@@ -73,19 +73,19 @@ def fewest_numbers(
     ToleranceError
         If nothing holds it.
     """
-    kind = simplest(scene, limit, asked.tolerance_of)
+    kind = simplest(scene, limit, parameters.tolerance_of)
     linear = _of_motion(getattr(scene, kind.value), front) if kind in NUMBERS else None
     try:
-        found = _fewest_modes(sequence, asked, front, limit, template)
+        modal = _fewest_modes(sequence, parameters, front, limit, template)
     except ToleranceError:
         if linear is None:
             raise
         return linear
     if linear is not None:
-        numbers = found.price.numbers + _ROTATION * front.n_frames * asked.remove_rotation
+        numbers = modal.price.numbers + _ROTATION * front.n_frames * parameters.remove_rotation
         if linear.price.numbers <= numbers:
             return linear
-    return found
+    return modal
 
 
 def of_signature(signature: ModalSignature) -> Chosen:
@@ -111,31 +111,31 @@ def _of_motion(motion: LinearMotion, front: Front) -> Chosen:
 
 def _fewest_modes(
     sequence: MeshSequence,
-    asked: SignatureParameters,
+    parameters: SignatureParameters,
     front: Front,
     limit: float,
     template: Template | None,
 ) -> Chosen:
-    if asked.tolerance_of == ErrorKind.MAX:
-        return _fewest_for_maximum(sequence, asked, front, limit, template)
-    for parameters in _candidates(asked, front, limit):
-        found = modal_signature(sequence, parameters, template=template)
-        if found.rms_error <= limit:
-            return of_signature(found)
+    if parameters.tolerance_of == ErrorKind.MAX:
+        return _fewest_for_maximum(sequence, parameters, front, limit, template)
+    for candidate in _candidates(parameters, front, limit):
+        signature = modal_signature(sequence, candidate, template=template)
+        if signature.rms_error <= limit:
+            return of_signature(signature)
     # Nothing of the front holds it; larger sets of the first branch may.
-    return of_signature(modal_signature(sequence, asked, template=template))
+    return of_signature(modal_signature(sequence, parameters, template=template))
 
 
 def _candidates(
-    asked: SignatureParameters, front: Front, limit: float
+    parameters: SignatureParameters, front: Front, limit: float
 ) -> Iterator[SignatureParameters]:
     """Points of a front that hold a limit as far as rounding tells, fewest numbers first."""
     points = []
     for place, branch in enumerate(front.branches):
         errors: dict[int | None, np.ndarray] = {None: branch.rms}
         errors |= {h: branch.joint_rms[:, h] for h in range(branch.joint_rms.shape[1])}
-        if asked.harmonics is not None:
-            errors = {asked.harmonics: branch.joint_rms[:, asked.harmonics]}
+        if parameters.harmonics is not None:
+            errors = {parameters.harmonics: branch.joint_rms[:, parameters.harmonics]}
         for harmonics, rms in errors.items():
             # Errors fall with the set: the first that holds takes fewest numbers, and the next
             # is for the case that rounding says otherwise.
@@ -144,64 +144,64 @@ def _candidates(
                 numbers = front.numbers(modes, harmonics)
                 points.append((numbers, float(rms[k]), place, modes, harmonics))
     for _, _, place, modes, harmonics in sorted(points, key=lambda point: point[:4]):
-        yield _at(asked, front, front.branches[place], modes, harmonics)
+        yield _at(parameters, front, front.branches[place], modes, harmonics)
 
 
 def _fewest_for_maximum(
     sequence: MeshSequence,
-    asked: SignatureParameters,
+    parameters: SignatureParameters,
     front: Front,
     limit: float,
     template: Template | None,
 ) -> Chosen:
     """Choose modes on each branch first, then harmonics: a maximum is known of models only."""
-    found, place = None, front.branches[0]
+    best, place = None, front.branches[0]
     for branch in front.branches:
-        there = replace(
-            asked, topology=_topology(asked, front, branch), components=branch.components
+        own_parameters = replace(
+            parameters, topology=_topology(parameters, front, branch), components=branch.components
         )
         try:
-            one = modal_signature(sequence, there, template=template)
+            signature = modal_signature(sequence, own_parameters, template=template)
         except ToleranceError:
-            if branch is front.branches[-1] and found is None:
+            if branch is front.branches[-1] and best is None:
                 raise
             continue
-        if found is None or len(one.modes) < len(found.modes):
-            found, place = one, branch
-    if found is None:
-        found = modal_signature(sequence, asked, template=template)
-    modes = len(found.modes)
-    if asked.harmonics is None and (found.choice is None or found.choice.normal is None):
+        if best is None or len(signature.modes) < len(best.modes):
+            best, place = signature, branch
+    if best is None:
+        best = modal_signature(sequence, parameters, template=template)
+    modes = len(best.modes)
+    if parameters.harmonics is None and (best.choice is None or best.choice.normal is None):
         for harmonics in range(place.joint_rms.shape[1]):
             if front.numbers(modes, harmonics) >= front.numbers(modes):
                 break
-            parameters = _at(asked, front, place, modes, harmonics)
-            limited = modal_signature(sequence, parameters, template=template)
+            candidate = _at(parameters, front, place, modes, harmonics)
+            limited = modal_signature(sequence, candidate, template=template)
             if limited.max_error <= limit:
                 return of_signature(limited)
-    return of_signature(found)
+    return of_signature(best)
 
 
 def _at(
-    asked: SignatureParameters,
+    parameters: SignatureParameters,
     front: Front,
     branch: Branch,
     modes: int,
     harmonics: int | None,
 ) -> SignatureParameters:
     """Parameters of one point of a front."""
-    pool = int(branch.counts[-1]) if asked.order == ModeOrder.ENERGY else None
+    pool = int(branch.counts[-1]) if parameters.order == ModeOrder.ENERGY else None
     return replace(
-        asked,
+        parameters,
         tolerance=None,
         tolerance_share=None,
         modes=modes,
         harmonics=harmonics,
         components=branch.components,
-        topology=_topology(asked, front, branch),
+        topology=_topology(parameters, front, branch),
         most_modes=pool,
     )
 
 
-def _topology(asked: SignatureParameters, front: Front, branch: Branch) -> str | None:
-    return asked.topology if branch.topology == front.branches[0].topology else branch.topology
+def _topology(parameters: SignatureParameters, front: Front, branch: Branch) -> str | None:
+    return parameters.topology if branch.topology == front.branches[0].topology else branch.topology

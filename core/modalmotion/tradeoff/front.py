@@ -22,7 +22,7 @@ from modalmotion.template import Template
 from modalmotion.template.body_frame import Components
 
 MOST_OF_FRONT = 111
-"""Modes that a front reaches to unless more are asked for."""
+"""Default number of modes of a front's largest set."""
 
 
 @shown()
@@ -59,16 +59,16 @@ class Branch:
 @shown("n_frames", "n_vertices", "unit", "motion_rms", "branches")
 @dataclass(frozen=True, eq=False)
 class Front:
-    """What every choice of modes, harmonics, components and topology leaves.
+    """Error of every choice of modes, harmonics, components and topology.
 
     Parameters
     ----------
     branches : tuple of Branch
-        The sequence's own topology and the components that were asked for come first.
+        The sequence's own topology and the requested components come first.
     n_frames, n_vertices : int
     unit : str or None
     motion_rms : float, length unit
-        RMS displacement over all frames: the error of no modes at all.
+        RMS displacement over all frames: the error with no modes.
     """
 
     branches: tuple[Branch, ...]
@@ -117,28 +117,30 @@ def measure_front(
     InputError
         If not even the sequence's own topology can be measured.
     """
-    asked = SignatureParameters() if parameters is None else parameters
-    own = resolve_sequence(sequence, asked)
-    used = resolve_template(own, resolve_parameters(own, asked), template)
-    branches, motion = _branches(Fitter.of(own, used, asked), most_modes, components)
-    for topology in other_topologies(own, used, asked):
+    parameters = SignatureParameters() if parameters is None else parameters
+    own = resolve_sequence(sequence, parameters)
+    used = resolve_template(own, resolve_parameters(own, parameters), template)
+    branches, motion = _branches(Fitter.of(own, used, parameters), most_modes, components)
+    for topology in other_topologies(own, used, parameters):
         try:
             other = own.with_topology(topology, None)
-            found = resolve_template(other, resolve_parameters(other, asked))
-            more, _ = _branches(Fitter.of(other, found, asked), most_modes, components)
+            other_template = resolve_template(other, resolve_parameters(other, parameters))
+            more, _ = _branches(
+                Fitter.of(other, other_template, parameters), most_modes, components
+            )
         except InputError:
-            # A surface may be laid out in one way only; the others are not part of the front.
+            # A surface may be laid out in one way only; the others are left out.
             continue
         branches += more
     return Front(tuple(branches), own.n_frames, own.n_vertices, own.unit, motion)
 
 
 def other_topologies(
-    sequence: MeshSequence, template: Template, asked: SignatureParameters
+    sequence: MeshSequence, template: Template, parameters: SignatureParameters
 ) -> tuple[Topology, ...]:
     """Topologies besides a template's own that may fit its surface."""
     own = template.surface
-    if asked.topology is not None or asked.template is not None or own is None:
+    if parameters.topology is not None or parameters.template is not None or own is None:
         return ()
     others = {CUP: (CYLINDER,), CYLINDER: (CUP,), PLANE: (CUP,)}.get(own, ())
     if sequence.grid is not None:
@@ -156,12 +158,14 @@ def _branches(
     fitter: Fitter, most_modes: int, components: tuple[Components, ...] | None
 ) -> tuple[list[Branch], float]:
     """Branches of one topology, and the RMS motion."""
-    sequence, template, asked = fitter.sequence, fitter.template, fitter.parameters
-    wanted = components or tuple(sorted(Components, key=lambda one: one != asked.components))
+    sequence, template, parameters = fitter.sequence, fitter.template, fitter.parameters
+    all_components = components or tuple(
+        sorted(Components, key=lambda one: one != parameters.components)
+    )
     ladder = ladder_of(template, most_modes, sequence.grid)
     functions = harmonics_of(sequence.n_frames, sequence.times)
     branches, motion = [], 0.0
-    for one in wanted:
+    for one in all_components:
         if one != Components.CARTESIAN and template.landmarks is None and components is None:
             continue
         ordered, fit = in_order(fitter.asking(components=one), ladder)

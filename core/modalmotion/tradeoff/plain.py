@@ -59,13 +59,13 @@ def _chosen(chosen: Chosen) -> dict[str, Any]:
     signature, motion = chosen.signature, chosen.motion
     plain: dict[str, Any] = {"kind": chosen.kind.value, "price": asdict(chosen.price)}
     if signature is not None:
-        asked = signature.parameters
+        parameters = signature.parameters
         plain |= {
             "topology": signature.surface,
-            "components": asked.components.value,
+            "components": parameters.components.value,
             "modes": len(signature.modes),
             "labels": [str(label) for label in signature.modes.labels],
-            "harmonics": asked.harmonics,
+            "harmonics": parameters.harmonics,
             "notes": list(signature.notes),
         }
     if motion is not None:

@@ -1,4 +1,4 @@
-"""What a signature costs and what it loses."""
+"""Cost and error of a signature."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from modalmotion.signature.value import ModalSignature
 @shown("rms_error", "max_error", "unit", "amplitudes_per_frame", "bytes", "compression")
 @dataclass(frozen=True)
 class Price:
-    """What a description of a motion costs and what it loses.
+    """Cost and error of a description of a motion.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class Price:
     unit : str or None
         "mm", or None where the unit of the input is unknown.
     condition : float
-        How much of the data's precision the amplitudes may lose.
+        Factor of the data's precision that the amplitudes may lose.
     amplitudes_per_frame : int
     numbers : int
         Of the whole trajectory: amplitudes of all frames, or of all harmonics.
@@ -40,7 +40,7 @@ class Price:
     compression_of_sequence : float
         Numbers in the sequence over those to keep: trajectory and reference.
     milliseconds : mapping of str to float
-        By stage, where they were measured. They are kept with no result.
+        By stage, where they were measured. Results do not store them.
     """
 
     rms_error: float
@@ -64,7 +64,7 @@ def price_of(signature: ModalSignature, milliseconds: Mapping[str, float] | None
     ----------
     signature : ModalSignature
     milliseconds : mapping of str to float, optional
-        What was measured while it was made.
+        Times measured during the fit.
     """
     modes, f = len(signature.modes), signature.n_frames
     harmonics = signature.parameters.harmonics

@@ -13,7 +13,7 @@ from modalmotion.modes.topology import CLOSED, Topology
 from modalmotion.numeric.products import along, second_moments, weighted_sum
 from modalmotion.template.surface import Surface
 
-# An axis given by two places closer than this share of the surface's size has no direction.
+# An axis through two places closer than this share of the surface's size has no direction.
 _SHORTEST = 1e-9
 
 
@@ -65,7 +65,7 @@ def principal_axes(surface: Surface) -> tuple[NDArray[np.float64], NDArray[np.fl
 
 
 def skewness(surface: Surface, direction: NDArray[np.float64]) -> float:
-    """How well the third moment tells one sense of a direction from the other, 0 to 1."""
+    """Strength of the third moment that gives a direction its sense, 0 to 1."""
     cubes = surface.areas * along(surface.offsets, direction) ** 3
     total = float(np.abs(cubes).sum())
     return abs(float(cubes.sum())) / total if total > 0 else 0.0
@@ -108,7 +108,7 @@ def towards(
     axis: NDArray[np.float64],
     size: float,
 ) -> NDArray[np.float64]:
-    """Find the unit vector across the axis towards a given place.
+    """Find the unit vector across the axis towards a place.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def towards(
 
 def theta_zero(
     surface: Surface,
-    given: Mapping[str, NDArray[np.float64]],
+    places: Mapping[str, NDArray[np.float64]],
     origin: NDArray[np.float64],
     axis: NDArray[np.float64],
     by_shape: Callable[[Surface, NDArray[np.float64]], tuple[NDArray[np.float64], float]],
@@ -139,21 +139,21 @@ def theta_zero(
     Parameters
     ----------
     surface : Surface
-    given : mapping of str to (3,) float64
+    places : mapping of str to (3,) float64
         Positions of the stated landmarks; "theta_zero" decides where it is one of them.
     origin, axis : (3,) float64
     by_shape : callable
         `lean` or `widest_across`: how the shape decides otherwise.
     """
-    if "theta_zero" in given:
-        return towards(given["theta_zero"], origin, axis, surface.area**0.5), 1.0
+    if "theta_zero" in places:
+        return towards(places["theta_zero"], origin, axis, surface.area**0.5), 1.0
     return by_shape(surface, axis)
 
 
 def azimuth(
     offsets: NDArray[np.float64], axis: NDArray[np.float64], zero: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Angle about the axis in turns, (-1/2, 1/2], right-handed whatever the winding of the mesh.
+    """Angle about the axis in turns, (-1/2, 1/2], right-handed for either winding of the mesh.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def degree(surface: Surface, coordinates: NDArray[np.float64], topology: Topolog
     """How many times the coordinates cover their rectangle, folds counted backwards.
 
     1 where every place has its own pair of coordinates; less where theta turns back on itself
-    or the axis meets the surface at places that are not poles.
+    or the axis meets the surface outside the poles.
     """
     faces = oriented_faces(surface.faces, len(surface.vertices))
     if faces is None:

@@ -35,14 +35,14 @@ FAINT_AXIS: Final = 0.02
 _CAP: Final = 8
 
 
-def cup_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]) -> Coordinates:
+def cup_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Coordinates:
     """Torsion function towards the openings, and azimuth about the axis.
 
     Parameters
     ----------
     surface : Surface
         One piece with openings, all of them at its base.
-    given : dict of str to (3,) float64
+    places : dict of str to (3,) float64
         Positions of the stated landmarks.
 
     Raises
@@ -58,9 +58,9 @@ def cup_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]) -> 
     else:
         cap = np.clip(u / u.max(), 0.0, 1.0) ** _CAP
     apex, roundness = _centre_of_cap(surface, cap)
-    base = given.get("base", mean_of(surface.openings))
-    origin, axis, strength = _axis(surface, given, base)
-    zero, zero_strength = theta_zero(surface, given, origin, axis, lean)
+    base = places.get("base", mean_of(surface.openings))
+    origin, axis, strength = _axis(surface, places, base)
+    zero, zero_strength = theta_zero(surface, places, origin, axis, lean)
     offsets = surface.vertices - origin
     theta = azimuth(offsets, axis, zero)
     s = along(offsets, axis) if u is None else (1 - np.clip(u / u.max(), 0.0, 1.0)) ** _EXPONENT
@@ -75,16 +75,16 @@ def cup_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]) -> 
         origin=origin,
         axis=axis,
         theta_zero=zero,
-        apex=given.get("apex", apex),
+        apex=places.get("apex", apex),
         base=base,
         strengths={
             "axis": strength,
-            "apex": 1.0 if "apex" in given else roundness,
-            "base": 1.0 if "base" in given else _agreement(surface),
+            "apex": 1.0 if "apex" in places else roundness,
+            "base": 1.0 if "base" in places else _agreement(surface),
             "theta_zero": zero_strength,
         },
         n_loops=len(surface.openings),
-        given=tuple(given),
+        given=tuple(places),
     )
     return Coordinates(CUP, np.stack([s, theta], axis=1), landmarks, tuple(notes))
 
@@ -103,24 +103,24 @@ def is_flat(surface: Surface) -> bool:
 
 
 def _torsion(surface: Surface) -> NDArray[np.float64] | None:
-    """Solve -Laplace u = 1 with u = 0 on all openings; None where that is not possible."""
+    """Solve -Laplace u = 1 with u = 0 on all openings; None where that is impossible."""
     border = np.concatenate([opening.vertices for opening in surface.openings])
     u = potential(surface, surface.areas, border, np.zeros(len(border)))
     return None if u is None or not u.max() > 0 else u
 
 
 def _axis(
-    surface: Surface, given: dict[str, NDArray[np.float64]], base: NDArray[np.float64]
+    surface: Surface, places: dict[str, NDArray[np.float64]], base: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    if "apex" in given:
-        origin, axis = axis_between(surface, given["apex"], base)
+    if "apex" in places:
+        origin, axis = axis_between(surface, places["apex"], base)
         return origin, axis, 1.0
-    if "base" in given:
+    if "base" in places:
         _, axis = axis_between(surface, surface.centroid, base)
         return surface.centroid, axis, 1.0
     strength = axis_strength(surface)
     if strength < FAINT_AXIS or is_flat(surface):
-        # There is no side at which the base lies; the normal is an axis all the same.
+        # The base lies on neither side, but the normal still is an axis.
         return surface.centroid, principal_axes(surface)[1][2], 0.0
     _, axis = axis_between(surface, surface.centroid, base)
     return surface.centroid, axis, strength

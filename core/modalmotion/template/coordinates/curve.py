@@ -14,7 +14,7 @@ from modalmotion.template.landmarks import Landmarks
 
 
 def curve_coordinates(
-    vertices: NDArray[np.float64], topology: Topology, given: dict[str, NDArray[np.float64]]
+    vertices: NDArray[np.float64], topology: Topology, places: dict[str, NDArray[np.float64]]
 ) -> Coordinates:
     """Arc length of the reference from the first vertex on, as a share of the whole.
 
@@ -26,7 +26,7 @@ def curve_coordinates(
     vertices : (vertices, 3) float64
     topology : Topology
         Open or closed curve.
-    given : dict of str to (3,) float64
+    places : dict of str to (3,) float64
 
     Raises
     ------
@@ -50,9 +50,9 @@ def curve_coordinates(
             values = np.append(reached, total)[: len(vertices)] / total
     weights = curve_weights(vertices, topology)
     centre = weighted_sum(weights, vertices) / (weights.sum() or 1.0)
-    landmarks = (_closed if closed else _open)(vertices, centre, total_or_one, given)
-    if closed and "theta_zero" in given:
-        values = values - _nearest(vertices, steps, given["theta_zero"]) / total_or_one
+    landmarks = (_closed if closed else _open)(vertices, centre, total_or_one, places)
+    if closed and "theta_zero" in places:
+        values = values - _nearest(vertices, steps, places["theta_zero"]) / total_or_one
     return Coordinates(topology, values[:, None], landmarks, tuple(notes))
 
 
@@ -72,7 +72,7 @@ def _closed(
     vertices: NDArray[np.float64],
     centre: NDArray[np.float64],
     length: float,
-    given: dict[str, NDArray[np.float64]],
+    places: dict[str, NDArray[np.float64]],
 ) -> Landmarks:
     # The axis is the area vector: half the integral of x times dx.
     offsets = vertices - centre
@@ -80,12 +80,12 @@ def _closed(
     size = float(np.linalg.norm(area))
     # Of all curves of one length the circle has the largest area, L^2 / 4 pi.
     strength = min(1.0, size * 4 * np.pi / length**2)
-    start = given.get("theta_zero", vertices[0])
+    start = places.get("theta_zero", vertices[0])
     if strength > 1e-9:
         axis = area / size
         across = start - centre - ((start - centre) @ axis) * axis
         reach = float(np.linalg.norm(across))
-        named = "theta_zero" in given
+        named = "theta_zero" in places
         zero = (
             towards(start, centre, axis, length)
             if named or reach > 1e-6 * length
@@ -100,10 +100,10 @@ def _closed(
         theta_zero=zero,
         apex=centre,
         base=centre,
-        # The first vertex is the sender's word.
+        # The sender decides which vertex is first.
         strengths={"axis": strength, "theta_zero": 1.0 if strength > 0 else 0.0},
         n_loops=0,
-        given=tuple(given),
+        given=tuple(places),
     )
 
 
@@ -111,7 +111,7 @@ def _open(
     vertices: NDArray[np.float64],
     centre: NDArray[np.float64],
     length: float,
-    given: dict[str, NDArray[np.float64]],
+    places: dict[str, NDArray[np.float64]],
 ) -> Landmarks:
     # The axis is the chord; theta_zero points to the side on which the curve bulges.
     chord = vertices[-1] - vertices[0]
@@ -138,5 +138,5 @@ def _open(
             "theta_zero": 0.0 if is_straight else min(1.0, height / length * 4),
         },
         n_loops=0,
-        given=tuple(given),
+        given=tuple(places),
     )

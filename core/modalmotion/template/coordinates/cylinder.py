@@ -14,7 +14,7 @@ from modalmotion.template.landmarks import Landmarks
 from modalmotion.template.surface import Opening, Surface
 
 
-def cylinder_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]) -> Coordinates:
+def cylinder_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Coordinates:
     """Harmonic function between the openings, and azimuth about the axis.
 
     s is 0 on the shorter opening and 1 on the longer one, unless a landmark says otherwise.
@@ -23,19 +23,19 @@ def cylinder_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]
     ----------
     surface : Surface
         One piece with two openings.
-    given : dict of str to (3,) float64
+    places : dict of str to (3,) float64
 
     Raises
     ------
     ParameterError
         If a stated landmark gives no direction.
     """
-    near, far, strength = _ends(surface, given)
-    apex, base = given.get("apex", near.centre), given.get("base", far.centre)
+    near, far, strength = _ends(surface, places)
+    apex, base = places.get("apex", near.centre), places.get("base", far.centre)
     origin, axis = axis_between(surface, apex, base)
-    if not {"apex", "base"} & set(given):
+    if not {"apex", "base"} & set(places):
         origin = surface.centroid
-    zero, zero_strength = theta_zero(surface, given, origin, axis, lean)
+    zero, zero_strength = theta_zero(surface, places, origin, axis, lean)
     offsets = surface.vertices - origin
     theta = azimuth(offsets, axis, zero)
     notes: list[str] = []
@@ -59,7 +59,7 @@ def cylinder_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]
             "theta_zero": zero_strength,
         },
         n_loops=2,
-        given=tuple(given),
+        given=tuple(places),
     )
     return Coordinates(
         CYLINDER, np.stack([np.clip(s, 0.0, 1.0), theta], axis=1), landmarks, tuple(notes)
@@ -67,14 +67,14 @@ def cylinder_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]
 
 
 def _ends(
-    surface: Surface, given: dict[str, NDArray[np.float64]]
+    surface: Surface, places: dict[str, NDArray[np.float64]]
 ) -> tuple[Opening, Opening, float]:
-    """Tell the opening at s = 0 from that at s = 1, and say how well they are told apart."""
+    """Return the openings at s = 0 and at s = 1, and how well the shape distinguishes them."""
     far, near = surface.openings
-    if "base" in given:
-        reference, strength = given["base"], 1.0
-    elif "apex" in given:
-        reference, strength = near.centre + far.centre - given["apex"], 1.0
+    if "base" in places:
+        reference, strength = places["base"], 1.0
+    elif "apex" in places:
+        reference, strength = near.centre + far.centre - places["apex"], 1.0
     else:
         total = near.length + far.length
         return near, far, (far.length - near.length) / total if total > 0 else 0.0

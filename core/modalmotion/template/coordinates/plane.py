@@ -15,8 +15,8 @@ from modalmotion.template.landmarks import Landmarks
 from modalmotion.template.surface import Surface
 
 
-def plane_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]) -> Coordinates:
-    """Place along the longer and the shorter axis of inertia, or between four given corners.
+def plane_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Coordinates:
+    """Place along the longer and the shorter axis of inertia, or between four stated corners.
 
     Without corners the sheet is taken for the rectangle that has its second moments, whose
     sides are sqrt(12) standard deviations long. Where the sheet reaches beyond that
@@ -26,7 +26,7 @@ def plane_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]) -
     ----------
     surface : Surface
         One piece with one opening: its rim.
-    given : dict of str to (4, 3) float64
+    places : dict of str to (4, 3) float64
 
     Raises
     ------
@@ -39,12 +39,13 @@ def plane_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]) -
     normal = np.cross(long, directions[1])
     notes: list[str] = []
     values = None
-    if "corners" in given:
-        corners = _rim_positions(surface, given["corners"])
+    if "corners" in places:
+        corners = _rim_positions(surface, places["corners"])
         values = _between_corners(surface, corners)
         if values is None:
             notes.append("The triangles are too thin to solve on; the corners were not used.")
-        long = given["corners"][1] + given["corners"][2] - given["corners"][0] - given["corners"][3]
+        origin, right, opposite, left = places["corners"]
+        long = right + opposite - origin - left
         long = long - (long @ normal) * normal
         long /= np.linalg.norm(long)
     if values is None:
@@ -56,7 +57,7 @@ def plane_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]) -
             ],
             axis=1,
         )
-    is_given = "corners" in given
+    is_given = "corners" in places
     gap = float((variances[0] - variances[1]) / variances[0]) if variances[0] > 0 else 0.0
     flatness = 1 - float(np.sqrt(variances[2] / variances[1])) if variances[1] > 0 else 0.0
     landmarks = Landmarks(
@@ -73,7 +74,7 @@ def plane_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]) -
             else min(skewness(surface, directions[0]), skewness(surface, directions[1])),
         },
         n_loops=len(surface.openings),
-        given=tuple(given),
+        given=tuple(places),
     )
     return Coordinates(PLANE, values, landmarks, tuple(notes))
 

@@ -1,4 +1,4 @@
-"""Potentials on a surface: the smooth functions that natural coordinates are made of."""
+"""Potentials on a surface: smooth functions that become natural coordinates."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def potential(
     held: NDArray[np.int64],
     values: NDArray[np.float64],
 ) -> NDArray[np.float64] | None:
-    """Solve -Laplace u = sources with u given on some vertices, by linear elements.
+    """Solve -Laplace u = sources with u fixed on some vertices, by linear elements.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def potential(
     sources : (vertices,) float64
         Integrated over each vertex's cell.
     held : (n,) int64
-        Vertices with a given value; if there are none, the sources must add up to zero and
+        Vertices with a fixed value; if there are none, the sources must add up to zero and
         the mean of u over the surface is zero.
     values : (n,) float64
 

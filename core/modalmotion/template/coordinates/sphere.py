@@ -26,7 +26,7 @@ from modalmotion.template.surface import Surface
 _CAP: Final = 8
 
 
-def sphere_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]) -> Coordinates:
+def sphere_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Coordinates:
     """Angle between the poles of the long axis, and azimuth about it.
 
     s is 0 at the pointed end. It comes from a potential with the height as its source, which
@@ -36,7 +36,7 @@ def sphere_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]) 
     ----------
     surface : Surface
         One closed piece.
-    given : dict of str to (3,) float64
+    places : dict of str to (3,) float64
 
     Raises
     ------
@@ -44,16 +44,16 @@ def sphere_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]) 
         If a stated landmark gives no direction.
     """
     variances, directions = principal_axes(surface)
-    if {"apex", "base"} & set(given):
-        apex = given.get("apex", 2 * surface.centroid - given.get("base", surface.centroid))
-        base = given.get("base", 2 * surface.centroid - apex)
+    if {"apex", "base"} & set(places):
+        apex = places.get("apex", 2 * surface.centroid - places.get("base", surface.centroid))
+        base = places.get("base", 2 * surface.centroid - apex)
         origin, axis = axis_between(surface, apex, base)
         strength, sense = 1.0, 1.0
     else:
         origin, axis = surface.centroid, directions[0]
         strength = float((variances[0] - variances[1]) / variances[0])
         sense = skewness(surface, axis)
-    zero, zero_strength = theta_zero(surface, given, origin, axis, widest_across)
+    zero, zero_strength = theta_zero(surface, places, origin, axis, widest_across)
     height = along(surface.offsets, axis)
     theta = azimuth(surface.vertices - origin, axis, zero)
     notes: list[str] = []
@@ -75,10 +75,10 @@ def sphere_coordinates(surface: Surface, given: dict[str, NDArray[np.float64]]) 
         origin=origin,
         axis=axis,
         theta_zero=zero,
-        apex=given.get("apex", near),
-        base=given.get("base", far),
+        apex=places.get("apex", near),
+        base=places.get("base", far),
         strengths={"axis": strength, "apex": sense, "base": sense, "theta_zero": zero_strength},
         n_loops=0,
-        given=tuple(given),
+        given=tuple(places),
     )
     return Coordinates(SPHERE, np.stack([s, theta], axis=1), landmarks, tuple(notes))

@@ -25,7 +25,7 @@ from modalmotion.template.surface import Surface
 
 
 def torus_coordinates(
-    surface: Surface, given: dict[str, NDArray[np.float64]]
+    surface: Surface, places: dict[str, NDArray[np.float64]]
 ) -> Coordinates | None:
     """Angle around the tube and angle around the hole, both smoothed to be harmonic.
 
@@ -35,7 +35,7 @@ def torus_coordinates(
     ----------
     surface : Surface
         One closed piece with one handle.
-    given : dict of str to (3,) float64
+    places : dict of str to (3,) float64
 
     Returns
     -------
@@ -53,11 +53,11 @@ def torus_coordinates(
     sense = skewness(surface, axis)
     # A ring has twice the variance across the axis in each direction; 0 for a ball.
     strength = float((variances[1] - variances[2]) / variances[1]) if variances[1] > 0 else 0.0
-    if "base" in given:
+    if "base" in places:
         sense = 1.0
-        if (given["base"] - origin) @ axis < 0:
+        if (places["base"] - origin) @ axis < 0:
             axis = -axis
-    zero, zero_strength = theta_zero(surface, given, origin, axis, widest_across)
+    zero, zero_strength = theta_zero(surface, places, origin, axis, widest_across)
     offsets = surface.offsets
     height = along(offsets, axis)
     radius = np.linalg.norm(offsets - height[:, None] * axis, axis=1)
@@ -85,18 +85,18 @@ def torus_coordinates(
         axis=axis,
         theta_zero=zero,
         apex=origin,
-        base=given.get("base", origin),
+        base=places.get("base", origin),
         strengths={"axis": strength, "base": sense, "theta_zero": zero_strength},
         n_loops=0,
-        given=tuple(given),
+        given=tuple(places),
     )
     return Coordinates(TORUS, values, landmarks, tuple(notes))
 
 
 def _harmonic(surface: Surface, angle: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Find the smoothest angle that winds as the given one does, with the same mean."""
+    """Find the smoothest angle that winds as `angle` does, with the same mean."""
     slope = face_gradients(surface.vertices, surface.faces, corner_steps(angle, surface.faces))
-    # Laplace f = -div(grad angle): what is added to the angle to make it harmonic.
+    # Laplace f = -div(grad angle): the correction that makes the angle harmonic.
     flux = divergence(surface.vertices, surface.faces, slope)
     added = potential(surface, -flux, np.zeros(0, dtype=np.int64), np.zeros(0))
     return None if added is None else angle + added

@@ -1,4 +1,4 @@
-"""What each kind of surface returns: its natural coordinates and where they sit."""
+"""Natural coordinates of a surface of any kind, and where they sit."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Coordinates:
     landmarks : Landmarks or None
         None where there is no axis.
     notes : tuple of str
-        What was met on the way that a user should know.
+        Caveats for the user.
     """
 
     topology: Topology
