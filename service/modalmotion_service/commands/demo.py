@@ -63,9 +63,12 @@ def main(file: Path | None, output: Path) -> None:
     click.echo(f"volume     {readouts}")
     _print_classification(answer)
     path = output / "results" / file
+    stored = signature_from_hdf5(path)
+    # Bytes differ: an answer carries the facts of its sequence, which its file does not.
+    is_same = stored.amplitudes.tobytes() == signature.amplitudes.tobytes()
     click.echo(
-        f"HDF5       {path} ({len(image)} bytes, the same over HTTP: "
-        f"{'yes' if path.read_bytes() == image else 'NO'})"
+        f"HDF5       {path} ({path.stat().st_size} bytes; the same amplitudes over HTTP: "
+        f"{'yes' if is_same else 'NO'})"
     )
     picture = output / "systole.png"
     signature_figure(read_npz(body).sequence, signature).savefig(picture)
