@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
 import subprocess
 import sys
 import time
@@ -23,9 +22,11 @@ from worker_tasks import hang, is_running, slow_mark
 from modalmotion_service.app import create_app
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.settings import Settings
+from modalmotion_service.work.answers import from_bytes
 from modalmotion_service.work.dask import tasks as dask_tasks
 from modalmotion_service.work.dask.executor import DaskExecutor
 from modalmotion_service.work.dask.tasks import PLUGIN, Mark, PoolLimits, Pools, run_in_pool
+from modalmotion_service.work.payload import payload_of
 
 MEMORY = 3_000_000_000
 
@@ -156,9 +157,10 @@ def test_a_worker_that_ends_gives_up_the_work_under_way(
     )
     monkeypatch.setattr(dask_tasks, "get_worker", lambda: worker)
     with pytest.raises(ClusterError, match="given up"):
-        run_in_pool(pickle.dumps((hang, (), {})), limits, mark)
+        run_in_pool(payload_of(hang, (), {}), limits, mark)
     worker.status = Status.running
-    assert run_in_pool(pickle.dumps((abs, (-1,), {})), limits, mark) == pickle.dumps(1)
+    answer = run_in_pool(payload_of(abs, (-1,), {}), limits, mark)
+    assert from_bytes(answer, int) == 1
     pools.close()
 
 
