@@ -110,9 +110,11 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
         "unit": result.unit,
         "facts": facts_as_json(result.facts),
         "rms_error": result.rms_error,
+        "weighted_rms_error": result.weighted_rms_error,
         "p95_error": float(result.p95_errors.max()),
         "max_error": result.max_error,
         "motion_rms": float(result.motion_rms.max()),
+        "weighted_motion_rms": float(result.weighted_motion_rms.max()),
         "compression": result.compression,
         "compression_of_sequence": result.compression_of_sequence,
         "condition": result.condition,
@@ -141,7 +143,8 @@ def _lines(result: ModalSignature, price: Price) -> str:
         ),
         f"motion {numeral(motion)} {unit} RMS in the frame that moves most",
         (
-            f"error {numeral(result.rms_error, of=motion)} {unit} RMS over all frames; "
+            f"error {numeral(result.rms_error, of=motion)} {unit} RMS over all vertices and frames "
+            f"({numeral(result.weighted_rms_error, of=motion)} weighted); "
             f"in the worst frame {numeral(float(result.p95_errors.max()), of=motion)} (p95) and "
             f"{numeral(result.max_error, of=motion)} (max)"
         ),

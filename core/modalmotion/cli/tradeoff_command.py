@@ -98,7 +98,8 @@ def _lines(result: Tradeoff) -> str:
         lines.append(result.noise.note(front.unit))
     lines.append(f"chosen: {describe(result)}")
     lines.append(
-        f"error {numeral(price.rms_error, of=motion)} {unit} RMS, "
+        f"error {numeral(price.rms_error, of=motion)} {unit} RMS "
+        f"({numeral(price.weighted_rms_error, of=motion)} weighted), "
         f"{numeral(price.p95_error, of=motion)} (p95) and "
         f"{numeral(price.max_error, of=motion)} (max) in the worst frame"
     )

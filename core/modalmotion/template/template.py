@@ -54,7 +54,8 @@ class Template:
     faces : (faces, 3) int64
         Of the mesh, or between the nodes of a lattice.
     isolated : (n,) int64
-        Vertices in no triangle: they carry no weight and count in no error.
+        Vertices in no triangle: they carry no weight, are moved as the nearest vertex of the
+        surface, and count in every error but the weighted one.
     reason : str
         Why there are no natural coordinates; empty if there are.
     notes : tuple of str
