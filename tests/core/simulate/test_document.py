@@ -1,4 +1,4 @@
-"""docs/simulation.md, docs/classification.md and docs/error.md run, and the figures are the model card's."""
+"""Documents of docs run: simulation, classification, error; figures are the model card's."""
 
 from __future__ import annotations
 
