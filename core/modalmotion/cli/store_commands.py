@@ -105,11 +105,17 @@ def _verify(name: str, root: Path) -> bool:
 @click.argument("out", type=click.Path(dir_okay=False, path_type=Path), metavar="OUT.h5")
 @_OWNER
 def export(folder: Path, out: Path, owner: str | None) -> None:
-    """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file."""
+    """Pack all signatures of the store in FOLDER into one file; with several owners, of one."""
     from modalmotion.exports.signature_pack import export as run
 
+    if owner is None and (others := _owners_in(folder)):
+        raise click.UsageError(
+            f"{folder} has the stores of several owners, and a pack holds those of one: name it "
+            f"with --owner ({', '.join(['local', *others])})."
+        )
+    root = _store_of(folder, owner)
     with _progress("packing signatures") as progress:
-        n_signatures = run(_store_of(folder, owner), out, progress=progress)
+        n_signatures = run(root, out, progress=progress)
     click.echo(f"{n_signatures} signatures written: {out}")
 
 
@@ -133,19 +139,31 @@ def backup(folder: Path, copy: Path) -> None:
 
 def _stores_of(folder: Path, owner: str | None) -> list[tuple[str, Path]]:
     """List stores with the prefix of their output lines; all of a service by default."""
-    others = [path for path in sorted((folder / "owners").glob("*")) if path.is_dir()]
+    others = _owners_in(folder)
     if owner is not None or not others:
         return [("", _store_of(folder, owner))]
-    return [("local: ", folder), *((f"{path.name}: ", path) for path in others)]
+    return [("local: ", folder), *((f"{name}: ", folder / "owners" / name) for name in others)]
 
 
 def _store_of(folder: Path, owner: str | None) -> Path:
     if owner in (None, "local"):
         return folder
-    store_folder = folder / "owners" / str(owner)
-    if re.fullmatch(r"[a-z0-9][a-z0-9_-]*", str(owner)) is None or not store_folder.is_dir():
-        raise click.BadParameter(f"{folder} has no store of {owner!r}.", param_hint="--owner")
-    return store_folder
+    others = _owners_in(folder)
+    if owner not in others:
+        raise click.BadParameter(
+            f"{folder} has no store of {owner!r}, only of {', '.join(['local', *others])}.",
+            param_hint="--owner",
+        )
+    return folder / "owners" / owner
+
+
+def _owners_in(folder: Path) -> list[str]:
+    """List owners with a store beside that of the folder itself, without those under removal."""
+    return sorted(
+        path.name
+        for path in (folder / "owners").glob("*")
+        if path.is_dir() and re.fullmatch(r"[a-z0-9][a-z0-9_-]*", path.name)
+    )
 
 
 @contextmanager

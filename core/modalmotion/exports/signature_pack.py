@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import StoreError
+from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.hdf5.form import Form
 from modalmotion.modes import Modes
 from modalmotion.progress import Progress
@@ -110,7 +110,7 @@ def export(
     Raises
     ------
     NotFoundError
-        If the store does not exist.
+        If the store does not exist, or holds no signature: then nothing is written.
     CorruptFileError
         If a signature is damaged: none is left out silently.
     StoreError
@@ -126,8 +126,16 @@ def export(
     temporary = temporary_beside(out)
     try:
         try:
-            with ResultStore(root) as store, h5py.File(temporary, "w-", libver="v110") as file:
-                n_signatures = _pack_store(store, file, progress)
+            with ResultStore(root) as store:
+                names = store.all_signatures()
+                if not names:
+                    raise NotFoundError(
+                        f"The store in '{root.name}' holds no signatures; nothing was written.",
+                        remedy="Name the folder, or the owner, whose signatures you want; or fit "
+                        "one first.",
+                    )
+                with h5py.File(temporary, "w-", libver="v110") as file:
+                    _pack(file, _read(store, names, progress))
             with temporary.open("rb") as written:
                 os.fsync(written.fileno())
             temporary.replace(out)
@@ -136,7 +144,7 @@ def export(
             temporary.unlink(missing_ok=True)
     except OSError as error:
         raise cannot_write(out, error) from error
-    return n_signatures
+    return len(names)
 
 
 def write_pack(path: Path, signatures: Iterable[tuple[ModalSignature, SequenceRecord]]) -> None:
@@ -155,17 +163,13 @@ def write_pack(path: Path, signatures: Iterable[tuple[ModalSignature, SequenceRe
         _pack(file, signatures)
 
 
-def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> int:
-    names = store.all_signatures()
-
-    def read() -> Iterator[tuple[ModalSignature, SequenceRecord]]:
-        for number, (sequence_id, key) in enumerate(names):
-            yield store.signature(sequence_id, key), store.sequence_record(sequence_id)
-            if progress is not None:
-                progress(number + 1, len(names))
-
-    _pack(file, read())
-    return len(names)
+def _read(
+    store: ResultStore, names: Sequence[tuple[str, str]], progress: Progress | None
+) -> Iterator[tuple[ModalSignature, SequenceRecord]]:
+    for number, (sequence_id, key) in enumerate(names):
+        yield store.signature(sequence_id, key), store.sequence_record(sequence_id)
+        if progress is not None:
+            progress(number + 1, len(names))
 
 
 def _pack(file: Any, signatures: Iterable[tuple[ModalSignature, SequenceRecord]]) -> None:

@@ -104,12 +104,12 @@ def cohort(
         f"{report.n_made} signatures made in {report.seconds:.1f} s, {report.n_known} known "
         f"before, {len(report.failures)} files failed: {output}"
     )
-    if pack is not None:
-        click.echo(f"{export(output, pack, replace=True)} signatures packed: {pack}")
     for path, reason in report.failures[:_MOST_PRINTED]:
         click.echo(f"{path}: {reason}", err=True)
     if len(report.failures) > _MOST_PRINTED:
         click.echo(f"... all of them stand in {output / 'cohort.csv'}", err=True)
+    if pack is not None:
+        click.echo(f"{export(output, pack, replace=True)} signatures packed: {pack}")
     if report.failures:
         raise click.exceptions.Exit(1)
 

@@ -104,14 +104,13 @@ def test_a_first_backup_that_was_cut_short_is_gone_on_with(
 
 def test_a_pack_is_replaced_if_asked_for_and_nothing_else_is(folder: Path, tmp_path: Path) -> None:
     out, root = tmp_path / "all.h5", folder / "owners" / "lab"
-    assert export(root, out, replace=True) == 0
-    with pytest.raises(StoreError, match="exists already"):
-        export(root, out)
-    with ResultStore(root) as store:
-        sequence = sample_sequence(0)
-        store.put_signature(sample_signature(sequence))
-    assert export(root, out, replace=True) == 1
-    (kept,) = root.rglob("signatures/*/*.h5")
+    for seed in range(2):
+        with ResultStore(root) as store:
+            store.put_signature(sample_signature(sample_sequence(seed)))
+        assert export(root, out, replace=True) == seed + 1
+        with pytest.raises(StoreError, match="exists already"):
+            export(root, out)
+    kept = next(root.rglob("signatures/*/*.h5"))
     for other in (kept, tmp_path / "letter.h5"):
         before = kept.read_bytes()
         other.write_bytes(before if other == kept else b"Dear Sir")
@@ -119,3 +118,22 @@ def test_a_pack_is_replaced_if_asked_for_and_nothing_else_is(folder: Path, tmp_p
         with pytest.raises(StoreError, match="exists already"):
             export(root, other, replace=True)
         assert kept.read_bytes() == before
+
+
+def test_an_export_names_the_owners_and_leaves_nothing_that_stands_in_the_way(
+    folder: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "all.h5"
+    with ResultStore(folder / "owners" / "lab") as store:
+        store.put_signature(sample_signature(sample_sequence(0)))
+    (folder / "owners" / ".removed-old").mkdir()
+    for wrong in ((), ("--owner", "nobody"), ("--owner", ".removed-old"), ("--owner", "../lab")):
+        done = run("export", folder, out, *wrong)
+        assert done.exit_code == 2
+        assert "local, lab, ward" in done.output
+        assert not out.exists()
+    for empty in ("local", "ward"):
+        done = run("export", folder, out, "--owner", empty)
+        assert (done.exit_code, "holds no signatures" in done.output) == (1, True)
+        assert not out.exists()
+    assert "1 signatures written" in run("export", folder, out, "--owner", "lab").output
