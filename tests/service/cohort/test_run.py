@@ -184,7 +184,7 @@ def test_a_services_folder_is_not_a_cohorts(tmp_path: Path) -> None:
     waiting.touch()
     job = CohortJob(read_manifest(source.parent), tmp_path / "data")
     with pytest.raises(ParameterError, match="data folder of a service"):
-        sign_cohort(job, lambda folder: WorkerPool(1))
+        sign_cohort(job, lambda folder: WorkerPool(1, 60, 1 << 30))
     assert waiting.exists()
 
 
