@@ -7,10 +7,14 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from modalmotion.cli.options import example
+
+if TYPE_CHECKING:
+    from modalmotion.exports.signature_pack import PackReport
 
 _FOLDER = click.argument(
     "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="FOLDER"
@@ -115,18 +119,35 @@ def _verify(name: str, root: Path) -> bool:
 @click.argument("out", type=click.Path(dir_okay=False, path_type=Path), metavar="OUT.h5")
 @_OWNER
 def export(folder: Path, out: Path, owner: str | None) -> None:
-    """Pack all signatures of the store in FOLDER into one file; with several owners, of one."""
+    """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file.
+
+    Ends with 1 if a signature is damaged; the others are packed then all the same.
+    """
+    from modalmotion.errors import NotFoundError
     from modalmotion.exports.signature_pack import export as run
 
-    if owner is None and (others := _owners_in(folder)):
-        raise click.UsageError(
-            f"{folder} has the stores of several owners, and a pack holds those of one: name it "
-            f"with --owner ({', '.join(['local', *others])})."
-        )
-    root = _store_of(folder, owner)
-    with _progress("packing signatures") as progress:
-        n_signatures = run(root, out, progress=progress)
-    click.echo(f"{n_signatures} signatures written: {out}")
+    others = [name for name in _owners_in(folder) if name != owner]
+    try:
+        with _progress("packing signatures") as progress:
+            report = run(_store_of(folder, owner), out, progress=progress)
+    except NotFoundError as error:
+        if not others:
+            raise
+        raise NotFoundError(
+            error.message, remedy=f"Name another owner of FOLDER: --owner {' or '.join(others)}."
+        ) from error
+    click.echo(f"{report.n_signatures} signatures written: {out}")
+    if owner is None and others:
+        click.echo(f"Those of other owners are not in it: --owner {' or '.join(others)}.", err=True)
+    require_all_packed(report)
+
+
+def require_all_packed(report: PackReport) -> None:
+    """Print the signatures that an export had to leave out, and end with 1 if there are any."""
+    for sequence_id, reason in report.failures:
+        click.echo(f"{sequence_id[:12]}: {reason}", err=True)
+    if report.failures:
+        raise click.exceptions.Exit(1)
 
 
 @store.command(epilog=example("store backup results copy"))

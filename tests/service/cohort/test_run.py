@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from dask_cluster import DaskCluster
 
 from modalmotion import Acquisition, simulate_ventricle
-from modalmotion.errors import MalformedFileError, NotFoundError, ParameterError
+from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import ResultStore, verify
@@ -162,18 +162,6 @@ def test_a_cohort_is_signed_and_failures_are_told(
     assert "1 signatures made" in again.output
     with ResultStore(out) as store:
         assert len(store.list_sequences(subject="P 1", label="stress").records) == 4
-
-
-def test_a_pack_of_nothing_is_an_error_and_not_a_file(tmp_path: Path) -> None:
-    manifest, pack = tmp_path / "m.csv", tmp_path / "pack.h5"
-    manifest.write_text("path\nmissing.npz\n")
-    with pytest.raises(NotFoundError, match="no signatures"):
-        CliRunner().invoke(
-            cohort,
-            [*map(str, (manifest, "-o", tmp_path / "out", "--pack", pack)), "--workers", "1"],
-            catch_exceptions=False,
-        )
-    assert not pack.exists()
 
 
 def test_a_services_folder_is_not_a_cohorts(tmp_path: Path) -> None:
