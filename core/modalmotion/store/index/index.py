@@ -91,14 +91,14 @@ class Index:
         )
         return dict(rows)
 
-    def put(self, record: SequenceRecord) -> None:
-        """Add a record, or write it over the one with its id."""
-        with self.database.write() as connection:
+    def put(self, record: SequenceRecord, *, erases: bool = False) -> None:
+        """Add a record, or write it over the one with its id, of which nothing is left if so."""
+        with self.database.write(erases=erases) as connection:
             put_records(connection, [record])
 
     def remove(self, sequence_id: str) -> None:
         """Remove a sequence with its results."""
-        with self.database.write() as connection:
+        with self.database.write(erases=True) as connection:
             connection.execute("DELETE FROM sequences WHERE id = ?", (sequence_id,))
 
     def digest(self, name: ResultName) -> str | None:
