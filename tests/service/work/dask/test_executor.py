@@ -100,7 +100,7 @@ def test_a_worker_that_loses_the_folder_does_no_work(
     dask_cluster: DaskCluster, tmp_path: Path
 ) -> None:
     with DaskExecutor(dask_cluster.address, tmp_path, 20.0, MEMORY) as engine:
-        (mark,) = (path for path in tmp_path.iterdir() if path == engine._mark.path)
+        (mark,) = (path for path in tmp_path.iterdir() if path == engine._mark)
         mark.unlink()
         with pytest.raises(ClusterError, match="does not see the data folder"):
             engine.submit(abs, -1).result(timeout=30)
