@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, InvalidStateError
 from concurrent.futures import wait as wait_for_all
 from dataclasses import asdict
@@ -22,13 +22,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
-from modalmotion_service.errors import ClusterError
+from modalmotion_service.errors import ClusterError, NoWorkerError
 from modalmotion_service.work.answers import AnswerError, from_bytes, result_type
-from modalmotion_service.work.dask.bridge_settings import BridgeSettings
-from modalmotion_service.work.dask.frames import Frame, Frames, Kind
+from modalmotion_service.work.dask.frames import PIECE, Frame, Frames, Kind
+from modalmotion_service.work.dask.hearing import SILENT_SECONDS
+from modalmotion_service.work.dask.settings import ClusterSettings
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.payload import payload_of
-from modalmotion_service.work.pool import unreadable_answer
+from modalmotion_service.work.pool import READY_SECONDS, unreadable_answer
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -39,8 +40,9 @@ MARK: Final = "cluster"
 # The bridge speaks every second; importing Dask on a busy machine takes a while.
 _SILENT_SECONDS: Final = 60.0
 _AGAIN_SECONDS: Final = 1.0
+# For a word to go through the bridge.
+_SAY_SECONDS: Final = 1.0
 _END_SECONDS: Final = 10.0
-_PIECE: Final = 1 << 20
 
 
 class DaskExecutor(Engine):
@@ -52,6 +54,11 @@ class DaskExecutor(Engine):
     a process of its own, the bridge, so that no scheduler and no worker can run code in this
     one; a bridge that ends or falls silent is replaced, and what it had under way fails with
     ClusterError.
+
+    Attributes
+    ----------
+    bridge : subprocess.Popen or None
+        The process in which Dask's client runs.
 
     Parameters
     ----------
@@ -66,6 +73,8 @@ class DaskExecutor(Engine):
         How long to wait for the scheduler and its first worker.
     patience_seconds : float
         How long work waits while there is no worker.
+    silent_seconds : float
+        After this a worker that says nothing counts as gone, and its work is given to another.
 
     Raises
     ------
@@ -83,9 +92,10 @@ class DaskExecutor(Engine):
         *,
         connect_seconds: float = 30.0,
         patience_seconds: float = 30.0,
+        silent_seconds: float = SILENT_SECONDS,
     ) -> None:
         self._mark = folder.absolute() / f"{MARK}.{secrets.token_hex(8)}"
-        self._settings = BridgeSettings(
+        self._settings = ClusterSettings(
             scheduler=scheduler,
             mark=str(self._mark),
             version=version("modalmotion"),
@@ -94,7 +104,7 @@ class DaskExecutor(Engine):
             attempts=attempts,
             connect_seconds=connect_seconds,
             patience_seconds=patience_seconds,
-            log_level=logging.getLevelName(logger.getEffectiveLevel()),
+            silent_seconds=silent_seconds,
         )
         self._lock = threading.Lock()
         self._numbers = itertools.count(1)
@@ -105,6 +115,7 @@ class DaskExecutor(Engine):
         self._is_open = True
         self._is_ending = False
         self._looked = threading.Event()
+        self.bridge: subprocess.Popen[bytes] | None = None
         self._waker, self._wake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._remove_marks()
         self._mark.touch()
@@ -121,13 +132,29 @@ class DaskExecutor(Engine):
         return max(1, self._n_threads or 0)
 
     def require_ready(self) -> None:
-        """Raise ClusterError while there is no scheduler or no worker."""
+        """Raise ClusterError while there is no scheduler, or no worker that answers."""
         if self._n_threads is None:
             raise self._is_lost()
         if not self._n_threads:
             raise ClusterError(
-                f"The scheduler at '{self._settings.scheduler}' has no workers that answer.",
+                f"The scheduler at '{self._settings.scheduler}' has no workers.",
                 remedy="Start some: modalmotion worker ADDRESS.",
+            )
+        answers: Future[bool] = Future()
+        with self._lock:
+            number = self._send(Kind.QUESTION, b"", answers, bool)
+        try:
+            is_ready = answers.result(READY_SECONDS + _SAY_SECONDS)
+        except TimeoutError:
+            is_ready = False
+        finally:
+            with self._lock:
+                self._tasks.pop(number, None)
+        if not is_ready:
+            raise NoWorkerError(
+                f"None of the scheduler's workers answered within {READY_SECONDS:g} s.",
+                remedy="Try again soon; an operator should look after the workers' machines.",
+                details={"seconds": READY_SECONDS},
             )
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
@@ -140,10 +167,7 @@ class DaskExecutor(Engine):
             if self._n_threads is None:
                 future.set_exception(self._is_lost())
                 return future
-            number = next(self._numbers)
-            self._tasks[number] = (future, result_type(fn))
-            self._out.append(Frame(Kind.TASK, number, payload))
-        self._look_up()
+            number = self._send(Kind.TASK, payload, future, result_type(fn))
         future.add_done_callback(lambda done: self._forget(number, done))
         return future
 
@@ -166,6 +190,13 @@ class DaskExecutor(Engine):
         os.close(self._waker)
         os.close(self._wake)
 
+    def _send(self, kind: Kind, body: bytes, future: Future[Any], expected: object) -> int:
+        number = next(self._numbers)
+        self._tasks[number] = (future, expected)
+        self._out.append(Frame(kind, number, body))
+        self._look_up()
+        return number
+
     def _forget(self, number: int, future: Future[Any]) -> None:
         with self._lock:
             if self._tasks.pop(number, None) is None or not future.cancelled():
@@ -181,7 +212,8 @@ class DaskExecutor(Engine):
     def _keep(self) -> None:
         """Have a bridge, until the end."""
         while not self._is_ending:
-            with contextlib.suppress(OSError, ValueError), _started(self._settings) as ours:
+            with contextlib.suppress(OSError, ValueError), _started(self._settings) as bridge:
+                self.bridge, ours = bridge
                 self._serve(ours)
             with self._lock:
                 self._n_threads = None
@@ -197,14 +229,15 @@ class DaskExecutor(Engine):
 
     def _serve(self, ours: socket.socket) -> None:
         """Speak with one bridge, until it ends or falls silent."""
-        frames, out = Frames(), b""
+        # No answer is larger than the memory of whoever made it.
+        frames, out = Frames(self._settings.memory_bytes), b""
         heard = time.monotonic()
         # The first word comes when it has reached the scheduler, or has not.
         patience = _SILENT_SECONDS + self._settings.connect_seconds
         while not self._is_ending and time.monotonic() < heard + patience:
             with self._lock:
-                out += b"".join(frame.to_bytes() for frame in self._out)
-                self._out.clear()
+                waiting, self._out = self._out, []
+            out += b"".join(frame.to_bytes() for frame in waiting)
             poll = select.poll()
             poll.register(ours, select.POLLIN | (select.POLLOUT if out else 0))
             poll.register(self._waker, select.POLLIN)
@@ -216,7 +249,7 @@ class DaskExecutor(Engine):
             if event & select.POLLOUT:
                 out = out[ours.send(out) :]
             if event & ~select.POLLOUT:
-                piece = ours.recv(_PIECE)
+                piece = ours.recv(PIECE)
                 if not piece:
                     return
                 for frame in frames.add(piece):
@@ -231,11 +264,11 @@ class DaskExecutor(Engine):
             self._looked.set()
         elif frame.kind is Kind.REFUSAL:
             self._refusal = _error_in(frame.body)
-        elif frame.kind is Kind.ANSWER:
+        elif frame.kind in (Kind.ANSWER, Kind.READY):
             with self._lock:
                 future, expected = self._tasks.get(frame.number, (None, None))
             if future is not None:
-                _settle(future, frame.body, expected)
+                _settle(future, frame, expected)
 
     def _remove_marks(self) -> None:
         for path in self._mark.parent.glob(f"{MARK}.*"):
@@ -250,14 +283,15 @@ class DaskExecutor(Engine):
 
 
 @contextlib.contextmanager
-def _started(settings: BridgeSettings) -> Any:
-    """Start a bridge; gives the socket that leads to it, and ends it."""
+def _started(settings: ClusterSettings) -> Iterator[tuple[subprocess.Popen[bytes], socket.socket]]:
+    """Start a bridge; gives it and the socket that leads to it, and ends it."""
     ours, theirs = socket.socketpair()
+    level = logging.getLevelName(logger.getEffectiveLevel())
     with ours, theirs:
         process = subprocess.Popen(  # noqa: S603 (ourselves)
             [
                 *(sys.executable, "-m", "modalmotion_service.work.dask.bridge"),
-                *(str(theirs.fileno()), json.dumps(asdict(settings))),
+                *(str(theirs.fileno()), level, json.dumps(asdict(settings))),
             ],
             pass_fds=[theirs.fileno()],
             stdin=subprocess.DEVNULL,
@@ -267,7 +301,7 @@ def _started(settings: BridgeSettings) -> Any:
         theirs.close()
         ours.setblocking(False)
         try:
-            yield ours
+            yield process, ours
         finally:
             with contextlib.suppress(OSError):
                 ours.shutdown(socket.SHUT_RDWR)
@@ -278,10 +312,13 @@ def _started(settings: BridgeSettings) -> Any:
                 process.wait()
 
 
-def _settle(future: Future[Any], answer: bytes, expected: object) -> None:
+def _settle(future: Future[Any], frame: Frame, expected: object) -> None:
     with contextlib.suppress(InvalidStateError):
         try:
-            result = from_bytes(answer, expected)
+            if frame.kind is Kind.READY:
+                result = bool(frame.body)
+            else:
+                result = from_bytes(frame.body, expected)
         except AnswerError:
             future.set_exception(unreadable_answer())
         except BaseException as error:  # noqa: BLE001 (it is the task's)

@@ -12,6 +12,9 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
+PIECE: Final = 1 << 20
+"""Bytes that are read at a time."""
+
 _HEAD: Final = struct.Struct("<cQQ")
 
 
@@ -24,6 +27,10 @@ class Kind(Enum):
     """Nobody wants the task any more."""
     ANSWER = b"a"
     """The end of a task; the body is a result or an error, as `answers` writes them."""
+    QUESTION = b"q"
+    """Whether a worker answers now."""
+    READY = b"y"
+    """The answer; the body is empty if none does."""
     STATE = b"s"
     """Sent every second; the body is the number of threads of all workers, empty if the
     scheduler is lost."""
@@ -53,10 +60,17 @@ class Frame:
 
 
 class Frames:
-    """Frames out of pieces of bytes as they come."""
+    """Frames out of pieces of bytes as they come.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    most : int
+        Bytes of the largest body.
+    """
+
+    def __init__(self, most: int) -> None:
         self._data = bytearray()
+        self._most = most
 
     def add(self, piece: bytes) -> Iterator[Frame]:
         """Give the frames that are whole with these bytes.
@@ -64,14 +78,15 @@ class Frames:
         Raises
         ------
         ValueError
-            If they are not frames.
+            If they are not frames, or one is too large.
         """
         self._data += piece
         while len(self._data) >= _HEAD.size:
             kind, number, length = _HEAD.unpack_from(self._data)
             end = _HEAD.size + length
+            if length > self._most:
+                raise ValueError(f"{length} bytes are announced")
             if len(self._data) < end:
-                Kind(kind)
                 return
             body = bytes(self._data[_HEAD.size : end])
             del self._data[:end]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class BridgeSettings:
-    """What the bridge is told at its start.
+class ClusterSettings:
+    """A scheduler, and how its workers are to work.
 
     Parameters
     ----------
@@ -21,7 +21,9 @@ class BridgeSettings:
     attempts : int
     connect_seconds : float
     patience_seconds : float
-    log_level : str
+        How long work waits while there is no worker.
+    silent_seconds : float
+        After this a worker that says nothing counts as gone.
     """
 
     scheduler: str
@@ -32,4 +34,4 @@ class BridgeSettings:
     attempts: int
     connect_seconds: float
     patience_seconds: float
-    log_level: str
+    silent_seconds: float
