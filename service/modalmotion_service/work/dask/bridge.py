@@ -13,7 +13,8 @@ import json
 import logging.config
 import socket
 import sys
-from typing import Final
+from collections.abc import Coroutine
+from typing import Any, Final
 
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.http.observation import log_config
@@ -73,13 +74,15 @@ class Bridge:
             for frame in frames.add(piece):
                 number = frame.number
                 if frame.kind is Kind.TASK:
-                    self._tasks[number] = asyncio.create_task(self._do(number, frame.body))
-                    self._tasks[number].add_done_callback(lambda _, n=number: self._tasks.pop(n))
+                    self._begin(number, self._do(number, frame.body))
+                elif frame.kind is Kind.QUESTION:
+                    self._begin(number, self._say_ready(number))
                 elif frame.kind is Kind.CANCEL and number in self._tasks:
                     self._tasks[number].cancel()
-                elif frame.kind is Kind.QUESTION:
-                    self._tasks[number] = asyncio.create_task(self._say_ready(number))
-                    self._tasks[number].add_done_callback(lambda _, n=number: self._tasks.pop(n))
+
+    def _begin(self, number: int, work: Coroutine[Any, Any, None]) -> None:
+        task = self._tasks[number] = asyncio.create_task(work)
+        task.add_done_callback(lambda _: self._tasks.pop(number))
 
     async def _do(self, number: int, payload: bytes) -> None:
         try:

@@ -111,9 +111,9 @@ class DaskExecutor(Engine):
         self._tasks: dict[int, tuple[Future[Any], object]] = {}
         self._out: list[Frame] = []
         self._n_threads: int | None = None
-        self._refusal: BaseException | None = None
+        self._refusals: list[BaseException] = []
         self._is_open = True
-        self._is_ending = False
+        self._ending = threading.Event()
         self._looked = threading.Event()
         self.bridge: subprocess.Popen[bytes] | None = None
         self._waker, self._wake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
@@ -124,7 +124,7 @@ class DaskExecutor(Engine):
         self._looked.wait()
         if self._n_threads is None:
             self.shutdown()
-            raise self._refusal or self._is_lost()
+            raise [*self._refusals, self._is_lost()][0]
 
     @property
     def n_workers(self) -> int:
@@ -183,7 +183,7 @@ class DaskExecutor(Engine):
                 future.cancel()
         else:
             wait_for_all(futures)
-        self._is_ending = True
+        self._ending.set()
         self._look_up()
         self._thread.join()
         self._remove_marks()
@@ -211,7 +211,7 @@ class DaskExecutor(Engine):
 
     def _keep(self) -> None:
         """Have a bridge, until the end."""
-        while not self._is_ending:
+        while not self._ending.is_set():
             with contextlib.suppress(OSError, ValueError), _started(self._settings) as bridge:
                 self.bridge, ours = bridge
                 self._serve(ours)
@@ -221,7 +221,7 @@ class DaskExecutor(Engine):
             for future, _ in lost.values():
                 with contextlib.suppress(InvalidStateError):
                     future.set_exception(self._is_lost())
-            if self._is_ending or not self._looked.is_set():
+            if self._ending.is_set() or not self._looked.is_set():
                 break
             logger.error("the bridge to the scheduler ended, and is begun again")
             time.sleep(_AGAIN_SECONDS)
@@ -234,7 +234,7 @@ class DaskExecutor(Engine):
         heard = time.monotonic()
         # The first word comes when it has reached the scheduler, or has not.
         patience = _SILENT_SECONDS + self._settings.connect_seconds
-        while not self._is_ending and time.monotonic() < heard + patience:
+        while not self._ending.is_set() and time.monotonic() < heard + patience:
             with self._lock:
                 waiting, self._out = self._out, []
             out += b"".join(frame.to_bytes() for frame in waiting)
@@ -263,7 +263,7 @@ class DaskExecutor(Engine):
             self._n_threads = int(frame.body) if frame.body else None
             self._looked.set()
         elif frame.kind is Kind.REFUSAL:
-            self._refusal = _error_in(frame.body)
+            self._refusals = [_error_in(frame.body)]
         elif frame.kind in (Kind.ANSWER, Kind.READY):
             with self._lock:
                 future, expected = self._tasks.get(frame.number, (None, None))

@@ -202,8 +202,9 @@ def test_a_stopped_worker_is_not_ready_and_its_work_goes_to_others(
     own_cluster.start(1)
     folder = tmp_path / "shared"
     folder.mkdir()
-    limits = {"patience_seconds": 1.0, "silent_seconds": 3.0}
-    with DaskExecutor(own_cluster.address, folder, 60.0, MEMORY, **limits) as engine:
+    with DaskExecutor(
+        own_cluster.address, folder, 60.0, MEMORY, patience_seconds=1.0, silent_seconds=3.0
+    ) as engine:
         assert is_ready(engine)
         own_cluster.workers[0].send_signal(signal.SIGSTOP)
         try:
@@ -233,6 +234,7 @@ def test_a_bridge_that_ends_or_stops_is_replaced(
     with DaskExecutor(dask_cluster.address, tmp_path, 60.0, MEMORY) as engine:
         for number in (signal.SIGKILL, signal.SIGSTOP):
             stuck = engine.submit(hang)
+            assert engine.bridge is not None
             engine.bridge.send_signal(number)
             assert isinstance(stuck.exception(timeout=60), ClusterError)
             assert isinstance(engine.submit(abs, -1).exception(timeout=60), ClusterError)
