@@ -70,6 +70,7 @@ class TemplateCache:
         weights: Weights = Weights.AREA,
         landmarks: GivenLandmarks | None = None,
         closed_form: bool = True,
+        merge_vertices: bool = True,
     ) -> Template:
         """Return the template of a sequence: see `make_template`."""
         # A frame that does not exist has no content; making the template says so.
@@ -80,6 +81,7 @@ class TemplateCache:
                 weights=weights,
                 landmarks=landmarks,
                 closed_form=closed_form,
+                merge_vertices=merge_vertices,
             )
             if reference == MEAN or 0 <= reference < sequence.n_frames
             else ""
@@ -92,6 +94,7 @@ class TemplateCache:
                 weights=weights,
                 landmarks=landmarks,
                 closed_form=closed_form,
+                merge_vertices=merge_vertices,
             ),
         )
 

@@ -9,7 +9,6 @@ settles, whatever is killed at whatever moment.
 from __future__ import annotations
 
 import contextlib
-import errno
 import logging
 import os
 import threading
@@ -22,6 +21,7 @@ from typing import Any, Final, ParamSpec, TypeVar
 
 from modalmotion.errors import LimitError
 from modalmotion.store.disk.atomic import cannot_write
+from modalmotion.store.disk.faults import is_of_the_machine
 from modalmotion_service.errors import ClusterError, NoWorkerError, WorkerDiedError
 from modalmotion_service.work.answers import AnswerError, from_bytes, result_type
 from modalmotion_service.work.executor import Engine
@@ -43,14 +43,6 @@ MOST_STARTS: Final = 5
 
 # In which a process that does nothing must say that it is there.
 READY_SECONDS: Final = 2.0
-
-# What a task meets where its files lie, and none of its doing.
-_OF_THE_DISK: Final = frozenset(
-    {
-        *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EIO),
-        *(errno.ESTALE, errno.EMFILE, errno.ENFILE),
-    }
-)
 
 
 @dataclass(eq=False)
@@ -214,7 +206,7 @@ class WorkerPool(Engine):
             )
         if isinstance(error, AnswerError):
             return unreadable_answer()
-        if isinstance(error, OSError) and error.errno in _OF_THE_DISK:
+        if isinstance(error, OSError) and is_of_the_machine(error):
             return cannot_write(Path(error.filename or "a file of the work"), error)
         return error
 

@@ -205,8 +205,11 @@ class Analysis:
         """Read volume and ejection fraction from a signature, as JSON or as PNG."""
         sequence, signature = await self._with_sequence(sequence_id, parameters)
         template = self._template_path(parameters)
+        facts = self._store.sequence_record(sequence_id).facts
         with stage("readouts"):
-            return await self.work(derived.read_out, sequence, signature, template, as_picture)
+            return await self.work(
+                derived.read_out, sequence, signature, template, as_picture, facts
+            )
 
     async def reconstruction(
         self,
