@@ -9,20 +9,20 @@ settles, whatever is killed at whatever moment.
 from __future__ import annotations
 
 import contextlib
-import errno
 import logging
 import os
 import threading
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, InvalidStateError
+from concurrent.futures import Future, InvalidStateError, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
 from modalmotion.errors import LimitError
 from modalmotion.store.disk.atomic import cannot_write
-from modalmotion_service.errors import ClusterError, WorkerDiedError
+from modalmotion.store.disk.faults import is_of_the_machine
+from modalmotion_service.errors import ClusterError, NoWorkerError, WorkerDiedError
 from modalmotion_service.work.answers import AnswerError, from_bytes, result_type
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.payload import payload_of
@@ -41,13 +41,8 @@ logger = logging.getLogger(__name__)
 # Processes that are begun for one task until one of them starts.
 MOST_STARTS: Final = 5
 
-# What a task meets where its files lie, and none of its doing.
-_OF_THE_DISK: Final = frozenset(
-    {
-        *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EIO),
-        *(errno.ESTALE, errno.EMFILE, errno.ENFILE),
-    }
-)
+# In which a process that does nothing must say that it is there.
+READY_SECONDS: Final = 2.0
 
 
 @dataclass(eq=False)
@@ -56,6 +51,7 @@ class _Task:
     function: Callable[..., Any]
     request: bytes
     attempts: int
+    seconds: float
 
 
 def unreadable_answer() -> WorkerDiedError:
@@ -106,12 +102,34 @@ class WorkerPool(Engine):
         return len(self._keepers)
 
     def require_ready(self) -> None:
-        """Do nothing: a process that is lost is replaced at once."""
+        """Check that a process is at work, or says that it is there.
+
+        Those that are idle are asked, all at once; one that does not answer is replaced.
+
+        Raises
+        ------
+        NoWorkerError
+            If there is none.
+        """
+        with self._changed:
+            answers = [keeper.asked(READY_SECONDS) for keeper in self._keepers]
+            self._changed.notify_all()
+        with contextlib.suppress(TimeoutError):
+            for answer in as_completed(answers, timeout=READY_SECONDS):
+                if not answer.cancelled() and answer.exception() is None:
+                    return
+        raise NoWorkerError(
+            f"None of the {self.n_workers} worker processes answered within {READY_SECONDS:g} s.",
+            remedy="Those that are stuck are replaced: try again soon. If it stays so, look after "
+            "the machine's memory and its limit on processes.",
+            details={"workers": self.n_workers, "seconds": READY_SECONDS},
+        )
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Run a task in a worker; cancelling the future ends its process."""
         future: Future[T] = Future()
-        task = _Task(future, fn, payload_of(fn, args, kwargs), self._attempts)
+        request = payload_of(fn, args, kwargs)
+        task = _Task(future, fn, request, self._attempts, self._task_seconds)
         with self._changed:
             if not self._is_open:
                 raise RuntimeError("The worker pool takes no more tasks.")
@@ -138,13 +156,17 @@ class WorkerPool(Engine):
             for keeper in self._keepers:
                 keeper.join()
 
-    def next_task(self) -> _Task | None:
+    def next_task(self, keeper: _Keeper) -> _Task | None:
         """Wait for a task; None when there will be no more. Called by keepers."""
         with self._changed:
             while True:
+                if (question := keeper.question) is not None:
+                    keeper.task = question
+                    return question
                 while self._waiting:
                     task = self._waiting.popleft()
                     if not task.future.cancelled():
+                        keeper.task = task
                         return task
                 if not self._is_open:
                     return None
@@ -154,11 +176,6 @@ class WorkerPool(Engine):
     def is_ending(self) -> bool:
         """Whether tasks that are under way are to be ended."""
         return self._is_ending
-
-    @property
-    def task_seconds(self) -> float:
-        """Longest time for one task."""
-        return self._task_seconds
 
     @property
     def memory_bytes(self) -> int:
@@ -189,7 +206,7 @@ class WorkerPool(Engine):
             )
         if isinstance(error, AnswerError):
             return unreadable_answer()
-        if isinstance(error, OSError) and error.errno in _OF_THE_DISK:
+        if isinstance(error, OSError) and is_of_the_machine(error):
             return cannot_write(Path(error.filename or "a file of the work"), error)
         return error
 
@@ -200,6 +217,8 @@ class _Keeper:
     def __init__(self, pool: WorkerPool) -> None:
         self._pool = pool
         self._process: WorkerProcess | None = None
+        self.task: _Task | None = None
+        self._question: _Task | None = None
         self._waker, self._wake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._is_over = False
         self._closing = threading.Lock()
@@ -217,13 +236,32 @@ class _Keeper:
         """Wait for its end."""
         self._thread.join()
 
+    def asked(self, seconds: float) -> Future[Any]:
+        """Have its process say that it is there; settled with an error if it does not."""
+        process, question = self._process, self._question
+        if self.task not in (None, question) and process is not None and not process.is_stopped:
+            at_work: Future[Any] = Future()
+            at_work.set_result(None)
+            return at_work
+        if question is None or question.future.done():
+            request = payload_of(os.getpid, (), {})
+            self._question = question = _Task(Future(), os.getpid, request, 1, seconds)
+        return question.future
+
+    @property
+    def question(self) -> _Task | None:
+        """What `asked` has left for its thread."""
+        question = self._question
+        return None if question is None or question.future.done() else question
+
     def _keep(self) -> None:
         try:
             # The first process imports everything that tasks need, before there is one.
             with contextlib.suppress(ProcessLostError):
                 self._require_process()
-            while (task := self._pool.next_task()) is not None:
+            while (task := self._pool.next_task(self)) is not None:
                 self._do(task)
+                self.task = None
                 del task
         finally:
             if self._process is not None:
@@ -279,7 +317,7 @@ class _Keeper:
         while True:
             self._require_wanted(task)
             try:
-                return process.exchange(task.request, self._pool.task_seconds)
+                return process.exchange(task.request, task.seconds)
             except WokenError:
                 # Perhaps for the task before; the process was sent something either way.
                 self._require_wanted(task)

@@ -18,6 +18,7 @@ import threading
 import time
 from multiprocessing import forkserver
 from multiprocessing.connection import wait as wait_for_any
+from pathlib import Path
 from typing import Any, Final
 
 from modalmotion_service.work.allocation import keep_freed_memory
@@ -30,6 +31,9 @@ _PRELOADED: Final = [
 
 # For a process to be forked and to say that it is there. The first imports all that tasks need.
 _START_SECONDS: Final = 60.0
+
+# Between two looks whether a process that is waited for has been stopped.
+_LOOK_SECONDS: Final = 0.5
 
 # Freed memory that a worker keeps: a signature of 1 MB needs 4 MB for a moment.
 _KEPT_BYTES: Final = 8 << 20
@@ -101,13 +105,18 @@ class WorkerProcess:
         except OSError:
             return False
 
+    @property
+    def is_stopped(self) -> bool:
+        """Whether a signal has stopped it: it will do nothing until another one."""
+        return _is_stopped(self.pid)
+
     def exchange(self, request: bytes, seconds: float) -> bytes:
         """Send a request and wait for the answer.
 
         Raises
         ------
         ProcessLostError
-            If the process ends before it has answered.
+            If the process ends before it has answered, or is stopped.
         DeadlineError
             If it has not answered in time.
         WokenError
@@ -168,12 +177,18 @@ class WorkerProcess:
         poll.register(self._socket, event)
         if wakes:
             poll.register(self._waker, select.POLLIN)
-        left = deadline - time.monotonic()
-        ready = dict(poll.poll(1e3 * left)) if left > 0 else {}
-        if self._waker in ready:
-            raise WokenError
-        if not ready:
-            raise DeadlineError
+        was_stopped = False
+        while (left := deadline - time.monotonic()) > 0:
+            ready = dict(poll.poll(1e3 * min(left, _LOOK_SECONDS)))
+            if self._waker in ready:
+                raise WokenError
+            if ready:
+                return
+            # Seen twice: whoever stops a process for a moment only looks at it.
+            if (is_stopped := self._process is not None and self.is_stopped) and was_stopped:
+                raise ProcessLostError("it was stopped")
+            was_stopped = is_stopped
+        raise DeadlineError
 
 
 def _begun(theirs: socket.socket, memory_bytes: int) -> Any:
@@ -188,12 +203,23 @@ def _begun(theirs: socket.socket, memory_bytes: int) -> Any:
         watch.daemon = True
         watch.start()
         try:
+            if _is_stopped(forkserver._forkserver._forkserver_pid):  # type: ignore[attr-defined]
+                _end_fork_server()
             process.start()
         finally:
             watch.cancel()
             # At its end the interpreter would wait for it, stopped or not; it ends by itself.
             multiprocessing.process._children.discard(process)  # type: ignore[attr-defined]
     return process
+
+
+def _is_stopped(pid: int | None) -> bool:
+    """Tell whether a signal has stopped a process, as proc(5) shows it."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False
+    return stat.rpartition(")")[2].split()[0] == "T"
 
 
 def _end_fork_server() -> None:

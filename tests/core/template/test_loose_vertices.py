@@ -13,7 +13,7 @@ from modalmotion.template.loose_vertices import nearest_in_use, shapes_of
 
 
 @pytest.mark.parametrize("closed_form", [True, False])
-@pytest.mark.parametrize("far", [0.0, 1e200])
+@pytest.mark.parametrize("far", [7.3, 1e200])
 def test_a_loose_vertex_has_the_shapes_and_directions_of_its_nearest(
     closed_form: bool, far: float
 ) -> None:
