@@ -148,7 +148,7 @@ def test_a_tolerance_holds_for_what_was_sent(beat: MeshSequence, kind: ErrorKind
 
 
 def test_a_loose_vertex_counts_and_moves_as_its_nearest(beat: MeshSequence) -> None:
-    x = np.asarray(beat.vertices)
+    x: Floats = np.asarray(beat.vertices, dtype=np.float64)
     near = int(beat.faces[7, 0])
     follower = x[:, [near]] + 0.1
     both = mesh_sequence(np.concatenate([x, follower], axis=1), beat.faces, unit="mm")
