@@ -12,6 +12,7 @@ from pathlib import Path
 
 import click
 
+from modalmotion.cli.outputs import OutputFolder
 from modalmotion_service.audit.archive import archive_audit
 from modalmotion_service.audit.check import check_audit, unfinished
 from modalmotion_service.audit.entry import AuditEntry, Place
@@ -81,7 +82,7 @@ def verify(noted: str | None, archive: Path | None, data_dir: Path | None) -> No
 
 
 @audit.command("archive")
-@click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
+@click.argument("folder", type=OutputFolder())
 @click.option(
     "--older-than",
     type=Moment("time", -1),
