@@ -25,6 +25,7 @@ from modalmotion_service.schemas import (
     TemplateAnswer,
 )
 from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.owner import work_of
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import codec, derived, sequences, signatures, templates
 from modalmotion_service.work.upload import Upload
@@ -321,7 +322,9 @@ class Analysis:
     async def work(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         """Have a worker do a task."""
         # Cancelling the wait cancels the future, and with it ends the worker's process.
-        return await asyncio.wrap_future(self.engine.submit(task, *args, **kwargs))
+        with work_of(str(self._store.root)):
+            future = self.engine.submit(task, *args, **kwargs)
+        return await asyncio.wrap_future(future)
 
     @contextmanager
     def _image(self) -> Iterator[Path]:
