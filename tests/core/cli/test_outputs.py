@@ -85,7 +85,8 @@ def test_what_cannot_be_written_is_refused_first(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    suffix = (*getattr(p.type, "suffixes", ()), "")[0]
+    suffixes: tuple[str, ...] = getattr(p.type, "suffixes", ())
+    suffix = (*suffixes, "")[0]
     if isinstance(p.type, OutputFolder):
         (tmp_path / "taken").touch()
         assert "is a file, not a folder" in refused(words, command, p, tmp_path / "taken" / "in")
@@ -94,9 +95,9 @@ def test_what_cannot_be_written_is_refused_first(
         assert "does not exist; make it first" in refused(words, command, p, missing)
         (tmp_path / f"taken{suffix}").mkdir()
         assert "add the name" in refused(words, command, p, tmp_path / f"taken{suffix}")
-        if p.type.suffixes:
+        if suffixes:
             told = refused(words, command, p, tmp_path / "out.xyz")
-            assert all(known in told for known in p.type.suffixes), told
+            assert all(known in told for known in suffixes), told
     monkeypatch.setattr(os, "access", lambda _, mode, **__: mode == os.R_OK)
     assert "may not write" in refused(words, command, p, tmp_path / f"out{suffix}")
 
