@@ -17,7 +17,8 @@ def open_engine(settings: Settings, folder: Path | None = None) -> Engine:
     Parameters
     ----------
     settings : Settings
-        With a `scheduler`, work is sent to its workers; else `workers` processes do it here.
+        With a `scheduler`, work is sent to its workers; else `workers` processes do it here,
+        and one more what is short.
     folder : Path, optional
         Folder that a scheduler's workers must share, with a file in it that they are known by;
         `cluster` in the data folder by default.
@@ -29,7 +30,7 @@ def open_engine(settings: Settings, folder: Path | None = None) -> Engine:
     """
     limits = (settings.task_seconds, settings.task_memory_bytes)
     if settings.scheduler is None:
-        return WorkerPool(settings.workers, *limits)
+        return WorkerPool(settings.workers, *limits, has_lane=True)
     with needs_extra("cluster"):
         # Two seconds of imports that a single machine need not pay.
         from modalmotion_service.work.dask.executor import DaskExecutor

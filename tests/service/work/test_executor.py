@@ -20,7 +20,8 @@ from worker_tasks import die, die_once, hang, is_running, refuse, swallow_memory
 from modalmotion.errors import LimitError, NonFiniteError
 from modalmotion_service.errors import ClusterError, WorkerDiedError
 from modalmotion_service.work.executor import Engine
-from modalmotion_service.work.pool import MOST_STARTS, WorkerPool
+from modalmotion_service.work.keeper import MOST_STARTS
+from modalmotion_service.work.pool import WorkerPool
 
 MEMORY = 3_000_000_000
 # Two processes here, or two Dask workers of a process each.

@@ -7,7 +7,7 @@ import contextlib
 import logging
 import secrets
 import threading
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import CancelledError as FutureCancelled
 from concurrent.futures import Future
 from concurrent.futures import wait as wait_for_all
@@ -20,9 +20,11 @@ from distributed import Client, KilledWorker
 from modalmotion_service.errors import ClusterError, WorkerDiedError
 from modalmotion_service.work.answers import AnswerError, from_bytes, result_type
 from modalmotion_service.work.dask.tasks import PLUGIN, Mark, PoolLimits, PoolPlugin, run_in_pool
+from modalmotion_service.work.dask.turns import Turns, lane_of, places_for_long
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.payload import payload_of
 from modalmotion_service.work.pool import unreadable_answer
+from modalmotion_service.work.terms import Terms
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -83,7 +85,8 @@ class DaskExecutor(Engine):
         self._lock = threading.Lock()
         self._futures: set[Future[Any]] = set()
         self._remotes: set[Any] = set()
-        self._n_threads = 0
+        self._n_places = 0
+        self._turns = Turns()
         self._client: Client | None = None
         self._is_open = True
         self._loop = asyncio.new_event_loop()
@@ -102,23 +105,30 @@ class DaskExecutor(Engine):
 
     @property
     def n_workers(self) -> int:
-        """Threads of all workers when they were last looked at."""
-        return max(1, self._n_threads)
+        """Long tasks that all workers do at once, as they were last looked at."""
+        return max(1, self._n_places)
+
+    @property
+    def n_waiting(self) -> Mapping[str, int]:
+        """Tasks that have not been sent to a worker yet, by lane."""
+        return self._turns.n_waiting
 
     def require_ready(self) -> None:
         """Raise ClusterError while there is no scheduler or no worker."""
         if self._client is None:
             raise self._is_lost()
-        if not self._n_threads:
+        if not self._n_places:
             raise self._has_no_worker()
 
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+    def submit_for(
+        self, terms: Terms, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
+    ) -> Future[T]:
         """Run a task on some worker; cancelling the future ends its process there."""
         payload = payload_of(fn, args, kwargs)
         with self._lock:
             if not self._is_open:
                 raise RuntimeError("The executor takes no more tasks.")
-            future: Future[T] = self._call(self._run(payload, result_type(fn)))
+            future: Future[T] = self._call(self._run(terms, payload, result_type(fn)))
             self._futures.add(future)
         future.add_done_callback(self._forget)
         return future
@@ -147,7 +157,11 @@ class DaskExecutor(Engine):
         with self._lock:
             self._futures.discard(future)
 
-    async def _run(self, payload: bytes, expected: object) -> Any:
+    async def _run(self, terms: Terms, payload: bytes, expected: object) -> Any:
+        async with self._turns.turn(terms):
+            return await self._send(terms, payload, expected)
+
+    async def _send(self, terms: Terms, payload: bytes, expected: object) -> Any:
         client = self._client
         if client is None:
             raise self._is_lost()
@@ -156,6 +170,9 @@ class DaskExecutor(Engine):
             payload,
             self._limits,
             self._mark,
+            terms,
+            # Of tasks that wait for the same thread the short one is next.
+            priority=1 if lane_of(terms) == "short" else 0,
             key=f"modalmotion-{secrets.token_hex(16)}",
             pure=False,
         )
@@ -225,7 +242,7 @@ class DaskExecutor(Engine):
                 remedy="Mount the same volume under the same path everywhere.",
             )
         await client.register_plugin(PoolPlugin(self._limits), name=PLUGIN)
-        self._n_threads = sum((await client.nthreads()).values())
+        self._note_threads(await client.nthreads())
 
     async def _supervise(self) -> None:
         without_worker = 0.0
@@ -243,15 +260,19 @@ class DaskExecutor(Engine):
                     "the scheduler at %s is lost: %r", self._address, error
                 )
                 lost, self._client = self._client, None
-                self._n_threads = 0
+                self._n_places = 0
                 await lost.close(timeout=1.0)
                 continue
-            self._n_threads = sum(counts.values())
+            self._note_threads(counts)
             without_worker = 0.0 if counts else without_worker + _LOOK_SECONDS
             if without_worker >= self._patience and self._remotes:
                 logger.error("the scheduler at %s has no worker", self._address)
                 await self._client.cancel(list(self._remotes), force=True)
                 without_worker = 0.0
+
+    def _note_threads(self, counts: Mapping[str, int]) -> None:
+        self._n_places = sum(map(places_for_long, counts.values()))
+        self._turns.set_threads(list(counts.values()))
 
     def _end(self) -> None:
         async def close() -> None:
