@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -57,7 +58,7 @@ class _Distrust:
         if owner not in self._seen:
             return 1.0
         factor, since = self._seen[owner]
-        factor *= 0.5 ** ((time.monotonic() - since) / _HALF_LIFE)
+        factor *= math.exp2((since - time.monotonic()) / _HALF_LIFE)
         if factor < 1.0:
             del self._seen[owner]
         return max(1.0, factor)
