@@ -70,3 +70,9 @@ class ClusterError(ModalMotionError):
     """The machines that work is sent to cannot be used now."""
 
     code = "cluster_unavailable"
+
+
+class NoWorkerError(ClusterError):
+    """No worker process says that it is there."""
+
+    code = "no_worker"

@@ -147,6 +147,19 @@ def test_killed_workers_cost_no_answer(service: RunningService) -> None:
     assert killed >= 9
 
 
+def test_stopped_workers_are_noticed_and_replaced(service: RunningService) -> None:
+    service.start()
+    assert service.process is not None
+    assert service.request("POST", "/v1/sequences", small(1)).status == 201
+    for pid in workers_of(service.process.pid):
+        os.kill(pid, signal.SIGSTOP)
+    answer = service.request("GET", "/health/ready")
+    assert (answer.status, answer.json["code"]) == (503, "no_worker")
+    assert "replaced" in answer.json["remedy"]
+    assert service.request("POST", "/v1/sequences", small(2)).status == 201
+    assert service.request("GET", "/health/ready").status == 200
+
+
 def test_sigterm_answers_what_is_under_way_and_keeps_the_rest(service: RunningService) -> None:
     service.start()
     job = service.request("POST", "/v1/sequences", small(1), {"Prefer": "respond-async"}).json

@@ -7,10 +7,14 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from modalmotion.cli.options import example
+
+if TYPE_CHECKING:
+    from modalmotion.exports.signature_pack import PackReport
 
 _FOLDER = click.argument(
     "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="FOLDER"
@@ -105,12 +109,33 @@ def _verify(name: str, root: Path) -> bool:
 @click.argument("out", type=click.Path(dir_okay=False, path_type=Path), metavar="OUT.h5")
 @_OWNER
 def export(folder: Path, out: Path, owner: str | None) -> None:
-    """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file."""
+    """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file.
+
+    Ends with 1 if a signature is damaged; the others are packed then all the same.
+    """
+    from modalmotion.errors import NotFoundError
     from modalmotion.exports.signature_pack import export as run
 
-    with _progress("packing signatures") as progress:
-        n_signatures = run(_store_of(folder, owner), out, progress=progress)
-    click.echo(f"{n_signatures} signatures written: {out}")
+    try:
+        with _progress("packing signatures") as progress:
+            report = run(_store_of(folder, owner), out, progress=progress)
+    except NotFoundError as error:
+        owners = [path.name for path in _owners_in(folder)]
+        if owner is not None or not owners:
+            raise
+        raise NotFoundError(
+            error.message, remedy=f"Name an owner of FOLDER: --owner {' or '.join(owners)}."
+        ) from error
+    click.echo(f"{report.n_signatures} signatures written: {out}")
+    require_all_packed(report)
+
+
+def require_all_packed(report: PackReport) -> None:
+    """Print the signatures that an export had to leave out, and end with 1 if there are any."""
+    for sequence_id, reason in report.failures:
+        click.echo(f"{sequence_id[:12]}: {reason}", err=True)
+    if report.failures:
+        raise click.exceptions.Exit(1)
 
 
 @store.command(epilog=example("store backup results copy"))
@@ -133,10 +158,14 @@ def backup(folder: Path, copy: Path) -> None:
 
 def _stores_of(folder: Path, owner: str | None) -> list[tuple[str, Path]]:
     """List stores with the prefix of their output lines; all of a service by default."""
-    others = [path for path in sorted((folder / "owners").glob("*")) if path.is_dir()]
+    others = _owners_in(folder)
     if owner is not None or not others:
         return [("", _store_of(folder, owner))]
     return [("local: ", folder), *((f"{path.name}: ", path) for path in others)]
+
+
+def _owners_in(folder: Path) -> list[Path]:
+    return [path for path in sorted((folder / "owners").glob("*")) if path.is_dir()]
 
 
 def _store_of(folder: Path, owner: str | None) -> Path:

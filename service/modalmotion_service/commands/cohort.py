@@ -10,6 +10,7 @@ import click
 
 from modalmotion.cli.analysis_commands import signature
 from modalmotion.cli.options import signature_parameters
+from modalmotion.cli.store_commands import require_all_packed
 from modalmotion.exports.signature_pack import export, is_pack
 from modalmotion.formats import ReadOptions
 from modalmotion_service.cohort import CohortJob, read_manifest, sign_cohort
@@ -104,12 +105,15 @@ def cohort(
         f"{report.n_made} signatures made in {report.seconds:.1f} s, {report.n_known} known "
         f"before, {len(report.failures)} files failed: {output}"
     )
-    if pack is not None:
-        click.echo(f"{export(output, pack, replace=True)} signatures packed: {pack}")
     for path, reason in report.failures[:_MOST_PRINTED]:
         click.echo(f"{path}: {reason}", err=True)
     if len(report.failures) > _MOST_PRINTED:
         click.echo(f"... all of them stand in {output / 'cohort.csv'}", err=True)
+    # After the failures of files, which a pack that cannot be written must not hide.
+    if pack is not None and (report.n_made or report.n_known):
+        packed = export(output, pack, replace=True)
+        click.echo(f"{packed.n_signatures} signatures packed: {pack}")
+        require_all_packed(packed)
     if report.failures:
         raise click.exceptions.Exit(1)
 

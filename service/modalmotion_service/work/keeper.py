@@ -14,6 +14,7 @@ from typing import Any, Final
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.work.answers import AnswerError, from_bytes, result_type
 from modalmotion_service.work.lanes import LANE_SECONDS, Lanes, Task
+from modalmotion_service.work.payload import payload_of
 from modalmotion_service.work.process import (
     DeadlineError,
     ProcessLostError,
@@ -33,7 +34,6 @@ class Rules:
 
     Parameters
     ----------
-    task_seconds : float
     memory_bytes : int
     explain : callable
         Says what the error of a task means to whoever sent it.
@@ -41,7 +41,6 @@ class Rules:
         Of workers; the lane's own process has none.
     """
 
-    task_seconds: float
     memory_bytes: int
     explain: Callable[[BaseException, Task], BaseException]
     niceness: int = 0
@@ -65,6 +64,7 @@ class Keeper:
         self._is_lane = is_lane
         self._process: WorkerProcess | None = None
         self._task: Task | None = None
+        self._question: Task | None = None
         self._is_ending = False
         self._waker, self._wake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._is_over = False
@@ -81,6 +81,23 @@ class Keeper:
         """Wait for its end."""
         self._thread.join()
 
+    def asked(self, seconds: float) -> Future[Any]:
+        """Have its process say that it is there; settled with an error if it does not."""
+        process, question = self._process, self._question
+        if self._task not in (None, question) and process is not None and not process.is_stopped:
+            at_work: Future[Any] = Future()
+            at_work.set_result(None)
+            return at_work
+        if question is None or question.future.done():
+            request = payload_of(os.getpid, (), {})
+            self._question = question = Task(Future(), os.getpid, request, 1, seconds)
+        return question.future
+
+    def _next_question(self) -> Task | None:
+        """Give what `asked` has left for its thread."""
+        question = self._question
+        return None if question is None or question.future.done() else question
+
     def _look_up(self) -> None:
         # Not into a file that has the number of a pipe that is closed.
         with self._closing, contextlib.suppress(OSError):
@@ -92,8 +109,7 @@ class Keeper:
             # The first process imports everything that tasks need, before there is one.
             with contextlib.suppress(ProcessLostError):
                 self._require_process()
-            while (task := self._lanes.take(is_lane=self._is_lane)) is not None:
-                self._task = task
+            while (task := self._next_task()) is not None:
                 self._do(task)
                 self._task = None
                 del task
@@ -104,6 +120,10 @@ class Keeper:
                 self._is_over = True
                 os.close(self._waker)
                 os.close(self._wake)
+
+    def _next_task(self) -> Task | None:
+        self._task = self._lanes.take(self._next_question, is_lane=self._is_lane)
+        return self._task
 
     def _do(self, task: Task) -> None:
         """Run a task; its future is settled when this returns, or it is in the queue again."""
@@ -118,7 +138,7 @@ class Keeper:
         except WokenError:
             task.future.cancel()
         except BaseException as error:  # noqa: BLE001 (all of them are the future's)
-            if self._is_lane and isinstance(error, DeadlineError):
+            if self._is_lane and task.looks_short and isinstance(error, DeadlineError):
                 if not self._lanes.put_back(task):
                     task.future.cancel()
                 return
@@ -152,8 +172,8 @@ class Keeper:
                 raise
 
     def _exchange(self, process: WorkerProcess, task: Task) -> bytes:
-        seconds = self._rules.task_seconds
-        if self._is_lane:
+        seconds = task.seconds
+        if self._is_lane and task.looks_short:
             seconds = min(seconds, LANE_SECONDS)
         while True:
             self._require_wanted(task)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from modalmotion_service.work.fair_queue import FairQueue
-from modalmotion_service.work.terms import Terms
+from modalmotion_service.work.terms import NO_TERMS, Terms
 
 SHORT_SECONDS: Final = 0.1
 """Price of the dearest task that is short work."""
@@ -37,6 +37,8 @@ class Task:
         What its process is sent.
     attempts : int
         How often it may still be tried.
+    seconds : float
+        After which it is ended.
     terms : Terms
     """
 
@@ -44,7 +46,13 @@ class Task:
     function: Callable[..., Any]
     request: bytes
     attempts: int
-    terms: Terms
+    seconds: float
+    terms: Terms = NO_TERMS
+
+    @property
+    def looks_short(self) -> bool:
+        """Whether it has a price; the rest is not for the lane to give up."""
+        return self.terms.price < math.inf
 
 
 class _Distrust:
@@ -102,12 +110,21 @@ class Lanes:
                 self._append(replace(task, terms=replace(terms, price=10 * LANE_SECONDS)))
             return self._is_open
 
-    def take(self, *, is_lane: bool) -> Task | None:
-        """Wait for a task; None when there will be no more."""
+    def take(self, question: Callable[[], Task | None], *, is_lane: bool) -> Task | None:
+        """Wait for a task; None when there will be no more.
+
+        Parameters
+        ----------
+        question : callable
+            Gives what whoever takes is to do before anything else.
+        is_lane : bool
+        """
         condition = self._of_lane if is_lane else self._of_workers
         queues = ("short",) if is_lane else ("long", "short")
         with condition:
             while True:
+                if (asked := question()) is not None:
+                    return asked
                 for name in queues:
                     if (task := self._queues[name].take()) is not None:
                         return task
@@ -116,6 +133,11 @@ class Lanes:
                 self._idle[is_lane] += 1
                 condition.wait()
 
+    def have_look(self) -> None:
+        """Have all who wait look whether they are asked something."""
+        with self._of_workers:
+            self._wake_all()
+
     def close(self, *, give_up: bool) -> list[Task]:
         """Take no more tasks; gives those that wait, if they are given up."""
         left: list[Task] = []
@@ -123,14 +145,18 @@ class Lanes:
             self._is_open = False
             for queue in self._queues.values() if give_up else ():
                 left += queue.clear()
-            self._of_workers.notify_all()
-            self._of_lane.notify_all()
+            self._wake_all()
         return left
 
     @property
     def lengths(self) -> Mapping[str, int]:
         """Tasks that wait, by lane."""
         return {name: len(queue) for name, queue in self._queues.items()}
+
+    def _wake_all(self) -> None:
+        self._idle = {False: 0, True: 0}
+        self._of_workers.notify_all()
+        self._of_lane.notify_all()
 
     def _append(self, task: Task) -> None:
         terms = task.terms

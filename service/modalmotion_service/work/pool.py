@@ -8,15 +8,16 @@ comes, so every future settles, whatever is killed at whatever moment.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
+from concurrent.futures import Future, as_completed
 from pathlib import Path
 from typing import Final, ParamSpec, TypeVar
 
 from modalmotion.errors import LimitError
 from modalmotion.store.disk.atomic import cannot_write
-from modalmotion_service.errors import CostError, WorkerDiedError
+from modalmotion_service.errors import CostError, NoWorkerError, WorkerDiedError
 from modalmotion_service.work.answers import AnswerError
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.keeper import Keeper, Rules
@@ -30,6 +31,9 @@ T = TypeVar("T")
 
 # Of workers beside a lane: short work, and the service itself, go before them on every core.
 _NICENESS: Final = 10
+
+# In which a process that does nothing must say that it is there.
+READY_SECONDS: Final = 2.0
 
 # What a task meets where its files lie, and none of its doing.
 _OF_THE_DISK: Final = frozenset(
@@ -76,12 +80,13 @@ class WorkerPool(Engine):
         *,
         has_lane: bool = False,
     ) -> None:
+        self._task_seconds = task_seconds
         self._attempts = attempts
         self._seconds_limit = seconds_limit
         self._n_workers = n_workers
         self._lanes = Lanes()
         niceness = _NICENESS if has_lane else 0
-        self._rules = rules = Rules(task_seconds, memory_bytes, self._explain, niceness)
+        self._rules = rules = Rules(memory_bytes, self._explain, niceness)
         self._keepers = [Keeper(self._lanes, rules) for _ in range(n_workers)]
         if has_lane:
             self._keepers.append(Keeper(self._lanes, rules, is_lane=True))
@@ -97,14 +102,36 @@ class WorkerPool(Engine):
         return self._lanes.lengths
 
     def require_ready(self) -> None:
-        """Do nothing: a process that is lost is replaced at once."""
+        """Check that a process is at work, or says that it is there.
+
+        Those that are idle are asked, all at once; one that does not answer is replaced. That of
+        the lane counts for short work alone, so it does not count.
+
+        Raises
+        ------
+        NoWorkerError
+            If there is none.
+        """
+        answers = [keeper.asked(READY_SECONDS) for keeper in self._keepers][: self._n_workers]
+        self._lanes.have_look()
+        with contextlib.suppress(TimeoutError):
+            for answer in as_completed(answers, timeout=READY_SECONDS):
+                if not answer.cancelled() and answer.exception() is None:
+                    return
+        raise NoWorkerError(
+            f"None of the {self.n_workers} worker processes answered within {READY_SECONDS:g} s.",
+            remedy="Those that are stuck are replaced: try again soon. If it stays so, look after "
+            "the machine's memory and its limit on processes.",
+            details={"workers": self.n_workers, "seconds": READY_SECONDS},
+        )
 
     def submit_for(
         self, terms: Terms, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
     ) -> Future[T]:
         """Run a task in a worker; cancelling the future ends its process."""
         future: Future[T] = Future()
-        task = Task(future, fn, payload_of(fn, args, kwargs), self._attempts, terms)
+        request = payload_of(fn, args, kwargs)
+        task = Task(future, fn, request, self._attempts, self._task_seconds, terms)
         if not self._lanes.put(task):
             raise RuntimeError("The worker pool takes no more tasks.")
         return future
@@ -125,7 +152,7 @@ class WorkerPool(Engine):
     def _explain(self, error: BaseException, task: Task) -> BaseException:
         """Say what the error of a task means to whoever sent it."""
         if isinstance(error, DeadlineError):
-            most = self._rules.task_seconds
+            most = self._task_seconds
             return LimitError(
                 f"The work took longer than {most:g} s and was ended.",
                 remedy="Send fewer frames or a coarser mesh, ask for fewer modes, or have the "

@@ -19,6 +19,7 @@ import threading
 import time
 from multiprocessing import forkserver
 from multiprocessing.connection import wait as wait_for_any
+from pathlib import Path
 from typing import Any, Final
 
 from modalmotion_service.work.allocation import keep_freed_memory
@@ -32,11 +33,13 @@ _PRELOADED: Final = [
 # For a process to be forked and to say that it is there. The first imports all that tasks need.
 _START_SECONDS: Final = 60.0
 
+# Between two looks at a process that is waited for: whether it has been stopped, and what it has
+# taken; and between two when it has little left.
+_LOOK_SECONDS: Final = 0.5
+_LEAST_LOOK_SECONDS: Final = 0.02
+
 # Freed memory that a worker keeps: a signature of 1 MB needs 4 MB for a moment.
 _KEPT_BYTES: Final = 8 << 20
-
-# How often it is looked at what a process has taken.
-_LOOK_SECONDS: Final = 0.25
 
 _PREFIX: Final = 8
 _PIECE: Final = 1 << 20
@@ -112,6 +115,11 @@ class WorkerProcess:
         except OSError:
             return False
 
+    @property
+    def is_stopped(self) -> bool:
+        """Whether a signal has stopped it: it will do nothing until another one."""
+        return _is_stopped(self.pid)
+
     def exchange(
         self, request: bytes, seconds: float, processor_seconds: float = math.inf
     ) -> bytes:
@@ -120,7 +128,7 @@ class WorkerProcess:
         Raises
         ------
         ProcessLostError
-            If the process ends before it has answered.
+            If the process ends before it has answered, or is stopped.
         DeadlineError
             If it has not answered in time.
         SpentError
@@ -184,15 +192,23 @@ class WorkerProcess:
         poll.register(self._socket, event)
         if wakes:
             poll.register(self._waker, select.POLLIN)
-        ready: dict[int, int] = {}
-        while not ready and (left := deadline - time.monotonic()) > 0:
-            ready = dict(poll.poll(1e3 * min(left, _LOOK_SECONDS)))
-            if not ready and _processor_clock(self.pid) > self._most_clock:
-                raise SpentError
-        if self._waker in ready:
-            raise WokenError
-        if not ready:
-            raise DeadlineError
+        was_stopped = False
+        next_look = _LOOK_SECONDS
+        while (left := deadline - time.monotonic()) > 0:
+            ready = dict(poll.poll(1e3 * min(left, next_look)))
+            if self._waker in ready:
+                raise WokenError
+            if ready:
+                return
+            # Seen twice: whoever stops a process for a moment only looks at it.
+            if (is_stopped := self._process is not None and self.is_stopped) and was_stopped:
+                raise ProcessLostError("it was stopped")
+            was_stopped = is_stopped
+            if self._most_clock < math.inf:
+                if (means := self._most_clock - _processor_clock(self.pid)) <= 0:
+                    raise SpentError
+                next_look = min(_LOOK_SECONDS, max(means, _LEAST_LOOK_SECONDS))
+        raise DeadlineError
 
 
 def _processor_clock(pid: int) -> float:
@@ -216,12 +232,23 @@ def _begun(theirs: socket.socket, memory_bytes: int, niceness: int) -> Any:
         watch.daemon = True
         watch.start()
         try:
+            if _is_stopped(forkserver._forkserver._forkserver_pid):  # type: ignore[attr-defined]
+                _end_fork_server()
             process.start()
         finally:
             watch.cancel()
             # At its end the interpreter would wait for it, stopped or not; it ends by itself.
             multiprocessing.process._children.discard(process)  # type: ignore[attr-defined]
     return process
+
+
+def _is_stopped(pid: int | None) -> bool:
+    """Tell whether a signal has stopped a process, as proc(5) shows it."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False
+    return stat.rpartition(")")[2].split()[0] == "T"
 
 
 def _end_fork_server() -> None:

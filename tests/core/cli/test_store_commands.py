@@ -104,13 +104,18 @@ def test_a_first_backup_that_was_cut_short_is_gone_on_with(
 
 def test_a_pack_is_replaced_if_asked_for_and_nothing_else_is(folder: Path, tmp_path: Path) -> None:
     out, root = tmp_path / "all.h5", folder / "owners" / "lab"
-    assert export(root, out, replace=True) == 0
-    with pytest.raises(StoreError, match="exists already"):
-        export(root, out)
+    refused = run("export", folder, out)
+    assert refused.exit_code == 1
+    assert "--owner lab" in refused.stderr
+    assert not out.exists()
     with ResultStore(root) as store:
         sequence = sample_sequence(0)
         store.put_signature(sample_signature(sequence))
-    assert export(root, out, replace=True) == 1
+    # The remedy, followed.
+    assert run("export", folder, out, "--owner", "lab").exit_code == 0
+    with pytest.raises(StoreError, match="exists already"):
+        export(root, out)
+    assert export(root, out, replace=True).n_signatures == 1
     (kept,) = root.rglob("signatures/*/*.h5")
     for other in (kept, tmp_path / "letter.h5"):
         before = kept.read_bytes()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import os
 import secrets
 import threading
 from collections.abc import Callable, Coroutine, Mapping
@@ -17,13 +18,14 @@ from typing import Any, ParamSpec, TypeVar
 
 from distributed import Client, KilledWorker
 
-from modalmotion_service.errors import ClusterError, WorkerDiedError
+from modalmotion_service.errors import ClusterError, NoWorkerError, WorkerDiedError
 from modalmotion_service.work.answers import AnswerError, from_bytes, result_type
+from modalmotion_service.work.dask.hearing import Hearing
 from modalmotion_service.work.dask.tasks import PLUGIN, Mark, PoolLimits, PoolPlugin, run_in_pool
 from modalmotion_service.work.dask.turns import Turns, lane_of, places_for_long
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.payload import payload_of
-from modalmotion_service.work.pool import unreadable_answer
+from modalmotion_service.work.pool import READY_SECONDS, unreadable_answer
 from modalmotion_service.work.terms import Terms
 
 P = ParamSpec("P")
@@ -37,12 +39,17 @@ _LOOK_SECONDS = 1.0
 _ANSWER_SECONDS = 30.0
 
 
+class _MovedError(Exception):
+    """Work was taken from a worker, to be given to another one."""
+
+
 class DaskExecutor(Engine):
     """Tasks on the workers of a Dask scheduler, as `WorkerPool` does them here.
 
     In each Dask worker a `WorkerPool` does the work: limits, errors and retries are its own.
     A scheduler that is lost fails what is under way with ClusterError, and is looked for until
-    it returns; so is work for which there has been no worker for a while.
+    it returns; so is work for which there has been no worker for a while. A worker that is not
+    heard of counts as none, and its work is given to another one.
 
     Parameters
     ----------
@@ -85,6 +92,8 @@ class DaskExecutor(Engine):
         self._lock = threading.Lock()
         self._futures: set[Future[Any]] = set()
         self._remotes: set[Any] = set()
+        self._hearing = Hearing()
+        self._asking: dict[str, asyncio.Task[Any]] = {}
         self._n_places = 0
         self._turns = Turns()
         self._client: Client | None = None
@@ -114,11 +123,17 @@ class DaskExecutor(Engine):
         return self._turns.n_waiting
 
     def require_ready(self) -> None:
-        """Raise ClusterError while there is no scheduler or no worker."""
+        """Raise ClusterError while there is no scheduler, or no worker that answers."""
         if self._client is None:
             raise self._is_lost()
         if not self._n_places:
             raise self._has_no_worker()
+        if not self._call(self._ask(self._client)).result():
+            raise NoWorkerError(
+                f"None of the scheduler's workers answered within {READY_SECONDS:g} s.",
+                remedy="Try again soon; an operator should look after the workers' machines.",
+                details={"seconds": READY_SECONDS},
+            )
 
     def submit_for(
         self, terms: Terms, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
@@ -157,30 +172,57 @@ class DaskExecutor(Engine):
         with self._lock:
             self._futures.discard(future)
 
+    async def _ask(self, client: Client) -> bool:
+        """Tell whether a worker says that it is there."""
+        for address in self._hearing.heard:
+            # One question at a time: one that is stopped keeps the last one for as long.
+            if address not in self._asking:
+                asking = asyncio.ensure_future(client.run(os.getpid, workers=[address]))
+                self._asking[address] = asking
+                asking.add_done_callback(lambda _, address=address: self._asking.pop(address))
+        deadline, waiting = self._loop.time() + READY_SECONDS, set(self._asking.values())
+        while waiting and (left := deadline - self._loop.time()) > 0:
+            done, waiting = await asyncio.wait(
+                waiting, timeout=left, return_when=asyncio.FIRST_COMPLETED
+            )
+            if any(not asked.cancelled() and asked.exception() is None for asked in done):
+                return True
+        return False
+
     async def _run(self, terms: Terms, payload: bytes, expected: object) -> Any:
         async with self._turns.turn(terms):
-            return await self._send(terms, payload, expected)
+            return await self._done(terms, payload, expected)
 
-    async def _send(self, terms: Terms, payload: bytes, expected: object) -> Any:
-        client = self._client
-        if client is None:
-            raise self._is_lost()
-        remote = client.submit(
-            run_in_pool,
-            payload,
-            self._limits,
-            self._mark,
-            terms,
-            # Of tasks that wait for the same thread the short one is next.
-            priority=1 if lane_of(terms) == "short" else 0,
-            key=f"modalmotion-{secrets.token_hex(16)}",
-            pure=False,
-        )
-        self._remotes.add(remote)
+    async def _done(self, terms: Terms, payload: bytes, expected: object) -> Any:
+        while True:
+            client = self._client
+            if client is None:
+                raise self._is_lost()
+            remote = client.submit(
+                run_in_pool,
+                payload,
+                self._limits,
+                self._mark,
+                terms,
+                # Of tasks that wait for the same thread the short one is next.
+                priority=1 if lane_of(terms) == "short" else 0,
+                key=f"modalmotion-{secrets.token_hex(16)}",
+                pure=False,
+                workers=self._hearing.heard or None,
+                # Those that come later do it too.
+                allow_other_workers=bool(self._hearing.heard),
+            )
+            self._remotes.add(remote)
+            with contextlib.suppress(_MovedError):
+                return await self._result(remote, expected)
+
+    async def _result(self, remote: Any, expected: object) -> Any:
         try:
             return from_bytes(await remote, expected)
         except FutureCancelled as error:
-            # Not by us: asyncio's own exception of that name is another one.
+            # By us alone: asyncio's own exception of that name is another one.
+            if remote not in self._remotes:
+                raise _MovedError from error
             raise self._is_lost() from error
         except AnswerError as error:
             raise unreadable_answer() from error
@@ -242,7 +284,32 @@ class DaskExecutor(Engine):
                 remedy="Mount the same volume under the same path everywhere.",
             )
         await client.register_plugin(PoolPlugin(self._limits), name=PLUGIN)
-        self._note_threads(await client.nthreads())
+        self._n_places = await self._listen(client)
+
+    async def _listen(self, client: Client) -> int:
+        """Give how many long tasks workers that are heard of do; OSError without a scheduler."""
+        if client.status != "running":
+            raise OSError(f"the connection is {client.status}")
+        said = await asyncio.wait_for(client.scheduler.identity(), _ANSWER_SECONDS)
+        self._hearing.note(said["workers"], self._loop.time())
+        threads = [said["workers"][address]["nthreads"] for address in self._hearing.heard]
+        self._turns.set_threads(threads)
+        return sum(map(places_for_long, threads))
+
+    async def _move(self, client: Client) -> None:
+        """Give what workers have that are not heard of to those that are."""
+        silent = self._hearing.silent
+        if not silent or not self._hearing.heard:
+            return
+        theirs = await asyncio.wait_for(
+            client.scheduler.processing(workers=list(silent)), _ANSWER_SECONDS
+        )
+        keys = {key for several in theirs.values() for key in several}
+        moved = [remote for remote in self._remotes if remote.key in keys]
+        if moved:
+            logger.warning("%d pieces of work are taken from a silent worker", len(moved))
+            self._remotes.difference_update(moved)
+            await client.cancel(moved, force=True)
 
     async def _supervise(self) -> None:
         without_worker = 0.0
@@ -254,7 +321,8 @@ class DaskExecutor(Engine):
                     logger.warning("the scheduler at %s is back", self._address)
                 continue
             try:
-                counts = await _threads(self._client)
+                self._n_places = await self._listen(self._client)
+                await self._move(self._client)
             except (OSError, TimeoutError, FutureCancelled) as error:
                 logger.error(  # noqa: TRY400 (met when a machine restarts: no traceback)
                     "the scheduler at %s is lost: %r", self._address, error
@@ -263,16 +331,12 @@ class DaskExecutor(Engine):
                 self._n_places = 0
                 await lost.close(timeout=1.0)
                 continue
-            self._note_threads(counts)
-            without_worker = 0.0 if counts else without_worker + _LOOK_SECONDS
+            without_worker = 0.0 if self._n_places else without_worker + _LOOK_SECONDS
             if without_worker >= self._patience and self._remotes:
                 logger.error("the scheduler at %s has no worker", self._address)
+                self._turns.give_up(self._has_no_worker())
                 await self._client.cancel(list(self._remotes), force=True)
                 without_worker = 0.0
-
-    def _note_threads(self, counts: Mapping[str, int]) -> None:
-        self._n_places = sum(map(places_for_long, counts.values()))
-        self._turns.set_threads(list(counts.values()))
 
     def _end(self) -> None:
         async def close() -> None:
@@ -306,11 +370,3 @@ class DaskExecutor(Engine):
             f"The scheduler at '{self._address}' has no workers.",
             remedy="Start some: modalmotion worker ADDRESS.",
         )
-
-
-async def _threads(client: Client) -> dict[str, int]:
-    """Threads of each worker, by its address; OSError if the scheduler is lost."""
-    if client.status != "running":
-        raise OSError(f"the connection is {client.status}")
-    counts: dict[str, int] = await asyncio.wait_for(client.nthreads(), _ANSWER_SECONDS)
-    return counts

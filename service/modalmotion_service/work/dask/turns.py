@@ -45,6 +45,12 @@ class Turns:
         self._most["long"] = max(1, sum(map(places_for_long, n_threads)))
         self._let_pass()
 
+    def give_up(self, error: Exception) -> None:
+        """Fail all that wait."""
+        for queue in self._queues.values():
+            for ticket in filter(_is_wanted, queue.clear()):
+                ticket.set_exception(error)
+
     @asynccontextmanager
     async def turn(self, terms: Terms) -> AsyncIterator[None]:
         """Wait for the turn of a task, and have it until the block ends."""
@@ -59,7 +65,7 @@ class Turns:
             await ticket
             yield
         finally:
-            if ticket.done() and not ticket.cancelled():
+            if ticket.done() and not ticket.cancelled() and ticket.exception() is None:
                 self._under_way[lane] -= 1
                 self._let_pass()
 

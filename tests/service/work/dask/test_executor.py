@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -194,6 +195,37 @@ def test_a_lost_worker_or_scheduler_is_survived(own_cluster: DaskCluster, tmp_pa
         own_cluster.workers[1].kill()
         assert isinstance(stuck.exception(timeout=60), ClusterError)
         assert not is_ready(engine)
+
+
+def test_a_stopped_worker_is_not_ready_and_its_work_goes_to_others(
+    own_cluster: DaskCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A third of what it is: the test waits for it twice.
+    monkeypatch.setattr("modalmotion_service.work.dask.hearing._SILENT_SECONDS", 3.0)
+    own_cluster.start(1)
+    folder = tmp_path / "shared"
+    folder.mkdir()
+    with DaskExecutor(own_cluster.address, folder, 60.0, MEMORY, patience_seconds=1.0) as engine:
+        assert is_ready(engine)
+        own_cluster.workers[0].send_signal(signal.SIGSTOP)
+        try:
+            # At once, not when somebody has waited long enough.
+            assert not is_ready(engine)
+            stuck = engine.submit(abs, -1)
+            assert isinstance(stuck.exception(timeout=60), ClusterError)
+            own_cluster.start_worker()
+            until(lambda: is_ready(engine))
+            assert engine.submit(abs, -1).result(timeout=60) == 1
+        finally:
+            own_cluster.workers[0].send_signal(signal.SIGCONT)
+        until(lambda: engine.n_workers == 2)
+        tasks = [engine.submit(slow_mark, tmp_path / f"{n}", 0.3) for n in range(4)]
+        until(lambda: (tmp_path / "0").exists())
+        own_cluster.workers[1].send_signal(signal.SIGSTOP)
+        try:
+            assert [task.result(timeout=60) for task in tasks] == ["done"] * 4
+        finally:
+            own_cluster.workers[1].send_signal(signal.SIGCONT)
 
 
 def test_the_service_waits_for_a_scheduler_that_returns(
