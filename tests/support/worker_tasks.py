@@ -53,3 +53,15 @@ def is_running(pid: int) -> bool:
 def short(number: int, seconds: float) -> int:
     time.sleep(seconds)
     return number
+
+
+def spin() -> None:
+    while True:
+        pass
+
+
+def note(path: Path, name: str, seconds: float = 0.0) -> str:
+    time.sleep(seconds)
+    with path.open("a") as file:
+        file.write(f"{name}\n")
+    return name

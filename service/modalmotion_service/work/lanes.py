@@ -22,6 +22,7 @@ LANE_SECONDS: Final = 0.5
 # An owner's prices are taken for so many times higher after one of their tasks has outlived the
 # lane, and for half of that whenever so much time has passed.
 _DEARER: Final = 4.0
+_MOST_DEAR: Final = 256.0
 _HALF_LIFE: Final = 60.0
 
 
@@ -73,7 +74,8 @@ class _Distrust:
 
     def note(self, owner: str) -> None:
         """Note that a task of the owner was not the short one that it looked like."""
-        self._seen[owner] = (_DEARER * self.factor(owner), time.monotonic())
+        factor = min(_DEARER * self.factor(owner), _MOST_DEAR)
+        self._seen[owner] = (factor, time.monotonic())
 
 
 class Lanes:

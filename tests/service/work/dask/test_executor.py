@@ -161,7 +161,7 @@ def test_a_worker_that_ends_gives_up_the_work_under_way(
     with pytest.raises(ClusterError, match="given up"):
         run_in_pool(payload_of(hang, (), {}), limits, mark, NO_TERMS)
     worker.status = Status.running
-    answer = run_in_pool(payload_of(abs, (-1,), {}), limits, mark)
+    answer = run_in_pool(payload_of(abs, (-1,), {}), limits, mark, NO_TERMS)
     assert from_bytes(answer, int) == 1
     pools.close()
 
