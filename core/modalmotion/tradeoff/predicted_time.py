@@ -13,7 +13,7 @@ from modalmotion.formats.detect import Format
 
 # s for any task, and s for a byte of input: an array is read and laid out, a text is parsed too.
 _START: Final = 0.01
-_OF_ARRAYS: Final = 1e-7
+_OF_ARRAYS: Final = 5e-8
 _OF_TEXTS: Final = 1e-6
 
 # Files that hold arrays as they are, or compressed.
