@@ -74,6 +74,8 @@ class SignatureParameters:
         Places stated by the user, over those of the shape.
     closed_form : bool
         False selects the spring modes of the mesh itself, even on a known topology.
+    merge_vertices : bool
+        Whether vertices that coincide in every frame are one vertex of the template.
     template : str or None
         Id of a template to use in place of one made from the sequence's own reference.
     tolerance : float or None, mm
@@ -107,6 +109,7 @@ class SignatureParameters:
     components: Components = Components.CARTESIAN
     landmarks: GivenLandmarks = field(default_factory=GivenLandmarks)
     closed_form: bool = True
+    merge_vertices: bool = True
     template: str | None = None
     tolerance: float | None = None
     tolerance_of: ErrorKind = ErrorKind.RMS
@@ -221,6 +224,7 @@ _LEFT_OUT: Final = (
     "most_modes",
     "harmonics",
     "split_pairs",
+    "merge_vertices",
 )
 
 

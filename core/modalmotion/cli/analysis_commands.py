@@ -16,6 +16,7 @@ from modalmotion.cli.options import (
     json_option,
     kind_of,
     list_written,
+    merge_option,
     mode_options,
     output_option,
     plot_option,
@@ -40,6 +41,7 @@ from modalmotion.tradeoff import Price, price_of
 @surface_options
 @reference_option
 @weights_option
+@merge_option
 @components_option
 @rotation_option
 @plot_option
@@ -79,6 +81,7 @@ def signature(
 @output_option("File to write: .npz, .vtkhdf, .glb or .zip (of PLY).")
 @mode_options
 @surface_options
+@merge_option
 @click.option(
     "--max-targets", type=int, help="Of a GLB: largest number of morph targets, by energy."
 )

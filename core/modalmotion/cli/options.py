@@ -145,6 +145,12 @@ rotation_option = click.option(
     default=True,
     help="Leave each frame's rotation in the motion.",
 )
+merge_option = click.option(
+    "--merge-vertices/--no-merge-vertices",
+    default=True,
+    show_default=True,
+    help="Whether vertices that coincide in every frame are one vertex of the surface.",
+)
 plot_option = click.option(
     "--plot", type=click.Path(path_type=Path), help="Picture to write (PNG, SVG, PDF)."
 )

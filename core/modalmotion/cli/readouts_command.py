@@ -15,6 +15,7 @@ from modalmotion.cli.options import (
     example,
     json_option,
     list_written,
+    merge_option,
     plot_option,
     reference_option,
     signature_parameters,
@@ -33,6 +34,7 @@ from modalmotion.signature.making import ModalSignature, modal_signature
 @sequence_argument
 @click.option("--modes", default=7, show_default=True, help="Modes, 3 amplitudes a frame each.")
 @surface_options
+@merge_option
 @reference_option
 @components_option
 @plot_option

@@ -17,6 +17,7 @@ from modalmotion.cli.options import (
     example,
     json_option,
     list_written,
+    merge_option,
     mode_options,
     plot_option,
     signature_parameters,
@@ -32,6 +33,7 @@ from modalmotion.tradeoff.plain import as_plain
 @mode_options
 @click.option("--topology", help="Overrides the file's own; the only topology that is measured.")
 @click.option("--grid", type=GridShape(), help="Lattice shape; over the file's own.")
+@merge_option
 @click.option(
     "--components",
     type=Member(Components),

@@ -61,6 +61,7 @@ class TemplateCache:
         weights: Weights = Weights.AREA,
         landmarks: GivenLandmarks | None = None,
         closed_form: bool = True,
+        merge_vertices: bool = True,
     ) -> Template:
         """Return the template of a sequence: see `make_template`."""
         # A frame that does not exist has no content; making the template says so.
@@ -71,6 +72,7 @@ class TemplateCache:
                 weights=weights,
                 landmarks=landmarks,
                 closed_form=closed_form,
+                merge_vertices=merge_vertices,
             )
             if reference == MEAN or 0 <= reference < sequence.n_frames
             else ""
@@ -83,6 +85,7 @@ class TemplateCache:
                 weights=weights,
                 landmarks=landmarks,
                 closed_form=closed_form,
+                merge_vertices=merge_vertices,
             ),
         )
 

@@ -91,6 +91,8 @@ def modal_signature(
             f"frame {undetermined[0]}): the points span less than a plane or fit several rotations."
         )
     notes += notes_on_strays(sequence, own_template, fit)
+    if parameters.template is not None:
+        notes += _notes_on_parting(sequence, own_template)
     if not fit.motion_rms.any():
         notes.append("Nothing moves: every frame equals the reference.")
     return ModalSignature(
@@ -161,6 +163,7 @@ def resolve_template(
         weights=parameters.weights,
         landmarks=parameters.landmarks,
         closed_form=parameters.closed_form,
+        merge_vertices=parameters.merge_vertices,
     )
 
 
@@ -173,6 +176,23 @@ def provenance() -> dict[str, str]:
 def _versions() -> dict[str, str]:
     # Each is read from a file of the installation: 6 ms for all, more than the fit itself.
     return {name: version(name) for name in ("modalmotion", "numpy", "scipy", "h5py")}
+
+
+def _notes_on_parting(sequence: MeshSequence, template: Template) -> list[str]:
+    """Name vertices that are one on a template of another sequence, and lie apart in this one."""
+    first = template.representatives
+    merged = np.flatnonzero(first != np.arange(len(first)))
+    x = sequence.vertices
+    apart = merged[(x[:, merged] != x[:, first[merged]]).any(axis=(0, 2))]
+    if not len(apart):
+        return []
+    return [
+        (
+            f"{counted(len(apart), 'vertex', 'vertices')} that the template merges with another "
+            f"lie apart in this sequence (first: vertex {apart[0]} from {first[apart[0]]}). "
+            "They move together in its modes; the errors count each."
+        )
+    ]
 
 
 def _notes_on_sequence(sequence: MeshSequence, reference: Reference) -> list[str]:

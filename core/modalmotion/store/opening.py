@@ -25,6 +25,7 @@ from modalmotion.store.disk.lock import FolderLock
 from modalmotion.store.folder import Folder
 from modalmotion.store.index.database import Database
 from modalmotion.store.index.index import Index
+from modalmotion.store.tombstones import forget_tombstones
 
 _N_STRIPES: Final = 64
 
@@ -72,6 +73,7 @@ class Opening:
                 index = Index(database)
                 if not index.is_clean:
                     reconcile(self._folder, index, thorough=False)
+                forget_tombstones(self.root)
                 index.set_clean(False)
             except BaseException:
                 database.close()

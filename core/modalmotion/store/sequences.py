@@ -68,7 +68,7 @@ class SequenceStore(Opening):
         StoreError
             If it cannot be written; the store is as it was.
         """
-        record = record_of(sequence, created=now(), has_upload=True, subject=subject, label=label)
+        record = record_of(sequence, created="", has_upload=True, subject=subject, label=label)
         _, is_new = self._put(record, lambda: upload_image(sequence))
         return is_new
 
@@ -105,7 +105,7 @@ class SequenceStore(Opening):
         CorruptFileError
             If the image has no sound seal.
         """
-        named = replace(record, created=now(), subject=subject, label=label)
+        named = replace(record, subject=subject, label=label)
         return self._put(named, lambda: load_sealed(image)[1])
 
     def _put(
@@ -122,7 +122,8 @@ class SequenceStore(Opening):
             if known is not None and (not self.keep_uploads or is_sound(upload)):
                 return known, False
             if known is None:
-                record = replace(record, has_upload=self.keep_uploads)
+                # The time is taken here, where no deletion can come between.
+                record = replace(record, has_upload=self.keep_uploads, created=now())
             else:
                 record = replace(known, has_upload=True)
             files = []

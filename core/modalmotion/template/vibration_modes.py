@@ -121,7 +121,7 @@ def surface_modes_named(
         lowest,
         labels=tuple(labels),
         angular_frequencies=lowest.angular_frequencies[ranks],
-        shapes=lowest.shapes[:, ranks],
+        shapes=lowest.shapes[template.representatives][:, ranks],
     )
 
 

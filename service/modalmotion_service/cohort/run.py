@@ -13,7 +13,7 @@ from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from modalmotion.errors import ModalMotionError, NotFoundError
+from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.facts import Facts
 from modalmotion.formats import ReadOptions
 from modalmotion.progress import Progress
@@ -104,6 +104,8 @@ def sign_cohort(
 
     Raises
     ------
+    ParameterError
+        If the folder is a service's, whose uploads under way lie where a cohort's files would.
     StoreError
         If the folder cannot be used, or written to.
     ClusterError
@@ -111,6 +113,11 @@ def sign_cohort(
     """
     start = time.monotonic()
     folder = job.folder.absolute()
+    if (folder / "access").is_dir() or (folder / "owners").is_dir():
+        raise ParameterError(
+            f"'{folder.name}' is the data folder of a service.",
+            remedy="Name a folder of its own for the cohort's results.",
+        )
     with ResultStore(folder, keep_uploads=job.keep_vertices) as store:
         spool = Spool(folder / "spool")
         spool.clear(keep=set())

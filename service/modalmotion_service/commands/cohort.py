@@ -18,7 +18,9 @@ from modalmotion_service.environment import read_settings
 from modalmotion_service.work.engine import open_engine
 
 _STATED = ("unit", "format", "frame_interval", "n_vertices", "topology", "grid")
-_PARAMETERS = ("modes", "reference", "weights", "components", "remove_rotation")
+_PARAMETERS = (
+    *("modes", "reference", "weights", "merge_vertices", "components", "remove_rotation"),
+)
 
 _MOST_PRINTED = 50
 

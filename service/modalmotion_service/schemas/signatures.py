@@ -92,6 +92,11 @@ class SignatureQuery(BaseModel):
     closed_form: bool = Field(
         True, description="False asks for the spring modes of the mesh itself."
     )
+    merge_vertices: bool = Field(
+        True,
+        description="Whether vertices that coincide in every frame, as on both sides of a seam, "
+        "are one vertex of the template; answers still speak of all that were sent.",
+    )
     template: SequenceId | None = Field(
         None, description="Id of a template to use in place of one of the sequence's own."
     )

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.errors import ModalMotionError
-from modalmotion.store import ResultStore
+from modalmotion.store import ResultStore, backup_time
 from modalmotion_service.access.principal import LOCAL, require_owner
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.executor import Engine
@@ -94,6 +94,11 @@ class Owners:
             If the data folder itself cannot be used, as when another service has it.
         """
         await self.state(LOCAL)
+        if (time := backup_time(self._settings.data_dir)) is not None:
+            logger.warning(
+                "the data folder is a backup: what was deleted since is in it again",
+                extra={"as_of": time},
+            )
         folder = self._settings.data_dir / FOLDER
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
             # Remains of an owner whose removal was interrupted.
@@ -137,7 +142,7 @@ class Owners:
             keys.release_unfinished()
             spool = Spool(root / "spool", settings.reserve_bytes)
             retention = Retention(
-                *(jobs, keys, spool),
+                *(jobs, keys, spool, root),
                 file_age=timedelta(hours=settings.result_hours),
                 job_age=timedelta(days=settings.job_days),
             )

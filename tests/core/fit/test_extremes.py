@@ -15,7 +15,7 @@ from template_surfaces import (
     ventricle,
 )
 
-from modalmotion.errors import ModeCountError
+from modalmotion.errors import ModeCountError, TopologyError
 from modalmotion.fit.basis import LARGEST_CONDITION, factored, make_basis
 from modalmotion.fit.fit import Fit
 from modalmotion.mesh import vertex_areas
@@ -231,10 +231,14 @@ def test_one_and_two_frames(heart: Moving, n_frames: int) -> None:
 
 def test_zero_area_mesh(heart: Moving) -> None:
     vertices, faces = heart
-    point = describe((np.ones((2, vertices.shape[1], 3)), faces), 3)
-    assert point.template.surface is None
-    assert "no area" in point.template.reason
-    assert (point.fit.amplitudes == 0).all()
+    point = mesh_sequence(np.ones((2, vertices.shape[1], 3)), faces)
+    with pytest.raises(TopologyError, match="at the same place in every frame"):
+        make_template(point)
+    apart = make_template(point, merge_vertices=False)
+    assert apart.surface is None
+    assert "no area" in apart.reason
+    basis = make_basis(apart, choose_modes(apart, 3).modes)
+    assert (fit_sequence(point, apart, basis).amplitudes == 0).all()
     line = vertices * [1, 0, 0]
     collapsed = describe((line, faces), 3)
     assert "no area" in collapsed.template.reason

@@ -99,6 +99,7 @@ def signatures(draw: st.DrawFn) -> ModalSignature:
                 corners=draw(st.none() | st.tuples(*[st.integers(0, 99)] * 4)),
             ),
             closed_form=draw(st.booleans()),
+            merge_vertices=draw(st.booleans()),
             template=draw(st.none() | IDS),
         ),
         sequence_id=draw(IDS),
@@ -188,14 +189,14 @@ def test_a_template_comes_back_bit_for_bit(weights: Weights) -> None:
 def test_every_field_has_a_place_in_the_file() -> None:
     # A field that is added without one would come back as something else, or not at all.
     assert len(fields(ModalSignature)) == 22
-    assert len(fields(SignatureParameters)) == 19
+    assert len(fields(SignatureParameters)) == 20
     assert len(fields(Landmarks)) == 8
     assert len(fields(GivenLandmarks)) == 4
     assert len(fields(SpringModes)) == 2
     assert len(fields(Rotations)) == 2
     assert len(fields(MeshSequence)) == 7
     assert len(fields(Classification)) == 12
-    assert len(fields(Template)) == 11
+    assert len(fields(Template)) == 12
 
 
 def test_a_file_on_disk_reads_like_its_bytes(tmp_path: Path) -> None:
