@@ -103,7 +103,9 @@ def test_text_is_dearer_than_arrays(tmp_path: Path) -> None:
 
 def test_modes_surfaces_and_pictures_cost_what_they_take(tmp_path: Path) -> None:
     file = file_of(tmp_path, 1_000_000)
-    few, many = (price(templates.modes_of_template, file, ModesQuery(modes=n), NPZ) for n in (7, 700))
+    few, many = (
+        price(templates.modes_of_template, file, ModesQuery(modes=n), NPZ) for n in (7, 700)
+    )
     assert many > 10 * few
     usual = (file, file, None, "npz")
     own, more = (price(derived.superpose, *usual, t, None, NOWHERE) for t in (None, [0.0] * 5000))
