@@ -83,6 +83,13 @@ class Settings(BaseSettings):
         description="How long a finished job and an idempotency key are known.",
     )
 
+    retry_hours: float = Field(
+        72.0,
+        gt=0,
+        le=1e5,
+        description="How long a job is tried again where a full disk or a lost store stops it.",
+    )
+
     max_body_bytes: int = Field(256_000_000, gt=0, description="Largest request body.")
     max_json_bytes: int = Field(
         16_000_000, gt=0, description="Largest body of a request that is not an upload."

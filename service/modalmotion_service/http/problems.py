@@ -6,6 +6,7 @@ import json
 import logging
 from collections.abc import Mapping
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any, Final, cast
 
 from fastapi import FastAPI, Request
@@ -24,6 +25,8 @@ from modalmotion.errors import (
     NotFoundError,
     StoreError,
 )
+from modalmotion.store.disk.atomic import cannot_write
+from modalmotion.store.disk.faults import is_of_the_machine
 from modalmotion_service.access.scopes import methods_of
 from modalmotion_service.errors import (
     AuthenticationError,
@@ -146,6 +149,7 @@ def _answer(body: dict[str, object], headers: Mapping[str, str] | None = None) -
 def install(app: FastAPI) -> None:
     """Have the app answer every error as a problem."""
     app.add_exception_handler(ModalMotionError, _on_own_error)
+    app.add_exception_handler(OSError, _on_fault_of_the_machine)
     app.add_exception_handler(RequestValidationError, _on_invalid_request)
     app.add_exception_handler(HTTPException, _on_http_exception)
 
@@ -165,6 +169,13 @@ async def _on_own_error(request: Request, error: Exception) -> Response:
             },
         )
     return answer
+
+
+async def _on_fault_of_the_machine(request: Request, error: Exception) -> Response:
+    assert isinstance(error, OSError)  # noqa: S101 (registered for this type alone)
+    if not is_of_the_machine(error):
+        raise error
+    return await _on_own_error(request, cannot_write(Path(error.filename or "a file"), error))
 
 
 async def _on_invalid_request(request: Request, error: Exception) -> Response:

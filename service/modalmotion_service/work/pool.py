@@ -9,7 +9,6 @@ comes, so every future settles, whatever is killed at whatever moment.
 from __future__ import annotations
 
 import contextlib
-import errno
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, as_completed
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Final, ParamSpec, TypeVar
 
 from modalmotion.errors import LimitError
 from modalmotion.store.disk.atomic import cannot_write
+from modalmotion.store.disk.faults import is_of_the_machine
 from modalmotion_service.errors import CostError, NoWorkerError, WorkerDiedError
 from modalmotion_service.work.answers import AnswerError
 from modalmotion_service.work.executor import Engine
@@ -34,14 +34,6 @@ _NICENESS: Final = 10
 
 # In which a process that does nothing must say that it is there.
 READY_SECONDS: Final = 2.0
-
-# What a task meets where its files lie, and none of its doing.
-_OF_THE_DISK: Final = frozenset(
-    {
-        *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EIO),
-        *(errno.ESTALE, errno.EMFILE, errno.ENFILE),
-    }
-)
 
 
 def unreadable_answer() -> WorkerDiedError:
@@ -185,6 +177,6 @@ class WorkerPool(Engine):
             )
         if isinstance(error, AnswerError):
             return unreadable_answer()
-        if isinstance(error, OSError) and error.errno in _OF_THE_DISK:
+        if isinstance(error, OSError) and is_of_the_machine(error):
             return cannot_write(Path(error.filename or "a file of the work"), error)
         return error

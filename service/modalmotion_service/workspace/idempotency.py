@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -58,6 +59,9 @@ class IdempotencyKeys:
 
     def __init__(self, database: Database) -> None:
         self._database = database
+        self._lock = threading.Lock()
+        # What could not be written: an answer, or None for a key that is free again.
+        self._late: dict[str, tuple[int, str] | None] = {}
         database.extend(_TABLES)
 
     def claim(self, key: str, fingerprint: str) -> IdempotentRequest | None:
@@ -68,6 +72,7 @@ class IdempotencyKeys:
         IdempotentRequest or None
             None where the key was free and is taken now; else the request that took it.
         """
+        self.settle()
         with self._database.write() as connection:
             done = connection.execute(
                 "INSERT OR IGNORE INTO idempotency VALUES (?, ?, NULL, NULL, ?)",
@@ -84,17 +89,38 @@ class IdempotencyKeys:
         return _request(rows[0]) if rows else None
 
     def complete(self, key: str, status: int, response: Any) -> None:
-        """Store the answer, to be repeated."""
-        with self._database.write() as connection:
-            connection.execute(
-                "UPDATE idempotency SET status = ?, response = ? WHERE key = ?",
-                (status, json.dumps(response), key),
-            )
+        """Store the answer, to be repeated.
+
+        Raises
+        ------
+        StoreError
+            If it cannot be written now: it will be before anybody claims a key again.
+        """
+        with self._lock:
+            self._late[key] = (status, json.dumps(response))
+        self.settle()
 
     def release(self, key: str) -> None:
-        """Free a key whose request had no effect."""
-        with self._database.write() as connection:
-            connection.execute("DELETE FROM idempotency WHERE key = ?", (key,))
+        """Free a key whose request had no effect; StoreError as `complete`."""
+        with self._lock:
+            self._late[key] = None
+        self.settle()
+
+    def settle(self) -> None:
+        """Write what could not be written before; StoreError if it cannot be now."""
+        with self._lock:
+            if not self._late:
+                return
+            with self._database.write() as connection:
+                for key, answer in self._late.items():
+                    if answer is None:
+                        connection.execute("DELETE FROM idempotency WHERE key = ?", (key,))
+                    else:
+                        connection.execute(
+                            "UPDATE idempotency SET status = ?, response = ? WHERE key = ?",
+                            (*answer, key),
+                        )
+            self._late.clear()
 
     def release_unfinished(self) -> int:
         """Free the keys of requests that ended with the process; returns how many."""
@@ -125,6 +151,7 @@ class IdempotencyKeys:
             request that is sent again.
         """
         location = "json_extract(response, '$.headers.location')"
+        self.settle()
         # Below a place lies what comes between "/" and the character after it.
         below = (f"{place}/", f"{place}0")
         with self._database.write() as connection:

@@ -19,6 +19,7 @@ from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.disk import require_room
 from modalmotion_service.workspace.job_runner import JobRunner, Report
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
@@ -106,4 +107,6 @@ def make_runner(
         n_at_once=2 * analysis.engine.n_workers,
         most_unfinished=settings.max_unfinished_jobs,
         apart={"training": trainings_at_once(settings)},
+        require_store=lambda: require_room(spool.folder),
+        retry_seconds=3600.0 * settings.retry_hours,
     )

@@ -147,7 +147,9 @@ class Jobs:
         is_last = state not in (None, JobState.QUEUED, JobState.RUNNING)
         with self._database.write() as connection:
             cursor = connection.execute(
-                "UPDATE jobs SET state = coalesce(?, state), progress = coalesce(?, progress), "
+                "UPDATE jobs SET state = coalesce(?, state), "
+                # Of another try, too, it never falls.
+                "progress = max(progress, coalesce(?, progress)), "
                 "result = coalesce(?, result), error = coalesce(?, error), updated = ?, "
                 # Whose it is and what it shows is of no more use: it stands in the record.
                 "request = CASE WHEN ? THEN json_remove(request, '$.query.subject', "

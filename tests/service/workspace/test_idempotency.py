@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from modalmotion.errors import StoreError
 from modalmotion.store import ResultStore
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
 
@@ -64,3 +65,25 @@ def test_kept_answers_are_replaced_at_and_below_a_place_alone(keys: IdempotencyK
     assert keys.replace_answers("/v1/sequences/ab", 404, {"body": "gone"}) == 2
     found = [keys.get(str(number)) for number in range(4)]
     assert [answer and answer.status for answer in found] == [404, 404, 201, 201]
+
+
+def test_an_answer_that_could_not_be_kept_is_kept_before_its_key_is_claimed_again(
+    keys: IdempotencyKeys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full() -> None:
+        raise StoreError("The disk is full.")
+
+    keys.claim("done", "sent")
+    keys.claim("undone", "sent")
+    with monkeypatch.context() as now:
+        now.setattr(keys._database, "write", full)
+        with pytest.raises(StoreError):
+            keys.complete("done", 202, {})
+        with pytest.raises(StoreError):
+            keys.release("undone")
+        with pytest.raises(StoreError):
+            keys.claim("done", "sent")
+    again = keys.claim("done", "sent")
+    assert again is not None
+    assert again.status == 202
+    assert keys.claim("undone", "sent") is None

@@ -117,15 +117,21 @@ class Database:
             If SQLite fails; then, and whenever the block raises, nothing is changed.
         """
         with self._write_lock, _explained():
+            # One that a failing disk did not let us roll back would keep out all others.
+            self._roll_back()
             self._writer.execute("BEGIN IMMEDIATE")
             try:
                 yield self._writer
                 self._writer.execute("COMMIT")
             except BaseException:
-                # SQLite may have rolled back by itself, as it does when the disk is full.
-                if self._writer.in_transaction:
-                    self._writer.execute("ROLLBACK")
+                with contextlib.suppress(sqlite3.Error):
+                    self._roll_back()
                 raise
+
+    def _roll_back(self) -> None:
+        # SQLite may have rolled back by itself, as it does when the disk is full.
+        if self._writer.in_transaction:
+            self._writer.execute("ROLLBACK")
 
     def extend(self, statements: Iterable[str]) -> None:
         """Make tables of another owner in the file, such as a service's jobs.
