@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 
 from modalmotion.errors import needs_extra
 from modalmotion.store.disk.atomic import make_folder
 from modalmotion_service.settings import Settings
+from modalmotion_service.work.dask.executor import DaskExecutor
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.pool import WorkerPool
 
@@ -32,8 +34,8 @@ def open_engine(settings: Settings, folder: Path | None = None) -> Engine:
     if settings.scheduler is None:
         return WorkerPool(settings.workers, *limits, has_lane=True)
     with needs_extra("cluster"):
-        # Two seconds of imports that a single machine need not pay.
-        from modalmotion_service.work.dask.executor import DaskExecutor
+        if find_spec("distributed") is None:
+            raise ModuleNotFoundError(name="distributed")
     shared = settings.data_dir.absolute() / "cluster" if folder is None else folder
     make_folder(shared)
     return DaskExecutor(

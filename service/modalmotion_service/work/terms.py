@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Final
+
+_PREFIX: Final = 8
 
 
 @dataclass(frozen=True)
@@ -28,3 +31,15 @@ class Terms:
 
 NO_TERMS: Final = Terms()
 """Of work of the service's own, which no owner asked for."""
+
+
+def with_terms(terms: Terms, payload: bytes) -> bytes:
+    """Write the terms of a task before it."""
+    text = json.dumps(asdict(terms)).encode()
+    return len(text).to_bytes(_PREFIX, "little") + text + payload
+
+
+def read_terms(data: bytes) -> tuple[Terms, bytes]:
+    """Read what `with_terms` wrote."""
+    end = _PREFIX + int.from_bytes(data[:_PREFIX], "little")
+    return Terms(**json.loads(data[_PREFIX:end])), data[end:]

@@ -54,7 +54,7 @@ class Turns:
     @asynccontextmanager
     async def turn(self, terms: Terms) -> AsyncIterator[None]:
         """Wait for the turn of a task, and have it until the block ends."""
-        if terms is NO_TERMS:
+        if terms == NO_TERMS:
             yield
             return
         lane = lane_of(terms)
