@@ -135,10 +135,10 @@ class ModelInfo:
     answer: dict[str, Any] = field(repr=False, compare=False)
 
 
-@shown("ejection_fraction", "ejection_fraction_range", "volume_unit", "volumes")
+@shown("ejection_fraction", "volume_change", "share_range", "volume_unit", "volumes")
 @dataclass(frozen=True, eq=False)
 class Readouts:
-    """Volume over time and ejection fraction.
+    """Volume over time, and the share of it that is lost.
 
     Parameters
     ----------
@@ -147,11 +147,13 @@ class Readouts:
     times : (frames,) float64, s, or None
     volumes, bounds : (frames,) float64, `volume_unit`
         From the signature; the surface's own volume differs by at most the bound.
-    ejection_fraction : float, percent
-    ejection_fraction_range : tuple of float, percent
+    ejection_fraction, volume_change : float or None, percent
+        The share by its name: the first where the surface is that of a cavity. Both are None of
+        one frame, and where a volume is not positive.
+    share_range : tuple of float or None, percent
     mesh_volumes : (frames,) float64, `volume_unit`
         Of the frames as sent.
-    mesh_ejection_fraction : float, percent
+    mesh_ejection_fraction, mesh_volume_change : float or None, percent
     notes : list of str
     answer : dict
         The full answer of the service.
@@ -161,10 +163,12 @@ class Readouts:
     times: NDArray[np.float64] | None
     volumes: NDArray[np.float64]
     bounds: NDArray[np.float64]
-    ejection_fraction: float
-    ejection_fraction_range: tuple[float, float]
+    ejection_fraction: float | None
+    volume_change: float | None
+    share_range: tuple[float, float] | None
     mesh_volumes: NDArray[np.float64]
-    mesh_ejection_fraction: float
+    mesh_ejection_fraction: float | None
+    mesh_volume_change: float | None
     notes: list[str]
     answer: dict[str, Any] = field(repr=False)
 
@@ -260,7 +264,7 @@ def value_of(kind: Callable[..., T], answer: Any) -> T:
 
 
 def readouts_of(answer: Any) -> Readouts:
-    """Read volumes and ejection fractions.
+    """Read volumes and their shares.
 
     Raises
     ------
@@ -269,20 +273,25 @@ def readouts_of(answer: Any) -> Readouts:
     """
     with understood("a description of volumes"):
         own, mesh, times = answer["from_signature"], answer["of_mesh"], answer["times"]
-        fraction = own["ejection_fraction"]
-        high = fraction["high"]
+        shares = own["ejection_fraction"] or own["volume_change"]
         return Readouts(
             volume_unit=answer["volume_unit"],
             times=None if times is None else np.array(times, dtype=np.float64),
             volumes=np.array(own["volumes"], dtype=np.float64),
             bounds=np.array(own["bounds"], dtype=np.float64),
-            ejection_fraction=fraction["value"],
-            ejection_fraction_range=(fraction["low"], np.inf if high is None else high),
+            ejection_fraction=_value(own["ejection_fraction"]),
+            volume_change=_value(own["volume_change"]),
+            share_range=None if shares is None else (shares["low"], shares["high"]),
             mesh_volumes=np.array(mesh["volumes"], dtype=np.float64),
-            mesh_ejection_fraction=mesh["ejection_fraction"]["value"],
+            mesh_ejection_fraction=_value(mesh["ejection_fraction"]),
+            mesh_volume_change=_value(mesh["volume_change"]),
             notes=answer["notes"],
             answer=answer,
         )
+
+
+def _value(figure: Any) -> float | None:
+    return None if figure is None else float(figure["value"])
 
 
 def compressed_of(answer: Answer) -> CompressedSequence:

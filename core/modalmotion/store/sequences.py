@@ -261,7 +261,7 @@ class SequenceStore(Opening):
             )
             if record != known:
                 file = (self._folder.record(sequence_id), record_to_json(record))
-                self._write([file], lambda: index.put(record))
+                self._write([file], lambda: index.put(record, erases=True))
         return record
 
     def delete_sequence(self, sequence_id: str) -> None:

@@ -14,6 +14,7 @@ import click
 import numpy as np
 
 from modalmotion.client import ClassAnswer, Client
+from modalmotion.clinical import Fraction
 from modalmotion.errors import InputError, ModalMotionError
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.numerals import numeral
@@ -107,13 +108,15 @@ def _readouts(client: Client, path: str) -> str:
         return f"none: {error.message}"
     volumes, unit = answer["from_signature"], answer["volume_unit"]
     large, small = (volumes[f"end_{name}_volume"]["value"] for name in ("diastolic", "systolic"))
-    ejected = volumes["ejection_fraction"]
-    own = answer["of_mesh"]["ejection_fraction"]["value"]
-    return (
-        f"{numeral(large, 1)} to {numeral(small, 1)} {unit}, "
-        f"ejection fraction {ejected['value']:.1f} % ({ejected['low']:.1f} to "
-        f"{ejected['high']:.1f}; of the mesh itself {own:.1f})"
-    )
+    text = f"{numeral(large, 1)} to {numeral(small, 1)} {unit}"
+    for name in Fraction:
+        share, own = volumes[name.value], answer["of_mesh"][name.value]
+        if share is not None and own is not None:
+            text += (
+                f", {name.words} {share['value']:.1f} % ({share['low']:.1f} to "
+                f"{share['high']:.1f}; of the mesh itself {own['value']:.1f})"
+            )
+    return text
 
 
 def _print_classification(answer: ClassAnswer) -> None:

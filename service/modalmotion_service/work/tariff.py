@@ -114,7 +114,7 @@ def _encoding(args: Sequence[Any]) -> float:
 
 
 def _read_out(args: Sequence[Any]) -> float:
-    picture = _PICTURE if args[-1] is True else 0.0
+    picture = _PICTURE if args[3] else 0.0
     return picture + _reading(args) + _READ_OUT * _bytes(args)
 
 

@@ -15,6 +15,7 @@ from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore
 from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.owner import work_of
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import training as training_task
 from modalmotion_service.work.terms import Terms
@@ -95,8 +96,8 @@ class Trainer:
         try:
             paths = await self._fit(cases, parameters, report)
             await asyncio.to_thread(_write_plan, plan, cases, paths)
-            work = asyncio.wrap_future(
-                self._engine.submit_for(
+            with work_of(str(self._store.root)):
+                future = self._engine.submit_for(
                     Terms(self._owner),
                     training_task.train_model,
                     plan,
@@ -108,7 +109,7 @@ class Trainer:
                     self._scheduler,
                     self._n_threads,
                 )
-            )
+            work = asyncio.wrap_future(future)
 
             def report_training(share: float, text: str) -> None:
                 report(_FITTING + (1 - _FITTING) * share, text)

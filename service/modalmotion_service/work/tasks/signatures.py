@@ -44,7 +44,7 @@ def sign(
         loaded = sequence_from_hdf5(sequence)
         named = named_template(template)
     with watch.stage("fit"):
-        signature = modal_signature(loaded, parameters, template=named, cache=cache_for(named))
+        signature = modal_signature(loaded, parameters, template=named, cache=cache_for(template))
     with watch.stage("image"):
         write_whole(image, signature_image(signature))
     return watch.milliseconds
@@ -59,7 +59,7 @@ def sign_upload(
         sequence = upload.read().sequence
         named = named_template(template)
     with watch.stage("fit"):
-        signature = modal_signature(sequence, parameters, template=named, cache=cache_for(named))
+        signature = modal_signature(sequence, parameters, template=named, cache=cache_for(template))
     with watch.stage("render"):
         if media_type == PNG:
             body = _as_png(signature, sequence)
