@@ -64,14 +64,15 @@ def test_what_nobody_knows_is_long_work_without_end() -> None:
 def test_prices_rise_with_the_size_of_the_file(tmp_path: Path) -> None:
     sizes = (1_000, 100_000, 10_000_000)
     out = NOWHERE
-    for make in (
+    makers: list[Callable[[int], float]] = [
         lambda n: price(sequences.ingest, upload(tmp_path, n), out),
         lambda n: price(signatures.sign_upload, upload(tmp_path, n), USUAL, None, JSON),
         lambda n: price(signatures.sign, file_of(tmp_path, n), USUAL, None, out),
         lambda n: price(codec.encode_upload, upload(tmp_path, n), EncodingTarget(rms=1), out, out),
         lambda n: price(codec.decode_upload, file_of(tmp_path, n), None, None, NPZ, out),
         lambda n: price(derived.read_out, file_of(tmp_path, n), NOWHERE, None, False),
-    ):
+    ]
+    for make in makers:
         prices = [make(n) for n in sizes]
         assert prices == sorted(prices)
         assert prices[2] > 5 * prices[0]
