@@ -13,6 +13,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from modalmotion.cli.outputs import OutputFolder
 from modalmotion.client import ClassAnswer, Client
 from modalmotion.clinical import Fraction
 from modalmotion.errors import InputError, ModalMotionError
@@ -32,7 +33,7 @@ from modalmotion.store import signature_from_hdf5
     "--output",
     default="demo-output",
     show_default=True,
-    type=click.Path(file_okay=False, path_type=Path),
+    type=OutputFolder(),
     help="Folder for the results and the picture.",
 )
 def main(file: Path | None, output: Path) -> None:
