@@ -15,6 +15,7 @@ from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import Topology
+from modalmotion.numeric.kinds import whole_numbers
 from modalmotion.representation import shown
 
 Array = NDArray[np.float64]
@@ -65,7 +66,7 @@ class HarmonicPotential:
                 f"A {self.topology} has ends, where the force constants would differ.",
                 remedy="Use closed axes only, or a Lattice, whose directions are uncoupled.",
             )
-        object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
+        object.__setattr__(self, "shape", whole_numbers("shape", self.shape))
         require_shape(self.topology, self.shape)
         if not (math.isfinite(self.mass) and self.mass > 0):
             raise ParameterError(
