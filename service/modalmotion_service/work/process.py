@@ -23,6 +23,7 @@ from typing import Any, Final
 
 from modalmotion_service.work.allocation import keep_freed_memory
 from modalmotion_service.work.answers import answer_of
+from modalmotion_service.work.temporary import claim_temporary_folder
 
 _PRELOADED: Final = [
     f"modalmotion_service.work.tasks.{name}"
@@ -194,6 +195,7 @@ class WorkerProcess:
 def _begun(theirs: socket.socket, memory_bytes: int) -> Any:
     # A worker is forked from a process that has imported what tasks need and opened nothing: it
     # starts at once, and inherits no lock, socket or database connection.
+    claim_temporary_folder()
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(_PRELOADED)
     process = context.Process(target=_work, args=(theirs, memory_bytes), daemon=True)
