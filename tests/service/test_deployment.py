@@ -142,7 +142,7 @@ def installed_for(requirements: list[str]) -> set[str]:
 def pinned(name: str) -> dict[str, str]:
     """Versions by the names of packages; each has the hash of a file."""
     text = (ROOT / name).read_text().replace("\\\n", " ")
-    versions = {}
+    versions: dict[str, str] = {}
     for line in text.splitlines():
         if not line.startswith("#"):
             requirement, *hashes = line.split()
@@ -155,7 +155,9 @@ def pinned(name: str) -> dict[str, str]:
 
 def test_the_image_has_the_versions_that_the_tests_run_with_by_their_hashes() -> None:
     lines = (ROOT / "constraints.txt").read_text().split()
-    constraints = {canonicalize_name(name): one for name, one in (x.split("==") for x in lines)}
+    constraints = {
+        str(canonicalize_name(name)): one for name, one in (x.split("==") for x in lines)
+    }
     for file in ("requirements.txt", "requirements-build.txt"):
         for name, version in pinned(file).items():
             assert constraints[name] == version, f"{name}: run tools/requirements.py"
