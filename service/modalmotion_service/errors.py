@@ -17,6 +17,12 @@ class BusyError(ModalMotionError):
     code = "busy"
 
 
+class CostError(ModalMotionError):
+    """Work costs many times what an honest file of its size does."""
+
+    code = "too_costly"
+
+
 class ConflictError(ModalMotionError):
     """The state of a resource does not allow this now."""
 
@@ -64,3 +70,9 @@ class ClusterError(ModalMotionError):
     """The machines that work is sent to cannot be used now."""
 
     code = "cluster_unavailable"
+
+
+class NoWorkerError(ClusterError):
+    """No worker process says that it is there."""
+
+    code = "no_worker"

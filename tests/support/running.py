@@ -62,7 +62,7 @@ class RunningService:
                     return self
             except OSError:
                 assert self.process.poll() is None, self.log.read_text()[-3000:]
-                time.sleep(0.05)
+            time.sleep(0.05)
         raise AssertionError(f"not ready: {self.log.read_text()[-3000:]}")
 
     def _program(self) -> list[str]:

@@ -17,6 +17,7 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.store import KeptModel, ModelRecord, ResultStore, SequencePage
+from modalmotion.store.tombstones import TOMBSTONES
 
 KEY = SignatureParameters().key
 MODEL = hashlib.sha256(b"a model").hexdigest()
@@ -92,11 +93,13 @@ def assert_same(found: object, expected: object) -> None:
 
 
 def tree(root: Path) -> dict[str, bytes]:
-    """All files of a store but the lock and SQLite's, with their content."""
+    """All files of a store but the lock, SQLite's and tombstones, with their content."""
     return {
         path.relative_to(root).as_posix(): path.read_bytes()
         for path in sorted(root.rglob("*"))
-        if path.is_file() and not path.name.startswith(("index.sqlite", "lock"))
+        if path.is_file()
+        and not path.name.startswith(("index.sqlite", "lock"))
+        and path.parent.parent.name != TOMBSTONES
     }
 
 

@@ -96,6 +96,17 @@ def root_mean_square(values: Floats) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
+def cut_in_two(moving: Moving) -> Moving:
+    """The surface in two pieces, upper and lower; copies of the rim come last."""
+    vertices, faces = moving
+    above = vertices[0, faces, 2].mean(axis=1) > np.median(vertices[0, :, 2])
+    rim = np.intersect1d(faces[above], faces[~above])
+    copies = np.arange(vertices.shape[1])
+    copies[rim] = vertices.shape[1] + np.arange(len(rim))
+    faces = np.where(above[:, None], copies[faces], faces)
+    return np.concatenate([vertices, vertices[:, rim]], axis=1), faces
+
+
 # Shapes: where material points lie at each phase.
 
 

@@ -31,9 +31,10 @@ USUAL_MODES: Final = 7
 
 
 class ErrorKind(StrEnum):
-    """Error that a tolerance limits, over all frames."""
+    """Error that a tolerance limits, over all frames: docs/error.md."""
 
     RMS = "rms"
+    WEIGHTED_RMS = "weighted_rms"
     MAX = "max"
 
 
@@ -74,14 +75,18 @@ class SignatureParameters:
         Places stated by the user, over those of the shape.
     closed_form : bool
         False selects the spring modes of the mesh itself, even on a known topology.
+    merge_vertices : bool
+        Whether vertices that coincide in every frame are one vertex of the template.
     template : str or None
         Id of a template to use in place of one made from the sequence's own reference.
     tolerance : float or None, mm
         Error that is not exceeded, with the fewest modes that hold it.
     tolerance_of : ErrorKind
-        Error that a tolerance limits: the RMS error over all frames, or the largest of any vertex.
+        Error that a tolerance limits: the RMS over all frames and vertices, the one by the
+        vertices' shares of the surface, or the largest of any vertex.
     tolerance_share : float or None
-        A tolerance as a share of the motion: of the RMS displacement over all frames.
+        A tolerance as a share of the motion: of the RMS displacement over all frames, by weight
+        where the tolerance is.
     auto : bool
         Stop where the residual looks like the noise of the measurement.
     order : ModeOrder
@@ -107,6 +112,7 @@ class SignatureParameters:
     components: Components = Components.CARTESIAN
     landmarks: GivenLandmarks = field(default_factory=GivenLandmarks)
     closed_form: bool = True
+    merge_vertices: bool = True
     template: str | None = None
     tolerance: float | None = None
     tolerance_of: ErrorKind = ErrorKind.RMS
@@ -221,6 +227,7 @@ _LEFT_OUT: Final = (
     "most_modes",
     "harmonics",
     "split_pairs",
+    "merge_vertices",
 )
 
 

@@ -7,20 +7,26 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from modalmotion.cli.options import example
+from modalmotion.cli.outputs import OutputFile, OutputFolder
+
+if TYPE_CHECKING:
+    from modalmotion.exports.signature_pack import PackReport
 
 _FOLDER = click.argument(
     "folder", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="FOLDER"
 )
+_MOST_NAMED = 20
 _OWNER = click.option("--owner", help="Owner of the store, in a service's data folder FOLDER.")
 
 
 @click.group()
 def store() -> None:
-    """Look after a folder of results: back up, verify, rebuild, export.
+    """Look after a folder of results: back up, restore, verify, rebuild, export.
 
     Except for `backup`, no server may have it open.
     """
@@ -39,8 +45,14 @@ def rebuild(folder: Path, owner: str | None) -> None:
 
 
 def _rebuild(name: str, root: Path) -> None:
+    from modalmotion.store import backup_time
     from modalmotion.store import rebuild as run
 
+    if (time := backup_time(root)) is not None:
+        click.echo(
+            f"{name}This is a backup as of {time}: what was deleted since is in it again. "
+            "`modalmotion store restore` looks for deletions."
+        )
     with _progress("reading files") as progress:
         result = run(root, progress=progress)
     click.echo(
@@ -81,10 +93,13 @@ def verify(folder: Path, owner: str | None) -> None:
 
 
 def _verify(name: str, root: Path) -> bool:
+    from modalmotion.store import backup_time
     from modalmotion.store import verify as run
 
     with _progress("reading files") as progress:
         report = run(root, progress=progress)
+    if (time := backup_time(root)) is not None:
+        click.echo(f"{name}This is a backup as of {time}: what was deleted since is still in it.")
     for fault in report.faults:
         click.echo(f"{name}{fault.file}: {fault.problem}")
     for file in report.unfinished:
@@ -102,50 +117,146 @@ def _verify(name: str, root: Path) -> bool:
 
 @store.command(epilog=example("store export results signatures.h5"))
 @_FOLDER
-@click.argument("out", type=click.Path(dir_okay=False, path_type=Path), metavar="OUT.h5")
+@click.argument("out", type=OutputFile(), metavar="OUT.h5")
 @_OWNER
 def export(folder: Path, out: Path, owner: str | None) -> None:
-    """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file."""
+    """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file.
+
+    Ends with 1 if a signature is damaged; the others are packed then all the same.
+    """
+    from modalmotion.errors import NotFoundError
     from modalmotion.exports.signature_pack import export as run
 
-    with _progress("packing signatures") as progress:
-        n_signatures = run(_store_of(folder, owner), out, progress=progress)
-    click.echo(f"{n_signatures} signatures written: {out}")
+    others = [name for name in _owners_in(folder) if name != owner]
+    try:
+        with _progress("packing signatures") as progress:
+            report = run(_store_of(folder, owner), out, progress=progress)
+    except NotFoundError as error:
+        if not others:
+            raise
+        raise NotFoundError(
+            error.message, remedy=f"Name another owner of FOLDER: --owner {' or '.join(others)}."
+        ) from error
+    click.echo(f"{report.n_signatures} signatures written: {out}")
+    if owner is None and others:
+        click.echo(f"Those of other owners are not in it: --owner {' or '.join(others)}.", err=True)
+    require_all_packed(report)
+
+
+def require_all_packed(report: PackReport) -> None:
+    """Print the signatures that an export had to leave out, and end with 1 if there are any."""
+    for sequence_id, reason in report.failures:
+        click.echo(f"{sequence_id[:12]}: {reason}", err=True)
+    if report.failures:
+        raise click.exceptions.Exit(1)
 
 
 @store.command(epilog=example("store backup results copy"))
 @_FOLDER
-@click.argument("copy", type=click.Path(file_okay=False, path_type=Path), metavar="COPY")
-def backup(folder: Path, copy: Path) -> None:
+@click.argument("copy", type=OutputFolder(), metavar="COPY")
+@click.option(
+    "--accept-missing",
+    is_flag=True,
+    help="Go on without files that FOLDER has lost; COPY sets them aside.",
+)
+@click.option(
+    "--keep-days",
+    default=30.0,
+    show_default=True,
+    type=click.FloatRange(min=0),
+    help="How long COPY keeps, in COPY/removed, what was set aside.",
+)
+def backup(folder: Path, copy: Path, accept_missing: bool, keep_days: float) -> None:
     """Copy the store in FOLDER to the folder COPY; a server may have it open.
 
-    Run again, it copies new files, and removes those deleted since.
+    Run again, it copies new files, and removes those that were deleted since. Files that are
+    missing without having been deleted stay in COPY, are named, and the command ends with 1.
     """
     from modalmotion.store import backup as run
 
     with _progress("copying") as progress:
-        report = run(folder, copy, progress=progress)
+        report = run(
+            folder, copy, accept_missing=accept_missing, keep_days=keep_days, progress=progress
+        )
+    aside = f", {report.n_set_aside} set aside" if report.n_set_aside else ""
     click.echo(
         f"{report.n_files} files, {report.n_bytes / 1e6:.1f} MB: {report.n_copied} copied, "
-        f"{report.n_removed} removed: {copy}"
+        f"{report.n_removed} removed{aside}: {copy}"
     )
+    if not report.missing:
+        return
+    for file in report.missing[:_MOST_NAMED]:
+        click.echo(f"{file}: missing in {folder}, and nobody deleted it", err=True)
+    if len(report.missing) > _MOST_NAMED:
+        click.echo(f"... and {len(report.missing) - _MOST_NAMED} more", err=True)
+    raise click.ClickException(
+        f"{folder} has lost {len(report.missing)} files; {copy} keeps what it has of them. Put "
+        f"them back: stop the server, `modalmotion store restore {copy} {folder}`. Or go on "
+        "without them: `modalmotion store rebuild`, then this command with --accept-missing."
+    )
+
+
+@store.command(epilog=example("store restore copy results"))
+@click.argument(
+    "copy", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="COPY"
+)
+@click.argument("folder", type=OutputFolder(), metavar="FOLDER")
+@click.option(
+    "--deletions",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Remains of the old folder: what was deleted there stays deleted.",
+)
+def restore(copy: Path, folder: Path, deletions: Path | None) -> None:
+    """Put back into FOLDER what it lacks of its backup COPY, and build its indices anew.
+
+    FOLDER may be new. Nothing in it is replaced, and nothing comes back that it knows to be
+    deleted.
+    """
+    from modalmotion.store import restore as run
+
+    with _progress("copying") as progress:
+        report = run(copy, folder, deletions=deletions, progress=progress)
+    click.echo(
+        f"{report.n_files} files, {report.n_bytes / 1e6:.1f} MB put back, as of {report.as_of}"
+    )
+    if report.n_deleted:
+        click.echo(f"{report.n_deleted} files stay away: they were deleted since")
+    if not report.knows_deletions:
+        click.echo(
+            f"What was deleted after {report.as_of} is in {folder} again: nothing here tells what "
+            "that was. Remains of the old folder may: name them with --deletions."
+        )
+    for name, root in _stores_of(folder, None):
+        _rebuild(name, root)
 
 
 def _stores_of(folder: Path, owner: str | None) -> list[tuple[str, Path]]:
     """List stores with the prefix of their output lines; all of a service by default."""
-    others = [path for path in sorted((folder / "owners").glob("*")) if path.is_dir()]
+    others = _owners_in(folder)
     if owner is not None or not others:
         return [("", _store_of(folder, owner))]
-    return [("local: ", folder), *((f"{path.name}: ", path) for path in others)]
+    return [("local: ", folder), *((f"{name}: ", folder / "owners" / name) for name in others)]
 
 
 def _store_of(folder: Path, owner: str | None) -> Path:
     if owner in (None, "local"):
         return folder
-    store_folder = folder / "owners" / str(owner)
-    if re.fullmatch(r"[a-z0-9][a-z0-9_-]*", str(owner)) is None or not store_folder.is_dir():
-        raise click.BadParameter(f"{folder} has no store of {owner!r}.", param_hint="--owner")
-    return store_folder
+    others = _owners_in(folder)
+    if owner not in others:
+        raise click.BadParameter(
+            f"{folder} has no store of {owner!r}, only of {', '.join(['local', *others])}.",
+            param_hint="--owner",
+        )
+    return folder / "owners" / owner
+
+
+def _owners_in(folder: Path) -> list[str]:
+    """List owners with a store beside that of the folder itself, without those under removal."""
+    return sorted(
+        path.name
+        for path in (folder / "owners").glob("*")
+        if path.is_dir() and re.fullmatch(r"[a-z0-9][a-z0-9_-]*", path.name)
+    )
 
 
 @contextmanager

@@ -32,7 +32,8 @@ class TemplateCalls(Calls):
         progress : callable, optional
             Called with the bytes sent so far and those to send in all.
         **options
-            How to read the file; topology, reference, weights, apex, base, theta_zero, ...
+            How to read the file; topology, reference, weights, apex, base, theta_zero,
+            merge_vertices, ...
         """
         call = Call("POST", "/v1/templates", options, body=body_of(source), is_repeatable=True)
         return value_of(TemplateInfo, self._connection.send(call, progress).json)

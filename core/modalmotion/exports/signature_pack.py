@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import StoreError
+from modalmotion.errors import CorruptFileError, NotFoundError, OlderFileError, StoreError
 from modalmotion.hdf5.form import Form
 from modalmotion.modes import Modes
 from modalmotion.progress import Progress
@@ -23,7 +23,7 @@ from modalmotion.store.disk.atomic import cannot_write, sync_folder, temporary_b
 from modalmotion.store.record import SequenceRecord
 from modalmotion.store.results import ResultStore
 
-FORM: Final = Form("export", 1)
+FORM: Final = Form("export", 2)
 
 # Signatures held before they are written: appending one at a time takes three times as long.
 _BATCH: Final = 256
@@ -47,9 +47,11 @@ _COLUMNS: Final = (
     _Column("rotations", lambda s, _: s.rotations.matrices, "1", "frame, row, column"),
     _Column("translations", lambda s, _: s.translations, "*", "frame, direction"),
     _Column("rms_errors", lambda s, _: s.rms_errors, "*", "frame"),
+    _Column("weighted_rms_errors", lambda s, _: s.weighted_rms_errors, "*", "frame"),
     _Column("p95_errors", lambda s, _: s.p95_errors, "*", "frame"),
     _Column("max_errors", lambda s, _: s.max_errors, "*", "frame"),
     _Column("motion_rms", lambda s, _: s.motion_rms, "*", "frame"),
+    _Column("weighted_motion_rms", lambda s, _: s.weighted_motion_rms, "*", "frame"),
     _Column("n_frames", lambda s, _: [s.n_frames], "1", "signature"),
     _Column("n_vertices", lambda s, _: [s.n_vertices], "1", "signature"),
     _Column("condition", lambda s, _: [s.condition], "1", "signature"),
@@ -72,6 +74,22 @@ class _Kind(NamedTuple):
     unit: str
 
 
+@dataclass(frozen=True)
+class PackReport:
+    """Outcome of an export.
+
+    Parameters
+    ----------
+    n_signatures : int
+        Packed.
+    failures : tuple of (str, str)
+        Sequence and reason of each signature that does not read as it was written.
+    """
+
+    n_signatures: int
+    failures: tuple[tuple[str, str], ...] = ()
+
+
 def is_pack(path: Path) -> bool:
     """Whether a file was written by `export` or `write_pack`."""
     import h5py
@@ -87,11 +105,12 @@ def is_pack(path: Path) -> bool:
 
 def export(
     root: Path, out: Path, *, replace: bool = False, progress: Progress | None = None
-) -> int:
+) -> PackReport:
     """Pack the trajectories of all signatures of a store into one HDF5 file.
 
     Signatures with the same parameters, modes and unit form a group; their frames follow
-    one another, and `n_frames` says how many belong to each.
+    one another, and `n_frames` says how many belong to each. A damaged signature costs only
+    itself: the report names it.
 
     Parameters
     ----------
@@ -104,15 +123,14 @@ def export(
 
     Returns
     -------
-    int
-        Number of signatures.
+    PackReport
 
     Raises
     ------
     NotFoundError
-        If the store does not exist.
+        If the store does not exist, or holds no signatures: no file is written then.
     CorruptFileError
-        If a signature is damaged: none is left out silently.
+        If all of them are damaged.
     StoreError
         If `out` exists or cannot be written, or another process has the store open.
     """
@@ -127,7 +145,7 @@ def export(
     try:
         try:
             with ResultStore(root) as store, h5py.File(temporary, "w-", libver="v110") as file:
-                n_signatures = _pack_store(store, file, progress)
+                report = _pack_store(store, file, progress)
             with temporary.open("rb") as written:
                 os.fsync(written.fileno())
             temporary.replace(out)
@@ -136,7 +154,7 @@ def export(
             temporary.unlink(missing_ok=True)
     except OSError as error:
         raise cannot_write(out, error) from error
-    return n_signatures
+    return report
 
 
 def write_pack(path: Path, signatures: Iterable[tuple[ModalSignature, SequenceRecord]]) -> None:
@@ -155,17 +173,32 @@ def write_pack(path: Path, signatures: Iterable[tuple[ModalSignature, SequenceRe
         _pack(file, signatures)
 
 
-def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> int:
+def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> PackReport:
     names = store.all_signatures()
+    if not names:
+        raise NotFoundError(
+            f"The store '{store.root.name}' holds no signatures, so there is nothing to pack.",
+            remedy="Fit signatures first: modalmotion signature, or a cohort into this folder.",
+        )
+    failures: list[tuple[str, str]] = []
 
     def read() -> Iterator[tuple[ModalSignature, SequenceRecord]]:
         for number, (sequence_id, key) in enumerate(names):
-            yield store.signature(sequence_id, key), store.sequence_record(sequence_id)
+            try:
+                pair = store.signature(sequence_id, key), store.sequence_record(sequence_id)
+            except (CorruptFileError, NotFoundError, OlderFileError) as error:
+                failures.append((sequence_id, str(error)))
+            else:
+                yield pair
             if progress is not None:
                 progress(number + 1, len(names))
 
     _pack(file, read())
-    return len(names)
+    if len(failures) == len(names):
+        raise CorruptFileError(
+            f"None of {len(names)} signatures reads as it was written. {failures[0][1]}"
+        )
+    return PackReport(len(names) - len(failures), tuple(failures))
 
 
 def _pack(file: Any, signatures: Iterable[tuple[ModalSignature, SequenceRecord]]) -> None:
@@ -200,12 +233,14 @@ def _group(file: Any, kind: _Kind, signature: ModalSignature, number: int) -> An
     placeholder = SequenceRecord("", 0, 0, 0, None, None, None, False, None, None, "", False)
     for column in _COLUMNS:
         rows = np.asarray(column.rows(signature, placeholder))
+        # Chunks have no empty axis, and are no longer than an axis of fixed length: spring modes
+        # have no lengths.
         dataset = group.create_dataset(
             column.name,
             shape=(0, *rows.shape[1:]),
-            maxshape=(None, *rows.shape[1:]),
+            maxshape=(None, *(n or None for n in rows.shape[1:])),
             dtype=h5py.string_dtype() if rows.dtype.kind == "U" else rows.dtype,
-            chunks=(_CHUNK, *rows.shape[1:]),
+            chunks=(_CHUNK, *(n or 1 for n in rows.shape[1:])),
         )
         dataset.attrs["unit"] = kind.unit if column.unit == "*" else column.unit
         dataset.attrs["axes"] = column.axes

@@ -81,7 +81,7 @@ def cavity_of(faces: NDArray[np.int64], n_vertices: int) -> Cavity:
     Parameters
     ----------
     faces : (faces, 3) int64
-        In any winding; triangles that name a vertex twice are left out.
+        In any winding; triangles that name a vertex twice or repeat another are left out.
     n_vertices : int
 
     Returns
@@ -96,7 +96,7 @@ def cavity_of(faces: NDArray[np.int64], n_vertices: int) -> Cavity:
         surface has one side only.
     """
     connectivity = connectivity_of(faces, n_vertices)
-    proper = np.delete(faces, connectivity.degenerate, axis=0)
+    proper = np.delete(faces, connectivity.left_out, axis=0)
     if not len(proper):
         raise TopologyError(
             "There are no triangles, so nothing is enclosed.",
@@ -107,7 +107,7 @@ def cavity_of(faces: NDArray[np.int64], n_vertices: int) -> Cavity:
         raise TopologyError(
             f"{len(connectivity.non_manifold_edges)} edges belong to three triangles or more "
             f"(one of them at vertex {vertex}): such a surface has no inside.",
-            remedy="Send the wall of the cavity alone, without inner sheets or repeated triangles.",
+            remedy="Send the wall of the cavity alone, without inner sheets.",
             vertex=vertex,
             details=connectivity.details(),
         )

@@ -33,6 +33,9 @@ class Connectivity:
         Vertices - edges + triangles, over the vertices that triangles use.
     degenerate : (n,) int64
         Triangles that name a vertex twice; they join nothing and are left out of all counts.
+    repeated : (n,) int64
+        Triangles of the same three vertices as an earlier one, in any winding, found where three
+        or more share an edge; they are left out of all counts too.
     pinched : (n,) int64
         Boundary vertices in which two strips of triangles meet in a point.
     """
@@ -44,7 +47,13 @@ class Connectivity:
     n_components: int
     euler_characteristic: int
     degenerate: NDArray[np.int64]
+    repeated: NDArray[np.int64]
     pinched: NDArray[np.int64]
+
+    @property
+    def left_out(self) -> NDArray[np.int64]:
+        """Triangles that do not count, (n,) int64."""
+        return np.union1d(self.degenerate, self.repeated)
 
     @property
     def non_manifold_edges(self) -> NDArray[np.int64]:
@@ -96,13 +105,14 @@ def connectivity_of(faces: NDArray[np.int64], n_vertices: int) -> Connectivity:
     a, b, c = faces.T
     twice = (a == b) | (b == c) | (c == a)
     proper = faces[~twice]
-    n = np.int64(n_vertices)
-    # One integer a side: sorting integers makes this linear in practice.
-    start, end = proper[:, [0, 1, 2]].ravel(), proper[:, [1, 2, 0]].ravel()
-    keys, counts = np.unique(
-        np.minimum(start, end) * n + np.maximum(start, end), return_counts=True
-    )
-    edges = np.stack([keys // n, keys % n], axis=1)
+    keys, counts = _sides(proper, n_vertices)
+    repeated = np.zeros(0, dtype=np.int64)
+    if (counts > 2).any():
+        repeated = np.flatnonzero(~twice)[_repeated(proper)]
+        if len(repeated):
+            proper = np.delete(faces, np.union1d(np.flatnonzero(twice), repeated), axis=0)
+            keys, counts = _sides(proper, n_vertices)
+    edges = np.stack([keys // n_vertices, keys % n_vertices], axis=1)
     n_faces_at = np.bincount(proper.ravel(), minlength=n_vertices)
     n_edges_at = np.bincount(edges.ravel(), minlength=n_vertices)
     labels = _labels(edges, n_vertices)
@@ -116,8 +126,28 @@ def connectivity_of(faces: NDArray[np.int64], n_vertices: int) -> Connectivity:
         n_components=n_pieces,
         euler_characteristic=int(used.sum()) - len(edges) + len(proper),
         degenerate=np.flatnonzero(twice),
+        repeated=repeated,
         pinched=np.flatnonzero(n_edges_at - n_faces_at > 1),
     )
+
+
+def _sides(
+    faces: NDArray[np.int64], n_vertices: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Edges, each as one integer, in increasing order, and the triangles at each."""
+    # One integer a side: sorting integers makes this linear in practice.
+    start, end = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
+    return np.unique(
+        np.minimum(start, end) * np.int64(n_vertices) + np.maximum(start, end), return_counts=True
+    )
+
+
+def _repeated(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Triangles whose three vertices are those of an earlier one."""
+    a, b, c = np.sort(faces, axis=1).T
+    order = np.lexsort((c, b, a))
+    rows = np.stack([a, b, c], axis=1)[order]
+    return np.sort(order[1:][(rows[1:] == rows[:-1]).all(axis=1)])
 
 
 def grouped_edges(edges: NDArray[np.int64], n_vertices: int) -> list[NDArray[np.int64]]:

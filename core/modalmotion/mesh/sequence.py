@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.mesh.checks import FloatArray, require_faces, require_times, require_vertices
+from modalmotion.mesh.coincidence import representatives_of
 from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import Topology
 from modalmotion.representation import shown
@@ -117,6 +118,18 @@ class MeshSequence:
         if self.times is not None:
             digest.update(np.ascontiguousarray(self.times.astype("<f8")).data)
         return digest.hexdigest()
+
+    @cached_property
+    def representatives(self) -> NDArray[np.int64]:
+        """Vertex that stands for each, (vertices,) int64: see `representatives_of`.
+
+        The vertex itself where it is alone, and on curves and lattices, whose order says which
+        are neighbours.
+        """
+        is_curve = self.topology is not None and self.topology.n_axes == 1
+        if self.grid is not None or is_curve or not len(self.faces):
+            return np.arange(self.n_vertices)
+        return representatives_of(self.vertices, self.faces)
 
     def require_reference(self, reference: Reference) -> None:
         """Check that a reference exists.

@@ -106,7 +106,8 @@ class SpringModes:
 
     def shapes_on(self, surface: Surface) -> NDArray[np.float64]:
         """Solve for the shapes on the mesh that they belong to, (vertices, modes) float64."""
-        return spring_modes(surface.faces, len(surface.vertices), len(self)).shapes
+        springs = spring_modes(surface.faces, len(surface.vertices), len(self))
+        return springs.at(surface.representatives).shapes
 
     def frequencies_on(self, surface: Surface, wave_speed: float) -> NDArray[np.float64]:
         """Frequencies of springs that carry long waves at `wave_speed`: see `Modes`."""
@@ -159,6 +160,10 @@ class SolvedSpringModes(SpringModes):
         names = super().take(indices)
         shapes = np.ascontiguousarray(self.shapes[:, : len(indices)])
         return SolvedSpringModes(names.eigenvalues, names.connectivity_id, shapes)
+
+    def at(self, vertices: NDArray[np.int64]) -> SolvedSpringModes:
+        """Shapes at these vertices: those that stand for each, (vertices,) int64."""
+        return SolvedSpringModes(self.eigenvalues, self.connectivity_id, self.shapes[vertices])
 
     def shapes_on(self, surface: Surface) -> NDArray[np.float64]:  # noqa: ARG002
         """Return the shapes, (vertices, modes) float64, which belong to one mesh."""

@@ -30,6 +30,10 @@ class Surface(Protocol):
     def faces(self) -> NDArray[np.int64]:
         """Triangles, (faces, 3) int64."""
 
+    @property
+    def representatives(self) -> NDArray[np.int64]:
+        """Vertex that stands for each in the triangles, (vertices,) int64."""
+
 
 class Modes(Protocol):
     """Modes in an order, by name: equal, with equal hashes, where their names are."""

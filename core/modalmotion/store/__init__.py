@@ -21,9 +21,10 @@ from modalmotion.classification.model.record import (
 )
 from modalmotion.mesh.hdf5 import sequence_from_hdf5, sequence_to_hdf5
 from modalmotion.signature.hdf5 import signature_from_hdf5, signature_to_hdf5
-from modalmotion.store.care.backup import BackupReport, backup
+from modalmotion.store.care.backup import BackupReport, backup, backup_time
 from modalmotion.store.care.maintenance import rebuild
 from modalmotion.store.care.recovery import Reconciliation
+from modalmotion.store.care.restoration import RestoreReport, restore
 from modalmotion.store.care.verification import Fault, VerifyReport, verify
 from modalmotion.store.disk.atomic import write_atomic
 from modalmotion.store.index.index import SequencePage
@@ -43,6 +44,7 @@ __all__ = [
     "ModelRecord",
     "ModelReference",
     "Reconciliation",
+    "RestoreReport",
     "ResultStore",
     "SequencePage",
     "SequenceRecord",
@@ -50,6 +52,7 @@ __all__ = [
     "Unset",
     "VerifyReport",
     "backup",
+    "backup_time",
     "classification_from_hdf5",
     "classification_key",
     "classification_to_hdf5",
@@ -61,6 +64,7 @@ __all__ = [
     "record_of",
     "record_to_json",
     "require_model_name",
+    "restore",
     "sequence_from_hdf5",
     "sequence_to_hdf5",
     "signature_from_hdf5",

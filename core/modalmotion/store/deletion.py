@@ -10,6 +10,7 @@ from modalmotion.errors import StoreError
 from modalmotion.store.disk.atomic import cannot_write, remove_durably, sync_folder, write_atomic
 from modalmotion.store.folder import Folder
 from modalmotion.store.index.index import Index
+from modalmotion.store.tombstones import bury
 
 
 def begin_deletion(folder: Folder, sequence_id: str) -> None:
@@ -48,6 +49,8 @@ def finish_deletion(folder: Folder, index: Index, sequence_id: str) -> None:
     try:
         remove_durably(*files, *folder.derived(sequence_id))
         index.remove(sequence_id)
+        # Before the mark goes: without either, a backup would take the files for lost.
+        bury(folder.root, sequence_id)
         remove_durably(folder.deletion(sequence_id))
     except StoreError as error:
         raise StoreError(

@@ -13,6 +13,8 @@
     classifications/ab/<id>-<model id>-<key>.h5
     models/<name>/<version>.h5
     models/<name>/<version>.deleted                 stays, so that the number is never used again
+    deleted/ab/<digest of an id>                    tombstone of a sequence or template
+    backup.json  removed/                           of a backup: its time, and what was set aside
 
 `ab` are the first two digits of the id, so that no folder grows too large to list.
 """
@@ -171,7 +173,7 @@ class Folder:
         scan = Scan()
         try:
             for path in self.root.iterdir():
-                if path.name not in (*_INDEX_FILES, "lock", *_OF_THE_SERVICE, *_FOLDERS):
+                if path.name not in (*_INDEX_FILES, "lock", *_OF_THE_SERVICE, *_OF_CARE, *_FOLDERS):
                     scan.foreign.append(path)
             for name in _FOLDERS:
                 for path in _files(self.root / name):
@@ -228,6 +230,7 @@ _RESULT_FOLDERS: Final[dict[str, ResultKind]] = {
 # Files under way; keys and audit log; stores of owners other than the folder's own; what a
 # cluster's workers are known by.
 _OF_THE_SERVICE: Final = ("spool", "access", "owners", "cluster", *_COHORT_FILES)
+_OF_CARE: Final = ("deleted", "removed", "backup.json")
 _FOLDERS: Final = ("sequences", "templates", "models", *_RESULT_FOLDERS)
 
 

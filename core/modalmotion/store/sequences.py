@@ -68,7 +68,7 @@ class SequenceStore(Opening):
         StoreError
             If it cannot be written; the store is as it was.
         """
-        record = record_of(sequence, created=now(), has_upload=True, subject=subject, label=label)
+        record = record_of(sequence, created="", has_upload=True, subject=subject, label=label)
         _, is_new = self._put(record, lambda: upload_image(sequence))
         return is_new
 
@@ -105,7 +105,7 @@ class SequenceStore(Opening):
         CorruptFileError
             If the image has no sound seal.
         """
-        named = replace(record, created=now(), subject=subject, label=label)
+        named = replace(record, subject=subject, label=label)
         return self._put(named, lambda: load_sealed(image)[1])
 
     def _put(
@@ -122,7 +122,8 @@ class SequenceStore(Opening):
             if known is not None and (not self.keep_uploads or is_sound(upload)):
                 return known, False
             if known is None:
-                record = replace(record, has_upload=self.keep_uploads)
+                # The time is taken here, where no deletion can come between.
+                record = replace(record, has_upload=self.keep_uploads, created=now())
             else:
                 record = replace(known, has_upload=True)
             files = []
@@ -141,7 +142,12 @@ class SequenceStore(Opening):
         ------
         NotFoundError
             If there is no such sequence, or its vertices were not kept.
+        LostFileError
+            If they were, and are gone.
         """
+        return self._present(partial(self._upload, sequence_id), sequence_id)
+
+    def _upload(self, sequence_id: str) -> Path:
         if not self.sequence_record(sequence_id).has_upload:
             raise NotFoundError(
                 f"The vertices of sequence {sequence_id[:12]} were not kept.",
@@ -157,9 +163,9 @@ class SequenceStore(Opening):
         NotFoundError
             If there is no such sequence, or its vertices were not kept.
         CorruptFileError
-            If its file is damaged or missing.
+            If its file is damaged; LostFileError if it is gone.
         """
-        locate = partial(self.sequence_path, sequence_id)
+        locate = partial(self._upload, sequence_id)
         sequence = self._read(read_sequence, locate, sequence_id=sequence_id)
         return sequence.with_facts(self.sequence_record(sequence_id).facts)
 
@@ -260,7 +266,7 @@ class SequenceStore(Opening):
             )
             if record != known:
                 file = (self._folder.record(sequence_id), record_to_json(record))
-                self._write([file], lambda: index.put(record))
+                self._write([file], lambda: index.put(record, erases=True))
         return record
 
     def delete_sequence(self, sequence_id: str) -> None:

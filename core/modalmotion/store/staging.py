@@ -11,8 +11,10 @@ from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
 from modalmotion.representation import shown
 from modalmotion.store.disk.atomic import write_atomic
 from modalmotion.store.folder import Folder, ResultName, is_id, is_key
+from modalmotion.store.index.cursor import now
 from modalmotion.store.index.index import Index
 from modalmotion.store.record import SequenceRecord, record_to_json, require_name
+from modalmotion.store.tombstones import buried
 
 
 @shown()
@@ -96,11 +98,13 @@ class Transfer:
             return False
         known, upload = self._index.find(sequence_id), self._folder.upload(sequence_id)
         adds_upload = one.vertices is not None and (known is None or not is_sound(upload))
-        record = (
-            one.record
-            if known is None
-            else replace(known, has_upload=known.has_upload or adds_upload)
-        )
+        if known is not None:
+            record = replace(known, has_upload=known.has_upload or adds_upload)
+        elif (buried(self._folder.root, sequence_id) or "") >= one.record.created:
+            # Staged before it was deleted, and put after it.
+            record = replace(one.record, created=now())
+        else:
+            record = one.record
         if record not in (known, one.record):
             write_atomic(one.record_file, record_to_json(record))
         # The record first: vertices alone would come back from a crash without a subject.

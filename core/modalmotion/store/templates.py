@@ -6,9 +6,9 @@ from pathlib import Path
 
 from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.hdf5.sealed import is_sound, load_sealed
-from modalmotion.store.disk.atomic import remove_durably
 from modalmotion.store.folder import is_id
 from modalmotion.store.sequences import SequenceStore
+from modalmotion.store.tombstones import bury_and_remove
 
 
 class TemplateStore(SequenceStore):
@@ -83,4 +83,4 @@ class TemplateStore(SequenceStore):
             If its file cannot be removed.
         """
         with self._changing(template_id):
-            remove_durably(self.template_path(template_id))
+            bury_and_remove(self.root, template_id, self.template_path(template_id))

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import TopologyError
@@ -32,7 +31,8 @@ from modalmotion.template.landmarks import (
 )
 from modalmotion.template.lattice_landmarks import lattice_landmarks
 from modalmotion.template.lengths import axis_lengths
-from modalmotion.template.notes import notes_on_landmarks, notes_on_mesh
+from modalmotion.template.loose_vertices import nearest_in_use
+from modalmotion.template.notes import notes_on_landmarks, notes_on_merging, notes_on_mesh
 from modalmotion.template.recognition import recognise, require_fit
 from modalmotion.template.surface import Surface, surface_of
 from modalmotion.template.template import Template, Weights, landmarks_read, template_id
@@ -56,6 +56,7 @@ def make_template(
     weights: Weights = Weights.AREA,
     landmarks: GivenLandmarks | None = None,
     closed_form: bool = True,
+    merge_vertices: bool = True,
 ) -> Template:
     """Make the template of a sequence from one of its own frames.
 
@@ -71,6 +72,9 @@ def make_template(
         Places stated by the user, over those of the shape and of the sequence's facts.
     closed_form : bool
         False selects the spring modes of the mesh, even on a known topology.
+    merge_vertices : bool
+        Whether vertices of triangles that coincide in every frame are one vertex of the surface;
+        False leaves each by itself.
 
     Raises
     ------
@@ -83,16 +87,27 @@ def make_template(
     sequence.require_reference(reference)
     is_stated = sequence.topology is not None or sequence.grid is not None
     if reference == MEAN and not is_stated and closed_form:
-        return _recognised_in_frame_0(sequence, weights, landmarks)
+        return _recognised_in_frame_0(sequence, weights, landmarks, merge_vertices)
     own_landmarks = landmarks_read(sequence, landmarks, closed_form=closed_form)
     start = reference_positions(sequence, reference)
     faces = _faces_of(sequence)
+    first = sequence.representatives if merge_vertices else np.arange(len(start))
+    notes = notes_on_merging(first)
+    if notes:
+        faces = first[faces]
+        _require_left(faces)
     surface, corner, scale = _normalised(start, faces)
     places = {
         name: (place - corner) / scale
         for name, place in resolve_places(own_landmarks, start).items()
     }
-    notes = notes_on_mesh(surface) if len(sequence.faces) else []
+    isolated = np.zeros(0, dtype=np.int64)
+    if len(faces):
+        is_isolated = np.zeros(len(start), dtype=np.bool_)
+        is_isolated[surface.connectivity.isolated] = True
+        isolated = np.flatnonzero(is_isolated[first])
+    if len(sequence.faces):
+        notes += notes_on_mesh(surface, isolated)
     topology, reason = _decide(sequence, surface, closed_form, notes)
     coordinates = None if topology is None else _coordinates(sequence, topology, surface, places)
     if (
@@ -114,20 +129,20 @@ def make_template(
     require_used(own_landmarks, topology, is_lattice=sequence.grid is not None)
     if reason and topology is None:
         notes.append(f"{reason} The modes are those of springs along the edges of this mesh.")
-    shares = _shares(surface, sequence, topology, weights, notes)
+    shares = _shares(surface, sequence, topology, weights, notes, first)
     id_ = template_id(
         sequence,
         reference=reference,
         weights=weights,
         landmarks=own_landmarks,
         closed_form=closed_form,
+        merge_vertices=merge_vertices,
     )
-    isolated = surface.connectivity.isolated if len(faces) else np.zeros(0, dtype=np.int64)
     values = np.zeros((len(start), 0))
     lengths: tuple[float, ...] = ()
     placed: Landmarks | None = None
     if coordinates is not None:
-        values = _carried_over(coordinates.values, surface, isolated)
+        values = _carried_over(coordinates.values[first], start, isolated)
         lengths = axis_lengths(surface, coordinates.topology, sequence.grid, values)
         notes += coordinates.notes
         if coordinates.landmarks is not None:
@@ -142,6 +157,7 @@ def make_template(
         landmarks=placed,
         vertices=start,
         faces=faces,
+        representatives=first,
         isolated=isolated,
         reason="" if topology is not None else reason,
         notes=tuple(notes),
@@ -149,13 +165,18 @@ def make_template(
 
 
 def _recognised_in_frame_0(
-    sequence: MeshSequence, weights: Weights, landmarks: GivenLandmarks | None
+    sequence: MeshSequence,
+    weights: Weights,
+    landmarks: GivenLandmarks | None,
+    merge_vertices: bool,
 ) -> Template:
     """Make the template of the mean shape, with the topology of frame 0.
 
     Limbs that swing leave a mean without them, which may be a sphere although no frame is one.
     """
-    first = make_template(sequence, weights=weights, landmarks=landmarks)
+    first = make_template(
+        sequence, weights=weights, landmarks=landmarks, merge_vertices=merge_vertices
+    )
     is_known = first.surface is not None
     of_mean = make_template(
         sequence.with_topology(first.surface, None),
@@ -163,8 +184,15 @@ def _recognised_in_frame_0(
         weights=weights,
         landmarks=landmarks,
         closed_form=is_known,
+        merge_vertices=merge_vertices,
     )
-    id_ = template_id(sequence, reference=MEAN, weights=weights, landmarks=landmarks)
+    id_ = template_id(
+        sequence,
+        reference=MEAN,
+        weights=weights,
+        landmarks=landmarks,
+        merge_vertices=merge_vertices,
+    )
     notes = tuple(dict.fromkeys((*first.notes, *of_mean.notes))) if is_known else first.notes
     return replace(of_mean, id=id_, reason=first.reason, notes=notes)
 
@@ -228,6 +256,18 @@ def _faces_of(sequence: MeshSequence) -> NDArray[np.int64]:
     return sequence.faces
 
 
+def _require_left(faces: NDArray[np.int64]) -> None:
+    """Refuse a surface of which merging leaves no triangle."""
+    a, b, c = faces.T
+    if ((a == b) | (b == c) | (c == a)).all():
+        raise TopologyError(
+            f"Each of the {len(faces)} triangles has two corners at the same place in every frame, "
+            "so there is no surface.",
+            remedy="Send a surface that is spread out, or set merge_vertices to false "
+            "(--no-merge-vertices): each vertex then counts by itself.",
+        )
+
+
 def _normalised(
     start: NDArray[np.float64], faces: NDArray[np.int64]
 ) -> tuple[Surface, NDArray[np.float64], float]:
@@ -253,6 +293,7 @@ def _shares(
     topology: Topology | None,
     weights: Weights,
     notes: list[str],
+    first: NDArray[np.int64],
 ) -> NDArray[np.float64]:
     n = sequence.n_vertices
     is_curve = topology is not None and topology.n_axes == 1
@@ -271,7 +312,8 @@ def _shares(
     if not total > 0:
         notes.append("The surface has no area; all vertices count alike.")
         return np.full(n, 1.0 / n)
-    weightless = int((areas == 0).sum())
+    # What stands for others has their weight too.
+    weightless = int((areas[first] == 0).sum())
     if weightless:
         notes.append(f"{weightless} vertices belong to no area and have no weight in the fit.")
     shares: NDArray[np.float64] = areas / total
@@ -279,13 +321,11 @@ def _shares(
 
 
 def _carried_over(
-    values: NDArray[np.float64], surface: Surface, isolated: NDArray[np.int64]
+    values: NDArray[np.float64], start: NDArray[np.float64], isolated: NDArray[np.int64]
 ) -> NDArray[np.float64]:
     """Coordinates with isolated vertices at those of the nearest vertex in use."""
     if not len(isolated):
         return values
-    used = np.delete(np.arange(len(values)), isolated)
-    _, nearest = cKDTree(surface.vertices[used]).query(surface.vertices[isolated])
     values = values.copy()
-    values[isolated] = values[used[nearest]]
+    values[isolated] = values[nearest_in_use(start, isolated)]
     return values

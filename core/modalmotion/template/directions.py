@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
-from modalmotion.mesh import face_normals, oriented_faces
+from modalmotion.mesh import connectivity_of, face_normals, oriented_faces
 from modalmotion.numeric.scale import lengths
 from modalmotion.template.body_frame import local_frames
 from modalmotion.template.template import Template
@@ -73,7 +73,9 @@ def vertex_normals(template: Template) -> NDArray[np.float64]:
     TopologyError
         If there are no triangles, or the surface has one side only.
     """
-    faces = oriented_faces(template.faces, template.n_vertices) if len(template.faces) else None
+    n = template.n_vertices
+    proper = np.delete(template.faces, connectivity_of(template.faces, n).left_out, axis=0)
+    faces = oriented_faces(proper, n) if len(proper) else None
     if faces is None:
         raise TopologyError(
             "A surface with one side has no normals."
@@ -93,7 +95,7 @@ def vertex_normals(template: Template) -> NDArray[np.float64]:
         normals = -normals
     size = lengths(normals)
     normals /= np.where(size > 0, size, 1.0)[:, None]
-    return normals
+    return normals[template.representatives]
 
 
 def _has_inside(template: Template) -> bool:

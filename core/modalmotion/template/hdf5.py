@@ -12,6 +12,7 @@ from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.modes.topology import Topology
 from modalmotion.template import Landmarks, Template
+from modalmotion.template.template import is_merged
 
 FORM: Final = Form("template", 1)
 
@@ -38,6 +39,9 @@ def template_to_hdf5(template: Template) -> bytes:
         Dataset("isolated", template.isolated.astype("<i8", copy=False), "1", "vertex"),
         json_text("texts", {"reason": template.reason, "notes": template.notes}),
     ]
+    if is_merged(template.representatives):
+        first = template.representatives.astype("<i8", copy=False)
+        datasets.append(Dataset("representatives", first, "1", "vertex"))
     if template.landmarks is not None:
         datasets += landmark_datasets(template.landmarks, length)
     topology = "mesh" if template.surface is None else template.surface.name
@@ -78,6 +82,9 @@ def _template(contents: Contents) -> Template:
         landmarks=landmarks_from(contents),
         vertices=contents.array("vertices", (len(weights), 3)),
         faces=contents.array("faces", (None, 3)),
+        representatives=contents.array("representatives", (len(weights),))
+        if "representatives" in contents.arrays
+        else np.arange(len(weights)),
         isolated=contents.array("isolated", (None,)),
         reason=texts["reason"],
         notes=tuple(texts["notes"]),

@@ -2,23 +2,54 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.numerals import counted
 from modalmotion.template.coordinates.value import Coordinates
 from modalmotion.template.surface import Surface
 
 
-def notes_on_mesh(surface: Surface) -> list[str]:
-    """Name the parts of a mesh outside its surface."""
-    isolated, degenerate = surface.connectivity.isolated, surface.connectivity.degenerate
+def notes_on_merging(representatives: NDArray[np.int64]) -> list[str]:
+    """Say how many vertices others stand for: see `Template.representatives`."""
+    others = np.flatnonzero(representatives != np.arange(len(representatives)))
+    if not len(others):
+        return []
+    n = counted(len(others), "vertex", "vertices")
+    text = (
+        f"{n} of {len(representatives)} coincide with an earlier one in every frame (first: vertex "
+        f"{others[0]} with {representatives[others[0]]}) and were merged with it; amplitudes and "
+        "errors speak of all that were sent. merge_vertices = false (--no-merge-vertices) leaves "
+        "them apart."
+    )
+    return [text]
+
+
+def notes_on_mesh(surface: Surface, isolated: NDArray[np.int64]) -> list[str]:
+    """Name the parts of a mesh outside its surface.
+
+    Parameters
+    ----------
+    surface : Surface
+    isolated : (n,) int64
+        Vertices in no triangle.
+    """
+    degenerate, repeated = surface.connectivity.degenerate, surface.connectivity.repeated
     notes = []
     if len(isolated):
         notes.append(
             f"{len(isolated)} vertices belong to no triangle (first: {isolated[0]}); "
-            "they have no weight."
+            "they have no weight in the fit, and are moved as the nearest vertex of the surface."
         )
     if len(degenerate):
         notes.append(
             f"{len(degenerate)} triangles name a vertex twice (first: face "
             f"{degenerate[0]}); they were left out."
+        )
+    if len(repeated):
+        notes.append(
+            f"{counted(len(repeated), 'triangle')} repeat an earlier one (first: face "
+            f"{repeated[0]}) and count once."
         )
     return notes
 

@@ -51,6 +51,7 @@ def choose_modes(
     """
     if template.surface is None:
         springs = spring_modes(template.faces, template.n_vertices, n_modes)
+        springs = springs.at(template.representatives)
         note = (
             "These are the spring modes of this mesh; their amplitudes compare with those of "
             "meshes of the same connectivity only."

@@ -22,7 +22,7 @@ class Surface:
     ----------
     vertices : (vertices, 3) float64, scaled
     faces : (faces, 3) int64
-        Without those that name a vertex twice.
+        Without those that name a vertex twice or repeat another.
     areas : (vertices,) float64, scaled
     connectivity : Connectivity
     """
@@ -103,5 +103,5 @@ def surface_of(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Surfa
     faces : (faces, 3) int64
     """
     connectivity = connectivity_of(faces, len(vertices))
-    proper: NDArray[np.int64] = np.delete(faces, connectivity.degenerate, axis=0)
+    proper: NDArray[np.int64] = np.delete(faces, connectivity.left_out, axis=0)
     return Surface(vertices, proper, vertex_areas(vertices, proper), connectivity)

@@ -52,9 +52,13 @@ class Template:
     vertices : (vertices, 3) float64, length unit
         The reference it was made from.
     faces : (faces, 3) int64
-        Of the mesh, or between the nodes of a lattice.
+        Of the mesh, or between the nodes of a lattice; each vertex by its representative.
+    representatives : (vertices,) int64
+        The vertex that stands for each: the first of those that coincide in every frame and are
+        one vertex of the surface; the others have its coordinates and no weight.
     isolated : (n,) int64
-        Vertices in no triangle: they carry no weight and count in no error.
+        Vertices in no triangle: they carry no weight, are moved as the nearest vertex of the
+        surface, and count in every error but the weighted one.
     reason : str
         Why there are no natural coordinates; empty if there are.
     notes : tuple of str
@@ -69,13 +73,16 @@ class Template:
     landmarks: Landmarks | None
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
+    representatives: NDArray[np.int64]
     isolated: NDArray[np.int64]
     reason: str
     notes: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for array in (self.coordinates, self.weights, self.vertices, self.faces, self.isolated):
-            array.setflags(write=False)
+        for name in (
+            *("coordinates", "weights", "vertices", "faces", "representatives", "isolated"),
+        ):
+            getattr(self, name).setflags(write=False)
 
     @property
     def topology(self) -> Topology:
@@ -107,13 +114,15 @@ def template_id(
     weights: Weights = Weights.AREA,
     landmarks: GivenLandmarks | None = None,
     closed_form: bool = True,
+    merge_vertices: bool = True,
 ) -> str:
     """Identity of the template that `make_template` would make of the same arguments.
 
     Returns
     -------
     str
-        sha256 in hex, over faces, reference vertices, topology, grid, weights and landmarks.
+        sha256 in hex, over faces, reference vertices, topology, grid, weights, landmarks and
+        merged vertices.
     """
     start = reference_positions(sequence, reference).astype("<f8")
     own_landmarks = landmarks_read(sequence, landmarks, closed_form=closed_form)
@@ -129,7 +138,15 @@ def template_id(
     digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     digest.update(np.ascontiguousarray(sequence.faces.astype("<i8")).data)
     digest.update(np.ascontiguousarray(start).data)
+    first = sequence.representatives
+    if merge_vertices and is_merged(first):
+        digest.update(first.astype("<i8").data)
     return digest.hexdigest()
+
+
+def is_merged(representatives: NDArray[np.int64]) -> bool:
+    """Whether a vertex stands for another: see `MeshSequence.representatives`."""
+    return bool((representatives != np.arange(len(representatives))).any())
 
 
 def landmarks_read(
@@ -158,7 +175,8 @@ def require_same_mesh(template: Template, sequence: MeshSequence) -> None:
             "then gets its own.",
             details={"template": template.n_vertices, "sequence": sequence.n_vertices},
         )
-    if len(sequence.faces) and not np.array_equal(sequence.faces, template.faces):
+    faces = template.representatives[sequence.faces]
+    if len(faces) and not np.array_equal(faces, template.faces):
         raise ParameterError(
             "The template joins its vertices by other triangles than the sequence.",
             remedy="Use a template of the same connectivity, or none: each sequence then gets "

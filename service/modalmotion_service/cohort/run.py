@@ -13,7 +13,7 @@ from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from modalmotion.errors import ModalMotionError, NotFoundError
+from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.facts import Facts
 from modalmotion.formats import ReadOptions
 from modalmotion.progress import Progress
@@ -104,6 +104,8 @@ def sign_cohort(
 
     Raises
     ------
+    ParameterError
+        If the folder is a service's, whose uploads under way lie where a cohort's files would.
     StoreError
         If the folder cannot be used, or written to.
     ClusterError
@@ -111,6 +113,11 @@ def sign_cohort(
     """
     start = time.monotonic()
     folder = job.folder.absolute()
+    if (folder / "access").is_dir() or (folder / "owners").is_dir():
+        raise ParameterError(
+            f"'{folder.name}' is the data folder of a service.",
+            remedy="Name a folder of its own for the cohort's results.",
+        )
     with ResultStore(folder, keep_uploads=job.keep_vertices) as store:
         spool = Spool(folder / "spool")
         spool.clear(keep=set())
@@ -169,7 +176,10 @@ class _Run:
         text = io.StringIO(newline="")
         writer = csv.writer(text)
         writer.writerow(
-            ["path", "subject", "label", "sequence_id", "signature", "rms_error", "unit", "error"]
+            [
+                *("path", "subject", "label", "sequence_id", "signature"),
+                *("rms_error", "weighted_rms_error", "unit", "error"),
+            ]
         )
         for entry in self._job.entries:
             names = [entry.path, entry.subject or "", entry.label or ""]
@@ -180,7 +190,15 @@ class _Run:
             signature = self._store.signature_path(done.sequence_id, self._keys[entry.path])
             file = signature.relative_to(self._store.root).as_posix()
             writer.writerow(
-                [*names, done.sequence_id, file, f"{done.rms_error:.6g}", done.unit or "", ""]
+                [
+                    *names,
+                    done.sequence_id,
+                    file,
+                    f"{done.rms_error:.6g}",
+                    f"{done.weighted_rms_error:.6g}",
+                    done.unit or "",
+                    "",
+                ]
             )
         write_atomic(path, text.getvalue().encode())
 
@@ -323,6 +341,7 @@ class _Run:
                 self._settings,
                 one.record.id,
                 one.rms_error,
+                one.weighted_rms_error,
                 one.record.unit,
             )
             lines.append(done)

@@ -10,6 +10,8 @@ import click
 
 from modalmotion.cli.analysis_commands import signature
 from modalmotion.cli.options import signature_parameters
+from modalmotion.cli.outputs import OutputFile, OutputFolder
+from modalmotion.cli.store_commands import require_all_packed
 from modalmotion.exports.signature_pack import export, is_pack
 from modalmotion.formats import ReadOptions
 from modalmotion_service.cohort import CohortJob, read_manifest, sign_cohort
@@ -17,7 +19,9 @@ from modalmotion_service.environment import read_settings
 from modalmotion_service.work.engine import open_engine
 
 _STATED = ("unit", "format", "frame_interval", "n_vertices", "topology", "grid")
-_PARAMETERS = ("modes", "reference", "weights", "components", "remove_rotation")
+_PARAMETERS = (
+    *("modes", "reference", "weights", "merge_vertices", "components", "remove_rotation"),
+)
 
 _MOST_PRINTED = 50
 
@@ -28,7 +32,7 @@ _MOST_PRINTED = 50
     "-o",
     "--output",
     required=True,
-    type=click.Path(file_okay=False, path_type=Path),
+    type=OutputFolder(),
     help="Folder of results; made if missing, continued if not.",
 )
 @click.option("--scheduler", help="Dask scheduler to send work to, such as tcp://host:8786.")
@@ -42,7 +46,7 @@ _MOST_PRINTED = 50
 @click.option("--keep-vertices", is_flag=True, help="Keep the sequences too, not only results.")
 @click.option(
     "--pack",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=OutputFile(),
     help="HDF5 file with them all; one of an earlier run is made anew.",
 )
 @click.option(
@@ -104,12 +108,15 @@ def cohort(
         f"{report.n_made} signatures made in {report.seconds:.1f} s, {report.n_known} known "
         f"before, {len(report.failures)} files failed: {output}"
     )
-    if pack is not None:
-        click.echo(f"{export(output, pack, replace=True)} signatures packed: {pack}")
     for path, reason in report.failures[:_MOST_PRINTED]:
         click.echo(f"{path}: {reason}", err=True)
     if len(report.failures) > _MOST_PRINTED:
         click.echo(f"... all of them stand in {output / 'cohort.csv'}", err=True)
+    # After the failures of files, which a pack that cannot be written must not hide.
+    if pack is not None and (report.n_made or report.n_known):
+        packed = export(output, pack, replace=True)
+        click.echo(f"{packed.n_signatures} signatures packed: {pack}")
+        require_all_packed(packed)
     if report.failures:
         raise click.exceptions.Exit(1)
 

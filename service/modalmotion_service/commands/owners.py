@@ -13,6 +13,7 @@ import click
 from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.store.disk.atomic import cannot_write, sync_folder
 from modalmotion.store.disk.lock import folder_lock
+from modalmotion.store.tombstones import bury, digest_of_owner
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.principal import LOCAL
 from modalmotion_service.audit.entry import BEGUN
@@ -121,6 +122,8 @@ def _remove(data_dir: Path, owner: str, root: Path, doomed: Path) -> None:
                 root.rename(doomed)
                 sync_folder(doomed.parent)
         shutil.rmtree(doomed)
+        # Backups learn by it that nothing was lost; a removal that is cut short is done again.
+        bury(data_dir, digest_of_owner(owner))
     except OSError as error:
         raise cannot_write(doomed, error) from error
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from modalmotion.errors import StoreError
-from modalmotion_service.errors import ClusterError
+from modalmotion_service.errors import ClusterError, NoWorkerError
 from modalmotion_service.workspace.disk import require_room
 from modalmotion_service.workspace.state import State
 
@@ -23,6 +23,8 @@ def require_ready(local: State) -> None:
     """
     try:
         local.analysis.engine.require_ready()
+    except NoWorkerError:
+        raise
     except ClusterError as error:
         # Everybody may ask: the error itself names a machine inside.
         raise ClusterError(

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from datetime import UTC, datetime, timedelta
+from functools import partial
+from pathlib import Path
 
 from modalmotion.store.index.cursor import to_text
+from modalmotion.store.tombstones import forget_tombstones
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.jobs import Job, Jobs
+from modalmotion_service.workspace.perseverance import for_ever
 from modalmotion_service.workspace.spool import Spool
 
 
@@ -20,6 +24,8 @@ class Retention:
     keys : IdempotencyKeys
     spool : Spool
         Where the files lie.
+    root : Path
+        Of the store.
     file_age : timedelta
         From the job's end on; then its result is answered 404.
     job_age : timedelta
@@ -32,6 +38,7 @@ class Retention:
         jobs: Jobs,
         keys: IdempotencyKeys,
         spool: Spool,
+        root: Path,
         *,
         file_age: timedelta,
         job_age: timedelta,
@@ -39,6 +46,7 @@ class Retention:
         self._jobs = jobs
         self._keys = keys
         self._spool = spool
+        self._root = root
         self._file_age = file_age
         self._job_age = max(job_age, file_age)
 
@@ -58,13 +66,13 @@ class Retention:
         past = to_text((datetime.now(UTC) - self._job_age).timestamp())
         self._jobs.forget_before(past)
         self._keys.forget_before(past)
+        forget_tombstones(self._root)
         return len(present)
 
     async def sweep_for_ever(self) -> None:
         """Sweep now and again, at least every hour."""
-        while True:
-            await asyncio.sleep(min(3600.0, self._file_age.total_seconds() / 4))
-            await asyncio.to_thread(self.sweep)
+        seconds = min(3600.0, self._file_age.total_seconds() / 4)
+        await for_ever("sweep", partial(asyncio.to_thread, self.sweep), seconds)
 
     def _is_old(self, job: Job) -> bool:
         return datetime.now(UTC) - datetime.fromisoformat(job.updated) > self._file_age

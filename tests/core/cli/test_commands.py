@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from template_surfaces import MAKERS, cut_in_two
 
 from modalmotion.cli import main
 from modalmotion.formats import read_npz
@@ -29,6 +30,17 @@ def test_simulating_twice_with_one_seed_gives_the_same_file(beat: Path, tmp_path
     assert other.read_bytes() == beat.read_bytes()
     CliRunner().invoke(main, ["simulate", "-o", str(other), *SIMULATE[:-1], "5"])
     assert other.read_bytes() != beat.read_bytes()
+
+
+def test_doubled_rims_are_merged_unless_declined(tmp_path: Path) -> None:
+    vertices, faces = cut_in_two(MAKERS["cup"](120, np.random.default_rng(1)))
+    path = tmp_path / "cut.npz"
+    np.savez(path, vertices=vertices, faces=faces, unit="mm")
+    for words, topology in (((), "cup"), (("--no-merge-vertices",), "mesh")):
+        run = CliRunner().invoke(main, ["signature", str(path), "--json", *words])
+        assert run.exit_code == 0, run.output
+        answer = json.loads(run.stdout)
+        assert (answer["topology"], answer["n_vertices"]) == (topology, vertices.shape[1])
 
 
 def test_signature_writes_what_the_library_computes(beat: Path, tmp_path: Path) -> None:

@@ -98,19 +98,26 @@ def test_a_first_backup_that_was_cut_short_is_gone_on_with(
         with pytest.raises(Killed):
             backup(folder, copy)
     report = backup(folder, copy)
-    assert report.n_files == len([path for path in copy.rglob("*") if path.is_file()])
+    own = ("lock", "backup.json")
+    files = [path for path in copy.rglob("*") if path.is_file() and path.name not in own]
+    assert report.n_files == len(files)
     assert run("verify", copy).exit_code == 0
 
 
 def test_a_pack_is_replaced_if_asked_for_and_nothing_else_is(folder: Path, tmp_path: Path) -> None:
     out, root = tmp_path / "all.h5", folder / "owners" / "lab"
-    assert export(root, out, replace=True) == 0
-    with pytest.raises(StoreError, match="exists already"):
-        export(root, out)
+    refused = run("export", folder, out)
+    assert refused.exit_code == 1
+    assert "--owner lab" in refused.stderr
+    assert not out.exists()
     with ResultStore(root) as store:
         sequence = sample_sequence(0)
         store.put_signature(sample_signature(sequence))
-    assert export(root, out, replace=True) == 1
+    # The remedy, followed.
+    assert run("export", folder, out, "--owner", "lab").exit_code == 0
+    with pytest.raises(StoreError, match="exists already"):
+        export(root, out)
+    assert export(root, out, replace=True).n_signatures == 1
     (kept,) = root.rglob("signatures/*/*.h5")
     for other in (kept, tmp_path / "letter.h5"):
         before = kept.read_bytes()
@@ -119,3 +126,25 @@ def test_a_pack_is_replaced_if_asked_for_and_nothing_else_is(folder: Path, tmp_p
         with pytest.raises(StoreError, match="exists already"):
             export(root, other, replace=True)
         assert kept.read_bytes() == before
+
+
+def test_an_export_names_the_owners_and_leaves_nothing_that_stands_in_the_way(
+    folder: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "all.h5"
+    with ResultStore(folder / "owners" / "lab") as store:
+        store.put_signature(sample_signature(sample_sequence(0)))
+    (folder / "owners" / ".removed-old").mkdir()
+    for wrong in ("nobody", ".removed-old", "../lab"):
+        done = run("export", folder, out, "--owner", wrong)
+        assert (done.exit_code, "local, lab, ward" in done.output) == (2, True)
+        assert not out.exists()
+    for empty in ((), ("--owner", "local"), ("--owner", "ward")):
+        done = run("export", folder, out, *empty)
+        assert (done.exit_code, "--owner lab" in done.output) == (1, True)
+        assert not out.exists()
+    assert "1 signatures written" in run("export", folder, out, "--owner", "lab").output
+    with ResultStore(folder) as store:
+        store.put_signature(sample_signature(sample_sequence(0)))
+    done = run("export", folder, tmp_path / "local.h5")
+    assert (done.exit_code, "not in it: --owner lab or ward" in done.stderr) == (0, True)

@@ -9,14 +9,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from damaged_stores import N, flip_signature, four_kept
+from damaged_stores import N, damage, flip_signature, four_kept
 from store_samples import sample_sequence
 
-from modalmotion.errors import CorruptFileError, StoreError
+from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
 from modalmotion.exports.signature_pack import export, write_pack
-from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
-from modalmotion.signature.making import modal_signature
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import ResultStore
 
 
@@ -38,8 +38,9 @@ def test_the_export_holds_every_trajectory_under_its_parameters(root: Path, tmp_
     with ResultStore(root) as store:
         store.put_sequence(timed, subject="Zoë")
         store.put_signature(modal_signature(timed))
-    n_signatures = export(root, out, progress=lambda done, total: seen.append((done, total)))
-    assert n_signatures == 2 * N + 1
+    report = export(root, out, progress=lambda done, total: seen.append((done, total)))
+    n_signatures = report.n_signatures
+    assert (n_signatures, report.failures) == (2 * N + 1, ())
     assert seen[-1] == (n_signatures, n_signatures)
     found = set()
     with ResultStore(root) as store, h5py.File(out, "r") as file:
@@ -111,9 +112,57 @@ def test_an_export_that_fails_leaves_nothing_behind(
         patch.setattr(os, "fsync", full)
         with pytest.raises(StoreError):
             export(root, out)
-    flip_signature(root)
-    with pytest.raises(CorruptFileError):
-        export(root, out)
     with pytest.raises(StoreError):
         export(root, tmp_path / "missing" / "out.h5")
     assert [path.name for path in tmp_path.iterdir()] == ["store"]
+
+
+def test_spring_modes_are_packed_beside_modes_in_closed_form(root: Path, tmp_path: Path) -> None:
+    spider = spring_sequence()
+    fitted = modal_signature(spider, SignatureParameters(modes=3))
+    assert fitted.modes.topology is None
+    with ResultStore(root) as store:
+        store.put_sequence(spider)
+        store.put_signature(fitted)
+        alone = [(fitted, store.sequence_record(spider.id))]
+    assert export(root, tmp_path / "all.h5").n_signatures == 2 * N + 1
+    write_pack(tmp_path / "alone.h5", alone)
+    for path in (tmp_path / "all.h5", tmp_path / "alone.h5"):
+        with h5py.File(path, "r") as file:
+            (group,) = [group for group in file.values() if group.attrs["topology"] == "mesh"]
+            np.testing.assert_array_equal(group["amplitudes"], fitted.amplitudes)
+            np.testing.assert_array_equal(
+                group["spring_eigenvalues"], fitted.modes.arrays["spring_eigenvalues"]
+            )
+            assert group["lengths"].shape == (1, 0)
+
+
+def test_a_damaged_signature_costs_only_itself(root: Path, tmp_path: Path) -> None:
+    flip_signature(root)
+    report = export(root, tmp_path / "out.h5")
+    assert report.n_signatures == 2 * N - 1
+    ((sequence_id, reason),) = report.failures
+    assert sequence_id == sample_sequence(1).id
+    assert reason
+    with h5py.File(tmp_path / "out.h5", "r") as file:
+        assert sum(len(group["sequence_id"]) for group in file.values()) == 2 * N - 1
+
+
+def test_an_export_without_a_sound_signature_writes_nothing(root: Path, tmp_path: Path) -> None:
+    for path in root.rglob("signatures/*/*.h5"):
+        damage(path)
+    with pytest.raises(CorruptFileError, match=f"None of {2 * N} signatures"):
+        export(root, tmp_path / "out.h5")
+    with ResultStore(tmp_path / "empty"):
+        pass
+    with pytest.raises(NotFoundError, match="holds no signatures"):
+        export(tmp_path / "empty", tmp_path / "out.h5")
+    assert not (tmp_path / "out.h5").exists()
+
+
+def spring_sequence() -> MeshSequence:
+    """Three fins along one edge: a mesh without natural coordinates."""
+    vertices = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, -1, 0]], dtype=float)
+    motion = np.random.default_rng(5).normal(scale=0.1, size=(3, 5, 3))
+    faces = [[0, 1, 2], [0, 1, 3], [0, 1, 4]]
+    return mesh_sequence(vertices + motion, faces, unit="mm")

@@ -162,7 +162,7 @@ def mobius() -> Ints:
     ("make", "words"),
     [
         (lambda f: f[:0], "no triangles"),
-        (lambda f: np.concatenate([f, f[:1]]), "three triangles or more"),
+        (lambda f: np.concatenate([f, [[*f[0, :2], 999]]]), "three triangles or more"),
         (lambda f: np.concatenate([f, f + f.max() + 1]), "2 separate pieces"),
         (lambda f: mobius(), "one side only"),
         (lambda f: np.array([[0, 0, 1]]), "no triangles"),

@@ -59,12 +59,30 @@ def test_known_surfaces(topology: str, n_loops: int, euler: int, genus: int) -> 
     assert {tuple(e) for loop in found.loops for e in loop.tolist()} == border
 
 
+def test_triangles_that_repeat_others_count_once() -> None:
+    vertices, faces = MAKERS["sphere"](120, np.random.default_rng(2))
+    once = connectivity_of(faces, vertices.shape[1])
+    twice = connectivity_of(np.concatenate([faces, faces[::-1, ::-1]]), vertices.shape[1])
+    assert twice.repeated.tolist() == list(range(len(faces), 2 * len(faces)))
+    np.testing.assert_array_equal(twice.edges, once.edges)
+    assert (twice.n_components, twice.genus, len(twice.non_manifold_edges)) == (1, 0.0, 0)
+    # Two that lie on each other alone are a closed surface without volume, as ever.
+    pillow = connectivity_of(np.array([[0, 1, 2], [2, 1, 0]]), 3)
+    assert (len(pillow.repeated), pillow.genus) == (0, 0.0)
+
+
 @given(st.integers(0, 2**32 - 1), st.integers(3, 30), st.integers(1, 30))
 def test_any_triangles_are_counted(seed: int, n_vertices: int, n_faces: int) -> None:
     faces = np.random.default_rng(seed).integers(0, n_vertices, size=(n_faces, 3))
     found = connectivity_of(faces, n_vertices)
     proper = np.array([f for f in faces.tolist() if len(set(f)) == 3], dtype=int).reshape(-1, 3)
     assert len(found.degenerate) == n_faces - len(proper)
+    if max(side_counts(proper).values(), default=0) > 2:
+        # Of the same three vertices the first counts.
+        sets = [frozenset(f) for f in proper.tolist()]
+        proper = proper[[i for i, one in enumerate(sets) if one not in sets[:i]]]
+    assert len(found.left_out) == n_faces - len(proper)
+    assert not set(found.degenerate.tolist()) & set(found.repeated.tolist())
     counts = side_counts(proper)
     assert len(found.edges) == len(counts)
     assert len(found.non_manifold_edges) == sum(c > 2 for c in counts.values())

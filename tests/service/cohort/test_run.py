@@ -17,13 +17,14 @@ from click.testing import CliRunner
 from dask_cluster import DaskCluster
 
 from modalmotion import Acquisition, simulate_ventricle
-from modalmotion.errors import MalformedFileError
+from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import ResultStore, verify
-from modalmotion_service.cohort import read_manifest
+from modalmotion_service.cohort import CohortJob, read_manifest, sign_cohort
 from modalmotion_service.cohort.run import MOST_IN_BATCH, batch_size
 from modalmotion_service.commands.cohort import cohort
+from modalmotion_service.work.pool import WorkerPool
 
 
 def write_cohort(folder: Path, n: int, n_nodes: tuple[int, int] = (8, 8)) -> list[Path]:
@@ -161,6 +162,18 @@ def test_a_cohort_is_signed_and_failures_are_told(
     assert "1 signatures made" in again.output
     with ResultStore(out) as store:
         assert len(store.list_sequences(subject="P 1", label="stress").records) == 4
+
+
+def test_a_services_folder_is_not_a_cohorts(tmp_path: Path) -> None:
+    (source,) = write_cohort(tmp_path / "in", 1)
+    waiting = tmp_path / "data" / "spool" / "upload-of-a-job"
+    waiting.parent.mkdir(parents=True)
+    (tmp_path / "data" / "access").mkdir()
+    waiting.touch()
+    job = CohortJob(read_manifest(source.parent), tmp_path / "data")
+    with pytest.raises(ParameterError, match="data folder of a service"):
+        sign_cohort(job, lambda folder: WorkerPool(1, 60, 1 << 30))
+    assert waiting.exists()
 
 
 def test_one_template_serves_a_cohort(tmp_path: Path) -> None:

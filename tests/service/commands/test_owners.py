@@ -10,7 +10,7 @@ from click.testing import CliRunner, Result
 from fastapi.testclient import TestClient
 
 from modalmotion.cli.commands import main
-from modalmotion.store import ResultStore
+from modalmotion.store import ResultStore, backup
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.app import create_app
@@ -86,6 +86,16 @@ def test_a_removed_owner_is_gone_with_keys_and_others_stay(folder: Path) -> None
     ]
     with TestClient(create_app(Settings(data_dir=folder, workers=1))) as client:
         assert client.get("/health/ready").status_code == 200
+
+
+def test_a_removed_owner_goes_from_the_backup_and_nothing_is_called_lost(
+    folder: Path, tmp_path: Path
+) -> None:
+    copy = tmp_path / "copy"
+    backup(folder, copy)
+    assert run("remove", "lab", "--yes", "--data-dir", folder).exit_code == 0
+    assert backup(folder, copy).missing == ()
+    assert [path for path in (copy / "owners" / "lab").rglob("*") if path.is_file()] == []
 
 
 def noted(folder: Path) -> list[tuple[str | None, str, int]]:

@@ -7,21 +7,19 @@ import multiprocessing
 import os
 import random
 import signal
-import subprocess
-import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
 from concurrent.futures import Future, wait
-from contextlib import contextmanager
 from multiprocessing import forkserver, resource_tracker
+from pathlib import Path
 from typing import Any
 
 import pytest
-from worker_tasks import short
+from busy_machine import busy_processes
+from worker_tasks import hang, short, slow_mark
 
 from modalmotion.errors import LimitError
-from modalmotion_service.errors import ClusterError, WorkerDiedError
+from modalmotion_service.errors import ClusterError, NoWorkerError, WorkerDiedError
 from modalmotion_service.work.pool import WorkerPool
 
 MEMORY = 3_000_000_000
@@ -29,18 +27,6 @@ N_WORKERS = 3
 # Of one task; a future that has not settled in a few times of it never will.
 TASK_SECONDS = 5.0
 WHAT = ("all workers", "a worker", "fork server", "resource tracker")
-
-
-@contextmanager
-def busy_processes(n: int) -> Iterator[None]:
-    """Keep the machine busy."""
-    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(n)]
-    try:
-        yield
-    finally:
-        for process in busy:
-            process.kill()
-            process.wait()
 
 
 def victims(pool: WorkerPool, what: str) -> list[int]:
@@ -121,12 +107,11 @@ def test_three_thousand_kills_on_a_busy_machine_leave_no_future_unsettled(
     assert ends["done"] > 8 * n_kills / 3
 
 
-def test_a_worker_that_is_stopped_ends_at_its_tasks_deadline() -> None:
+def test_a_task_that_hangs_ends_at_its_deadline() -> None:
     with WorkerPool(1, 1.0, MEMORY) as pool:
         assert pool.submit(abs, -1).result(timeout=60) == 1
-        kill(victims(pool, "workers"), signal.SIGSTOP)
         with pytest.raises(LimitError):
-            pool.submit(abs, -2).result(timeout=60)
+            pool.submit(hang).result(timeout=60)
         assert pool.submit(abs, -3).result(timeout=60) == 3
 
 
@@ -141,3 +126,53 @@ def test_the_end_of_the_interpreter_waits_for_no_worker() -> None:
     with WorkerPool(1, 20.0, MEMORY) as pool:
         assert pool.submit(abs, -1).result(timeout=60) == 1
         assert not multiprocessing.active_children()
+
+
+def is_ready(pool: WorkerPool) -> bool:
+    with contextlib.suppress(NoWorkerError):
+        pool.require_ready()
+        return True
+    return False
+
+
+def test_it_is_ready_while_a_worker_answers_or_is_at_work() -> None:
+    with WorkerPool(1, 20.0, MEMORY) as pool:
+        assert pool.submit(abs, -1).result(timeout=60) == 1
+        assert is_ready(pool)
+        slow, behind = pool.submit(short, 1, 0.5), pool.submit(short, 2, 0.0)
+        while not slow.done():
+            assert is_ready(pool)
+        assert behind.result(timeout=60) == 2
+
+
+@pytest.mark.parametrize("n_workers", [1, 3])
+def test_stopped_workers_are_not_ready_and_are_replaced(n_workers: int) -> None:
+    with WorkerPool(n_workers, 300.0, MEMORY) as pool:
+        wait([pool.submit(short, n, 0.1) for n in range(2 * n_workers)], timeout=60)
+        stopped = victims(pool, "workers")
+        assert len(stopped) == n_workers
+        kill([*stopped, *victims(pool, "fork server")], signal.SIGSTOP)
+        assert not is_ready(pool)
+        for _ in range(30):
+            if is_ready(pool):
+                break
+        assert is_ready(pool)
+        assert pool.submit(abs, -1).result(timeout=60) == 1
+        assert not set(stopped) & set(victims(pool, "workers"))
+
+
+def test_one_worker_that_answers_is_enough() -> None:
+    with WorkerPool(2, 300.0, MEMORY) as pool:
+        wait([pool.submit(short, n, 0.2) for n in range(4)], timeout=60)
+        kill(victims(pool, "workers")[:1], signal.SIGSTOP)
+        assert is_ready(pool)
+
+
+def test_a_task_of_a_stopped_worker_is_done_by_another_one(tmp_path: Path) -> None:
+    mark = tmp_path / "mark"
+    with WorkerPool(1, 300.0, MEMORY) as pool:
+        task = pool.submit(slow_mark, mark, 0.5)
+        while not mark.exists():
+            time.sleep(0.01)
+        kill(victims(pool, "workers"), signal.SIGSTOP)
+        assert task.result(timeout=60) == "done"

@@ -34,7 +34,7 @@ def keeping(
 ) -> Retention:
     ages = (timedelta(seconds=seconds) for seconds in (file_seconds, job_seconds))
     tables = Jobs(store.database), IdempotencyKeys(store.database)
-    return Retention(*tables, spool, file_age=next(ages), job_age=next(ages))
+    return Retention(*tables, spool, store.root, file_age=next(ages), job_age=next(ages))
 
 
 def half_an_hour_ago() -> str:

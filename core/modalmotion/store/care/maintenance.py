@@ -47,6 +47,8 @@ def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
             index.set_clean(True)
         finally:
             database.close()
+        # From here on it is a store, if it was a backup.
+        remove_durably(root / "backup.json")
     return replace(
         reconciliation,
         guests_lost=guests_lost,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
@@ -26,6 +27,7 @@ from modalmotion.store.index.index import Index, put_records, put_results
 from modalmotion.store.index.model_index import ModelIndex, put_models
 from modalmotion.store.model_deletion import deleted_record, finish_model_deletion
 from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
+from modalmotion.store.tombstones import buried
 
 _FORMS: Final[dict[ResultKind, Form]] = {
     "signature": signature_hdf5.FORM,
@@ -43,7 +45,8 @@ class Reconciliation:
     n_sequences, n_results : int
         In the index now.
     n_deletions : int
-        Deletions that a crash had interrupted and that were finished.
+        Deletions that a crash had interrupted, and those of sequences that came back with older
+        files: both were finished.
     n_temporaries : int
         Unfinished files that were removed.
     restored : tuple of str
@@ -99,6 +102,7 @@ def reconcile(
     """
     scan = folder.scan()
     remove_durably(*scan.temporaries)
+    scan.deletions.update(_returned(folder, scan))
     for sequence_id in sorted(scan.deletions):
         finish_deletion(folder, index, sequence_id)
     for reference in sorted(scan.models & scan.deleted_models):
@@ -140,7 +144,7 @@ def reconcile(
             damaged.append(folder.short(path))
         _tell(progress, number, len(sequence_ids) + len(results))
     models = _models(folder, index, scan, damaged, thorough=thorough)
-    with index.database.write() as connection:
+    with index.database.write(erases=True) as connection:
         connection.execute("DELETE FROM sequences")
         put_records(connection, records)
         put_results(connection, rows)
@@ -156,6 +160,24 @@ def reconcile(
         orphans=tuple(sorted(orphans)),
         n_models=sum(record.deleted is None for record in models),
     )
+
+
+def _returned(folder: Folder, scan: Scan) -> Iterator[str]:
+    """List sequences that are there though they were deleted, and remove such templates.
+
+    A copy of older files that was laid over the folder brings them; what was put after the
+    deletion is newer than its tombstone.
+    """
+    for sequence_id in scan.records - scan.deletions:
+        with contextlib.suppress(StoreError):
+            time = buried(folder.root, sequence_id)
+            if time is not None and read_record(folder.record(sequence_id)).created <= time:
+                yield sequence_id
+    for template_id in list(scan.templates):
+        path = folder.template(template_id)
+        if (buried(folder.root, template_id) or "") >= to_text(path.stat().st_mtime):
+            remove_durably(path)
+            scan.templates.remove(template_id)
 
 
 def _models(

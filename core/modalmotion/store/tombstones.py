@@ -1,0 +1,134 @@
+"""Tombstones: that a thing was deleted on purpose, by its digest and the time alone.
+
+A file that is missing is either deleted or lost, and nothing but the tombstone tells which. It is
+read by backups, and by `rebuild` and `restore`, which bring nothing back that was deleted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import re
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Final
+
+from modalmotion.errors import StoreError
+from modalmotion.store.disk.atomic import make_folder, remove_durably, write_atomic
+from modalmotion.store.index.cursor import now, to_text
+
+TOMBSTONES: Final = "deleted"
+"""Folder of a store that they lie in."""
+TOMBSTONE_DAYS: Final = 90
+"""How long they are kept: a backup that is older than this no longer learns of a deletion."""
+
+_OWNERS: Final = "owners"
+_BY_ID: Final = ("sequences", "signatures", "classifications", "templates")
+_ID: Final = re.compile(r"[0-9a-f]{64}")
+
+
+def bury(root: Path, digest: str) -> None:
+    """Note durably that the thing of a digest is deleted.
+
+    Raises
+    ------
+    StoreError
+        If it cannot be written.
+    """
+    path = _path(root, digest)
+    make_folder(path.parent)
+    write_atomic(path, now().encode())
+
+
+def bury_and_remove(root: Path, digest: str, *files: Path) -> None:
+    """Note that a thing is deleted, and remove its files.
+
+    Raises
+    ------
+    StoreError
+        If either fails; some files may be gone.
+    """
+    try:
+        bury(root, digest)
+    except StoreError:
+        # On a full disk the files themselves make room for it.
+        remove_durably(*files)
+        bury(root, digest)
+    else:
+        remove_durably(*files)
+
+
+def buried(root: Path, digest: str) -> str | None:
+    """When a thing was deleted last, as `now` writes it; None where nothing is known of that."""
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        return _path(root, digest).read_text("ascii")
+    return None
+
+
+def forget_tombstones(root: Path, days: float = TOMBSTONE_DAYS) -> int:
+    """Remove tombstones that are older, and tell how many.
+
+    Raises
+    ------
+    StoreError
+        If one cannot be removed.
+    """
+    past = time.time() - days * 86400
+    old = [path for path in (root / TOMBSTONES).glob("*/*") if path.stat().st_mtime < past]
+    remove_durably(*old)
+    return len(old)
+
+
+def digest_of_owner(owner: str) -> str:
+    """Digest that an owner's whole store is known by among deleted things."""
+    return hashlib.sha256(f"{_OWNERS}/{owner}".encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Deletions:
+    """Deletions that a folder of one store, or of a service, knows of.
+
+    Parameters
+    ----------
+    root : Path
+    """
+
+    root: Path
+
+    def cover(self, name: PurePath, written: float) -> bool:
+        """Whether a file was deleted on purpose.
+
+        Parameters
+        ----------
+        name : PurePath
+            Within the folder.
+        written : float, s
+            When the file was written, since 1970: what is newer than the deletion came after it.
+        """
+        for root, digest in _things(self.root, name):
+            time_of = buried(root, digest)
+            if time_of is not None and to_text(written) <= time_of:
+                return True
+            # A deletion that is under way: its record lies under another name.
+            if (root / "sequences" / digest[:2] / f"{digest}.deleted").exists():
+                return True
+        is_model = name.suffix == ".h5" and name.parent.parent.name == "models"
+        return is_model and (self.root / name).with_suffix(".deleted").exists()
+
+
+def _things(root: Path, name: PurePath) -> Iterator[tuple[Path, str]]:
+    """List the things that a file belongs to, each with the store that would know of its end."""
+    parts = name.parts
+    if parts[0] == _OWNERS and len(parts) > 2:
+        yield root, digest_of_owner(parts[1])
+        yield from _things(root / _OWNERS / parts[1], PurePath(*parts[2:]))
+    elif parts[0] in _BY_ID and _ID.match(name.name):
+        yield root, name.name[:64]
+
+
+def _path(root: Path, digest: str) -> Path:
+    # Once more: after a deletion not even the id is found in the folder.
+    name = hashlib.sha256(f"deleted {digest}".encode()).hexdigest()
+    return root / TOMBSTONES / name[:2] / name
