@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import resource
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
@@ -113,7 +113,7 @@ def protocol_with_deadline(
                         message = {**message, "headers": [*headers, (b"connection", b"close")]}
                     elif not message.get("more_body", False):
                         # Closed while something comes in, it would be reset, and the answer lost.
-                        cycle.transport = _LeftOpen(self.transport)
+                        cycle.transport = cast("Any", _LeftOpen(self.transport))
                 await send(message)
 
             await self._answer_in_full(scope, receive, sent)
