@@ -117,7 +117,7 @@ def test_what_is_stated_with_known_content_is_filled_in_or_refused_with_the_way(
         kept = client.get(link).json()
         return kept[name] if name in kept else kept["facts"][name]
 
-    unknown = (None, {}, "unknown")
+    unknown: tuple[Any, ...] = (None, {}, "unknown")
     assert value() in unknown
     filled = send(number, **{way: {name: first}})
     assert filled.status_code == 200
