@@ -56,7 +56,7 @@ class Noise:
         Vertices of independent noise that average like these.
     parts : tuple of float
         Shares in the variance of independent noise that is mixed with its neighbours 0, 1, 2,
-        4, 8, 16, 32 and 64 times.
+        4, 8, 12, 16, 24, 32, 48 and 64 times.
     rounding : float, length unit
         Noise from storing the coordinates in their type.
     modes : int
@@ -100,9 +100,7 @@ class Noise:
             text += " Motion and noise are hard to tell apart here."
         return text
 
-    def displacement_rms(
-        self, n_frames: int, reference: Reference, n_directions: int = 3
-    ) -> float:
+    def displacement_rms(self, n_frames: int, reference: Reference, n_directions: int = 3) -> float:
         """RMS displacement that noise alone makes, the reference's own included, length unit."""
         return self.sigma * float(np.sqrt(n_directions * self.spread(n_frames, reference)))
 
@@ -161,9 +159,7 @@ def estimate_noise(fitter: Fitter, ladder: Ladder, fit: Fit) -> Noise:
     best = _estimate(bands, paths, np.array(white))
     variances = [best.variance, *_other_variances(bands, paths, best)]
     parts = best.parts / best.variance
-    lowest, highest = (
-        bands.scale * float(np.sqrt(v)) for v in (min(variances), max(variances))
-    )
+    lowest, highest = (bands.scale * float(np.sqrt(v)) for v in (min(variances), max(variances)))
     sigma = max(bands.scale * float(np.sqrt(best.variance)), rounding)
     is_rounding = sigma == rounding
     return Noise(
@@ -206,7 +202,11 @@ def _other_variances(bands: Bands, paths: Paths, best: _Estimate) -> list[float]
 
 def _columns(bands: Bands, parts: NDArray[np.float64]) -> NDArray[np.float64]:
     """Independent columns of each band, all three directions."""
-    return 3.0 * bands.independent(parts)
+    columns = bands.independent(parts)
+    # Noise so smooth that it has fewer cannot be told from motion, which would pass for it.
+    white = bands.independent(np.eye(len(parts))[0])
+    columns[:-FINE] = np.maximum(columns[:-FINE], 0.5 * white[:-FINE])
+    return 3.0 * columns
 
 
 def _at(
@@ -221,15 +221,24 @@ def _at(
     levels = paths.levels(correlation, columns, all_times=all_times)
     numbers = levels.columns * levels.directions
     is_read = (levels.directions >= _FEWEST_DIRECTIONS) & (levels.columns > 3.0)
+    place = np.arange(len(columns))
     if levels.n_directions < _FEWEST_DIRECTIONS:
         # So few frames are all motion where the modes are.
-        is_read = np.arange(len(columns)) >= len(columns) - FINE
-    if all_bands or not is_read.any():
+        is_read = place >= len(columns) - FINE
+    elif levels.n_directions < 2 * _FEWEST_DIRECTIONS:
+        is_read &= place >= len(columns) // 2
+    if not is_read.any():
+        is_read = place >= len(columns) - FINE
+    if all_bands:
         is_read = np.ones(len(columns), dtype=np.bool_)
-        numbers = levels.columns * levels.n_directions
     weights = np.where(is_read, np.clip(numbers, 1.0, _MOST_NUMBERS), 0.0)
-    parts = _parts_of(bands.expected[:, is_read], levels.energies[is_read] / 3.0, weights[is_read])
-    return _Estimate(parts, correlation, levels, is_read)
+    expected, energies = bands.expected[:, is_read], levels.energies[is_read] / 3.0
+    parts = _parts_of(expected, energies, weights[is_read])
+    # The parts tell the shape; the level is that of the bands with most energy.
+    total = max(float(energies.sum()), 1e-200)
+    return _Estimate(
+        parts * (total / float((parts @ expected).sum())), correlation, levels, is_read
+    )
 
 
 def _parts_of(
@@ -243,7 +252,7 @@ def _parts_of(
     """
     size = float(energies.max())
     if size == 0.0:
-        return np.eye(len(expected))[0] * 1e-300
+        return np.full(len(expected), 1e-200)
     energies = np.maximum(energies / size, 1e-40)
     parts = np.full(len(expected), float(np.median(energies / expected[0])) / len(expected))
     for _ in range(_STEPS):

@@ -89,16 +89,19 @@ class _Split:
         """Split coefficients, (modes, n) float64."""
         return np.array_split(c, max(1, len(c) // _IN_BAND))
 
-    def fine(self, fields: NDArray[np.float64], c: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    def fine(
+        self, fields: NDArray[np.float64], c: NDArray[np.float64]
+    ) -> list[NDArray[np.float64]]:
         """Split what the modes leave, by means over ever more neighbours."""
         left = fields - product(self.psi, c)
         near = self.once @ left
         far = self.once @ (self.once @ (self.once @ near))
-        return [part[self.some] for part in (left - near, near - far, far)]
+        root = np.sqrt(len(self.some))
+        return [part[self.some] / root for part in (left - near, near - far, far)]
 
 
 def n_modes_of(ladder: Ladder, template: Template) -> int:
-    """Number of a ladder's modes that make bands."""
+    """Count the modes of a ladder that make bands."""
     most = max(1, min(_MODES, int((template.weights > 0).sum()) // _SHARE))
     return int(ladder.counts[np.searchsorted(ladder.counts, most, side="right") - 1])
 
@@ -171,9 +174,7 @@ def _grams(
     return scale, np.stack(grams)
 
 
-def _expected(
-    split: _Split, mixtures: Mixtures
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _expected(split: _Split, mixtures: Mixtures) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     parts = []
     for fields in mixtures.fields:
         c = product(split.rows, fields)

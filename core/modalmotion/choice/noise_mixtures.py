@@ -20,7 +20,7 @@ from modalmotion.modes.topology import CLOSED
 from modalmotion.numeric.products import product
 from modalmotion.template import Template
 
-MIXINGS: Final = (0, 1, 2, 4, 8, 16, 32, 64)
+MIXINGS: Final = (0, 1, 2, 4, 8, 12, 16, 24, 32, 48, 64)
 """Times that each part of a noise was mixed with its neighbours."""
 
 # Numbers in the white fields that are mixed, and limits of the number of fields.
@@ -88,7 +88,7 @@ class Mixtures:
         return float(k * (k - 1) / max(parts @ overlaps @ parts, 1e-300))
 
     def shares(self, ladder: Ladder, parts: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Expected squared coefficient of each mode in noise of variance 1.
+        """Give the expected squared coefficient of each mode in noise of variance 1.
 
         Parameters
         ----------
