@@ -30,6 +30,9 @@ _MOST_NUMBERS: Final = 300.0
 _STEPS: Final = 300
 _OFF: Final = 1.15
 
+# Share of the variance below which a part counts as none.
+_LEAST_PART: Final = 1e-3
+
 # Other costs of a direction of motion, whose estimates the range holds.
 _OTHER_COSTS: Final = (COST / 2, COST * 2)
 
@@ -158,7 +161,9 @@ def estimate_noise(fitter: Fitter, ladder: Ladder, fit: Fit) -> Noise:
     paths = Paths(bands.grams, max(n_bands - FINE, 1))
     best = _estimate(bands, paths, np.array(white))
     variances = [best.variance, *_other_variances(bands, paths, best)]
-    parts = best.parts / best.variance
+    # Parts of next to nothing are none.
+    parts = np.where(best.parts > _LEAST_PART * best.variance, best.parts, 0.0)
+    parts /= parts.sum()
     lowest, highest = (bands.scale * float(np.sqrt(v)) for v in (min(variances), max(variances)))
     sigma = max(bands.scale * float(np.sqrt(best.variance)), rounding)
     is_rounding = sigma == rounding

@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.nested_sets import Ladder
-from modalmotion.choice.noise_mixtures import MIXINGS, Mixtures
+from modalmotion.choice.noise_mixtures import MIXINGS, PAIRED, Mixtures
 from modalmotion.fit.fit import Fit
 from modalmotion.numeric.products import product
 from modalmotion.numeric.scale import power_of_two
@@ -182,11 +182,12 @@ def _expected(split: _Split, mixtures: Mixtures) -> tuple[NDArray[np.float64], N
     n_parts, n_fields = len(MIXINGS), mixtures.fields.shape[2]
     expected = np.array([[(x**2).sum() / n_fields for x in part] for part in parts])
     overlaps = []
+    k = PAIRED
     for band in zip(*parts, strict=True):
-        x = np.concatenate(band, axis=1)
+        x = np.concatenate([fields[:, :k] for fields in band], axis=1)
         squares = product(np.ascontiguousarray(x.T), x) ** 2
-        squares = squares.reshape(n_parts, n_fields, n_parts, n_fields)
+        squares = squares.reshape(n_parts, k, n_parts, k)
         # E (x'y)^2 = tr(C D) for independent fields x and y of covariances C and D
         same = np.einsum("akbk->ab", squares)
-        overlaps.append((squares.sum(axis=(1, 3)) - same) / (n_fields * (n_fields - 1)))
+        overlaps.append((squares.sum(axis=(1, 3)) - same) / (k * (k - 1)))
     return expected, np.array(overlaps)

@@ -28,6 +28,9 @@ _NUMBERS: Final = 64_000
 _FEWEST: Final = 16
 _MOST: Final = 48
 
+PAIRED: Final = 12
+"""Fields whose products with one another are taken."""
+
 
 @dataclass(frozen=True, eq=False)
 class Mixtures:
@@ -80,8 +83,8 @@ class Mixtures:
 
     def independent(self, parts: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
         """Vertices of independent noise that average like all: tr(C)^2 / tr(C^2) by weight."""
-        n_parts, n, k = self.fields.shape
-        x = np.ascontiguousarray(self.fields.transpose(1, 0, 2)).reshape(n, n_parts * k)
+        n_parts, n, k = len(MIXINGS), len(weights), PAIRED
+        x = np.ascontiguousarray(self.fields[:, :, :k].transpose(1, 0, 2)).reshape(n, -1)
         squares = product(np.ascontiguousarray((x * weights[:, None]).T), x) ** 2
         squares = squares.reshape(n_parts, k, n_parts, k)
         overlaps = squares.sum(axis=(1, 3)) - np.einsum("akbk->ab", squares)
