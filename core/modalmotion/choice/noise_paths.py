@@ -212,7 +212,9 @@ def _bulk(values: NDArray[np.float64], n: float) -> tuple[int, float, bool]:
         variance = float(values[r:].sum()) / ((p - r) * columns)
         a, b = np.sqrt(columns), np.sqrt(p - r)
         edge = (a + b) ** 2 + (a + b) * (1.0 / a + 1.0 / b) ** (1.0 / 3.0)
-        if r == p - 1 or columns < 2.0 or values[r] <= variance * edge:
+        # Fewer columns than directions leave some of these empty.
+        is_last = r == p - 1 or (n < p and r >= n / 2)
+        if is_last or values[r] <= variance * edge:
             return r, variance * n, _fills(values[r:], variance, columns)
     return 0, 0.0, False
 
