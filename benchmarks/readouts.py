@@ -135,10 +135,10 @@ def reading(sequence: MeshSequence, parameters: SignatureParameters) -> Reading:
     alone = np.abs(cavity.volume(reconstruct(signature, sequence)))
     frame = found.mesh_curve.end_systole
     return Reading(
-        mesh=found.mesh_curve.ejection_fraction,
+        mesh=found.mesh_curve.share or 0.0,
         modes_alone=float(100 * (1 - alone.min() / alone.max())),
-        affine_first=found.curve.ejection_fraction,
-        bound=found.curve.ejection_fraction_bound,
+        affine_first=found.curve.share or 0.0,
+        bound=found.curve.share_bound or 0.0,
         volume_error=abs(_off(found, frame)),
         volume_from_rms=first_order_bound(signature, sequence, cavity, frame),
     )
@@ -163,7 +163,7 @@ def first_order_bound(
     Phi = basis.shapes[used]
     part, *_ = np.linalg.lstsq(root * Phi, root * n, rcond=None)
     left = root * (n - Phi @ part)
-    return float(np.linalg.norm(left) * signature.rms_errors[frame])
+    return float(np.linalg.norm(left) * signature.weighted_rms_errors[frame])
 
 
 def gradient(cavity: Cavity, x: Floats) -> Floats:

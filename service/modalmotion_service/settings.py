@@ -29,7 +29,10 @@ class Settings(BaseSettings):
         100_000_000, ge=0, description="Uploads are refused while less is free on the disk."
     )
     workers: int = Field(
-        default_factory=lambda: os.cpu_count() or 1, ge=1, le=256, description="Processes."
+        default_factory=lambda: os.cpu_count() or 1,
+        ge=1,
+        le=256,
+        description="Processes; one more does short work alone.",
     )
     scheduler: str | None = Field(
         None, description="Dask scheduler that work is sent to, such as tcp://host:8786."
@@ -80,6 +83,13 @@ class Settings(BaseSettings):
         description="How long a finished job and an idempotency key are known.",
     )
 
+    retry_hours: float = Field(
+        72.0,
+        gt=0,
+        le=1e5,
+        description="How long a job is tried again where a full disk or a lost store stops it.",
+    )
+
     max_body_bytes: int = Field(256_000_000, gt=0, description="Largest request body.")
     max_json_bytes: int = Field(
         16_000_000, gt=0, description="Largest body of a request that is not an upload."
@@ -116,6 +126,15 @@ class Settings(BaseSettings):
         3600.0, gt=0, description="Longest time of a training, once its signatures are there."
     )
     task_seconds: float = Field(300.0, gt=0, description="Longest time of one piece of work.")
+    task_cost_factor: float = Field(
+        20.0,
+        ge=1,
+        description="Most processor time of one piece of work, in multiples of what an honest "
+        "file of its size takes.",
+    )
+    task_cost_seconds: float = Field(
+        2.0, gt=0, description="Processor time that every piece of work may take."
+    )
     task_memory_bytes: int = Field(
         6_000_000_000, ge=1_000_000_000, description="Address space of one piece of work."
     )
@@ -153,5 +172,7 @@ class Settings(BaseSettings):
         seconds = (*of_requests, "task_seconds", "training_seconds")
         limits: dict[str, float] = {name: getattr(self, f"max_{name}") for name in names + rates}
         limits.update({name: getattr(self, name) for name in seconds})
+        limits["task_cost_factor"] = self.task_cost_factor
+        limits["task_cost_seconds"] = self.task_cost_seconds
         limits["task_memory_bytes"] = self.task_memory_bytes
         return limits

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import os
 import random
 import signal
@@ -12,13 +13,17 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
+from busy_machine import busy_processes
+from job_requests import ASYNC
 from running import RunningService
+from small_disk import SmallDisk, small_disk
 
 from modalmotion.formats import read_npz
 from modalmotion.signature.making import SignatureParameters, modal_signature
@@ -247,39 +252,165 @@ def test_fifty_stalled_connections_for_a_minute(service: RunningService) -> None
 
 
 def test_a_full_disk_is_said_and_leaves_nothing_half_written(tmp_path: Path) -> None:
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(disk)],
-        capture_output=True,
-        check=False,
-    )
-    if mounted.returncode != 0:
-        pytest.skip("this user may not mount a small file system")
-    service = RunningService(disk / "results", {"RESERVE_BYTES": "0"})
-    service.log = tmp_path / "service.log"
-    try:
-        service.start()
-        kept = []
-        for number in range(400):
-            vertices = np.random.default_rng(number).normal(size=(20, 256, 3))
-            buffer = io.BytesIO()
-            np.savez(buffer, vertices=vertices, grid=(16, 16), topology="cup")
-            answer = service.request("POST", "/v1/sequences", buffer.getvalue())
-            if answer.status != 201:
-                break
-            kept.append(answer.json["id"])
-        assert (answer.status, answer.json["code"]) == (507, "store_error")
-        assert answer.json["remedy"]
-        assert len(kept) > 2
-        for sequence_id in kept:
-            assert service.request("GET", f"/v1/sequences/{sequence_id}").status == 200
-        # Room is made, and the service goes on.
-        for sequence_id in kept[:3]:
-            assert service.request("DELETE", f"/v1/sequences/{sequence_id}").status == 204
-        assert service.request("POST", "/v1/sequences", small(1)).status == 201
-        service.stop()
-        assert not verify(service.data_dir).faults
-    finally:
-        service.stop()
-        subprocess.run(["umount", str(disk)], check=False)
+    with small_disk(tmp_path / "disk", "3m") as disk:
+        service = RunningService(disk.folder / "results", {"RESERVE_BYTES": "0"})
+        service.log = tmp_path / "service.log"
+        try:
+            service.start()
+            kept = []
+            for number in range(400):
+                vertices = np.random.default_rng(number).normal(size=(20, 256, 3))
+                buffer = io.BytesIO()
+                np.savez(buffer, vertices=vertices, grid=(16, 16), topology="cup")
+                answer = service.request("POST", "/v1/sequences", buffer.getvalue())
+                if answer.status != 201:
+                    break
+                kept.append(answer.json["id"])
+            assert (answer.status, answer.json["code"]) == (507, "store_error")
+            assert answer.json["remedy"]
+            assert len(kept) > 2
+            for sequence_id in kept:
+                assert service.request("GET", f"/v1/sequences/{sequence_id}").status == 200
+            # Room is made, and the service goes on.
+            for sequence_id in kept[:3]:
+                assert service.request("DELETE", f"/v1/sequences/{sequence_id}").status == 204
+            assert service.request("POST", "/v1/sequences", small(1)).status == 201
+            service.stop()
+            assert not verify(service.data_dir).faults
+        finally:
+            service.stop()
+
+
+def fillings(service: RunningService, disk: SmallDisk, n_times: int, n_jobs: int) -> Counter[str]:
+    """Fill and free the disk under load; count how the acknowledged jobs ended."""
+    acknowledged: dict[str, int] = {}
+    is_over = threading.Event()
+
+    def upload(client: int) -> None:
+        for number in itertools.count(1_000_000 * client):
+            if is_over.is_set():
+                return
+            answer = service.request("POST", "/v1/sequences", small(number), ASYNC)
+            # With the disk full nothing is promised.
+            assert answer.status in (202, 429, 503, 507), answer.body
+            if answer.status == 202:
+                acknowledged[answer.json["links"]["self"]] = number
+            time.sleep(0.02)
+
+    with ThreadPoolExecutor(2) as clients:
+        uploads = [clients.submit(upload, client + 1) for client in range(2)]
+        try:
+            for _ in range(n_times):
+                enough = len(acknowledged) + n_jobs
+                while len(acknowledged) < enough:
+                    assert not any(done.done() for done in uploads), uploads
+                    time.sleep(0.01)
+                disk.fill()
+                time.sleep(1.0)
+                disk.free()
+        finally:
+            is_over.set()
+    for done in uploads:
+        done.result()
+    ends: Counter[str] = Counter()
+    for link, number in acknowledged.items():
+        job = finished_job(service, link)
+        ends[str(job["state"])] += 1
+        assert job["state"] == "succeeded", job
+        sequence_id = read_npz(small(number)).sequence.id
+        assert job["result"] == f"/v1/sequences/{sequence_id}"
+    return ends
+
+
+def filled_disk(tmp_path: Path, n_times: int, n_jobs: int) -> Counter[str]:
+    with small_disk(tmp_path / "disk", "64m") as disk:
+        settings = {"RESERVE_BYTES": "0", "WORKERS": "2", "DRAIN_SECONDS": "5"}
+        service = RunningService(disk.folder / "results", settings)
+        service.log = tmp_path / "service.log"
+        try:
+            service.start()
+            ends = fillings(service, disk, n_times, n_jobs)
+            assert service.request("GET", "/health/ready").status == 200
+            assert service.terminate()
+            assert not list((service.data_dir / "spool").iterdir())
+            assert not verify(service.data_dir).faults
+        finally:
+            service.stop()
+    return ends
+
+
+def test_a_disk_that_was_full_for_a_while_costs_no_acknowledged_job(tmp_path: Path) -> None:
+    assert filled_disk(tmp_path, 1, 10)["succeeded"] >= 10
+
+
+@pytest.mark.soak
+def test_a_disk_is_filled_and_freed_fifteen_times(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    n_times = 15 * int(os.environ.get("SOAK", "1"))
+    ends = filled_disk(tmp_path, n_times, 30)
+    with capsys.disabled():
+        print(f"\ndisk filled and freed {n_times} times: {dict(ends)}")  # noqa: T201
+
+
+def test_a_store_that_is_away_for_a_while_costs_no_acknowledged_job(
+    service: RunningService, tmp_path: Path
+) -> None:
+    service.start()
+    jobs = [service.request("POST", "/v1/sequences", small(n), ASYNC).json for n in range(12)]
+    # As where a volume is lost: the folder is there, and empty.
+    service.data_dir.rename(tmp_path / "away")
+    service.data_dir.mkdir()
+    assert service.request("GET", "/health/ready").status in (200, 503)
+    time.sleep(1.0)
+    service.data_dir.rmdir()
+    (tmp_path / "away").rename(service.data_dir)
+    for number, job in enumerate(jobs):
+        job = finished_job(service, job["links"]["self"])
+        sequence_id = read_npz(small(number)).sequence.id
+        assert (job["state"], job["result"]) == ("succeeded", f"/v1/sequences/{sequence_id}"), job
+
+
+def jobs_under_kills(service: RunningService, n_kills: int, rng: random.Random) -> Counter[str]:
+    """Kill workers or their fork server at random moments; count how the jobs ended."""
+    assert service.process is not None
+    ends: Counter[str] = Counter()
+    jobs: list[str] = []
+    for number in range(n_kills):
+        workers = workers_of(service.process.pid)
+        servers = [pid for pid in service.processes()[1:] if pid not in workers]
+        what = rng.choices([workers, rng.sample(workers, min(1, len(workers))), servers], [4, 4, 1])
+        for pid in what[0]:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        time.sleep(rng.uniform(0.0, 0.02))
+        answer = service.request("POST", "/v1/sequences", small(number), ASYNC, timeout=120.0)
+        ends[f"answered {answer.status}"] += 1
+        if answer.status == 202:
+            jobs.append(answer.json["links"]["self"])
+    for link in jobs:
+        job = finished_job(service, link)
+        failed = job["error"]["code"] if isinstance(job["error"], dict) else ""
+        ends[f"{job['state']} {failed}".strip()] += 1
+    return ends
+
+
+def test_killed_workers_cost_no_acknowledged_job(service: RunningService) -> None:
+    service.start()
+    ends = jobs_under_kills(service, 15, random.Random(3))  # noqa: S311 (no secret)
+    # What is killed three times at the same work may break a reader, and is failed by name.
+    assert ends["succeeded"] + ends["failed worker_died"] == ends["answered 202"] == 15, ends
+
+
+@pytest.mark.soak
+def test_three_thousand_kills_of_workers_on_a_busy_machine_cost_no_acknowledged_job(
+    service: RunningService, capsys: pytest.CaptureFixture[str]
+) -> None:
+    service.settings = {**service.settings, "MAX_UNFINISHED_JOBS": "1000000"}
+    service.start()
+    n_kills = 3000 * int(os.environ.get("SOAK", "1"))
+    with busy_processes(12):
+        ends = jobs_under_kills(service, n_kills, random.Random(4))  # noqa: S311 (no secret)
+    with capsys.disabled():
+        print(f"\n{n_kills} kills of workers: {dict(ends)}")  # noqa: T201
+    assert ends["succeeded"] + ends["failed worker_died"] == ends["answered 202"] == n_kills, ends

@@ -55,7 +55,8 @@ class Guarded:
 
 @contextmanager
 def guarded(data_dir: Path, **settings: Any) -> Iterator[Guarded]:
-    chosen = {"workers": 1, "require_keys": True, **settings}
+    # No answer becomes a job because the machine is busy.
+    chosen = {"workers": 1, "require_keys": True, "wait_seconds": 120.0, **settings}
     app = create_app(Settings(data_dir=data_dir, **chosen))
     with TestClient(app, raise_server_exceptions=False) as client:
         yield Guarded(client, data_dir)

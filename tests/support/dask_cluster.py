@@ -60,10 +60,14 @@ class DaskCluster:
         raise AssertionError(f"no scheduler: {self.log}")
 
     def start_worker(self, n_processes: int = 1) -> subprocess.Popen[bytes]:
-        worker = self._run(
+        return self.start_program(
             *("-m", "modalmotion", "worker", self.address, "--host", "127.0.0.1"),
             *("--processes", str(n_processes)),
         )
+
+    def start_program(self, *arguments: str) -> subprocess.Popen[bytes]:
+        """Start what is to be one of the workers."""
+        worker = self._run(*arguments)
         self.workers.append(worker)
         return worker
 

@@ -23,7 +23,10 @@ LIMIT_BYTES = 2_000_000
 
 
 def small_settings(data_dir: Path) -> Settings:
-    return Settings(data_dir=data_dir, max_body_bytes=LIMIT_BYTES, max_frames=100)
+    # No answer becomes a job because the machine is busy.
+    return Settings(
+        data_dir=data_dir, max_body_bytes=LIMIT_BYTES, max_frames=100, wait_seconds=120.0
+    )
 
 
 @contextmanager
@@ -86,7 +89,7 @@ def engine_client(
     settings = small_settings(engine_data_dir)
     if engine != "processes here":
         cluster: DaskCluster = request.getfixturevalue("dask_cluster")
-        settings = settings.model_copy(update={"scheduler": cluster.address, "wait_seconds": 120.0})
+        settings = settings.model_copy(update={"scheduler": cluster.address})
     with served(settings) as client:
         metered = client.app.state.owners.local.analysis.engine  # type: ignore[attr-defined]
         assert (type(metered.engine).__name__ == "DaskExecutor") == (engine != "processes here")
@@ -126,7 +129,7 @@ def dask_cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskClust
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Trained]:
     """A service with a model that was trained on it, for the tests of models."""
     data_dir = tmp_path_factory.mktemp("models") / "results"
-    app = create_app(Settings(data_dir=data_dir, workers=2))
+    app = create_app(Settings(data_dir=data_dir, workers=2, wait_seconds=120.0))
     with TestClient(app, raise_server_exceptions=False) as client:
         ids = send(client, cohort(N_PER_CLASS, seed=1))
         model = train(client, "wall-motion", ids)

@@ -148,7 +148,7 @@ def _grams(
     first = max(0, (f - _MOST_FRAMES) // 2)
     last = min(f, first + _MOST_FRAMES)
     a = fit.amplitudes[first:last]
-    size = max(float(fit.motion_rms.max()), float(np.abs(a).max(initial=0.0)))
+    size = max(float(fit.weighted_motion_rms.max()), float(np.abs(a).max(initial=0.0)))
     scale = power_of_two(size)
     # c = R a
     flat = np.ascontiguousarray((a / scale).transpose(1, 0, 2)).reshape(a.shape[1], -1)

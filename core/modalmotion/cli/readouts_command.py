@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from modalmotion.cli.options import (
     signature_parameters,
     surface_options,
 )
+from modalmotion.cli.outputs import write_picture
 from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts
 from modalmotion.errors import TopologyError
 from modalmotion.hdf5.image import INTENDED_USE
@@ -40,12 +40,16 @@ from modalmotion.signature.making import ModalSignature, modal_signature
 @plot_option
 @json_option
 def readouts(source: Path, plot: Path | None, as_json: bool, **options: Any) -> None:
-    """Read volume and ejection fraction of the cavity in FILE, with their bounds."""
+    """Read volume and ejection fraction of the surface in FILE, with their bounds.
+
+    The share of its volume that is lost is an ejection fraction where --cavity is stated or the
+    surface is a cup, else a volume change.
+    """
     parameters = signature_parameters(options)
     sequence = read(source, **options)
     result = clinical_readouts(modal_signature(sequence, parameters), sequence)
     if plot is not None:
-        volume_figure(result).savefig(plot)
+        write_picture(volume_figure(result), plot)
     if as_json:
         click.echo(json.dumps(_numbers(result), indent=2))
     else:
@@ -54,18 +58,24 @@ def readouts(source: Path, plot: Path | None, as_json: bool, **options: Any) -> 
 
 
 def volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]:
-    """Return lines on volume and ejection fraction; empty if the surface encloses nothing."""
+    """Return lines on the volume and its share; empty if the surface encloses nothing."""
     try:
         readouts = clinical_readouts(signature, sequence)
     except TopologyError:
         return []
     large, small, _ = _volumes(readouts.curve, readouts.shown_in)
-    low, high = readouts.curve.ejection_fraction_range
     return [
         f"volume {numeral(large, 1)} to {numeral(small, 1, of=large)} {readouts.volume_unit}",
-        f"ejection fraction {readouts.curve.ejection_fraction:.1f} % ({low:.1f} to {high:.1f})",
+        *_share_line(readouts.curve),
         *(f"note: {note}" for note in readouts.notes if signature.n_frames > 1),
     ]
+
+
+def _share_line(curve: VolumeCurve) -> list[str]:
+    if curve.fraction is None or curve.share_range is None:
+        return []
+    low, high = curve.share_range
+    return [f"{curve.fraction.words} {curve.share:.1f} % ({low:.1f} to {high:.1f})"]
 
 
 def _lines(readouts: ClinicalReadouts) -> list[str]:
@@ -93,11 +103,12 @@ def _lines(readouts: ClinicalReadouts) -> list[str]:
             f"{name:<24}{numeral(value, 2, of=largest):>12}"
             f"{''.join(f'{text:>10}' for text in shown)} {unit}"
         )
-    low, high = curve.ejection_fraction_range
-    lines.append(
-        f"{'ejection fraction':<24}{curve.ejection_fraction:12.2f}{low:10.2f}{high:10.2f}"
-        f"{mesh.ejection_fraction:10.2f} %"
-    )
+    if curve.fraction is not None and curve.share_range is not None:
+        low, high = curve.share_range
+        lines.append(
+            f"{curve.fraction.words:<24}{curve.share:12.2f}{low:10.2f}{high:10.2f}"
+            f"{mesh.share:10.2f} %"
+        )
     lines.append(f"end diastole in frame {curve.end_diastole}, end systole in {curve.end_systole}")
     return lines
 
@@ -124,7 +135,6 @@ def _numbers(readouts: ClinicalReadouts) -> dict[str, object]:
 
 def _curve(curve: VolumeCurve, factor: float) -> dict[str, object]:
     large, small, stroke = _volumes(curve, factor)
-    low, high = curve.ejection_fraction_range
     return {
         "volumes": (curve.volumes * factor).tolist(),
         "bounds": (curve.bounds * factor).tolist(),
@@ -134,5 +144,6 @@ def _curve(curve: VolumeCurve, factor: float) -> dict[str, object]:
         "end_systolic_volume": small,
         "stroke_volume": stroke,
         "ejection_fraction": curve.ejection_fraction,
-        "ejection_fraction_range": [low, high if math.isfinite(high) else None],
+        "volume_change": curve.volume_change,
+        "share_range": curve.share_range,
     }

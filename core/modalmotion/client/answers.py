@@ -135,10 +135,10 @@ class ModelInfo:
     answer: dict[str, Any] = field(repr=False, compare=False)
 
 
-@shown("ejection_fraction", "ejection_fraction_range", "volume_unit", "volumes")
+@shown("ejection_fraction", "volume_change", "share_range", "volume_unit", "volumes")
 @dataclass(frozen=True, eq=False)
 class Readouts:
-    """Volume over time and ejection fraction.
+    """Volume over time, and the share of it that is lost.
 
     Parameters
     ----------
@@ -147,11 +147,13 @@ class Readouts:
     times : (frames,) float64, s, or None
     volumes, bounds : (frames,) float64, `volume_unit`
         From the signature; the surface's own volume differs by at most the bound.
-    ejection_fraction : float, percent
-    ejection_fraction_range : tuple of float, percent
+    ejection_fraction, volume_change : float or None, percent
+        The share by its name: the first where the surface is that of a cavity. Both are None of
+        one frame, and where a volume is not positive.
+    share_range : tuple of float or None, percent
     mesh_volumes : (frames,) float64, `volume_unit`
         Of the frames as sent.
-    mesh_ejection_fraction : float, percent
+    mesh_ejection_fraction, mesh_volume_change : float or None, percent
     notes : list of str
     answer : dict
         The full answer of the service.
@@ -161,10 +163,12 @@ class Readouts:
     times: NDArray[np.float64] | None
     volumes: NDArray[np.float64]
     bounds: NDArray[np.float64]
-    ejection_fraction: float
-    ejection_fraction_range: tuple[float, float]
+    ejection_fraction: float | None
+    volume_change: float | None
+    share_range: tuple[float, float] | None
     mesh_volumes: NDArray[np.float64]
-    mesh_ejection_fraction: float
+    mesh_ejection_fraction: float | None
+    mesh_volume_change: float | None
     notes: list[str]
     answer: dict[str, Any] = field(repr=False)
 
@@ -184,7 +188,7 @@ class SignatureArrays:
         Names of the modes.
     amplitudes : (frames, modes, 3) float64, length unit
     angular_frequencies : (modes,) float64, rad per s
-    rms_errors : (frames,) float64, length unit
+    rms_errors, weighted_rms_errors : (frames,) float64, length unit
     times : (frames,) float64, s, or None
     """
 
@@ -194,6 +198,7 @@ class SignatureArrays:
     amplitudes: NDArray[np.float64]
     angular_frequencies: NDArray[np.float64]
     rms_errors: NDArray[np.float64]
+    weighted_rms_errors: NDArray[np.float64]
     times: NDArray[np.float64] | None
 
 
@@ -224,6 +229,7 @@ class CompressedSequence:
     ----------
     data : bytes
     rms, max_error : float, length unit
+        Of the distances of vertices: over all of them and all frames, and the largest.
     kg_error : float
         Karni-Gotsman error.
     bits_per_vertex_and_frame : float
@@ -260,7 +266,7 @@ def value_of(kind: Callable[..., T], answer: Any) -> T:
 
 
 def readouts_of(answer: Any) -> Readouts:
-    """Read volumes and ejection fractions.
+    """Read volumes and their shares.
 
     Raises
     ------
@@ -269,20 +275,25 @@ def readouts_of(answer: Any) -> Readouts:
     """
     with understood("a description of volumes"):
         own, mesh, times = answer["from_signature"], answer["of_mesh"], answer["times"]
-        fraction = own["ejection_fraction"]
-        high = fraction["high"]
+        shares = own["ejection_fraction"] or own["volume_change"]
         return Readouts(
             volume_unit=answer["volume_unit"],
             times=None if times is None else np.array(times, dtype=np.float64),
             volumes=np.array(own["volumes"], dtype=np.float64),
             bounds=np.array(own["bounds"], dtype=np.float64),
-            ejection_fraction=fraction["value"],
-            ejection_fraction_range=(fraction["low"], np.inf if high is None else high),
+            ejection_fraction=_value(own["ejection_fraction"]),
+            volume_change=_value(own["volume_change"]),
+            share_range=None if shares is None else (shares["low"], shares["high"]),
             mesh_volumes=np.array(mesh["volumes"], dtype=np.float64),
-            mesh_ejection_fraction=mesh["ejection_fraction"]["value"],
+            mesh_ejection_fraction=_value(mesh["ejection_fraction"]),
+            mesh_volume_change=_value(mesh["volume_change"]),
             notes=answer["notes"],
             answer=answer,
         )
+
+
+def _value(figure: Any) -> float | None:
+    return None if figure is None else float(figure["value"])
 
 
 def compressed_of(answer: Answer) -> CompressedSequence:
@@ -329,6 +340,7 @@ def pack_of(answer: Answer) -> list[SignatureArrays]:
                 amplitudes=pack[f"amplitudes_{number}"],
                 angular_frequencies=pack[f"angular_frequencies_{number}"],
                 rms_errors=pack[f"rms_errors_{number}"],
+                weighted_rms_errors=pack[f"weighted_rms_errors_{number}"],
                 times=pack.get(f"times_{number}"),
             )
             for number, sequence_id in enumerate(pack["ids"])

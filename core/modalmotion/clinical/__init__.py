@@ -1,6 +1,6 @@
 """Clinical readouts of a moving cavity: volume over time and ejection fraction."""
 
 from modalmotion.clinical.readouts import ClinicalReadouts, clinical_readouts
-from modalmotion.clinical.volume_curve import VolumeCurve
+from modalmotion.clinical.volume_curve import Fraction, VolumeCurve
 
-__all__ = ["ClinicalReadouts", "VolumeCurve", "clinical_readouts"]
+__all__ = ["ClinicalReadouts", "Fraction", "VolumeCurve", "clinical_readouts"]

@@ -1,4 +1,4 @@
-"""Volume and ejection fraction of a cavity, from the signature of its wall."""
+"""Volume over time and the share of it that is lost, from the signature of a surface."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.clinical.affine_superposition import superposed_positions
-from modalmotion.clinical.volume_curve import VolumeCurve
+from modalmotion.clinical.volume_curve import Fraction, VolumeCurve
 from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.facts.facts import UNKNOWN
 from modalmotion.fit.basis import make_basis
 from modalmotion.mesh import Cavity, cavity_of
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
-from modalmotion.modes.topology import PLANE
-from modalmotion.numerals import counted, numeral
+from modalmotion.modes.topology import CUP, PLANE
+from modalmotion.numerals import counted, numeral, with_article
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
@@ -39,7 +40,8 @@ _ROUNDING: Final = 64.0
 
 
 @shown(
-    "curve.ejection_fraction",
+    "curve.fraction",
+    "curve.share",
     "curve.stroke_volume",
     "unit",
     "n_amplitudes",
@@ -48,7 +50,7 @@ _ROUNDING: Final = 64.0
 )
 @dataclass(frozen=True, eq=False)
 class ClinicalReadouts:
-    """Readouts of a cavity's volume over time.
+    """Readouts of the volume that a surface encloses, over time.
 
     Parameters
     ----------
@@ -91,7 +93,7 @@ class ClinicalReadouts:
         if self.unit is None:
             raise ParameterError(
                 "The length unit is unknown, so volumes cannot be given in ml.",
-                remedy="State the unit of the sequence. The ejection fraction needs none.",
+                remedy="State the unit of the sequence; shares of the volume need none.",
             )
         return millilitres_in(self.unit)
 
@@ -115,6 +117,9 @@ def clinical_readouts(
     signature: ModalSignature, sequence: MeshSequence, *, template: Template | None = None
 ) -> ClinicalReadouts:
     """Volume over time and ejection fraction from a signature, with their bounds.
+
+    The share of the volume that is lost is called ejection fraction where a cavity is stated
+    (`Facts.cavity`), or the surface is a cup and nothing else is stated; else volume change.
 
     Parameters
     ----------
@@ -175,14 +180,23 @@ def clinical_readouts(
             remedy="Send the closed or cup-shaped wall of a cavity.",
         )
     sign = np.sign(largest)
+    name = _name_of_share(signature, sequence)
+    is_positive, is_own_positive = (sign * volumes > 0).all(), (sign * own > 0).all()
+    moves = signature.n_frames > 1
     n_terms = len(cavity.faces) + sum(map(len, cavity.openings))
     rounding = _ROUNDING * np.finfo(np.float64).eps * n_terms
     own_bounds = rounding * own_sizes**3
     bounds = np.abs(volumes - own) + rounding * sizes**3 + own_bounds
     cube = scale**3
     return ClinicalReadouts(
-        curve=VolumeCurve(sign * volumes * cube, bounds * cube),
-        mesh_curve=VolumeCurve(sign * own * cube, own_bounds * cube),
+        curve=VolumeCurve(
+            sign * volumes * cube,
+            bounds * cube,
+            name if moves and is_positive and is_own_positive else None,
+        ),
+        mesh_curve=VolumeCurve(
+            sign * own * cube, own_bounds * cube, name if moves and is_own_positive else None
+        ),
         times=signature.times,
         unit=signature.unit,
         n_amplitudes=3 * len(signature.modes),
@@ -190,10 +204,18 @@ def clinical_readouts(
         sequence_id=signature.sequence_id,
         template_id=signature.template_id,
         notes=(
-            *_notes(sign * own, sign * volumes),
+            *_notes(sign * own, sign * volumes, name),
             *_unlikely(signature.unit, abs(largest) * cube),
         ),
     )
+
+
+def _name_of_share(signature: ModalSignature, sequence: MeshSequence) -> Fraction:
+    cavity = sequence.facts.cavity
+    if cavity == UNKNOWN:
+        cavity = signature.facts.cavity
+    is_cavity = signature.topology == CUP if cavity == UNKNOWN else cavity != "none"
+    return Fraction.EJECTION_FRACTION if is_cavity else Fraction.VOLUME_CHANGE
 
 
 def _cavity(template: Template) -> Cavity:
@@ -244,14 +266,29 @@ def _unlikely(unit: str | None, volume: float) -> tuple[str, ...]:
     )
 
 
-def _notes(own: NDArray[np.float64], volumes: NDArray[np.float64]) -> tuple[str, ...]:
-    notes = []
+def _notes(
+    own: NDArray[np.float64], volumes: NDArray[np.float64], name: Fraction
+) -> tuple[str, ...]:
     if len(own) == 1:
-        notes.append("There is only one frame, so nothing is ejected.")
-    inverted = np.flatnonzero((own <= 0) | (volumes <= 0))
-    if inverted.size:
-        notes.append(
-            f"In {counted(inverted.size, 'frame')} (first: frame {inverted[0]}) the surface is "
-            "turned inside out, so volumes and ejection fraction mean little."
+        return ("There is only one frame, so nothing is ejected.",)
+    for curve, what, remedy in (
+        (own, "the surface", "Send the frames without it."),
+        (volumes, "the surface that the modes stand for", "Ask for more modes."),
+    ):
+        inverted = np.flatnonzero(curve <= 0)
+        if inverted.size:
+            return (
+                (
+                    f"In {counted(inverted.size, 'frame')} (first: frame {inverted[0]}) {what} is "
+                    f"turned inside out: {with_article(name.words)} would be above 100 %, which is "
+                    f"impossible, and none is stated. {remedy}"
+                ),
+            )
+    if name == Fraction.VOLUME_CHANGE:
+        text = (
+            "Nothing says that this surface is that of a cavity, so the share of its volume that "
+            "is lost is called volume change. State the fact cavity (lv, rv, la, ra or other) if "
+            "it is one."
         )
-    return tuple(notes)
+        return (text,)
+    return ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,19 @@ from numpy.typing import NDArray
 from modalmotion.representation import shown
 
 
-@shown("ejection_fraction", "ejection_fraction_bound", "volumes")
+class Fraction(StrEnum):
+    """Name of the share of the largest volume that the smallest one lacks."""
+
+    EJECTION_FRACTION = "ejection_fraction"
+    VOLUME_CHANGE = "volume_change"
+
+    @property
+    def words(self) -> str:
+        """The name in a sentence."""
+        return self.value.replace("_", " ")
+
+
+@shown("fraction", "share", "share_bound", "volumes")
 @dataclass(frozen=True, eq=False)
 class VolumeCurve:
     """Volume enclosed in each frame, and its error bound.
@@ -21,10 +34,14 @@ class VolumeCurve:
         Positive as long as the surface does not turn inside out.
     bounds : (frames,) float64, length unit cubed
         The true volume lies within volume - bound and volume + bound.
+    fraction : Fraction or None
+        Name of `share`: an ejection fraction where the surface is that of a cavity, else a
+        volume change. None where there is none: of one frame, or where a volume is not positive.
     """
 
     volumes: NDArray[np.float64]
     bounds: NDArray[np.float64]
+    fraction: Fraction | None = None
 
     @property
     def end_diastole(self) -> int:
@@ -52,9 +69,21 @@ class VolumeCurve:
         return self.end_diastolic_volume - self.end_systolic_volume
 
     @property
-    def ejection_fraction(self) -> float:
+    def share(self) -> float | None:
         """Stroke volume over end-diastolic volume, percent; independent of the unit."""
-        return _ejected(self.end_diastolic_volume, self.end_systolic_volume)
+        if self.fraction is None:
+            return None
+        return _lost(self.end_diastolic_volume, self.end_systolic_volume)
+
+    @property
+    def ejection_fraction(self) -> float | None:
+        """The share, percent, where the surface is that of a cavity."""
+        return self.share if self.fraction == Fraction.EJECTION_FRACTION else None
+
+    @property
+    def volume_change(self) -> float | None:
+        """The share, percent, where nothing says that the surface is that of a cavity."""
+        return self.share if self.fraction == Fraction.VOLUME_CHANGE else None
 
     @property
     def end_diastolic_range(self) -> tuple[float, float]:
@@ -73,26 +102,27 @@ class VolumeCurve:
         return max(0.0, low - most), high - least
 
     @property
-    def ejection_fraction_range(self) -> tuple[float, float]:
-        """Interval of the true ejection fraction, percent.
+    def share_range(self) -> tuple[float, float] | None:
+        """Interval of the true share, percent; from 0 to 100, as true volumes are positive.
 
         Falls with min V and rises with max V; each lies in its interval, wherever in time.
         """
+        if self.fraction is None:
+            return None
         (low, high), (least, most) = self.end_diastolic_range, self.end_systolic_range
-        if low <= 0:
-            # Not even the sign of the larger volume is known.
-            return 0.0, float("inf")
-        # 1 - min V / max V grows with max V where min V is positive, else it falls.
-        return max(0.0, _ejected(low if most > 0 else high, most)), _ejected(
-            high if least > 0 else low, least
+        return (
+            max(0.0, _lost(low, most)) if low > 0 else 0.0,
+            _lost(high, least) if least > 0 else 100.0,
         )
 
     @property
-    def ejection_fraction_bound(self) -> float:
-        """Largest error of the stated ejection fraction, percentage points."""
-        low, high = self.ejection_fraction_range
-        return max(high - self.ejection_fraction, self.ejection_fraction - low)
+    def share_bound(self) -> float | None:
+        """Largest error of the stated share, percentage points."""
+        share, interval = self.share, self.share_range
+        if share is None or interval is None:
+            return None
+        return max(interval[1] - share, share - interval[0])
 
 
-def _ejected(largest: float, smallest: float) -> float:
-    return 100.0 * (1.0 - smallest / largest) if largest > 0 else 0.0
+def _lost(largest: float, smallest: float) -> float:
+    return 100.0 * (1.0 - smallest / largest)

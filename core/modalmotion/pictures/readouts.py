@@ -57,12 +57,13 @@ def volume_figure(readouts: ClinicalReadouts) -> Figure:
             va="bottom" if above else "top",
             fontsize=9,
         )
-    low, high = curve.ejection_fraction_range
-    axes.set_title(
-        f"Ejection fraction {curve.ejection_fraction:.1f} % ({low:.1f} to {high:.1f}); "
-        f"mesh {mesh.ejection_fraction:.1f} %",
-        fontsize=11,
-    )
+    if curve.fraction is not None and curve.share_range is not None:
+        low, high = curve.share_range
+        axes.set_title(
+            f"{curve.fraction.words.capitalize()} {curve.share:.1f} % ({low:.1f} to {high:.1f}); "
+            f"mesh {mesh.share:.1f} %",
+            fontsize=11,
+        )
     axes.set(xlabel="frame" if times is None else "time (s)", ylabel=f"volume ({unit})")
     axes.margins(x=0.03, y=0.22)
     axes.grid(alpha=0.25)

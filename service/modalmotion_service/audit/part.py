@@ -185,15 +185,22 @@ class AuditWriter:
     def _writing(self) -> Iterator[sqlite3.Connection]:
         file = self._connection
         with explained(self._name):
+            # One that a failing disk did not let us roll back would keep out all others.
+            _roll_back(file)
             file.execute("BEGIN IMMEDIATE")
             try:
                 _require_open(file)
                 yield file
                 file.execute("COMMIT")
             except BaseException:
-                if file.in_transaction:
-                    file.execute("ROLLBACK")
+                with contextlib.suppress(sqlite3.Error):
+                    _roll_back(file)
                 raise
+
+
+def _roll_back(file: sqlite3.Connection) -> None:
+    if file.in_transaction:
+        file.execute("ROLLBACK")
 
 
 def _is_closed(file: sqlite3.Connection) -> bool:

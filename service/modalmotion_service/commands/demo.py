@@ -13,7 +13,9 @@ from pathlib import Path
 import click
 import numpy as np
 
+from modalmotion.cli.outputs import OutputFolder
 from modalmotion.client import ClassAnswer, Client
+from modalmotion.clinical import Fraction
 from modalmotion.errors import InputError, ModalMotionError
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.numerals import numeral
@@ -31,7 +33,7 @@ from modalmotion.store import signature_from_hdf5
     "--output",
     default="demo-output",
     show_default=True,
-    type=click.Path(file_okay=False, path_type=Path),
+    type=OutputFolder(),
     help="Folder for the results and the picture.",
 )
 def main(file: Path | None, output: Path) -> None:
@@ -92,8 +94,9 @@ def _print_signature(signature: ModalSignature) -> None:
                 + " ".join(f"{numeral(value, of=motion):>9}" for value in row)
             )
     click.echo(
-        f"error      {numeral(signature.rms_error, of=motion)} {unit} RMS over all frames, of "
-        f"{numeral(motion)} {unit} of motion; max {numeral(signature.max_error, of=motion)} {unit}"
+        f"error      {numeral(signature.rms_error, of=motion)} {unit} RMS over all vertices and "
+        f"frames, of {numeral(motion)} {unit} of motion; "
+        f"max {numeral(signature.max_error, of=motion)} {unit}"
     )
     for note in signature.notes:
         click.echo(f"           note: {note}")
@@ -107,13 +110,15 @@ def _readouts(client: Client, path: str) -> str:
         return f"none: {error.message}"
     volumes, unit = answer["from_signature"], answer["volume_unit"]
     large, small = (volumes[f"end_{name}_volume"]["value"] for name in ("diastolic", "systolic"))
-    ejected = volumes["ejection_fraction"]
-    own = answer["of_mesh"]["ejection_fraction"]["value"]
-    return (
-        f"{numeral(large, 1)} to {numeral(small, 1)} {unit}, "
-        f"ejection fraction {ejected['value']:.1f} % ({ejected['low']:.1f} to "
-        f"{ejected['high']:.1f}; of the mesh itself {own:.1f})"
-    )
+    text = f"{numeral(large, 1)} to {numeral(small, 1)} {unit}"
+    for name in Fraction:
+        share, own = volumes[name.value], answer["of_mesh"][name.value]
+        if share is not None and own is not None:
+            text += (
+                f", {name.words} {share['value']:.1f} % ({share['low']:.1f} to "
+                f"{share['high']:.1f}; of the mesh itself {own['value']:.1f})"
+            )
+    return text
 
 
 def _print_classification(answer: ClassAnswer) -> None:

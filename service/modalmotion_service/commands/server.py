@@ -37,10 +37,6 @@ def run(settings: Settings, host: str, port: int) -> None:
     with ResultStore(settings.data_dir):
         if settings.scheduler is not None:
             open_engine(settings).shutdown()
-            # Two seconds of imports that a single machine need not pay.
-            from modalmotion_service.work.dask.logs import log_dask_as_json
-
-            log_dask_as_json()
     chosen = secured(settings, host)
     offer_first_key(chosen)
     run_app(create_app(chosen), chosen, host, port)

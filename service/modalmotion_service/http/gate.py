@@ -5,6 +5,7 @@ Pure ASGI and before anything reads a body: the body of a refused request is nev
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -165,7 +166,9 @@ class Gate:
             # Failed, or given up by the client: something may have been done all the same.
             if is_noted and not started:
                 status = CLIENT_GONE if isinstance(error, ClientDisconnect) else 500
-                await self._note(connection, target, status, Headers())
+                # Where it cannot be logged either, what went wrong first is answered.
+                with contextlib.suppress(ModalMotionError):
+                    await self._note(connection, target, status, Headers())
             raise
 
     def _admit(self, connection: HTTPConnection, target: Target | None) -> dict[str, str]:

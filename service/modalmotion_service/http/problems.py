@@ -6,6 +6,7 @@ import json
 import logging
 from collections.abc import Mapping
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any, Final, cast
 
 from fastapi import FastAPI, Request
@@ -17,6 +18,7 @@ from modalmotion.errors import (
     CorruptFileError,
     InputError,
     LimitError,
+    LostFileError,
     MalformedFileError,
     MissingExtraError,
     ModalMotionError,
@@ -24,12 +26,15 @@ from modalmotion.errors import (
     NotFoundError,
     StoreError,
 )
+from modalmotion.store.disk.atomic import cannot_write
+from modalmotion.store.disk.faults import is_of_the_machine
 from modalmotion_service.access.scopes import methods_of
 from modalmotion_service.errors import (
     AuthenticationError,
     BusyError,
     ClusterError,
     ConflictError,
+    CostError,
     ForbiddenError,
     IdempotencyMismatchError,
     RateLimitedError,
@@ -47,12 +52,14 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     InputError: 422,
     NotFoundError: 404,
     CorruptFileError: 500,
+    LostFileError: 409,
     ModelNotReproducedError: 409,
     StoreError: 503,
     SlowClientError: 408,
     AuthenticationError: 401,
     ForbiddenError: 403,
     BusyError: 429,
+    CostError: 422,
     RateLimitedError: 429,
     ConflictError: 409,
     IdempotencyMismatchError: 422,
@@ -144,6 +151,7 @@ def _answer(body: dict[str, object], headers: Mapping[str, str] | None = None) -
 def install(app: FastAPI) -> None:
     """Have the app answer every error as a problem."""
     app.add_exception_handler(ModalMotionError, _on_own_error)
+    app.add_exception_handler(OSError, _on_fault_of_the_machine)
     app.add_exception_handler(RequestValidationError, _on_invalid_request)
     app.add_exception_handler(HTTPException, _on_http_exception)
 
@@ -163,6 +171,13 @@ async def _on_own_error(request: Request, error: Exception) -> Response:
             },
         )
     return answer
+
+
+async def _on_fault_of_the_machine(request: Request, error: Exception) -> Response:
+    assert isinstance(error, OSError)  # noqa: S101 (registered for this type alone)
+    if not is_of_the_machine(error):
+        raise error
+    return await _on_own_error(request, cannot_write(Path(error.filename or "a file"), error))
 
 
 async def _on_invalid_request(request: Request, error: Exception) -> Response:

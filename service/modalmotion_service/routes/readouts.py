@@ -27,13 +27,15 @@ async def readouts(
     request: Request,
     accept: Annotated[str, Header(description=f"{JSON}, or {PNG} for a picture.")] = JSON,
 ) -> Response:
-    """Give the volume over time and the ejection fraction, each with its bound.
+    """Give the volume over time and the share of it that is lost, each with its bound.
 
     From the signature with these parameters; surfaces that enclose nothing are refused (422).
+    The share is an ejection fraction where the fact `cavity` is stated or the surface is a cup,
+    else a volume change.
     """
     media_type = best_type(accept, (JSON, PNG))
-    parameters, _ = state.analysis.resolved(sequence_id, query.parameters())
-    tag = tag_of(sequence_id, parameters.key, "readouts", media_type)
+    parameters, facts = state.analysis.resolved(sequence_id, query.parameters())
+    tag = tag_of(sequence_id, parameters.key, "readouts", media_type, facts.cavity)
     if is_known(request, tag):
         return not_modified(tag)
     body = await state.analysis.readouts(sequence_id, parameters, as_picture=media_type == PNG)

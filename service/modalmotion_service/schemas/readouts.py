@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 from pydantic import BaseModel, Field
 
-from modalmotion.clinical import ClinicalReadouts, VolumeCurve
+from modalmotion.clinical import ClinicalReadouts, Fraction, VolumeCurve
 from modalmotion.hdf5.image import INTENDED_USE
 
 
@@ -15,17 +13,13 @@ class FigureAnswer(BaseModel):
 
     value: float
     low: float
-    high: float | None = Field(
-        description="Null where the bound takes in an empty cavity, so that there is no upper end."
-    )
+    high: float
 
     @staticmethod
     def of(value: float, interval: tuple[float, float], factor: float = 1.0) -> FigureAnswer:
         """Write a figure out in another unit."""
         low, high = (end * factor for end in interval)
-        return FigureAnswer(
-            value=value * factor, low=low, high=high if math.isfinite(high) else None
-        )
+        return FigureAnswer(value=value * factor, low=low, high=high)
 
 
 class VolumeAnswer(BaseModel):
@@ -40,11 +34,21 @@ class VolumeAnswer(BaseModel):
     end_diastolic_volume: FigureAnswer
     end_systolic_volume: FigureAnswer
     stroke_volume: FigureAnswer
-    ejection_fraction: FigureAnswer = Field(description="Percent.")
+    ejection_fraction: FigureAnswer | None = Field(
+        description="Stroke volume over end-diastolic volume, percent, where a cavity is stated or "
+        "the surface is a cup. Null elsewhere, of one frame, and where a volume is not positive."
+    )
+    volume_change: FigureAnswer | None = Field(
+        description="The same share where nothing says that the surface is that of a cavity."
+    )
 
     @staticmethod
     def of(curve: VolumeCurve, factor: float) -> VolumeAnswer:
         """Write a curve out in another unit."""
+        share = None
+        if curve.share is not None and curve.share_range is not None:
+            share = FigureAnswer.of(curve.share, curve.share_range)
+        is_ejected = curve.fraction == Fraction.EJECTION_FRACTION
         return VolumeAnswer(
             volumes=(curve.volumes * factor).tolist(),
             bounds=(curve.bounds * factor).tolist(),
@@ -57,9 +61,8 @@ class VolumeAnswer(BaseModel):
                 curve.end_systolic_volume, curve.end_systolic_range, factor
             ),
             stroke_volume=FigureAnswer.of(curve.stroke_volume, curve.stroke_range, factor),
-            ejection_fraction=FigureAnswer.of(
-                curve.ejection_fraction, curve.ejection_fraction_range
-            ),
+            ejection_fraction=share if is_ejected else None,
+            volume_change=None if is_ejected else share,
         )
 
 

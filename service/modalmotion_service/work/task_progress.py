@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import time
 from collections.abc import Awaitable, Callable
@@ -36,15 +37,17 @@ class ProgressFile:
         if now - self._written < _LEAST_SECONDS:
             return
         self._written = now
-        # Renamed into place, so that it is never read half-written.
-        self._beside.write_text(json.dumps([share, text]))
-        self._beside.replace(self._path)
+        # Renamed into place, so that it is never read half-written. No work fails because nobody
+        # can be told how far it is.
+        with contextlib.suppress(OSError):
+            self._beside.write_text(json.dumps([share, text]))
+            self._beside.replace(self._path)
 
     def read(self) -> tuple[float, str] | None:
         """Give what was told last; None before anything was."""
         try:
             share, text = json.loads(self._path.read_text())
-        except FileNotFoundError:
+        except (OSError, ValueError):
             return None
         return min(max(float(share), 0.0), 1.0), str(text)
 

@@ -1,21 +1,30 @@
 """Long work that goes on without its request, and after a restart.
 
 The jobs' table is the record: a job stands there before it is acknowledged, and unfinished
-jobs are taken up again when the service starts.
+jobs are taken up again when the service starts. A fault that may pass (a full disk, an index that
+cannot be written, a store or a cluster that is away) leads to another try; any other one fails the
+job by name. Its files are kept until one or the other.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
+import math
+import sqlite3
 from collections.abc import Awaitable, Callable, Mapping
+from pathlib import Path
 from typing import Any, Protocol
 
-from modalmotion.errors import ModalMotionError
-from modalmotion_service.errors import BusyError, ClusterError, ConflictError
+from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
+from modalmotion.store.disk.atomic import cannot_write
+from modalmotion.store.disk.faults import is_of_the_machine
+from modalmotion_service.errors import BusyError, ConflictError, WorkerDiedError
 from modalmotion_service.http.problems import internal_problem, problem_body
 from modalmotion_service.schemas import JobState
 from modalmotion_service.workspace.jobs import Job, Jobs
+from modalmotion_service.workspace.perseverance import passes, waits
 
 logger = logging.getLogger(__name__)
 
@@ -26,9 +35,6 @@ class Report(Protocol):
     def __call__(self, share: float, text: str = "") -> None:
         """Note the share that is done, 0 to 1, and in words what is done now."""
 
-
-# How soon a job is tried again while there is nobody to do it.
-_RETRY_SECONDS = 1.0
 
 Handler = Callable[[Any, Report], Awaitable[Any]]
 
@@ -51,6 +57,10 @@ class JobRunner:
     apart : dict
         Number at once of kinds that run in places of their own: hours of one kind should not
         keep the others waiting.
+    require_store : callable
+        Raises StoreError while nothing can be written where the jobs' files lie.
+    retry_seconds : float
+        How long a job is tried again and again after faults that may pass.
     """
 
     def __init__(
@@ -61,6 +71,8 @@ class JobRunner:
         n_at_once: int,
         most_unfinished: int,
         apart: Mapping[str, int] | None = None,
+        require_store: Callable[[], None] = lambda: None,
+        retry_seconds: float = math.inf,
     ) -> None:
         self._jobs = jobs
         self._handlers = handlers
@@ -69,10 +81,12 @@ class JobRunner:
         self._apart = {kind: asyncio.Semaphore(n) for kind, n in (apart or {}).items()}
         self._texts: dict[str, str] = {}
         self._most = most_unfinished
+        self._require_store = require_store
+        self._retry_seconds = retry_seconds
         self._tasks: dict[str, asyncio.Task[None]] = {}
 
     async def resume(self) -> None:
-        """Take up jobs that an earlier process left unfinished."""
+        """Take up jobs that an earlier process left unfinished, or that this one lost track of."""
         for job in await asyncio.to_thread(self._jobs.unfinished):
             self._begin(job)
 
@@ -101,6 +115,18 @@ class JobRunner:
                 limit="unfinished_jobs",
                 details={"most": self._most},
             )
+        making = asyncio.ensure_future(self._start(kind, request, instead_of))
+        try:
+            return await asyncio.shield(making)
+        except asyncio.CancelledError:
+            # Noted perhaps, and told to nobody: it must not wait for somebody to begin it.
+            await asyncio.wait([making])
+            if making.exception() is None:
+                with contextlib.suppress(ModalMotionError):
+                    await self.cancel(making.result().id)
+            raise
+
+    async def _start(self, kind: str, request: Any, instead_of: asyncio.Task[Any] | None) -> Job:
         job = await asyncio.to_thread(self._jobs.create, kind, request)
         self._begin(job, instead_of)
         return job
@@ -132,7 +158,9 @@ class JobRunner:
         if task is not None:
             task.cancel()
             await asyncio.wait([task])
-        return await asyncio.to_thread(self._jobs.get, job_id)
+        job = await asyncio.to_thread(self._jobs.get, job_id)
+        self._remove_files(job)
+        return job
 
     async def close(self, drain_seconds: float) -> None:
         """Let jobs under way finish for a while; the rest is taken up at the next start."""
@@ -145,57 +173,122 @@ class JobRunner:
                 await asyncio.wait(late)
 
     def _begin(self, job: Job, instead_of: asyncio.Task[Any] | None = None) -> None:
-        task = asyncio.create_task(self._run(job), name=f"job {job.id}")
-        self._tasks[job.id] = task
+        task = self._tasks.get(job.id)
+        if task is None:
+            task = asyncio.create_task(self._run(job), name=f"job {job.id}")
+            self._tasks[job.id] = task
+            task.add_done_callback(lambda task: self._end(job, task))
+        if instead_of is not None:
+            task.add_done_callback(lambda _: instead_of.cancel())
 
-        def end(_: asyncio.Task[None]) -> None:
-            del self._tasks[job.id]
-            self._texts.pop(job.id, None)
-            if instead_of is not None:
-                instead_of.cancel()
-
-        task.add_done_callback(end)
+    def _end(self, job: Job, task: asyncio.Task[None]) -> None:
+        del self._tasks[job.id]
+        self._texts.pop(job.id, None)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            # By a fault of ours; `resume` takes it up again.
+            logger.error("a job was left", extra={"job": job.id}, exc_info=error)
 
     async def _run(self, job: Job) -> None:
-        async with self._apart.get(job.kind, self._places):
-            while not await self._try(job):
-                await asyncio.sleep(_RETRY_SECONDS)
+        clock, since = asyncio.get_running_loop().time, math.inf
+        for seconds in waits():
+            is_last = clock() - since > self._retry_seconds
+            async with self._apart.get(job.kind, self._places):
+                fault = await self._try(job, is_last=is_last)
+            if fault is None:
+                return
+            since = min(since, clock())
+            self._texts[job.id] = f"waits for another try: {_words(fault)}"
+            # Not in its place: others may be able to do what this one cannot now.
+            await asyncio.sleep(seconds)
 
-    async def _try(self, job: Job) -> bool:
-        """Do a job; False if there was nobody to do it, and it is in the queue again."""
-        if await self._update(job, state=JobState.RUNNING):
-            try:
-                result = await self._handlers[job.kind](job.request, self._reporter(job))
-            except ClusterError:
-                return not await self._update(job, state=JobState.QUEUED)
-            except ModalMotionError as error:
-                await self._update(job, state=JobState.FAILED, error=problem_body(error))
-            except asyncio.CancelledError:
-                # Cancelled by the client, and noted so; or by shutdown, to be taken up again.
-                raise
-            except Exception as error:
-                logger.exception("job failed", extra={"job": job.id}, exc_info=error)
-                await self._update(job, state=JobState.FAILED, error=internal_problem())
+    async def _try(self, job: Job, *, is_last: bool) -> Exception | None:
+        """Do a job; a fault that may pass leaves it in the queue and is given back."""
+        if not await self._note(job, state=JobState.RUNNING):
+            return None
+        # Cancelled by the client, and noted so; or by shutdown, to be taken up again.
+        try:
+            await asyncio.to_thread(self._require_store)
+            result = await self._handlers[job.kind](job.request, self._reporter(job))
+        except Exception as error:
+            if not is_last and await self._may_pass(error):
+                logger.warning(
+                    "a job is tried again", extra={"job": job.id, "error": type(error).__name__}
+                )
+                await self._note(job, state=JobState.QUEUED)
+                return error
+            if isinstance(error, ModalMotionError):
+                problem = problem_body(error)
+            elif is_of_the_machine(error) and isinstance(error, OSError):
+                problem = problem_body(cannot_write(Path(error.filename or "a file"), error))
             else:
-                await self._update(job, state=JobState.SUCCEEDED, progress=1.0, result=result)
-            finally:
-                if job.kind in self._clean_up and self._jobs.get(job.id).is_finished:
-                    self._clean_up[job.kind](job.request)
-        return True
+                logger.exception("job failed", extra={"job": job.id}, exc_info=error)
+                problem = internal_problem()
+            await self._note(job, state=JobState.FAILED, error=problem)
+        else:
+            await self._note(job, state=JobState.SUCCEEDED, progress=1.0, result=result)
+        self._remove_files(job)
+        return None
 
-    async def _update(self, job: Job, **changes: Any) -> bool:
-        return await asyncio.to_thread(self._jobs.update, job.id, **changes)
+    async def _may_pass(self, error: Exception) -> bool:
+        if passes(error):
+            return True
+        if not isinstance(error, (StoreError, OSError, WorkerDiedError)):
+            return False
+        # While the store is away its files are missing, and a full disk may end a process.
+        try:
+            await asyncio.to_thread(self._require_store)
+        except StoreError:
+            return True
+        return False
+
+    async def _note(self, job: Job, **changes: Any) -> bool:
+        """Note a change however long it takes; False if the job had finished before."""
+        for seconds in waits():
+            try:
+                return await asyncio.to_thread(self._jobs.update, job.id, **changes)
+            except NotFoundError:
+                return False
+            except (ModalMotionError, OSError, RuntimeError, MemoryError, sqlite3.Error) as error:
+                logger.warning(
+                    "a job's state cannot be noted yet",
+                    extra={"job": job.id, "error": type(error).__name__},
+                )
+                self._texts[job.id] = f"waits until its state can be noted: {_words(error)}"
+            await asyncio.sleep(seconds)
+        raise AssertionError("there is always another try")
+
+    def _remove_files(self, job: Job) -> None:
+        """Remove what a finished job was kept for; what stays is removed at the next start."""
+        if job.kind in self._clean_up:
+            try:
+                self._clean_up[job.kind](job.request)
+            except (StoreError, OSError) as error:
+                logger.warning(
+                    "a job's files stay", extra={"job": job.id, "error": type(error).__name__}
+                )
 
     def _reporter(self, job: Job) -> Report:
         loop = asyncio.get_running_loop()
-        pending: set[asyncio.Future[bool]] = set()
+        pending: set[asyncio.Future[None]] = set()
 
         def report(share: float, text: str = "") -> None:
             self._texts[job.id] = text
             # One write under way at a time: what comes meanwhile is soon out of date.
             if not pending:
-                writing = asyncio.ensure_future(self._update(job, progress=share), loop=loop)
+                writing = asyncio.ensure_future(self._show(job, share), loop=loop)
                 pending.add(writing)
                 writing.add_done_callback(pending.discard)
 
         return report
+
+    async def _show(self, job: Job, share: float) -> None:
+        # The next one may be noted.
+        with contextlib.suppress(ModalMotionError, OSError, RuntimeError):
+            await asyncio.to_thread(self._jobs.update, job.id, progress=share)
+
+
+def _words(error: Exception) -> str:
+    # Never the text of a foreign error, which may name a path.
+    if isinstance(error, ModalMotionError):
+        return error.message
+    return (isinstance(error, OSError) and error.strerror) or type(error).__name__

@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import shutil
-from concurrent.futures import Executor
 from datetime import timedelta
 from pathlib import Path
 from typing import Final
@@ -19,11 +18,13 @@ from modalmotion.store import ResultStore, backup_time
 from modalmotion_service.access.principal import LOCAL, require_owner
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.job_kinds import make_runner
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.perseverance import for_ever
 from modalmotion_service.workspace.retention import Retention
 from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.state import State
@@ -32,6 +33,9 @@ from modalmotion_service.workspace.training import Trainer
 logger = logging.getLogger(__name__)
 
 FOLDER: Final = "owners"
+
+# Between two looks after stores that could not be opened and jobs that nobody does.
+_LOOK_SECONDS: Final = 30.0
 
 
 def folder_of(data_dir: Path, owner: str) -> Path:
@@ -54,17 +58,17 @@ class Owners:
     settings : Settings
     engine : Engine
         For requests.
-    training_executor : Executor
+    training_engine : Engine
     """
 
-    def __init__(self, settings: Settings, engine: Engine, training_executor: Executor) -> None:
+    def __init__(self, settings: Settings, engine: Engine, training_engine: Engine) -> None:
         self._settings = settings
         self._engine = engine
-        self._training_executor = training_executor
+        self._training_engine = training_engine
         self._states: dict[str, State] = {}
         self._failed: set[str] = set()
         self._opening = asyncio.Lock()
-        self._sweeping: list[asyncio.Task[None]] = []
+        self._background: list[asyncio.Task[None]] = []
 
     @property
     def states(self) -> dict[str, State]:
@@ -102,16 +106,30 @@ class Owners:
         folder = self._settings.data_dir / FOLDER
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
             # Remains of an owner whose removal was interrupted.
-            if path.name.startswith("."):
-                continue
-            try:
-                await self.state(path.name)
-            except ModalMotionError as error:
-                self._failed.add(path.name)
-                # One damaged store closes no other; its owner gets the error on request.
-                logger.error(  # noqa: TRY400 (the error says what is wrong, and its traceback no more)
-                    "a store cannot be opened", extra={"owner": path.name, "code": error.code}
-                )
+            if not path.name.startswith("."):
+                await self._try_to_open(path.name)
+        looking = for_ever("owners", self._look_after, _LOOK_SECONDS)
+        self._background.append(asyncio.create_task(looking))
+
+    async def _try_to_open(self, owner: str) -> None:
+        try:
+            await self.state(owner)
+        except ModalMotionError as error:
+            self._failed.add(owner)
+            # One damaged store closes no other; its owner gets the error on request.
+            logger.error(  # noqa: TRY400 (the error says what is wrong, and its traceback no more)
+                "a store cannot be opened", extra={"owner": owner, "code": error.code}
+            )
+
+    async def _look_after(self) -> None:
+        """Open what could not be opened, and take up jobs that have been lost track of."""
+        for owner in sorted(self._failed):
+            # Its jobs were acknowledged, and wait for it.
+            if folder_of(self._settings.data_dir, owner).is_dir():
+                await self._try_to_open(owner)
+        for state in list(self._states.values()):
+            await state.runner.resume()
+            await asyncio.to_thread(state.idempotency.settle)
 
     async def state(self, owner: str) -> State:
         """Give the state of an owner, opened when it is first needed."""
@@ -125,12 +143,18 @@ class Owners:
 
     async def close(self) -> None:
         """Let jobs finish for a while, then close every store."""
-        for task in self._sweeping:
+        for task in self._background:
             task.cancel()
         drain = self._settings.drain_seconds
         await asyncio.gather(*(state.runner.close(drain) for state in self._states.values()))
-        for state in self._states.values():
-            await asyncio.to_thread(state.store.close)
+        for owner, state in self._states.items():
+            try:
+                await asyncio.to_thread(state.store.close)
+            except ModalMotionError as error:
+                # The next start looks at its files; the others are closed properly.
+                logger.error(  # noqa: TRY400 (the error says what is wrong, and its traceback no more)
+                    "a store cannot be closed", extra={"owner": owner, "code": error.code}
+                )
         self._states.clear()
 
     async def _open(self, owner: str) -> State:
@@ -147,10 +171,11 @@ class Owners:
                 job_age=timedelta(days=settings.job_days),
             )
             spool.clear(keep=await asyncio.to_thread(retention.needed))
-            analysis = Analysis(store, self._engine, spool)
+            tariff = Tariff(owner, settings.task_cost_factor, settings.task_cost_seconds)
+            analysis = Analysis(store, self._engine, spool, tariff)
             models = Models(store, analysis)
             trainer = Trainer(
-                *(store, analysis, self._training_executor, spool),
+                *(owner, store, analysis, self._training_engine, spool),
                 settings.scheduler,
                 settings.workers,
             )
@@ -162,5 +187,5 @@ class Owners:
             raise
         self._states[owner] = state
         self._failed.discard(owner)
-        self._sweeping.append(asyncio.create_task(retention.sweep_for_ever()))
+        self._background.append(asyncio.create_task(retention.sweep_for_ever()))
         return state

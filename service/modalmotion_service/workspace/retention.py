@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 
 from modalmotion.store.index.cursor import to_text
 from modalmotion.store.tombstones import forget_tombstones
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.jobs import Job, Jobs
+from modalmotion_service.workspace.perseverance import for_ever
 from modalmotion_service.workspace.spool import Spool
 
 
@@ -69,9 +71,8 @@ class Retention:
 
     async def sweep_for_ever(self) -> None:
         """Sweep now and again, at least every hour."""
-        while True:
-            await asyncio.sleep(min(3600.0, self._file_age.total_seconds() / 4))
-            await asyncio.to_thread(self.sweep)
+        seconds = min(3600.0, self._file_age.total_seconds() / 4)
+        await for_ever("sweep", partial(asyncio.to_thread, self.sweep), seconds)
 
     def _is_old(self, job: Job) -> bool:
         return datetime.now(UTC) - datetime.fromisoformat(job.updated) > self._file_age

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import secrets
@@ -11,7 +12,12 @@ from pathlib import Path
 from typing import Self
 
 from modalmotion.facts import NO_FACTS, Facts
-from modalmotion.store.disk.atomic import cannot_write, make_folder, sync_folder
+from modalmotion.store.disk.atomic import (
+    cannot_write,
+    make_folder,
+    remove_durably,
+    sync_folder,
+)
 from modalmotion_service.workspace.disk import require_reserve
 
 
@@ -42,8 +48,9 @@ class SpoolFile:
             raise cannot_write(self.path, error) from error
 
     def remove(self) -> None:
-        """Remove the file."""
-        self.path.unlink(missing_ok=True)
+        """Remove the file; one that cannot be removed now goes at the next start."""
+        with contextlib.suppress(OSError):
+            self.path.unlink(missing_ok=True)
 
     def __enter__(self) -> Self:
         return self
@@ -53,9 +60,10 @@ class SpoolFile:
 
 
 def remove_with_beside(path: Path) -> None:
-    """Remove a file, and those beside it whose names begin with its own."""
-    for file in path.parent.glob(f"{path.name}*"):
-        file.unlink(missing_ok=True)
+    """Remove a file, and those beside it whose names begin with its own, as `SpoolFile.remove`."""
+    with contextlib.suppress(OSError):
+        for file in path.parent.glob(f"{path.name}*"):
+            file.unlink(missing_ok=True)
 
 
 class Spool:
@@ -112,16 +120,22 @@ class Spool:
                     while view:
                         view = view[file.write(view) :]
         except OSError as error:
-            path.unlink(missing_ok=True)
+            SpoolFile(path).remove()
             raise cannot_write(path, error) from error
         except BaseException:
-            path.unlink(missing_ok=True)
+            SpoolFile(path).remove()
             raise
         return SpoolFile(path, digest.hexdigest() if hashed else "")
 
     def remove(self, name: str) -> None:
-        """Remove a file by its name; it may be missing."""
-        self.at(name).unlink(missing_ok=True)
+        """Remove a file by its name; it may be missing.
+
+        Raises
+        ------
+        StoreError
+            If it cannot be removed.
+        """
+        remove_durably(self.at(name))
 
     def clear(self, keep: set[str]) -> None:
         """Remove what an ended process left, but for files that jobs still need."""

@@ -11,6 +11,7 @@ from typing import Final
 
 from modalmotion.errors import LimitError, NotFoundError, ParameterError
 from modalmotion.store import ResultStore
+from modalmotion.store.disk.atomic import cannot_write
 from modalmotion.store.record import require_name
 from modalmotion_service.schemas import LabelledSequence
 from modalmotion_service.workspace.spool import SpoolFile
@@ -125,7 +126,10 @@ def write_cases(file: SpoolFile, cases: list[Case]) -> None:
     StoreError
         If they cannot be written.
     """
-    file.path.write_text(json.dumps([asdict(case) for case in cases]))
+    try:
+        file.path.write_text(json.dumps([asdict(case) for case in cases]))
+    except OSError as error:
+        raise cannot_write(file.path, error) from error
     file.make_durable()
 
 

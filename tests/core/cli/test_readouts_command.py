@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from clinical_cases import read
+from template_surfaces import MAKERS
 
 from modalmotion.cli import main
 from modalmotion.formats import read_npz, write_npz
@@ -43,6 +44,27 @@ def test_a_table_for_people_and_a_line_beside_the_signature(beat: Path) -> None:
     line = CliRunner().invoke(main, ["signature", str(beat)])
     assert f"{own.curve.ejection_fraction:.2f}" in table.output
     assert f"ejection fraction {own.curve.ejection_fraction:.1f} %" in line.output
+
+
+def test_a_closed_surface_has_an_ejection_fraction_where_its_cavity_is_stated(
+    tmp_path: Path,
+) -> None:
+    vertices, faces = MAKERS["sphere"](100, np.random.default_rng(2))
+    path = tmp_path / "ball.npz"
+    path.write_bytes(write_npz(mesh_sequence(vertices, faces, unit="mm")))
+    for words, name, other in (
+        ((), "volume_change", "ejection_fraction"),
+        (("--cavity", "la"), "ejection_fraction", "volume_change"),
+    ):
+        run = CliRunner().invoke(main, ["readouts", str(path), "--json", *words])
+        answer = json.loads(run.stdout)["from_signature"]
+        low, high = answer["share_range"]
+        assert low <= answer[name] <= high
+        assert answer[other] is None
+        for command in ("readouts", "signature"):
+            table = CliRunner().invoke(main, [command, str(path), *words])
+            assert name.replace("_", " ") + " " in table.output
+            assert other.replace("_", " ") + "  " not in table.output
 
 
 def test_a_sheet_has_a_signature_and_no_read_outs(tmp_path: Path) -> None:

@@ -7,15 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from clinical_cases import cohort, ejected, read
+from clinical_cases import cohort, ejected, read, share, share_bound, share_range
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from solids import exact_volume
 from template_surfaces import MAKERS
 
-from modalmotion.clinical import VolumeCurve, clinical_readouts
+from modalmotion.clinical import Fraction, VolumeCurve, clinical_readouts
 from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.facts import Facts
 from modalmotion.mesh import Cavity, oriented_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.pictures.readouts import volume_figure
@@ -52,12 +53,12 @@ def test_an_affine_motion_is_read_exactly(beat: MeshSequence, components: Compon
     sequence = mesh_sequence(moved, beat.faces, unit="mm")
     # Along the body a shear has wavenumber 2 in theta, which needs 18 modes.
     found = read(sequence, modes=18, components=components)
-    share = np.linalg.det(A)
-    assert found.curve.volumes / found.curve.volumes[0] == pytest.approx(share, rel=1e-10)
-    assert found.curve.ejection_fraction == pytest.approx(ejected(share), abs=1e-8)
-    assert found.curve.ejection_fraction_bound < 1e-6
+    scales = np.linalg.det(A)
+    assert found.curve.volumes / found.curve.volumes[0] == pytest.approx(scales, rel=1e-10)
+    assert share(found.curve) == pytest.approx(ejected(scales), abs=1e-8)
+    assert share_bound(found.curve) < 1e-6
     if components == Components.CARTESIAN:
-        assert read(sequence).curve.ejection_fraction == pytest.approx(ejected(share), abs=1e-8)
+        assert share(read(sequence).curve) == pytest.approx(ejected(scales), abs=1e-8)
 
 
 @pytest.mark.parametrize("name", ["cup", "cylinder", "sphere", "torus"])
@@ -69,7 +70,7 @@ def test_the_bound_holds_for_every_surface(name: str, parameters: dict[str, obje
     true = own_volumes(sequence)
     assert (np.abs(found.curve.volumes - true) <= found.curve.bounds).all()
     assert (np.abs(found.mesh_curve.volumes - true) <= found.mesh_curve.bounds).all()
-    low, high = found.curve.ejection_fraction_range
+    low, high = share_range(found.curve)
     assert low <= ejected(true) <= high
     for (least, most), value in (
         (found.curve.end_diastolic_range, true.max()),
@@ -91,7 +92,7 @@ def test_more_modes_end_at_the_mesh_itself() -> None:
     sequence = simulate_ventricle(
         grid=(6, 8), acquisition=Acquisition(n_frames=5, noise=0.5), rng=np.random.default_rng(0)
     )
-    errors = [read(sequence, modes=k).curve.ejection_fraction_bound for k in (7, 18, 48)]
+    errors = [share_bound(read(sequence, modes=k).curve) for k in (7, 18, 48)]
     assert errors[2] < 1e-6 < min(errors[:2])
 
 
@@ -113,7 +114,7 @@ def test_read_outs_do_not_depend_on_pose_winding_unit_or_numbering(seed: int) ->
     assert after.curve.volumes * after.shown_in == pytest.approx(
         before.curve.volumes * before.shown_in, rel=1e-6
     )
-    assert after.curve.ejection_fraction == pytest.approx(before.curve.ejection_fraction, abs=1e-5)
+    assert share(after.curve) == pytest.approx(share(before.curve), abs=1e-5)
 
 
 def test_far_from_the_origin_nothing_is_lost(beat: MeshSequence) -> None:
@@ -128,9 +129,7 @@ def test_far_from_the_origin_nothing_is_lost(beat: MeshSequence) -> None:
 @pytest.mark.parametrize("scale", [1e-60, 1e60])
 def test_extreme_units(beat: MeshSequence, scale: float) -> None:
     sized = mesh_sequence(beat.vertices.astype(float) * scale, beat.faces)
-    assert read(sized).curve.ejection_fraction == pytest.approx(
-        read(beat).curve.ejection_fraction, rel=1e-9
-    )
+    assert share(read(sized).curve) == pytest.approx(share(read(beat).curve), rel=1e-9)
     with pytest.raises(ParameterError, match="unit is unknown"):
         _ = read(sized).millilitres
     too_far = mesh_sequence(beat.vertices.astype(float) * scale**3, beat.faces)
@@ -152,11 +151,12 @@ def test_a_lattice_needs_no_triangles() -> None:
 def test_what_does_not_move_ejects_nothing(beat: MeshSequence) -> None:
     still = mesh_sequence(np.repeat(beat.vertices[:1], 4, axis=0), beat.faces)
     found = read(still)
-    assert found.curve.ejection_fraction == 0.0
+    assert share(found.curve) == 0.0
     assert found.curve.stroke_volume == 0.0
-    assert found.curve.ejection_fraction_bound < 1e-6
+    assert share_bound(found.curve) < 1e-6
     one = read(mesh_sequence(beat.vertices[:1], beat.faces))
-    assert one.curve.ejection_fraction == 0.0
+    assert (one.curve.ejection_fraction, one.curve.volume_change, one.curve.share) == (None,) * 3
+    assert (one.curve.share_range, one.curve.share_bound, one.mesh_curve.share) == (None,) * 3
     assert "only one frame" in one.notes[0]
 
 
@@ -182,7 +182,57 @@ def test_a_surface_that_turns_inside_out_is_said(beat: MeshSequence) -> None:
     vertices[2, :, 0] *= -0.8
     found = read(mesh_sequence(vertices, beat.faces))
     assert "inside out" in found.notes[0]
-    assert found.curve.ejection_fraction > 100
+    assert "impossible" in found.notes[0]
+    for curve in (found.curve, found.mesh_curve):
+        assert (curve.ejection_fraction, curve.volume_change, curve.share_range) == (None,) * 3
+    # The remedy, followed.
+    assert share(read(mesh_sequence(vertices[:2], beat.faces)).curve) > 0
+
+
+def test_modes_that_turn_a_surface_inside_out_have_no_share(beat: MeshSequence) -> None:
+    flatter = mesh_sequence(beat.vertices[[0, 0]] * [[[1, 1, 1]], [[0.3, 1, 1]]], beat.faces)
+    signature = modal_signature(flatter)
+    found = clinical_readouts(replace(signature, amplitudes=2 * signature.amplitudes), flatter)
+    assert found.curve.volumes.min() < 0
+    assert found.curve.share is None
+    assert found.mesh_curve.ejection_fraction is not None
+    assert "more modes" in found.notes[0]
+
+
+def test_the_share_is_named_by_what_is_known() -> None:
+    cup = mesh_sequence(*MAKERS["cup"](120, np.random.default_rng(1)))
+    ball = mesh_sequence(*MAKERS["sphere"](120, np.random.default_rng(1)))
+    for sequence, cavity, name in (
+        (cup, "unknown", "ejection_fraction"),
+        (cup, "none", "volume_change"),
+        (ball, "unknown", "volume_change"),
+        (ball, "none", "volume_change"),
+        (ball, "la", "ejection_fraction"),
+        (ball, "other", "ejection_fraction"),
+    ):
+        found = read(sequence.with_facts(Facts(cavity=cavity)))  # type: ignore[arg-type]
+        for curve in (found.curve, found.mesh_curve):
+            shares = {n: getattr(curve, n) for n in ("ejection_fraction", "volume_change")}
+            assert {n for n, value in shares.items() if value is not None} == {name}
+            assert shares[name] == curve.share
+        told = any("State the fact cavity" in note for note in found.notes)
+        assert told == (name == "volume_change")
+        assert share(read(sequence).curve) == share(found.curve)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_share_lies_between_0_and_100_percent_however_wild_the_motion(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    vertices, faces = MAKERS["sphere"](90, rng)
+    # Limbs that fold: few modes hold little of it, and their volume may be of any sign.
+    fold = 1 + 0.6 * rng.normal(size=(len(vertices), 1, 3)) * np.sin(vertices[:1, :, [1, 2, 0]] / 9)
+    found = read(mesh_sequence(vertices * fold, faces), modes=4)
+    for curve in (found.curve, found.mesh_curve):
+        if curve.share_range is not None:
+            low, high = curve.share_range
+            assert 0 <= low <= share(curve) <= high <= 100
+        else:
+            assert any("impossible" in note for note in found.notes)
 
 
 def test_another_sequence_or_other_times_are_refused(beat: MeshSequence) -> None:
@@ -206,15 +256,17 @@ def test_intervals_hold_whatever_the_truth_within_the_bounds(
     rng = np.random.default_rng(seed)
     v = np.array(volumes)
     bounds = spread * rng.random(len(v))
-    curve = VolumeCurve(v, bounds)
-    low, high = curve.ejection_fraction_range
+    curve = VolumeCurve(v, bounds, Fraction.VOLUME_CHANGE)
+    low, high = share_range(curve)
+    assert 0 <= low <= share(curve) <= high <= 100
     for _ in range(20):
         # Corners and inside.
         true = v + bounds * np.clip(rng.normal(size=len(v)) * 2, -1, 1)
-        if true.max() <= 0:
+        assert curve.stroke_range[0] - 1e-9 <= np.ptp(true) <= curve.stroke_range[1] + 1e-9
+        # A surface that does not turn inside out.
+        if true.min() <= 0:
             continue
         assert low - 1e-9 <= ejected(true) <= high + 1e-9
-        assert curve.stroke_range[0] - 1e-9 <= np.ptp(true) <= curve.stroke_range[1] + 1e-9
 
 
 def test_simulated_ventricles_are_read_within_their_bounds() -> None:
@@ -223,8 +275,8 @@ def test_simulated_ventricles_are_read_within_their_bounds() -> None:
         found = read(sequence)
         true = own_volumes(sequence) if sequence.n_vertices < 1000 else found.mesh_curve.volumes
         assert (np.abs(found.curve.volumes - true) <= found.curve.bounds).all()
-        errors.append(abs(found.curve.ejection_fraction - ejected(true)))
-        assert errors[-1] <= found.curve.ejection_fraction_bound + 1e-9
+        errors.append(abs(share(found.curve) - ejected(true)))
+        assert errors[-1] <= share_bound(found.curve) + 1e-9
     assert np.median(errors) < 0.5
     # A wall that lost its motion in one place is what few modes are worst at.
     assert np.mean(np.array(errors) <= 1.5) >= 0.8
@@ -239,8 +291,8 @@ def test_200_simulated_ventricles_are_read_within_their_bounds() -> None:
         true = own_volumes(sequence, part)
         assert (np.abs(found.curve.volumes[part] - true) <= found.curve.bounds[part]).all()
         own = found.mesh_curve.volumes
-        errors.append(abs(found.curve.ejection_fraction - ejected(own)))
-        bounds.append(found.curve.ejection_fraction_bound)
+        errors.append(abs(share(found.curve) - ejected(own)))
+        bounds.append(share_bound(found.curve))
     assert len(errors) == 200
     assert (np.array(errors) <= np.array(bounds)).all()
     assert np.median(bounds) <= 5 * np.median(errors)
@@ -255,16 +307,16 @@ def test_a_real_ventricle_within_a_point_and_a_half(
     found = read(sequence, components=components)
     assert found.n_amplitudes == 21
     true = ejected(own_volumes(sequence))
-    assert abs(found.curve.ejection_fraction - true) <= 1.5
-    assert found.curve.ejection_fraction_range[0] <= true + 1e-9
-    assert true - 1e-9 <= found.curve.ejection_fraction_range[1]
+    assert abs(share(found.curve) - true) <= 1.5
+    assert share_range(found.curve)[0] <= true + 1e-9
+    assert true - 1e-9 <= share_range(found.curve)[1]
 
 
 def test_the_picture_says_what_was_read(beat: MeshSequence) -> None:
     found = read(beat)
     figure = volume_figure(found)
     (axes,) = figure.axes
-    assert f"{found.curve.ejection_fraction:.1f} %" in axes.get_title()
+    assert f"{share(found.curve):.1f} %" in axes.get_title()
     line = axes.get_lines()[0]
     assert np.asarray(line.get_ydata()) == pytest.approx(found.curve.volumes / 1000)
 

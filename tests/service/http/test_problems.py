@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import io
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -229,3 +231,15 @@ def test_every_kind_of_our_errors_has_a_status() -> None:
     assert len(kinds) > 10
     for kind in kinds:
         assert problem_of(kind("text")).status_code in STATUS_OF.values()
+
+
+def test_a_fault_of_the_disk_that_nobody_has_explained_is_no_fault_of_the_service(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/secret/folder/file")
+
+    monkeypatch.setattr("modalmotion.store.ResultStore.list_sequences", full)
+    answer = client.get("/v1/sequences")
+    assert (answer.status_code, answer.json()["code"]) == (507, "store_error")
+    assert "secret" not in answer.text

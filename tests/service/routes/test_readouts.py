@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from template_surfaces import MAKERS
 
-from modalmotion.clinical import VolumeCurve, clinical_readouts
+from modalmotion.clinical import clinical_readouts
 from modalmotion.formats import read_npz
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.signature.making import SignatureParameters, modal_signature
-from modalmotion_service.schemas.readouts import VolumeAnswer
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +37,8 @@ def test_the_answer_is_what_the_library_reads(client: TestClient, beat: bytes, h
     assert found["volumes"] == (own.curve.volumes * own.shown_in).tolist()
     assert found["bounds"] == (own.curve.bounds * own.shown_in).tolist()
     ejected = found["ejection_fraction"]
-    assert (ejected["low"], ejected["high"]) == own.curve.ejection_fraction_range
+    assert (ejected["low"], ejected["high"]) == own.curve.share_range
+    assert found["volume_change"] is None
     assert ejected["low"] <= mesh["ejection_fraction"]["value"] <= ejected["high"]
     assert found["stroke_volume"]["value"] == pytest.approx(
         found["end_diastolic_volume"]["value"] - found["end_systolic_volume"]["value"]
@@ -89,8 +89,19 @@ def test_what_encloses_nothing_is_a_problem_with_a_remedy(
     assert (unknown.status_code, unknown.json()["code"]) == (404, "not_found")
 
 
-def test_an_interval_without_an_upper_end_is_null() -> None:
-    curve = VolumeCurve(np.array([2.0, 1.0]), np.array([3.0, 2.0]))
-    assert curve.ejection_fraction_range == (0.0, float("inf"))
-    answer = json.loads(VolumeAnswer.of(curve, 1.0).model_dump_json())
-    assert answer["ejection_fraction"] == {"value": 50.0, "low": 0.0, "high": None}
+def test_a_stated_cavity_names_the_share_and_changes_the_tag(
+    client: TestClient, npz: Callable[..., bytes]
+) -> None:
+    vertices, faces = MAKERS["sphere"](80, np.random.default_rng(2))
+    made = client.post("/v1/sequences", content=npz(vertices=vertices, faces=faces))
+    here = made.headers["location"]
+    before = client.get(f"{here}/readouts")
+    assert before.json()["from_signature"]["ejection_fraction"] is None
+    changed = client.patch(here, json={"facts": {"cavity": "la"}})
+    assert changed.status_code == 200, changed.text
+    tag = before.headers["etag"]
+    after = client.get(f"{here}/readouts", headers={"If-None-Match": tag})
+    assert after.status_code == 200
+    for curve in ("from_signature", "of_mesh"):
+        assert after.json()[curve]["volume_change"] is None
+        assert after.json()[curve]["ejection_fraction"] == before.json()[curve]["volume_change"]

@@ -7,18 +7,15 @@ import multiprocessing
 import os
 import random
 import signal
-import subprocess
-import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
 from concurrent.futures import Future, wait
-from contextlib import contextmanager
 from multiprocessing import forkserver, resource_tracker
 from pathlib import Path
 from typing import Any
 
 import pytest
+from busy_machine import busy_processes
 from worker_tasks import hang, short, slow_mark
 
 from modalmotion.errors import LimitError
@@ -30,18 +27,6 @@ N_WORKERS = 3
 # Of one task; a future that has not settled in a few times of it never will.
 TASK_SECONDS = 5.0
 WHAT = ("all workers", "a worker", "fork server", "resource tracker")
-
-
-@contextmanager
-def busy_processes(n: int) -> Iterator[None]:
-    """Keep the machine busy."""
-    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(n)]
-    try:
-        yield
-    finally:
-        for process in busy:
-            process.kill()
-            process.wait()
 
 
 def victims(pool: WorkerPool, what: str) -> list[int]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from modalmotion.errors import StoreError
 from modalmotion.store import ResultStore
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
 
@@ -31,6 +32,24 @@ def test_a_key_is_claimed_once_and_answers_again_what_was_answered(keys: Idempot
     assert keys.get("k") == again
     keys.release("k")
     assert keys.claim("k", "otherwise") is None
+
+
+def test_what_clients_chose_is_kept_as_a_digest_and_known_again(tmp_path: Path) -> None:
+    with ResultStore(tmp_path) as store:
+        keys = IdempotencyKeys(store.database)
+        keys.claim("Mustermann 1", "sent")
+        keys.complete("Mustermann 1", 201, None)
+        # As a service of before has written it.
+        with store.database.write() as connection:
+            connection.execute("DELETE FROM idempotency_secret")
+            connection.execute("UPDATE idempotency SET key = 'Mustermann 2'")
+        known = IdempotencyKeys(store.database).claim("Mustermann 2", "sent")
+        assert known is not None
+        assert (known.status, len(known.key)) == (201, 64)
+        for path in tmp_path.glob("index.sqlite*"):
+            assert b"Mustermann" not in path.read_bytes()
+    with ResultStore(tmp_path) as store:
+        assert IdempotencyKeys(store.database).get("Mustermann 2") is not None
 
 
 def test_of_many_requests_at_once_one_has_the_key(keys: IdempotencyKeys) -> None:
@@ -64,3 +83,25 @@ def test_kept_answers_are_replaced_at_and_below_a_place_alone(keys: IdempotencyK
     assert keys.replace_answers("/v1/sequences/ab", 404, {"body": "gone"}) == 2
     found = [keys.get(str(number)) for number in range(4)]
     assert [answer and answer.status for answer in found] == [404, 404, 201, 201]
+
+
+def test_an_answer_that_could_not_be_kept_is_kept_before_its_key_is_claimed_again(
+    keys: IdempotencyKeys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full() -> None:
+        raise StoreError("The disk is full.")
+
+    keys.claim("done", "sent")
+    keys.claim("undone", "sent")
+    with monkeypatch.context() as now:
+        now.setattr(keys._database, "write", full)
+        with pytest.raises(StoreError):
+            keys.complete("done", 202, {})
+        with pytest.raises(StoreError):
+            keys.release("undone")
+        with pytest.raises(StoreError):
+            keys.claim("done", "sent")
+    again = keys.claim("done", "sent")
+    assert again is not None
+    assert again.status == 202
+    assert keys.claim("undone", "sent") is None

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import contextlib
 from collections.abc import Awaitable, Callable
 from typing import Annotated
 
 from fastapi import Header
 from starlette.responses import Response
 
+from modalmotion.errors import StoreError
 from modalmotion_service.errors import ConflictError, IdempotencyMismatchError
 from modalmotion_service.http.conditional import tag_of
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
@@ -60,7 +62,9 @@ async def idempotent_answer(
         try:
             answer = await make()
         except BaseException:
-            await asyncio.to_thread(keys.release, key)
+            # What went wrong first is what the client is told.
+            with contextlib.suppress(StoreError):
+                await asyncio.to_thread(keys.release, key)
             raise
         response = {
             "body": base64.b64encode(bytes(answer.body)).decode("ascii"),

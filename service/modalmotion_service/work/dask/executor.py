@@ -2,43 +2,49 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
+import itertools
+import json
 import logging
 import os
 import secrets
+import select
+import socket
+import subprocess
+import sys
 import threading
-from collections.abc import Callable, Coroutine
-from concurrent.futures import CancelledError as FutureCancelled
-from concurrent.futures import Future
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, InvalidStateError
 from concurrent.futures import wait as wait_for_all
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Final, ParamSpec, TypeVar
 
-from distributed import Client, KilledWorker
-
-from modalmotion_service.errors import ClusterError, NoWorkerError, WorkerDiedError
+from modalmotion_service.errors import ClusterError, NoWorkerError
 from modalmotion_service.work.answers import AnswerError, from_bytes, result_type
-from modalmotion_service.work.dask.hearing import Hearing
-from modalmotion_service.work.dask.tasks import PLUGIN, Mark, PoolLimits, PoolPlugin, run_in_pool
+from modalmotion_service.work.dask.frames import PIECE, Frame, Frames, Kind
+from modalmotion_service.work.dask.hearing import SILENT_SECONDS
+from modalmotion_service.work.dask.settings import ClusterSettings
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.payload import payload_of
 from modalmotion_service.work.pool import READY_SECONDS, unreadable_answer
+from modalmotion_service.work.terms import Terms, with_terms
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 logger = logging.getLogger(__name__)
 
-MARK = "cluster"
-_LOOK_SECONDS = 1.0
-# A machine under load may be slow to answer; a connection that breaks is seen at once.
-_ANSWER_SECONDS = 30.0
-
-
-class _MovedError(Exception):
-    """Work was taken from a worker, to be given to another one."""
+MARK: Final = "cluster"
+NOBODY: Final = {"short": 0, "long": 0}
+# The bridge speaks every second; importing Dask on a busy machine takes a while.
+_SILENT_SECONDS: Final = 60.0
+_AGAIN_SECONDS: Final = 1.0
+# For a word to go through the bridge.
+_SAY_SECONDS: Final = 1.0
+_END_SECONDS: Final = 10.0
 
 
 class DaskExecutor(Engine):
@@ -46,8 +52,15 @@ class DaskExecutor(Engine):
 
     In each Dask worker a `WorkerPool` does the work: limits, errors and retries are its own.
     A scheduler that is lost fails what is under way with ClusterError, and is looked for until
-    it returns; so is work for which there has been no worker for a while. A worker that is not
-    heard of counts as none, and its work is given to another one.
+    it returns; so is work for which there has been no worker for a while. Dask's client runs in
+    a process of its own, the bridge, so that no scheduler and no worker can run code in this
+    one; a bridge that ends or falls silent is replaced, and what it had under way fails with
+    ClusterError.
+
+    Attributes
+    ----------
+    bridge : subprocess.Popen or None
+        The process in which Dask's client runs.
 
     Parameters
     ----------
@@ -62,6 +75,8 @@ class DaskExecutor(Engine):
         How long to wait for the scheduler and its first worker.
     patience_seconds : float
         How long work waits while there is no worker.
+    silent_seconds : float
+        After this a worker that says nothing counts as gone, and its work is given to another.
 
     Raises
     ------
@@ -79,70 +94,98 @@ class DaskExecutor(Engine):
         *,
         connect_seconds: float = 30.0,
         patience_seconds: float = 30.0,
+        silent_seconds: float = SILENT_SECONDS,
     ) -> None:
-        self._address = scheduler
-        self._limits = PoolLimits(task_seconds, memory_bytes, attempts)
-        self._connect_seconds = connect_seconds
-        self._patience = patience_seconds
-        self._mark = Mark(
-            folder.absolute() / f"{MARK}.{secrets.token_hex(8)}", version("modalmotion")
+        self._mark = folder.absolute() / f"{MARK}.{secrets.token_hex(8)}"
+        self._settings = ClusterSettings(
+            scheduler=scheduler,
+            mark=str(self._mark),
+            version=version("modalmotion"),
+            task_seconds=task_seconds,
+            memory_bytes=memory_bytes,
+            attempts=attempts,
+            connect_seconds=connect_seconds,
+            patience_seconds=patience_seconds,
+            silent_seconds=silent_seconds,
         )
         self._lock = threading.Lock()
-        self._futures: set[Future[Any]] = set()
-        self._remotes: set[Any] = set()
-        self._hearing = Hearing()
-        self._asking: dict[str, asyncio.Task[Any]] = {}
-        self._n_threads = 0
-        self._client: Client | None = None
+        self._numbers = itertools.count(1)
+        self._tasks: dict[int, tuple[Future[Any], object]] = {}
+        self._out: list[Frame] = []
+        self._n_places: int | None = None
+        self._n_waiting = NOBODY
+        self._refusals: list[BaseException] = []
         self._is_open = True
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(
-            target=self._loop.run_forever, name="dask-executor", daemon=True
-        )
-        self._thread.start()
+        self._ending = threading.Event()
+        self._looked = threading.Event()
+        self.bridge: subprocess.Popen[bytes] | None = None
+        self._waker, self._wake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._remove_marks()
-        self._mark.path.touch()
-        try:
-            self._call(self._connect()).result()
-        except BaseException:
-            self._end()
-            raise
-        self._supervision = self._call(self._supervise())
+        self._mark.touch()
+        self._thread = threading.Thread(target=self._keep, name="dask-executor", daemon=True)
+        self._thread.start()
+        self._looked.wait()
+        if self._n_places is None:
+            self.shutdown()
+            raise [*self._refusals, self._is_lost()][0]
 
     @property
     def n_workers(self) -> int:
-        """Threads of all workers when they were last looked at."""
-        return max(1, self._n_threads)
+        """Long tasks that all workers do at once, as they were last looked at."""
+        return max(1, self._n_places or 0)
+
+    @property
+    def n_waiting(self) -> Mapping[str, int]:
+        """Tasks that have not been sent to a worker yet, by lane."""
+        return self._n_waiting
 
     def require_ready(self) -> None:
         """Raise ClusterError while there is no scheduler, or no worker that answers."""
-        if self._client is None:
+        if self._n_places is None:
             raise self._is_lost()
-        if not self._n_threads:
-            raise self._has_no_worker()
-        if not self._call(self._ask(self._client)).result():
+        if not self._n_places:
+            raise ClusterError(
+                f"The scheduler at '{self._settings.scheduler}' has no workers.",
+                remedy="Start some: modalmotion worker ADDRESS.",
+            )
+        answers: Future[bool] = Future()
+        with self._lock:
+            number = self._send(Kind.QUESTION, b"", answers, bool)
+        try:
+            is_ready = answers.result(READY_SECONDS + _SAY_SECONDS)
+        except TimeoutError:
+            is_ready = False
+        finally:
+            with self._lock:
+                self._tasks.pop(number, None)
+        if not is_ready:
             raise NoWorkerError(
                 f"None of the scheduler's workers answered within {READY_SECONDS:g} s.",
                 remedy="Try again soon; an operator should look after the workers' machines.",
                 details={"seconds": READY_SECONDS},
             )
 
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+    def submit_for(
+        self, terms: Terms, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
+    ) -> Future[T]:
         """Run a task on some worker; cancelling the future ends its process there."""
-        payload = payload_of(fn, args, kwargs)
+        payload = with_terms(terms, payload_of(fn, args, kwargs))
+        future: Future[T] = Future()
         with self._lock:
             if not self._is_open:
                 raise RuntimeError("The executor takes no more tasks.")
-            future: Future[T] = self._call(self._run(payload, result_type(fn)))
-            self._futures.add(future)
-        future.add_done_callback(self._forget)
+            if self._n_places is None:
+                future.set_exception(self._is_lost())
+                return future
+            number = self._send(Kind.TASK, payload, future, result_type(fn))
+        future.add_done_callback(lambda done: self._forget(number, done))
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Take no more tasks; finish those under way, or end them if asked to."""
         with self._lock:
             was_open, self._is_open = self._is_open, False
-            futures = list(self._futures)
+            futures = [future for future, _ in self._tasks.values()]
         if not was_open:
             return
         if cancel_futures or not wait:
@@ -150,203 +193,156 @@ class DaskExecutor(Engine):
                 future.cancel()
         else:
             wait_for_all(futures)
-        self._supervision.cancel()
-        with contextlib.suppress(FutureCancelled):
-            self._supervision.result()
-        self._end()
-
-    def _call(self, coroutine: Coroutine[Any, Any, T]) -> Future[T]:
-        return asyncio.run_coroutine_threadsafe(coroutine, self._loop)
-
-    def _forget(self, future: Future[Any]) -> None:
-        with self._lock:
-            self._futures.discard(future)
-
-    async def _ask(self, client: Client) -> bool:
-        """Tell whether a worker says that it is there."""
-        for address in self._hearing.heard:
-            # One question at a time: one that is stopped keeps the last one for as long.
-            if address not in self._asking:
-                asking = asyncio.ensure_future(client.run(os.getpid, workers=[address]))
-                self._asking[address] = asking
-                asking.add_done_callback(lambda _, address=address: self._asking.pop(address))
-        deadline, waiting = self._loop.time() + READY_SECONDS, set(self._asking.values())
-        while waiting and (left := deadline - self._loop.time()) > 0:
-            done, waiting = await asyncio.wait(
-                waiting, timeout=left, return_when=asyncio.FIRST_COMPLETED
-            )
-            if any(not asked.cancelled() and asked.exception() is None for asked in done):
-                return True
-        return False
-
-    async def _run(self, payload: bytes, expected: object) -> Any:
-        while True:
-            client = self._client
-            if client is None:
-                raise self._is_lost()
-            remote = client.submit(
-                run_in_pool,
-                payload,
-                self._limits,
-                self._mark,
-                key=f"modalmotion-{secrets.token_hex(16)}",
-                pure=False,
-                workers=self._hearing.heard or None,
-                # Those that come later do it too.
-                allow_other_workers=bool(self._hearing.heard),
-            )
-            self._remotes.add(remote)
-            with contextlib.suppress(_MovedError):
-                return await self._result(remote, expected)
-
-    async def _result(self, remote: Any, expected: object) -> Any:
-        try:
-            return from_bytes(await remote, expected)
-        except FutureCancelled as error:
-            # By us alone: asyncio's own exception of that name is another one.
-            if remote not in self._remotes:
-                raise _MovedError from error
-            raise self._is_lost() from error
-        except AnswerError as error:
-            raise unreadable_answer() from error
-        except KilledWorker as error:
-            raise WorkerDiedError(
-                "Several workers ended while they were at work on this.",
-                remedy="The input may break a reader; try to send it in another format.",
-            ) from error
-        finally:
-            self._remotes.discard(remote)
-            # A worker that is still at it sees that its result is wanted no more.
-            remote.release()
-
-    async def _connect(self) -> None:
-        deadline = self._loop.time() + self._connect_seconds
-        client = Client(
-            self._address,
-            asynchronous=True,
-            set_as_default=False,
-            timeout=self._connect_seconds,
-            name="modalmotion",
-        )
-        try:
-            await client
-        except (OSError, TimeoutError, ValueError) as error:
-            # Left open it would want our loop when it is collected, which may be gone by then.
-            await client.close(timeout=1.0)
-            raise ClusterError(
-                f"There is no scheduler at '{self._address}' "
-                f"(tried for {self._connect_seconds:g} s): {error}",
-                remedy="Start it, or correct the address (MODALMOTION_SCHEDULER).",
-            ) from error
-        try:
-            await self._take_up(client, deadline - self._loop.time())
-        except BaseException:
-            await client.close()
-            raise
-        self._client = client
-
-    async def _take_up(self, client: Client, seconds: float) -> None:
-        try:
-            await client.wait_for_workers(1, timeout=max(1.0, seconds))
-        except TimeoutError as error:
-            raise self._has_no_worker() from error
-        answers = await client.run(self._mark.write_beside, on_error="return")
-        for worker, answer in answers.items():
-            if isinstance(answer, ClusterError):
-                raise answer
-            if isinstance(answer, BaseException):
-                raise ClusterError(
-                    f"The worker at {worker} cannot do our work: {type(answer).__name__}: {answer}",
-                    remedy="Run workers with `modalmotion worker`, of this version.",
-                ) from answer
-        names = {str(name) for name in answers.values()}
-        if missing := names - {path.name for path in self._mark.path.parent.iterdir()}:
-            raise ClusterError(
-                f"What {len(missing)} of {len(answers)} workers write to "
-                f"'{self._mark.path.parent}' does not arrive here.",
-                remedy="Mount the same volume under the same path everywhere.",
-            )
-        await client.register_plugin(PoolPlugin(self._limits), name=PLUGIN)
-        self._n_threads = await self._listen(client)
-
-    async def _listen(self, client: Client) -> int:
-        """Give the threads of all workers that are heard of; OSError if the scheduler is lost."""
-        if client.status != "running":
-            raise OSError(f"the connection is {client.status}")
-        said = await asyncio.wait_for(client.scheduler.identity(), _ANSWER_SECONDS)
-        self._hearing.note(said["workers"], self._loop.time())
-        return sum(said["workers"][address]["nthreads"] for address in self._hearing.heard)
-
-    async def _move(self, client: Client) -> None:
-        """Give what workers have that are not heard of to those that are."""
-        silent = self._hearing.silent
-        if not silent or not self._hearing.heard:
-            return
-        theirs = await asyncio.wait_for(
-            client.scheduler.processing(workers=list(silent)), _ANSWER_SECONDS
-        )
-        keys = {key for several in theirs.values() for key in several}
-        moved = [remote for remote in self._remotes if remote.key in keys]
-        if moved:
-            logger.warning("%d pieces of work are taken from a silent worker", len(moved))
-            self._remotes.difference_update(moved)
-            await client.cancel(moved, force=True)
-
-    async def _supervise(self) -> None:
-        without_worker = 0.0
-        while True:
-            await asyncio.sleep(_LOOK_SECONDS)
-            if self._client is None:
-                with contextlib.suppress(ClusterError, OSError):
-                    await self._connect()
-                    logger.warning("the scheduler at %s is back", self._address)
-                continue
-            try:
-                self._n_threads = await self._listen(self._client)
-                await self._move(self._client)
-            except (OSError, TimeoutError, FutureCancelled) as error:
-                logger.error(  # noqa: TRY400 (met when a machine restarts: no traceback)
-                    "the scheduler at %s is lost: %r", self._address, error
-                )
-                lost, self._client = self._client, None
-                self._n_threads = 0
-                await lost.close(timeout=1.0)
-                continue
-            without_worker = 0.0 if self._n_threads else without_worker + _LOOK_SECONDS
-            if without_worker >= self._patience and self._remotes:
-                logger.error("the scheduler at %s has no worker", self._address)
-                await self._client.cancel(list(self._remotes), force=True)
-                without_worker = 0.0
-
-    def _end(self) -> None:
-        async def close() -> None:
-            if self._client is not None:
-                await self._client.close(timeout=5.0)
-            others = asyncio.all_tasks() - {asyncio.current_task()}
-            for task in others:
-                task.cancel()
-            # Dask's own may go on trying to connect whatever is asked of them.
-            if others:
-                await asyncio.wait(others, timeout=2.0)
-
-        self._call(close()).result()
-        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._ending.set()
+        self._look_up()
         self._thread.join()
-        self._loop.close()
         self._remove_marks()
+        os.close(self._waker)
+        os.close(self._wake)
+
+    def _send(self, kind: Kind, body: bytes, future: Future[Any], expected: object) -> int:
+        number = next(self._numbers)
+        self._tasks[number] = (future, expected)
+        self._out.append(Frame(kind, number, body))
+        self._look_up()
+        return number
+
+    def _forget(self, number: int, future: Future[Any]) -> None:
+        with self._lock:
+            if self._tasks.pop(number, None) is None or not future.cancelled():
+                return
+            self._out.append(Frame(Kind.CANCEL, number))
+            # Under the lock, for the pipe closes when nothing is left under way.
+            self._look_up()
+
+    def _look_up(self) -> None:
+        with contextlib.suppress(OSError):
+            os.write(self._wake, b".")
+
+    def _keep(self) -> None:
+        """Have a bridge, until the end."""
+        while not self._ending.is_set():
+            with contextlib.suppress(OSError, ValueError), _started(self._settings) as bridge:
+                self.bridge, ours = bridge
+                self._serve(ours)
+            with self._lock:
+                self._n_places = None
+                lost, self._tasks, self._out = self._tasks, {}, []
+            for future, _ in lost.values():
+                with contextlib.suppress(InvalidStateError):
+                    future.set_exception(self._is_lost())
+            if self._ending.is_set() or not self._looked.is_set():
+                break
+            logger.error("the bridge to the scheduler ended, and is begun again")
+            time.sleep(_AGAIN_SECONDS)
+        self._looked.set()
+
+    def _serve(self, ours: socket.socket) -> None:
+        """Speak with one bridge, until it ends or falls silent."""
+        # No answer is larger than the memory of whoever made it.
+        frames, out = Frames(self._settings.memory_bytes), b""
+        heard = time.monotonic()
+        # The first word comes when it has reached the scheduler, or has not.
+        patience = _SILENT_SECONDS + self._settings.connect_seconds
+        while not self._ending.is_set() and time.monotonic() < heard + patience:
+            with self._lock:
+                waiting, self._out = self._out, []
+            out += b"".join(frame.to_bytes() for frame in waiting)
+            poll = select.poll()
+            poll.register(ours, select.POLLIN | (select.POLLOUT if out else 0))
+            poll.register(self._waker, select.POLLIN)
+            ready = dict(poll.poll(1000.0))
+            if self._waker in ready:
+                with contextlib.suppress(BlockingIOError):
+                    os.read(self._waker, 4096)
+            event = ready.get(ours.fileno(), 0)
+            if event & select.POLLOUT:
+                out = out[ours.send(out) :]
+            if event & ~select.POLLOUT:
+                piece = ours.recv(PIECE)
+                if not piece:
+                    return
+                for frame in frames.add(piece):
+                    if frame.kind is Kind.STATE:
+                        patience = _SILENT_SECONDS
+                    self._take(frame)
+                heard = time.monotonic()
+
+    def _take(self, frame: Frame) -> None:
+        if frame.kind is Kind.STATE:
+            self._n_places, self._n_waiting = None, NOBODY
+            if frame.body:
+                self._n_places, short, long = map(int, frame.body.split())
+                self._n_waiting = {"short": short, "long": long}
+            self._looked.set()
+        elif frame.kind is Kind.REFUSAL:
+            self._refusals = [_error_in(frame.body)]
+        elif frame.kind in (Kind.ANSWER, Kind.READY):
+            with self._lock:
+                future, expected = self._tasks.get(frame.number, (None, None))
+            if future is not None:
+                _settle(future, frame, expected)
 
     def _remove_marks(self) -> None:
-        for path in self._mark.path.parent.glob(f"{MARK}.*"):
+        for path in self._mark.parent.glob(f"{MARK}.*"):
             path.unlink(missing_ok=True)
 
     def _is_lost(self) -> ClusterError:
         return ClusterError(
-            f"The scheduler at '{self._address}' cannot be reached, or gave the work up.",
+            f"The scheduler at '{self._settings.scheduler}' cannot be reached, or gave the work "
+            "up.",
             remedy="Try again soon; an operator should look after the scheduler and its workers.",
         )
 
-    def _has_no_worker(self) -> ClusterError:
-        return ClusterError(
-            f"The scheduler at '{self._address}' has no workers.",
-            remedy="Start some: modalmotion worker ADDRESS.",
+
+@contextlib.contextmanager
+def _started(settings: ClusterSettings) -> Iterator[tuple[subprocess.Popen[bytes], socket.socket]]:
+    """Start a bridge; gives it and the socket that leads to it, and ends it."""
+    ours, theirs = socket.socketpair()
+    level = logging.getLevelName(logger.getEffectiveLevel())
+    with ours, theirs:
+        process = subprocess.Popen(  # noqa: S603 (ourselves)
+            [
+                *(sys.executable, "-m", "modalmotion_service.work.dask.bridge"),
+                *(str(theirs.fileno()), level, json.dumps(asdict(settings))),
+            ],
+            pass_fds=[theirs.fileno()],
+            stdin=subprocess.DEVNULL,
+            # What the service is told is not for whoever may own the bridge.
+            env={name: value for name, value in os.environ.items() if "MODALMOTION" not in name},
         )
+        theirs.close()
+        ours.setblocking(False)
+        try:
+            yield process, ours
+        finally:
+            with contextlib.suppress(OSError):
+                ours.shutdown(socket.SHUT_RDWR)
+            try:
+                process.wait(_END_SECONDS)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _settle(future: Future[Any], frame: Frame, expected: object) -> None:
+    with contextlib.suppress(InvalidStateError):
+        try:
+            if frame.kind is Kind.READY:
+                result = bool(frame.body)
+            else:
+                result = from_bytes(frame.body, expected)
+        except AnswerError:
+            future.set_exception(unreadable_answer())
+        except BaseException as error:  # noqa: BLE001 (it is the task's)
+            future.set_exception(error)
+        else:
+            future.set_result(result)
+
+
+def _error_in(answer: bytes) -> BaseException:
+    try:
+        from_bytes(answer, None)
+    except BaseException as error:  # noqa: BLE001 (it is what was sent)
+        return error
+    return unreadable_answer()

@@ -7,16 +7,22 @@ from typing import Any, Final
 
 # Workers tell the scheduler twice a second that they are there; of more than two hundred each does
 # it every n/200 + 1 seconds (`distributed.scheduler.heartbeat_interval`).
-_SILENT_SECONDS: Final = 10.0
+SILENT_SECONDS: Final = 10.0
 
 
 class Hearing:
     """Workers by the time at which the scheduler last heard of them.
 
     That time is of the scheduler's clock, so it is only looked at whether it changes.
+
+    Parameters
+    ----------
+    silent_seconds : float
+        After this a worker that says nothing counts as gone.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, silent_seconds: float = SILENT_SECONDS) -> None:
+        self._silent_seconds = silent_seconds
         self._changed: dict[str, tuple[float, float]] = {}
         self._heard: tuple[str, ...] = ()
 
@@ -35,7 +41,7 @@ class Hearing:
             seen, since = self._changed.get(address, (None, time))
             changed[address] = (worker["last_seen"], since if worker["last_seen"] == seen else time)
         self._changed = changed
-        silent_after = max(_SILENT_SECONDS, 4 * (len(workers) / 200 + 1))
+        silent_after = max(self._silent_seconds, 4 * (len(workers) / 200 + 1))
         self._heard = tuple(
             address for address, (_, since) in changed.items() if time - since < silent_after
         )

@@ -20,11 +20,13 @@ from modalmotion_service.schemas import ReadoutsAnswer, TradeoffAnswer
 from modalmotion_service.work.tasks.files import png_of, whole_file, write_whole
 
 
-def read_out(sequence: Path, signature: Path, template: Path | None, as_picture: bool) -> bytes:
+def read_out(
+    sequence: Path, signature: Path, template: Path | None, as_picture: bool, facts: Facts
+) -> bytes:
     """Read volume and ejection fraction from a kept signature, as JSON or as PNG."""
     found = clinical_readouts(
         signature_from_hdf5(signature),
-        sequence_from_hdf5(sequence),
+        sequence_from_hdf5(sequence).with_facts(facts),
         template=None if template is None else template_from_hdf5(template),
     )
     if not as_picture:

@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import errno
 import os
-import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import pytest
+from small_disk import small_disk
 from store_samples import (
     KEY,
     assert_same,
@@ -20,6 +20,7 @@ from store_samples import (
 from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.store import ResultStore, verify, write_atomic
+from modalmotion.store.disk.faults import is_of_the_machine
 
 
 class BrokenDisk:
@@ -273,23 +274,13 @@ def large(number: int) -> MeshSequence:
     return sample_sequence(number, n_frames=100)
 
 
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", str(folder)],
-        capture_output=True,
-        check=False,
-    )
-    if mounted.returncode != 0:
-        pytest.skip("no right to mount a small tmpfs; the simulated full disk above must do")
-    yield folder
-    subprocess.run(["umount", str(folder)], check=True)
+def test_a_full_disk_refuses_what_is_new_keeps_what_is_old_and_recovers(tmp_path: Path) -> None:
+    with small_disk(tmp_path / "disk", "2m") as disk:
+        fill_and_empty(disk.folder)
 
 
-def test_a_full_disk_refuses_what_is_new_keeps_what_is_old_and_recovers(small_disk: Path) -> None:
-    with ResultStore(small_disk / "store") as store:
+def fill_and_empty(folder: Path) -> None:
+    with ResultStore(folder / "store") as store:
         acknowledged: list[int] = []
         refused = 0
         for number in range(400):
@@ -308,11 +299,18 @@ def test_a_full_disk_refuses_what_is_new_keeps_what_is_old_and_recovers(small_di
             assert_same(store.sequence(expected.id), expected)
         listed = {record.id for record in store.list_sequences(limit=1000).records}
         assert listed == {large(n).id for n in acknowledged}
-        assert not list(small_disk.rglob("*.tmp"))
+        assert not list(folder.rglob("*.tmp"))
         # A full disk can be emptied through the store itself.
         for number in acknowledged[:5]:
             store.delete_sequence(large(number).id)
         assert store.put_sequence(sample_sequence(1000))
         store.put_signature(sample_signature(sample_sequence(1000)))
         assert store.signatures(sample_sequence(1000).id) == (KEY,)
-    assert verify(small_disk / "store").is_sound
+    assert verify(folder / "store").is_sound
+
+
+def test_what_may_succeed_at_another_time_is_no_fault_of_the_work() -> None:
+    for number in (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EMFILE, errno.ESTALE):
+        assert is_of_the_machine(OSError(number, "text"))
+    for error in (FileNotFoundError(errno.ENOENT, "text"), OSError("text"), ValueError("text")):
+        assert not is_of_the_machine(error)

@@ -35,6 +35,17 @@ def test_a_failing_block_changes_nothing(tmp_path: Path) -> None:
         database.read("SELECT * FROM state")
 
 
+def test_a_transaction_that_could_not_be_rolled_back_keeps_nobody_out(tmp_path: Path) -> None:
+    database = Database(tmp_path / "index.sqlite")
+    # What a disk leaves that fails in the middle of a commit, and of its undoing.
+    database._writer.execute("BEGIN IMMEDIATE")
+    database._writer.execute("INSERT INTO state VALUES ('half', 1)")
+    with database.write() as connection:
+        connection.execute("INSERT INTO state VALUES ('whole', 1)")
+    assert database.read("SELECT name FROM state") == [("whole",)]
+    database.close()
+
+
 def test_commits_wait_for_the_disk(tmp_path: Path) -> None:
     database = Database(tmp_path / "index.sqlite")
     for connection in (database._writer, database._reader):

@@ -28,6 +28,7 @@ from modalmotion_service.work.dask import tasks as dask_tasks
 from modalmotion_service.work.dask.executor import DaskExecutor
 from modalmotion_service.work.dask.tasks import PLUGIN, Mark, PoolLimits, Pools, run_in_pool
 from modalmotion_service.work.payload import payload_of
+from modalmotion_service.work.terms import NO_TERMS
 
 MEMORY = 3_000_000_000
 
@@ -101,7 +102,7 @@ def test_a_worker_that_loses_the_folder_does_no_work(
     dask_cluster: DaskCluster, tmp_path: Path
 ) -> None:
     with DaskExecutor(dask_cluster.address, tmp_path, 20.0, MEMORY) as engine:
-        (mark,) = (path for path in tmp_path.iterdir() if path == engine._mark.path)
+        (mark,) = (path for path in tmp_path.iterdir() if path == engine._mark)
         mark.unlink()
         with pytest.raises(ClusterError, match="does not see the data folder"):
             engine.submit(abs, -1).result(timeout=30)
@@ -158,9 +159,9 @@ def test_a_worker_that_ends_gives_up_the_work_under_way(
     )
     monkeypatch.setattr(dask_tasks, "get_worker", lambda: worker)
     with pytest.raises(ClusterError, match="given up"):
-        run_in_pool(payload_of(hang, (), {}), limits, mark)
+        run_in_pool(payload_of(hang, (), {}), limits, mark, NO_TERMS)
     worker.status = Status.running
-    answer = run_in_pool(payload_of(abs, (-1,), {}), limits, mark)
+    answer = run_in_pool(payload_of(abs, (-1,), {}), limits, mark, NO_TERMS)
     assert from_bytes(answer, int) == 1
     pools.close()
 
@@ -197,14 +198,14 @@ def test_a_lost_worker_or_scheduler_is_survived(own_cluster: DaskCluster, tmp_pa
 
 
 def test_a_stopped_worker_is_not_ready_and_its_work_goes_to_others(
-    own_cluster: DaskCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    own_cluster: DaskCluster, tmp_path: Path
 ) -> None:
-    # A third of what it is: the test waits for it twice.
-    monkeypatch.setattr("modalmotion_service.work.dask.hearing._SILENT_SECONDS", 3.0)
     own_cluster.start(1)
     folder = tmp_path / "shared"
     folder.mkdir()
-    with DaskExecutor(own_cluster.address, folder, 60.0, MEMORY, patience_seconds=1.0) as engine:
+    with DaskExecutor(
+        own_cluster.address, folder, 60.0, MEMORY, patience_seconds=1.0, silent_seconds=3.0
+    ) as engine:
         assert is_ready(engine)
         own_cluster.workers[0].send_signal(signal.SIGSTOP)
         try:
@@ -225,6 +226,65 @@ def test_a_stopped_worker_is_not_ready_and_its_work_goes_to_others(
             assert [task.result(timeout=60) for task in tasks] == ["done"] * 4
         finally:
             own_cluster.workers[1].send_signal(signal.SIGCONT)
+
+
+def test_a_bridge_that_ends_or_stops_is_replaced(
+    dask_cluster: DaskCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("modalmotion_service.work.dask.executor._SILENT_SECONDS", 10.0)
+    with DaskExecutor(dask_cluster.address, tmp_path, 60.0, MEMORY) as engine:
+        for number in (signal.SIGKILL, signal.SIGSTOP):
+            stuck = engine.submit(hang)
+            assert engine.bridge is not None
+            engine.bridge.send_signal(number)
+            assert isinstance(stuck.exception(timeout=60), ClusterError)
+            assert isinstance(engine.submit(abs, -1).exception(timeout=60), ClusterError)
+            until(lambda: is_ready(engine))
+            assert engine.submit(abs, -1).result(timeout=60) == 1
+
+
+HOSTILE = """
+import os, sys
+from modalmotion_service.work.dask import tasks
+from modalmotion.cli import main
+
+class Bomb:
+    def __reduce__(self):
+        code = f"open({sys.argv[-1]!r}, 'a').write(str(__import__('os').getpid()) + ' ')"
+        return exec, (code,)
+
+class BadError(Exception):
+    def __reduce__(self):
+        return Bomb().__reduce__()
+
+def answer(payload, limits, mark):
+    if b"getpid" in payload:
+        raise BadError
+    return Bomb()
+
+tasks.run_in_pool = answer
+answer.__module__, answer.__qualname__ = tasks.__name__, "run_in_pool"
+main(sys.argv[1:-1])
+"""
+
+
+def test_a_hostile_worker_runs_no_code_in_the_service(
+    own_cluster: DaskCluster, tmp_path: Path
+) -> None:
+    own_cluster.start_scheduler()
+    pids = tmp_path / "pids"
+    own_cluster.start_program(
+        *("-c", HOSTILE, "worker", own_cluster.address, "--host", "127.0.0.1", str(pids))
+    )
+    own_cluster.wait_for_workers(1)
+    folder = tmp_path / "shared"
+    folder.mkdir()
+    with DaskExecutor(own_cluster.address, folder, 60.0, MEMORY) as engine:
+        for task in (engine.submit(abs, -1), engine.submit(os.getpid)):
+            assert task.exception(timeout=60) is not None
+    # It did run somewhere, else this test shows nothing.
+    assert pids.read_text().split()
+    assert str(os.getpid()) not in pids.read_text().split()
 
 
 def test_the_service_waits_for_a_scheduler_that_returns(
