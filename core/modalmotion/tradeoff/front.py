@@ -15,7 +15,7 @@ from modalmotion.choice.ordered_sets import in_order
 from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.errors import InputError
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes.topology import CUP, CYLINDER, PLANE, Topology
+from modalmotion.modes.topology import CUP, CYLINDER, MESH, PLANE, Topology
 from modalmotion.representation import shown
 from modalmotion.signature.making import resolve_parameters, resolve_sequence, resolve_template
 from modalmotion.template import Template
@@ -172,7 +172,7 @@ def _branches(
         energies = energies_of(ordered.basis, fit)
         branches.append(
             Branch(
-                topology="mesh" if template.surface is None else template.surface.name,
+                topology=MESH if template.surface is None else template.surface.name,
                 components=one,
                 counts=ordered.counts,
                 rms=energies.rms(ordered.counts),
