@@ -18,6 +18,7 @@
     └── StoreError                      results that cannot be stored or read back
         ├── NotFoundError               nothing is stored under that id
         ├── CorruptFileError            a result file that does not read as written
+        │   └── LostFileError           one that is gone, though nobody deleted it
         ├── OlderFileError              a file that an older version wrote; `store rebuild` takes it
         └── ModelNotReproducedError     a model whose answers differ from those at its training
 """
@@ -179,6 +180,12 @@ class CorruptFileError(StoreError):
     """A result file does not read as it was written."""
 
     code = "corrupt_file"
+
+
+class LostFileError(CorruptFileError):
+    """A file that was acknowledged is gone, though nobody deleted it."""
+
+    code = "lost_file"
 
 
 class OlderFileError(StoreError):

@@ -87,7 +87,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             with KeyRing(chosen.data_dir) as keys, log:
                 app.state.owners, app.state.access = owners, Access(keys, log)
                 app.state.metrics = metrics
+                noting = asyncio.create_task(log.note_for_ever())
                 yield
+                noting.cancel()
                 await log.drain()
         finally:
             metrics.registry.unregister(things)

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from modalmotion.errors import NonFiniteError
+from modalmotion_service.work.owner import remembering
+from modalmotion_service.work.tasks.files import _kept
 
 
 def swallow_memory() -> int:
@@ -53,3 +55,26 @@ def is_running(pid: int) -> bool:
 def short(number: int, seconds: float) -> int:
     time.sleep(seconds)
     return number
+
+
+def spin() -> None:
+    while True:
+        pass
+
+
+def note(path: Path, name: str, seconds: float = 0.0) -> str:
+    time.sleep(seconds)
+    with path.open("a") as file:
+        file.write(f"{name}\n")
+    return name
+
+
+def remembered() -> dict[str, int]:
+    """How many entries each cache has that a user's data may have a part in, but empty ones."""
+    sizes = {cache.__wrapped__.__name__: cache.cache_info().currsize for cache in remembering()}
+    return {name: size for name, size in sizes.items() if size}
+
+
+def templates_at_hand() -> list[str]:
+    """Keys of the templates and factored modes that this worker has made ready."""
+    return [*_kept()._templates._values, *_kept()._bases._values]

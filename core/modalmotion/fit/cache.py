@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections import OrderedDict
 from collections.abc import Callable
 from threading import Lock
@@ -44,13 +45,21 @@ class TemplateCache:
     ) -> None:
         self._templates: _Recent[Template] = _Recent(n_templates, most_bytes)
         self._bases: _Recent[tuple[ModeChoice, Basis]] = _Recent(n_bases, most_bytes)
+        self._name = ""
+
+    def part(self, name: str) -> TemplateCache:
+        """Return a cache that shares the room of this one, and none of what other parts hold."""
+        part = copy.copy(self)
+        part._name = f"{self._name}{name}\n"
+        return part
 
     def named(self, template_id: str, load: Callable[[], Template]) -> Template:
         """Return the template of an id, loaded if it is not here."""
-        template = self._templates.get(template_id)
+        key = f"{self._name}{template_id}"
+        template = self._templates.get(key)
         if template is None:
             template = load()
-            self._templates.put(template_id, template, _size(template))
+            self._templates.put(key, template, _size(template))
         return template
 
     def template(
@@ -98,7 +107,7 @@ class TemplateCache:
         split_pairs: bool = False,
     ) -> tuple[ModeChoice, Basis]:
         """Choose and factor the modes of a template: see `choose_modes` and `make_basis`."""
-        key = f"{template.id} {n_modes} {grid} {split_pairs}"
+        key = f"{self._name}{template.id} {n_modes} {grid} {split_pairs}"
         entry = self._bases.get(key)
         if entry is None:
             choice = choose_modes(template, n_modes, grid, split_pairs=split_pairs)

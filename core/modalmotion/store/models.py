@@ -20,12 +20,12 @@ from modalmotion.classification.model.record import (
     is_model_name,
     require_model_name,
 )
-from modalmotion.errors import CorruptFileError, NotFoundError
+from modalmotion.errors import NotFoundError
 from modalmotion.hdf5.contents import require_match
 from modalmotion.store.index.cursor import now
 from modalmotion.store.index.model_index import ModelIndex
 from modalmotion.store.model_deletion import begin_model_deletion, finish_model_deletion
-from modalmotion.store.opening import Opening
+from modalmotion.store.opening import Opening, lost_file
 
 
 class ModelStore(Opening):
@@ -149,8 +149,18 @@ class ModelStore(Opening):
         ------
         NotFoundError
             If there is none.
+        LostFileError
+            If its file is gone.
         """
-        return self._folder.model(self.model_record(name, version).reference)
+        path = self._folder.model(self.model_record(name, version).reference)
+        if not path.is_file():
+            # Deleted meanwhile, or gone.
+            self.model_record(name, version)
+            raise lost_file(
+                f"The file of the model {name}@{version}",
+                "Train the model again, which makes a new version",
+            )
+        return path
 
     def kept_model(self, name: str, version: int) -> KeptModel:
         """Read the file of a version without interpreting the model in it.
@@ -160,17 +170,10 @@ class ModelStore(Opening):
         NotFoundError
             If there is none.
         CorruptFileError
-            If its file is damaged or missing.
+            If its file is damaged; LostFileError if it is gone.
         """
         path = self.model_path(name, version)
-        try:
-            stored_model, contents = read_kept_model(path)
-        except NotFoundError:
-            self.model_record(name, version)
-            raise CorruptFileError(
-                f"The file of the model {name}@{version} is missing, though the index knows it.",
-                remedy="Restore it from a copy, or run `modalmotion store rebuild`.",
-            ) from None
+        stored_model, contents = read_kept_model(path)
         require_match(path, contents, model=name, version=version)
         return stored_model
 

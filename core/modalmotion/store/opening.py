@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, Self, TypeVar
 
-from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
+from modalmotion.errors import LostFileError, NotFoundError, StoreError
 from modalmotion.hdf5.contents import Contents, require_match
 from modalmotion.store.care.recovery import reconcile
 from modalmotion.store.deletion import finish_deletion
@@ -193,18 +193,35 @@ class Opening:
         try:
             value, contents = reader(path)
         except NotFoundError:
-            # Deleted (and perhaps put again) since the index was read, or missing.
-            with self._changing(sequence_id):
-                path = locate()
-                try:
-                    value, contents = reader(path)
-                except NotFoundError:
-                    raise CorruptFileError(
-                        f"'{path.name}' is missing, though the index knows it.",
-                        remedy="Restore it from a copy, or run `modalmotion store rebuild`.",
-                    ) from None
+            path = self._present(locate, sequence_id)
+            value, contents = reader(path)
         require_match(path, contents, sequence_id=sequence_id, **ids)
         return value
+
+    def _present(self, locate: Callable[[], Path], sequence_id: str) -> Path:
+        """Give what `locate` finds in the index, if it is there.
+
+        Raises
+        ------
+        LostFileError
+            If the index knows it and it is gone.
+        """
+        path = locate()
+        if path.is_file():
+            return path
+        # Deleted (and perhaps put again) since the index was read, or gone.
+        with self._changing(sequence_id):
+            path = locate()
+            is_there = path.is_file()
+        if is_there:
+            return path
+        if path == self._folder.upload(sequence_id):
+            raise lost_file(
+                f"The file of sequence {sequence_id[:12]} with its vertices",
+                "Send the sequence again, which stores them under the same id",
+            )
+        what = f"The file of a {path.parents[1].name[:-1]} of sequence {sequence_id[:12]}"
+        raise lost_file(what, "Make it again")
 
 
 @contextmanager
@@ -215,6 +232,22 @@ def _put_back_on_failure(before: list[tuple[Path, bytes | None]]) -> Iterator[No
         for path, content in reversed(before):
             put_back(path, content)
         raise
+
+
+def lost_file(what: str, way: str) -> LostFileError:
+    """Error for a file that the index knows and that is gone.
+
+    Parameters
+    ----------
+    what : str
+        With its name.
+    way : str
+        Beginning of a remedy.
+    """
+    return LostFileError(
+        f"{what} is lost: it was stored and not deleted, and its file is missing.",
+        remedy=f"{way}; or restore it from a backup (`modalmotion store restore`).",
+    )
 
 
 def unknown_sequence(sequence_id: object) -> NotFoundError:

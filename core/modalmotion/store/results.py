@@ -118,7 +118,7 @@ class ResultStore(TemplateStore, ModelStore):
         NotFoundError
             If there is none.
         CorruptFileError
-            If its file is damaged or missing.
+            If its file is damaged; LostFileError if it is gone.
         """
         locate = partial(self.signature_path, sequence_id, key)
         signature = self._read(read_signature, locate, sequence_id=sequence_id, parameters_key=key)
@@ -198,7 +198,7 @@ class ResultStore(TemplateStore, ModelStore):
         NotFoundError
             If there is none.
         CorruptFileError
-            If its file is damaged or missing.
+            If its file is damaged; LostFileError if it is gone.
         """
         return self._read(
             read_classification,

@@ -142,7 +142,12 @@ class SequenceStore(Opening):
         ------
         NotFoundError
             If there is no such sequence, or its vertices were not kept.
+        LostFileError
+            If they were, and are gone.
         """
+        return self._present(partial(self._upload, sequence_id), sequence_id)
+
+    def _upload(self, sequence_id: str) -> Path:
         if not self.sequence_record(sequence_id).has_upload:
             raise NotFoundError(
                 f"The vertices of sequence {sequence_id[:12]} were not kept.",
@@ -158,9 +163,9 @@ class SequenceStore(Opening):
         NotFoundError
             If there is no such sequence, or its vertices were not kept.
         CorruptFileError
-            If its file is damaged or missing.
+            If its file is damaged; LostFileError if it is gone.
         """
-        locate = partial(self.sequence_path, sequence_id)
+        locate = partial(self._upload, sequence_id)
         sequence = self._read(read_sequence, locate, sequence_id=sequence_id)
         return sequence.with_facts(self.sequence_record(sequence_id).facts)
 
@@ -261,7 +266,7 @@ class SequenceStore(Opening):
             )
             if record != known:
                 file = (self._folder.record(sequence_id), record_to_json(record))
-                self._write([file], lambda: index.put(record))
+                self._write([file], lambda: index.put(record, erases=True))
         return record
 
     def delete_sequence(self, sequence_id: str) -> None:

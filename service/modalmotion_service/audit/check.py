@@ -33,7 +33,9 @@ class AuditReport:
         return self.end.number - self.start.number
 
 
-def check_audit(parts: Sequence[AuditPart], noted: Place | None = None) -> AuditReport:
+def check_audit(
+    parts: Sequence[AuditPart], noted: Place | None = None, heads: Iterable[Place] = ()
+) -> AuditReport:
     """Check the whole chain.
 
     Parameters
@@ -42,6 +44,9 @@ def check_audit(parts: Sequence[AuditPart], noted: Place | None = None) -> Audit
         In order.
     noted : Place, optional
         As an earlier check gave it: nothing up to there may be gone but what was archived.
+    heads : iterable of Place
+        Noted while the log was written: each entry that is here must be the one that was noted,
+        and the log must reach as far.
 
     Raises
     ------
@@ -49,6 +54,9 @@ def check_audit(parts: Sequence[AuditPart], noted: Place | None = None) -> Audit
         If a file cannot be read.
     """
     faults: list[str] = []
+    digests: dict[int, set[str]] = {}
+    for head in heads:
+        digests.setdefault(head.number, set()).add(head.sha256)
     first = parts[0].start() if parts else GENESIS
     place = first
     # A digest holds all entries before its own: one that was noted, here or at the beginning,
@@ -70,6 +78,13 @@ def check_audit(parts: Sequence[AuditPart], noted: Place | None = None) -> Audit
                 faults.append(f"entry {entry.number} is not what was written, or follows another")
             place = entry.place
             is_noted = is_noted or place == noted
+            if digests.get(place.number, {place.sha256}) != {place.sha256}:
+                faults.append(f"entry {place.number} is not the one that was noted")
+    if max(digests, default=0) > place.number:
+        faults.append(
+            f"the log ends with entry {place.number}, and entry {max(digests)} was noted: "
+            "its end is gone"
+        )
     if noted is not None and not is_noted:
         faults.append(f"entry {noted.number} with the digest that was noted is not there")
     elif first != GENESIS and (noted is None or noted.number < first.number):

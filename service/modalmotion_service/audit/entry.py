@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from dataclasses import asdict, dataclass
 from typing import Final
 
@@ -26,6 +27,20 @@ class Place:
 
     def __str__(self) -> str:
         return f"{self.number}:{self.sha256}"
+
+
+def place_from(text: str) -> Place:
+    """Read a place as it is printed.
+
+    Raises
+    ------
+    ValueError
+        If it is not one.
+    """
+    match = re.fullmatch(r"([0-9]{1,18}):([0-9a-f]{64})", text)
+    if match is None:
+        raise ValueError(f"{text[:100]!r} is not NUMBER:SHA256")
+    return Place(int(match[1]), match[2])
 
 
 GENESIS: Final = Place(0, "0" * 64)

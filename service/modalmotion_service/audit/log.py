@@ -9,14 +9,20 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import threading
 from pathlib import Path
 from typing import Self
 
 from modalmotion.errors import StoreError
-from modalmotion_service.audit.entry import GENESIS, AuditEntry, Event
+from modalmotion_service.audit.entry import GENESIS, AuditEntry, Event, Place
+from modalmotion_service.audit.heads import note_head
 from modalmotion_service.audit.part import AuditPart, AuditWriter, PartClosedError
 from modalmotion_service.settings import ENTRIES_PER_FILE
+
+logger = logging.getLogger(__name__)
+
+_NOTE_SECONDS = 3600.0
 
 
 class AuditLog:
@@ -44,9 +50,27 @@ class AuditLog:
         self.close()
 
     def close(self) -> None:
-        """Close the file."""
+        """Note the head and close the file."""
+        self._try_to_note()
         with self._lock:
             self._writer.close()
+
+    def note_head(self) -> Place:
+        """Note number and digest of the last entry, beside the log and in the service's own log.
+
+        Raises
+        ------
+        StoreError
+            If it cannot be written.
+        """
+        with self._lock:
+            return self._note_head()
+
+    async def note_for_ever(self) -> None:
+        """Note the head now, and every hour."""
+        while True:
+            await asyncio.to_thread(self._try_to_note)
+            await asyncio.sleep(_NOTE_SECONDS)
 
     async def note(self, event: Event) -> None:
         """Append an event; it is durable when this returns.
@@ -79,6 +103,8 @@ class AuditLog:
             if self._writer.n_entries >= self._entries_per_file:
                 with contextlib.suppress(PartClosedError):
                     self._writer.close_for_good()
+                    with contextlib.suppress(StoreError):
+                        self._note_head()
             while True:
                 try:
                     self._writer.append(events)
@@ -95,6 +121,18 @@ class AuditLog:
     ) -> list[AuditEntry]:
         """Read a page as `audit_page` does."""
         return audit_page(self._folder, limit=limit, before=before, owner=owner)
+
+    def _note_head(self) -> Place:
+        place = head_of(self._folder)
+        if note_head(self._folder, place):
+            logger.info("audit log", extra={"head": str(place)})
+        return place
+
+    def _try_to_note(self) -> None:
+        try:
+            self.note_head()
+        except StoreError as error:
+            logger.warning("the audit log's head is not noted", extra={"code": error.code})
 
     async def _write_pending(self) -> None:
         try:
@@ -165,6 +203,15 @@ def audit_folder(data_dir: Path) -> Path:
 def parts_in(folder: Path) -> list[AuditPart]:
     """List the files of a log, the oldest first."""
     return [AuditPart(path) for path in sorted(folder.glob("[0-9]*.sqlite"))]
+
+
+def head_of(folder: Path) -> Place:
+    """Place of the last entry of a log; before the first where there is none."""
+    parts = parts_in(folder)
+    # The last one of a process that was killed may have no tables yet.
+    if parts and not parts[-1].is_prepared():
+        parts.pop()
+    return parts[-1].end() if parts else GENESIS
 
 
 def first_number(part: AuditPart) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -12,14 +11,17 @@ from pathlib import Path
 
 import click
 
+from modalmotion.cli.outputs import OutputFolder
 from modalmotion_service.audit.archive import archive_audit
 from modalmotion_service.audit.check import check_audit, unfinished
-from modalmotion_service.audit.entry import AuditEntry, Place
+from modalmotion_service.audit.entry import AuditEntry, Place, place_from
+from modalmotion_service.audit.heads import heads_of, note_head, places_in
 from modalmotion_service.audit.key_events import of_command
-from modalmotion_service.audit.log import AuditLog, audit_folder, audit_page, parts_in
+from modalmotion_service.audit.log import AuditLog, audit_folder, audit_page, head_of, parts_in
 from modalmotion_service.audit.part import AuditPart
 from modalmotion_service.commands.options import DATA_DIR, Moment, folder_of
 
+_MOST_PRINTED = 20
 _ARCHIVE = click.option(
     "--archive",
     type=click.Path(file_okay=False, exists=True, path_type=Path),
@@ -59,19 +61,36 @@ def list_unfinished(archive: Path | None, data_dir: Path | None) -> None:
     metavar="NUMBER:SHA256",
     help="Output of an earlier check, kept elsewhere: nothing up to there may be gone.",
 )
+@click.option(
+    "--notes",
+    multiple=True,
+    type=click.Path(exists=True, path_type=Path),
+    help="Text with heads, such as the service's log or the output of `audit note`; or a backup.",
+)
 @_ARCHIVE
 @DATA_DIR
-def verify(noted: str | None, archive: Path | None, data_dir: Path | None) -> None:
-    """Check that no entry was changed, taken out or put in; ends with 1 if one was."""
+def verify(
+    noted: str | None, notes: tuple[Path, ...], archive: Path | None, data_dir: Path | None
+) -> None:
+    """Check that no entry was changed, taken out or put in; ends with 1 if one was.
+
+    What is there is compared with the heads that were noted beside the log, and in NOTES.
+    """
     place = None
     if noted is not None:
-        text = re.fullmatch(r"([0-9]{1,18}):([0-9a-f]{64})", noted)
-        if text is None:
-            raise click.UsageError("--noted is NUMBER:SHA256, as this command prints it.")
-        place = Place(int(text[1]), text[2])
-    report = check_audit(_parts(data_dir, archive), place)
-    for fault in report.faults:
+        try:
+            place = place_from(noted)
+        except ValueError as error:
+            raise click.UsageError(
+                "--noted is NUMBER:SHA256, as this command prints it."
+            ) from error
+    parts, folder = _parts(data_dir, archive), audit_folder(folder_of(data_dir))
+    heads = [*heads_of(folder), *(head for path in notes for head in _noted_in(path))]
+    report = check_audit(parts, place, heads)
+    for fault in report.faults[:_MOST_PRINTED]:
         click.echo(fault)
+    if not heads and noted is None:
+        click.echo("No head was noted: whether the end is gone, or all is new, cannot be told.")
     verdict = "whole" if not report.faults else f"{len(report.faults)} faults"
     since = f" after {report.start.number}" if report.start.number else ""
     click.echo(f"{report.n_entries} entries{since}: {verdict}")
@@ -80,8 +99,22 @@ def verify(noted: str | None, archive: Path | None, data_dir: Path | None) -> No
         raise click.exceptions.Exit(1)
 
 
+@audit.command()
+@DATA_DIR
+def note(data_dir: Path | None) -> None:
+    """Note number and digest of the last entry beside the log, and print them.
+
+    Kept elsewhere, as in the journal, they show with `audit verify --notes` what is gone.
+    """
+    _parts(data_dir, None)
+    folder = audit_folder(folder_of(data_dir))
+    head = head_of(folder)
+    note_head(folder, head)
+    click.echo(head)
+
+
 @audit.command("archive")
-@click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
+@click.argument("folder", type=OutputFolder())
 @click.option(
     "--older-than",
     type=Moment("time", -1),
@@ -110,6 +143,17 @@ def move_away(folder: Path, older_than: datetime | None, data_dir: Path | None) 
         log.append([of_command("audit archive", None, moved[-1].sha256)])
     click.echo(f"{len(moved)} files with the entries up to {moved[-1].number}")
     click.echo(moved[-1])
+
+
+def _noted_in(path: Path) -> list[Place]:
+    """Find the heads in a text, or those of a backup and the ends of its log."""
+    if not path.is_dir():
+        return places_in(path)
+    folder = audit_folder(path)
+    found = [*heads_of(folder), head_of(folder)]
+    if not folder.is_dir():
+        raise click.BadParameter(f"{path} holds no audit log.", param_hint="--notes")
+    return found
 
 
 def _write(entries: Iterable[AuditEntry]) -> None:

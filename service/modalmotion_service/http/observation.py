@@ -18,6 +18,7 @@ from starlette.datastructures import MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from modalmotion_service.access.principal import principal_of
 from modalmotion_service.http import timing
 from modalmotion_service.http.problems import internal_answer
 
@@ -60,7 +61,10 @@ class Observation:
                 headers = MutableHeaders(scope=message)
                 headers["X-Request-ID"] = request_id
                 spent = 1e3 * (time.perf_counter() - start)
-                headers["Server-Timing"] = timing.header(stages, spent)
+                # Stages tell what was at hand already: only to who may see everything.
+                principal = principal_of(scope)
+                is_local = principal is not None and principal.key_id is None
+                headers["Server-Timing"] = timing.header(stages if is_local else {}, spent)
             if broken:
                 return
             try:

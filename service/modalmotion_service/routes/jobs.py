@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import FileResponse
 
-from modalmotion.errors import NotFoundError
+from modalmotion.errors import LostFileError, NotFoundError
 from modalmotion_service.http.negotiation import HDF5, NPZ
 from modalmotion_service.routes.parts.deferral import job_answer
 from modalmotion_service.routes.parts.dependencies import StateDependency
@@ -61,6 +62,12 @@ def result(job_id: JobId, state: StateDependency) -> Response:
         )
     path = state.spool.at(outcome["file"])
     if not path.is_file():
+        age = datetime.now(UTC) - datetime.fromisoformat(record.updated)
+        if age < timedelta(hours=state.settings.result_hours):
+            raise LostFileError(
+                "The job's file is lost: its time has not passed, and it is missing.",
+                remedy="Start the job again.",
+            )
         raise NotFoundError("The job's file is no longer kept.", remedy="Start the job again.")
     return FileResponse(path, media_type=outcome["media_type"], headers=outcome.get("headers"))
 

@@ -122,11 +122,7 @@ async def version(
 @router.delete("/{name}/versions/{version}", status_code=204)
 async def delete(name: ModelName, version: ModelVersion, state: StateDependency) -> None:
     """Delete a version. Its number is not used again, and its classifications stay."""
-
-    def remove() -> None:
-        state.models.delete(state.models.choose(f"{name}@{version}"))
-
-    await asyncio.to_thread(remove)
+    await asyncio.to_thread(state.models.delete, name, int(version))
 
 
 async def _described(model: ChosenModel, state: State, request: Request, accept: str) -> Response:

@@ -7,11 +7,12 @@ from collections.abc import Callable
 from typing import Any
 
 from modalmotion_service.work.answers import to_bytes
+from modalmotion_service.work.owner import attributed
 
 
 def payload_of(function: Callable[..., Any], args: Any, kwargs: Any) -> bytes:
-    """Write a task."""
-    return pickle.dumps((function, args, kwargs))
+    """Write a task, as the work of whoever it is done for."""
+    return pickle.dumps((*attributed(function, args), kwargs))
 
 
 def run_payload(payload: bytes) -> bytes:

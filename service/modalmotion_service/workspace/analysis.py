@@ -25,6 +25,8 @@ from modalmotion_service.schemas import (
     TemplateAnswer,
 )
 from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.owner import work_of
+from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import codec, derived, sequences, signatures, templates
 from modalmotion_service.work.upload import Upload
@@ -62,12 +64,15 @@ class Analysis:
         Where parsing and fitting happen.
     spool : Spool
         Where workers leave their output.
+    tariff : Tariff
+        Of the owner whose store it is.
     """
 
-    def __init__(self, store: ResultStore, engine: Engine, spool: Spool) -> None:
+    def __init__(self, store: ResultStore, engine: Engine, spool: Spool, tariff: Tariff) -> None:
         self._store = store
         self.engine = engine
         self._spool = spool
+        self._tariff = tariff
         self._shared_work = SharedWork()
 
     async def keep(self, upload: Upload, *, subject: str | None, label: str | None) -> KeptUpload:
@@ -320,8 +325,11 @@ class Analysis:
 
     async def work(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         """Have a worker do a task."""
+        terms = self._tariff.terms(task, args)
         # Cancelling the wait cancels the future, and with it ends the worker's process.
-        return await asyncio.wrap_future(self.engine.submit(task, *args, **kwargs))
+        with work_of(str(self._store.root)):
+            future = self.engine.submit_for(terms, task, *args, **kwargs)
+        return await asyncio.wrap_future(future)
 
     @contextmanager
     def _image(self) -> Iterator[Path]:

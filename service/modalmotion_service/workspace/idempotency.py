@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hmac
 import json
+import secrets
 import threading
 from dataclasses import dataclass
 from typing import Any, Final
@@ -11,6 +13,7 @@ from modalmotion.store.index.cursor import now
 from modalmotion.store.index.database import Database
 
 _TABLES: Final = (
+    "CREATE TABLE IF NOT EXISTS idempotency_secret (secret BLOB NOT NULL)",
     """CREATE TABLE IF NOT EXISTS idempotency (
         key TEXT PRIMARY KEY, fingerprint TEXT NOT NULL, status INTEGER, response TEXT,
         created TEXT NOT NULL
@@ -30,7 +33,7 @@ class IdempotentRequest:
     Parameters
     ----------
     key : str
-        As the client chose it.
+        Keyed digest of what the client chose, which may name a person.
     fingerprint : str
         Digest of the request; another one under the same key is a mistake of the client.
     status : int or None
@@ -63,6 +66,7 @@ class IdempotencyKeys:
         # What could not be written: an answer, or None for a key that is free again.
         self._late: dict[str, tuple[int, str] | None] = {}
         database.extend(_TABLES)
+        self._secret = self._secret_of_file()
 
     def claim(self, key: str, fingerprint: str) -> IdempotentRequest | None:
         """Take a key for a request that is about to be done.
@@ -72,20 +76,22 @@ class IdempotencyKeys:
         IdempotentRequest or None
             None where the key was free and is taken now; else the request that took it.
         """
+        name = self._digest(key)
         self.settle()
         with self._database.write() as connection:
             done = connection.execute(
                 "INSERT OR IGNORE INTO idempotency VALUES (?, ?, NULL, NULL, ?)",
-                (key, fingerprint, now()),
+                (name, fingerprint, now()),
             )
             if done.rowcount == 1:
                 return None
-            row = connection.execute("SELECT * FROM idempotency WHERE key = ?", (key,)).fetchone()
+            row = connection.execute("SELECT * FROM idempotency WHERE key = ?", (name,)).fetchone()
         return _request(row)
 
     def get(self, key: str) -> IdempotentRequest | None:
         """Request that a key was taken with, None where it is free."""
-        rows = self._database.read("SELECT * FROM idempotency WHERE key = ?", (key,))
+        name = self._digest(key)
+        rows = self._database.read("SELECT * FROM idempotency WHERE key = ?", (name,))
         return _request(rows[0]) if rows else None
 
     def complete(self, key: str, status: int, response: Any) -> None:
@@ -97,13 +103,13 @@ class IdempotencyKeys:
             If it cannot be written now: it will be before anybody claims a key again.
         """
         with self._lock:
-            self._late[key] = (status, json.dumps(response))
+            self._late[self._digest(key)] = (status, json.dumps(response))
         self.settle()
 
     def release(self, key: str) -> None:
         """Free a key whose request had no effect; StoreError as `complete`."""
         with self._lock:
-            self._late[key] = None
+            self._late[self._digest(key)] = None
         self.settle()
 
     def settle(self) -> None:
@@ -112,13 +118,13 @@ class IdempotencyKeys:
             if not self._late:
                 return
             with self._database.write() as connection:
-                for key, answer in self._late.items():
+                for name, answer in self._late.items():
                     if answer is None:
-                        connection.execute("DELETE FROM idempotency WHERE key = ?", (key,))
+                        connection.execute("DELETE FROM idempotency WHERE key = ?", (name,))
                     else:
                         connection.execute(
                             "UPDATE idempotency SET status = ?, response = ? WHERE key = ?",
-                            (*answer, key),
+                            (*answer, name),
                         )
             self._late.clear()
 
@@ -129,7 +135,7 @@ class IdempotencyKeys:
 
     def forget_before(self, created: str) -> int:
         """Free the keys taken before a time (UTC, ISO 8601); returns how many."""
-        with self._database.write() as connection:
+        with self._database.write(erases=True) as connection:
             return connection.execute(
                 "DELETE FROM idempotency WHERE created < ?", (created,)
             ).rowcount
@@ -154,12 +160,35 @@ class IdempotencyKeys:
         self.settle()
         # Below a place lies what comes between "/" and the character after it.
         below = (f"{place}/", f"{place}0")
-        with self._database.write() as connection:
+        with self._database.write(erases=True) as connection:
             return connection.execute(
                 f"UPDATE idempotency SET status = ?, response = ? "  # noqa: S608 (of constants)
                 f"WHERE {location} = ? OR ({location} >= ? AND {location} < ?)",
                 (status, json.dumps(response), place, *below),
             ).rowcount
+
+    def _secret_of_file(self) -> bytes:
+        """Give the secret that digests are keyed with, made where it is missing."""
+        rows = self._database.read("SELECT secret FROM idempotency_secret")
+        if rows:
+            return bytes(rows[0][0])
+        secret = secrets.token_bytes(32)
+        with self._database.write(erases=True) as connection:
+            connection.execute("INSERT INTO idempotency_secret VALUES (?)", (secret,))
+            # As clients chose them: without a secret nothing has been digested.
+            keys = connection.execute("SELECT key FROM idempotency").fetchall()
+            connection.executemany(
+                "UPDATE idempotency SET key = ? WHERE key = ?",
+                [(_keyed(secret, key), key) for (key,) in keys],
+            )
+        return secret
+
+    def _digest(self, key: str) -> str:
+        return _keyed(self._secret, key)
+
+
+def _keyed(secret: bytes, key: str) -> str:
+    return hmac.digest(secret, key.encode(), "sha256").hex()
 
 
 def _request(row: tuple[Any, ...]) -> IdempotentRequest:

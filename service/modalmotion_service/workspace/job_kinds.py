@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlencode
 
 from modalmotion.classification import TrainingOptions
+from modalmotion.errors import LostFileError
 from modalmotion.facts import facts_from_json
 from modalmotion_service.http.negotiation import HDF5, NPZ, STREAM
 from modalmotion_service.schemas import (
@@ -49,7 +51,7 @@ def make_runner(
     async def upload(request: Any, _: Report) -> Any:
         query = UploadQuery(**request["query"])
         facts = facts_from_json(request["facts"])
-        sent = Upload(spool.at(request["file"]), query.options(settings.read_limits, facts))
+        sent = Upload(_spooled(spool, request), query.options(settings.read_limits, facts))
         result = await analysis.keep(sent, subject=query.subject, label=query.label)
         return {"link": f"/v1/sequences/{result.record.id}"}
 
@@ -87,7 +89,7 @@ def make_runner(
         return {"link": f"/v1/sequences/{request['sequence_id']}/classifications"}
 
     async def training(request: Any, report: Report) -> Any:
-        cases = await asyncio.to_thread(read_cases, spool.at(request["file"]))
+        cases = await asyncio.to_thread(read_cases, _spooled(spool, request))
         options = TrainingOptions.from_json(request["options"])
         record = await trainer.train(request["file"], request["name"], options, cases, report)
         return {"link": f"/v1/models/{record.name}/versions/{record.version}"}
@@ -110,3 +112,20 @@ def make_runner(
         require_store=lambda: require_room(spool.folder),
         retry_seconds=3600.0 * settings.retry_hours,
     )
+
+
+def _spooled(spool: Spool, request: Any) -> Path:
+    """Find the file that came with a job.
+
+    Raises
+    ------
+    LostFileError
+        If it is gone.
+    """
+    path = spool.at(request["file"])
+    if not path.is_file():
+        raise LostFileError(
+            "The file that came with this job is lost: it was stored until the job's end.",
+            remedy="Send the request again; and look after the disk of the data folder.",
+        )
+    return path

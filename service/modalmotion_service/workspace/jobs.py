@@ -145,7 +145,7 @@ class Jobs:
             None if error is None else json.dumps(error),
         )
         is_last = state not in (None, JobState.QUEUED, JobState.RUNNING)
-        with self._database.write() as connection:
+        with self._database.write(erases=is_last) as connection:
             cursor = connection.execute(
                 "UPDATE jobs SET state = coalesce(?, state), "
                 # Of another try, too, it never falls.
@@ -205,7 +205,7 @@ class Jobs:
 
     def forget_before(self, updated: str) -> int:
         """Remove jobs that finished before a time (UTC, ISO 8601); returns how many."""
-        with self._database.write() as connection:
+        with self._database.write(erases=True) as connection:
             return connection.execute(
                 "DELETE FROM jobs WHERE updated < ? AND state NOT IN ('queued', 'running')",
                 (updated,),
@@ -213,7 +213,7 @@ class Jobs:
 
     def forget(self, *job_ids: str) -> None:
         """Remove finished jobs; one that is not stays."""
-        with self._database.write() as connection:
+        with self._database.write(erases=True) as connection:
             connection.executemany(
                 "DELETE FROM jobs WHERE id = ? AND state NOT IN ('queued', 'running')",
                 [(job_id,) for job_id in job_ids],

@@ -10,6 +10,7 @@ from typing import Final
 
 from modalmotion.classification import Classification, available_models, load_model
 from modalmotion.errors import NotFoundError, TopologyError
+from modalmotion.hdf5.sealed import is_sound
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import (
     KeptModel,
@@ -144,21 +145,22 @@ class Models:
             return _shipped(model.name)
         return self._store.kept_model(model.name, model.version)
 
-    def delete(self, model: ChosenModel) -> None:
-        """Delete a version.
+    def delete(self, name: str, version: int) -> None:
+        """Delete a version, its file there or not.
 
         Raises
         ------
         NotFoundError
-            If it was deleted meanwhile.
+            If there is none.
         ConflictError
             If it is shipped.
         """
-        if isinstance(model.source, str):
+        if name in available_models():
+            model = self.choose(f"{name}@{version}")
             raise shipped_name(
                 model.name, "cannot be deleted", "Leave it; no request has to use it."
             )
-        self._store.delete_model(model.name, model.version)
+        self._store.delete_model(name, version)
 
     async def require_sound(self, model: ChosenModel) -> None:
         """Check that a version can be used.
@@ -202,9 +204,13 @@ class Models:
             with stage("store"):
                 await asyncio.to_thread(self._store.put_classification, result.classification, key)
 
-        is_new = (model.id, key) not in await asyncio.to_thread(
-            self._store.classifications, sequence_id
-        )
+        def is_missing() -> bool:
+            if (model.id, key) not in self._store.classifications(sequence_id):
+                return True
+            # Lost or damaged it is made again, as a signature is.
+            return not is_sound(self._store.classification_path(sequence_id, model.id, key))
+
+        is_new = await asyncio.to_thread(is_missing)
         if is_new:
             await self._shared_work.join((sequence_id, model.id, key), make)
         result = await asyncio.to_thread(self._store.classification, sequence_id, model.id, key)

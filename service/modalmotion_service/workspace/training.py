@@ -6,7 +6,6 @@ import asyncio
 import copy
 import json
 from collections.abc import Iterator
-from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
@@ -22,8 +21,11 @@ from modalmotion.errors import (
 )
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore
+from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.owner import work_of
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import training as training_task
+from modalmotion_service.work.terms import Terms
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.spool import Spool, remove_with_beside
@@ -38,10 +40,11 @@ class Trainer:
 
     Parameters
     ----------
+    owner : str
     store : ResultStore
     analysis : Analysis
         Makes the signatures that are trained on.
-    executor : Executor
+    engine : Engine
         Where training happens, apart from the short work of other requests.
     spool : Spool
     scheduler : str, optional
@@ -52,16 +55,18 @@ class Trainer:
 
     def __init__(
         self,
+        owner: str,
         store: ResultStore,
         analysis: Analysis,
-        executor: Executor,
+        engine: Engine,
         spool: Spool,
         scheduler: str | None,
         n_threads: int,
     ) -> None:
+        self._owner = owner
         self._store = store
         self._analysis = analysis
-        self._executor = executor
+        self._engine = engine
         self._spool = spool
         self._scheduler = scheduler
         self._n_threads = n_threads
@@ -100,8 +105,9 @@ class Trainer:
             async def train_with(asked: SignatureParameters) -> None:
                 paths = await self._fit(cases, asked, report)
                 await asyncio.to_thread(_write_plan, plan, cases, paths)
-                work = asyncio.wrap_future(
-                    self._executor.submit(
+                with work_of(str(self._store.root)):
+                    future = self._engine.submit_for(
+                        Terms(self._owner),
                         training_task.train_model,
                         plan,
                         name,
@@ -112,7 +118,7 @@ class Trainer:
                         self._scheduler,
                         self._n_threads,
                     )
-                )
+                work = asyncio.wrap_future(future)
 
                 def report_training(share: float, text: str) -> None:
                     report(_FITTING + (1 - _FITTING) * share, text)

@@ -18,6 +18,7 @@ from modalmotion.classification import Model, load_model
 from modalmotion.classification.model.hdf5 import read_kept_model
 from modalmotion.errors import (
     CorruptFileError,
+    LostFileError,
     ModelNotReproducedError,
     NotFoundError,
     ParameterError,
@@ -308,7 +309,7 @@ def test_a_file_under_another_name_is_refused(root: Path) -> None:
     with ResultStore(root) as store, pytest.raises(CorruptFileError, match="another version"):
         store.kept_model("wall-motion", 3)
     mine.unlink()
-    with ResultStore(root) as store, pytest.raises(CorruptFileError, match="missing"):
+    with ResultStore(root) as store, pytest.raises(LostFileError, match="wall-motion@3 is lost"):
         store.kept_model("wall-motion", 3)
 
 

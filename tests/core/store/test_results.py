@@ -19,7 +19,7 @@ from store_samples import (
     tree,
 )
 
-from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
+from modalmotion.errors import CorruptFileError, LostFileError, NotFoundError, StoreError
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import ResultStore, template_from_hdf5, template_to_hdf5, verify
@@ -155,10 +155,31 @@ def test_a_missing_file_is_no_unknown_id(store: ResultStore) -> None:
     store.put_sequence(sequence)
     path = store.put_signature(sample_signature(sequence))
     path.unlink()
-    with pytest.raises(CorruptFileError, match="missing"):
+    with pytest.raises(LostFileError, match=r"signature of sequence .* is lost"):
         store.signature(sequence.id, KEY)
+    # As the remedy says.
     store.put_signature(sample_signature(sequence))
     store.signature(sequence.id, KEY)
+
+
+def test_lost_vertices_are_no_unknown_id_and_come_back_with_the_sequence(
+    store: ResultStore,
+) -> None:
+    sequence = sample_sequence(1)
+    store.put_sequence(sequence)
+    store.sequence_path(sequence.id).unlink()
+    for read in (store.sequence_path, store.sequence):
+        with pytest.raises(LostFileError, match="lost: it was stored and not deleted") as caught:
+            read(sequence.id)
+        assert caught.value.remedy.startswith("Send the sequence again")
+    assert store.put_sequence(sequence) is False
+    assert_same(store.sequence(sequence.id), sequence)
+    # Deleted is another thing.
+    store.sequence_path(sequence.id).unlink()
+    store.delete_sequence(sequence.id)
+    with pytest.raises(NotFoundError) as gone:
+        store.sequence_path(sequence.id)
+    assert not isinstance(gone.value, LostFileError)
 
 
 BAD_IDS = [

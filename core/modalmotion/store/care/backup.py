@@ -12,7 +12,13 @@ from typing import Final
 from modalmotion.errors import ParameterError, StoreError
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
-from modalmotion.store.care.copying import copy_file, is_same, stage_database
+from modalmotion.store.care.copying import (
+    copy_file,
+    is_begun_by,
+    is_same,
+    stage_database,
+    stage_file,
+)
 from modalmotion.store.care.losses import Source
 from modalmotion.store.care.maintenance import existing_store
 from modalmotion.store.disk.atomic import cannot_write, is_temporary, write_atomic
@@ -178,6 +184,12 @@ class _Copy:
 
     def fill(self, progress: Progress | None) -> None:
         """Read the databases, then add all files that are new or were replaced."""
+        # Before the log whose heads they are: a copy of the log reaches at least as far.
+        for name in self._source.list_notes():
+            if not is_begun_by(self._root / name, self._target / name):
+                self._missing.append(name)
+            elif not is_same((self._root / name).stat(), self._target / name):
+                self._staged[name] = stage_file(self._root / name, self._target / name)
         for name in self._source.list_databases():
             staged = stage_database(self._root / name, self._target / name)
             if staged is not None:

@@ -14,14 +14,36 @@ from modalmotion.store.disk.group_commit import sync_paths
 
 def copy_file(source: Path, copy: Path) -> None:
     """Copy a file, whose name is durable when its folder is synchronised; may raise OSError."""
+    temporary = stage_file(source, copy)
+    try:
+        temporary.replace(copy)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def stage_file(source: Path, copy: Path) -> Path:
+    """Copy a file durably to one beside its copy, to be renamed; may raise OSError."""
     copy.parent.mkdir(parents=True, exist_ok=True)
     temporary = temporary_beside(copy)
     try:
         shutil.copy2(source, temporary)
         sync_paths([temporary])
-        temporary.replace(copy)
-    finally:
+    except BaseException:
         temporary.unlink(missing_ok=True)
+        raise
+    return temporary
+
+
+def is_begun_by(file: Path, copy: Path) -> bool:
+    """Whether a file that only grows still begins with all that its copy holds."""
+    if not copy.exists():
+        return True
+    with file.open("rb") as now, copy.open("rb") as then:
+        while piece := then.read(1 << 20):
+            if now.read(len(piece)) != piece:
+                return False
+    return True
 
 
 def stage_database(source: Path, copy: Path) -> Path | None:

@@ -18,6 +18,7 @@ Fate = Literal["deleted", "done", "lost", "kept"]
 
 _OF_STORES: Final = ("sequences", "signatures", "classifications", "templates", "models")
 # A store's own, never copied: its lock, a deletion that is under way, what an older copy set aside.
+_HEADS: Final = "access/audit/heads"
 _NOT_COPIED: Final = ("lock", "backup.json")
 
 
@@ -47,6 +48,13 @@ class Source:
         self._names.update(self._databases)
         return self._databases
 
+    def list_notes(self) -> list[PurePath]:
+        """List the heads that were noted of an audit log: files that only grow."""
+        paths = (PurePath(path.relative_to(self._root)) for path in self._root.glob(_HEADS))
+        notes = sorted(paths)
+        self._names.update(notes)
+        return notes
+
     def list_files(self) -> list[PurePath]:
         """List all other files, sorted."""
         names = sorted(
@@ -54,6 +62,7 @@ class Source:
             for path in self._root.rglob("*")
             if _is_copied(path) and path.relative_to(self._root).parts[0] != "removed"
         )
+        names = [name for name in names if not name.match(_HEADS)]
         self._names.update(names)
         return names
 
@@ -79,7 +88,7 @@ class Source:
             return "done"
         if name.suffix == ".sqlite":
             return "kept" if self._is_archived(name) else "lost"
-        return "lost" if top in _OF_STORES else "kept"
+        return "lost" if top in _OF_STORES or name.match(_HEADS) else "kept"
 
     def missing_of_index(self, locate: Callable[[PurePath], Path]) -> Iterator[PurePath]:
         """List files that an index names, and that were neither there nor deleted.

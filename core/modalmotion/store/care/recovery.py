@@ -144,7 +144,7 @@ def reconcile(
             damaged.append(folder.short(path))
         _tell(progress, number, len(sequence_ids) + len(results))
     models = _models(folder, index, scan, damaged, thorough=thorough)
-    with index.database.write() as connection:
+    with index.database.write(erases=True) as connection:
         connection.execute("DELETE FROM sequences")
         put_records(connection, records)
         put_results(connection, rows)

@@ -90,6 +90,7 @@ class Database:
     """
 
     def __init__(self, path: Path) -> None:
+        self._has_erased = False
         self._write_lock = threading.Lock()
         self._read_lock = threading.Lock()
         with _explained():
@@ -108,8 +109,14 @@ class Database:
             return self._reader.execute(statement, values).fetchall()
 
     @contextmanager
-    def write(self) -> Iterator[sqlite3.Connection]:
+    def write(self, *, erases: bool = False) -> Iterator[sqlite3.Connection]:
         """Give a connection inside one transaction, which is durable when the block ends.
+
+        Parameters
+        ----------
+        erases : bool
+            Whether what it removes or replaces is to leave the write-ahead log too. Where another
+            process reads at that moment, the next call does it.
 
         Raises
         ------
@@ -127,6 +134,8 @@ class Database:
                 with contextlib.suppress(sqlite3.Error):
                     self._roll_back()
                 raise
+            if erases or self._has_erased:
+                self._cut_log()
 
     def _roll_back(self) -> None:
         # SQLite may have rolled back by itself, as it does when the disk is full.
@@ -185,6 +194,19 @@ class Database:
             except sqlite3.DatabaseError as error:
                 return [str(error)]
         return [text for (text,) in rows if text != "ok"]
+
+    def _cut_log(self) -> None:
+        """Merge the log into the file, whose free pages hold nothing, and leave none of it."""
+        self._has_erased = True
+        # Done or not, what was committed is committed.
+        with contextlib.suppress(sqlite3.OperationalError), self._read_lock:
+            # Nobody waits for a backup that reads.
+            self._writer.execute("PRAGMA busy_timeout = 100")
+            try:
+                (is_busy, *_) = self._writer.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+            finally:
+                self._writer.execute("PRAGMA busy_timeout = 5000")
+            self._has_erased = bool(is_busy)
 
     def _prepare(self) -> None:
         self._writer.execute("PRAGMA journal_mode = WAL")

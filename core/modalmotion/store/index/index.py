@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from modalmotion.facts import Facts, facts_from_json
+from modalmotion.facts import facts_from_json
 from modalmotion.representation import shown
 from modalmotion.store.folder import ResultKind, ResultName
 from modalmotion.store.index.cursor import from_cursor, require_limit, to_cursor
@@ -43,16 +43,19 @@ class Index:
 
     def __init__(self, database: Database) -> None:
         self.database = database
+        # Most sequences of a store state the same few. Of each store by itself: from the time of a
+        # list nobody is to learn what another owner's sequences state.
+        self._facts = lru_cache(maxsize=64)(lambda text: facts_from_json(json.loads(text)))
 
     def find(self, sequence_id: str) -> SequenceRecord | None:
         """Record of a sequence, None where there is none."""
         rows = self.database.read("SELECT * FROM sequences WHERE id = ?", (sequence_id,))
-        return _record(rows[0]) if rows else None
+        return self._record(rows[0]) if rows else None
 
     def records(self) -> list[SequenceRecord]:
         """All records, by id."""
         rows = self.database.read("SELECT * FROM sequences ORDER BY id")
-        return [_record(row) for row in rows]
+        return [self._record(row) for row in rows]
 
     def page(
         self, subject: str | None, label: str | None, limit: int, cursor: str | None
@@ -76,7 +79,7 @@ class Index:
             "ORDER BY created DESC, id DESC LIMIT ?",
             (*values, require_limit(limit) + 1),
         )
-        records = tuple(_record(row) for row in rows[:limit])
+        records = tuple(self._record(row) for row in rows[:limit])
         last = to_cursor(records[-1].created, records[-1].id) if len(rows) > limit else None
         return SequencePage(records, last)
 
@@ -88,14 +91,14 @@ class Index:
         )
         return dict(rows)
 
-    def put(self, record: SequenceRecord) -> None:
-        """Add a record, or write it over the one with its id."""
-        with self.database.write() as connection:
+    def put(self, record: SequenceRecord, *, erases: bool = False) -> None:
+        """Add a record, or write it over the one with its id, of which nothing is left if so."""
+        with self.database.write(erases=erases) as connection:
             put_records(connection, [record])
 
     def remove(self, sequence_id: str) -> None:
         """Remove a sequence with its results."""
-        with self.database.write() as connection:
+        with self.database.write(erases=True) as connection:
             connection.execute("DELETE FROM sequences WHERE id = ?", (sequence_id,))
 
     def digest(self, name: ResultName) -> str | None:
@@ -145,6 +148,12 @@ class Index:
         with self.database.write() as connection:
             connection.execute("INSERT OR REPLACE INTO state VALUES ('clean', ?)", (int(clean),))
 
+    def _record(self, row: tuple[Any, ...]) -> SequenceRecord:
+        values = list(row)
+        values[5] = None if row[5] is None else tuple(json.loads(row[5]))
+        values[7], values[11], values[12] = bool(row[7]), bool(row[11]), self._facts(row[12])
+        return SequenceRecord(*values)
+
 
 def put_records(connection: sqlite3.Connection, records: Iterable[SequenceRecord]) -> None:
     """Write records inside a transaction."""
@@ -171,16 +180,3 @@ def _row(record: SequenceRecord) -> tuple[Any, ...]:
     values["grid"] = None if record.grid is None else json.dumps(record.grid)
     values["facts"] = json.dumps(values["facts"])
     return tuple(values.values())
-
-
-def _record(row: tuple[Any, ...]) -> SequenceRecord:
-    values = list(row)
-    values[5] = None if row[5] is None else tuple(json.loads(row[5]))
-    values[7], values[11], values[12] = bool(row[7]), bool(row[11]), _facts(row[12])
-    return SequenceRecord(*values)
-
-
-@lru_cache(maxsize=64)
-def _facts(text: str) -> Facts:
-    # Most sequences of a store state the same few.
-    return facts_from_json(json.loads(text))

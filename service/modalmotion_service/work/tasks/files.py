@@ -51,13 +51,18 @@ def named_template(template: Path | None) -> Template | None:
     if template is None:
         return None
     # The path ends with the template's id, which stands for its content.
-    return _kept().named(template.name, lambda: template_from_hdf5(template))
+    return _kept_of(template).named(template.name, lambda: template_from_hdf5(template))
 
 
-def cache_for(template: Template | None) -> TemplateCache | None:
+def cache_for(template: Path | None) -> TemplateCache | None:
     """Give the cache for factored modes, of named templates alone."""
     # A sequence's own template is seldom asked for again.
-    return None if template is None else _kept()
+    return None if template is None else _kept_of(template)
+
+
+def _kept_of(template: Path) -> TemplateCache:
+    """Give what this process has made ready for the owner of a template's store."""
+    return _kept().part(str(template.parent.parent))
 
 
 @lru_cache(maxsize=1)

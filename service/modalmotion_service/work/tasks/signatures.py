@@ -44,7 +44,7 @@ def sign(
         loaded = sequence_from_hdf5(sequence)
         named = named_template(template)
     with watch.stage("fit"):
-        signature = modal_signature(loaded, parameters, template=named, cache=cache_for(named))
+        signature = modal_signature(loaded, parameters, template=named, cache=cache_for(template))
     with watch.stage("image"):
         write_whole(image, signature_image(signature))
     return watch.milliseconds
@@ -59,7 +59,7 @@ def sign_upload(
         sequence = upload.read().sequence
         named = named_template(template)
     with watch.stage("fit"):
-        signature = modal_signature(sequence, parameters, template=named, cache=cache_for(named))
+        signature = modal_signature(sequence, parameters, template=named, cache=cache_for(template))
     with watch.stage("render"):
         if media_type == PNG:
             body = _as_png(signature, sequence)
@@ -93,7 +93,8 @@ def pack_npz(signatures: list[Path], records: list[SequenceRecord], output: Path
     """Pack the trajectories of many signatures into one .npz archive.
 
     Arrays `ids`, `labels` (of the classes, as users say), and for each signature by its number
-    `amplitudes_0`, `modes_0`, `angular_frequencies_0`, `rms_errors_0` and `times_0`.
+    `amplitudes_0`, `modes_0`, `angular_frequencies_0`, `rms_errors_0`, `weighted_rms_errors_0`
+    and `times_0`.
     """
     arrays: dict[str, Any] = {
         "ids": np.array([record.id for record in records]),
@@ -147,6 +148,7 @@ def _trajectory(signature: ModalSignature) -> dict[str, Any]:
         "modes": np.array([str(label) for label in signature.modes.labels]),
         "angular_frequencies": signature.angular_frequencies,
         "rms_errors": signature.rms_errors,
+        "weighted_rms_errors": signature.weighted_rms_errors,
     }
     if signature.times is not None:
         arrays["times"] = signature.times
