@@ -243,6 +243,7 @@ class Models:
             return await self._analysis.work(
                 classification.classify_upload,
                 upload,
+                model.parameters,
                 model.source,
                 coverage,
             )

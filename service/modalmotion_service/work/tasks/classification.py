@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from modalmotion.classification import Classification, Model, ModelCard, classify, load_model
+from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import model_from_hdf5, signature_from_hdf5
 from modalmotion_service.schemas import ReadingAnswer
 from modalmotion_service.work.tasks.files import png_of
@@ -56,7 +57,10 @@ def require_loads(model: Path | str) -> None:
 
 
 def classify_upload(
-    upload: Upload, model: Path | str, coverage: float
+    upload: Upload,
+    parameters: SignatureParameters,  # noqa: ARG001 (they are the model's; its price is read here)
+    model: Path | str,
+    coverage: float,
 ) -> tuple[Classification, ReadingAnswer]:
     """Read an upload, fit it, and ask a model for the class of its motion."""
     reading = upload.read()
