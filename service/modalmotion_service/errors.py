@@ -17,6 +17,12 @@ class BusyError(ModalMotionError):
     code = "busy"
 
 
+class CostError(ModalMotionError):
+    """Work costs many times what an honest file of its size does."""
+
+    code = "too_costly"
+
+
 class ConflictError(ModalMotionError):
     """The state of a resource does not allow this now."""
 

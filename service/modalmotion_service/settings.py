@@ -29,7 +29,10 @@ class Settings(BaseSettings):
         100_000_000, ge=0, description="Uploads are refused while less is free on the disk."
     )
     workers: int = Field(
-        default_factory=lambda: os.cpu_count() or 1, ge=1, le=256, description="Processes."
+        default_factory=lambda: os.cpu_count() or 1,
+        ge=1,
+        le=256,
+        description="Processes; one more does short work alone.",
     )
     scheduler: str | None = Field(
         None, description="Dask scheduler that work is sent to, such as tcp://host:8786."
@@ -123,6 +126,15 @@ class Settings(BaseSettings):
         3600.0, gt=0, description="Longest time of a training, once its signatures are there."
     )
     task_seconds: float = Field(300.0, gt=0, description="Longest time of one piece of work.")
+    task_cost_factor: float = Field(
+        20.0,
+        ge=1,
+        description="Most processor time of one piece of work, in multiples of what an honest "
+        "file of its size takes.",
+    )
+    task_cost_seconds: float = Field(
+        2.0, gt=0, description="Processor time that every piece of work may take."
+    )
     task_memory_bytes: int = Field(
         6_000_000_000, ge=1_000_000_000, description="Address space of one piece of work."
     )
@@ -160,5 +172,7 @@ class Settings(BaseSettings):
         seconds = (*of_requests, "task_seconds", "training_seconds")
         limits: dict[str, float] = {name: getattr(self, f"max_{name}") for name in names + rates}
         limits.update({name: getattr(self, name) for name in seconds})
+        limits["task_cost_factor"] = self.task_cost_factor
+        limits["task_cost_seconds"] = self.task_cost_seconds
         limits["task_memory_bytes"] = self.task_memory_bytes
         return limits

@@ -57,6 +57,18 @@ def short(number: int, seconds: float) -> int:
     return number
 
 
+def spin() -> None:
+    while True:
+        pass
+
+
+def note(path: Path, name: str, seconds: float = 0.0) -> str:
+    time.sleep(seconds)
+    with path.open("a") as file:
+        file.write(f"{name}\n")
+    return name
+
+
 def remembered() -> dict[str, int]:
     """How many entries each cache has that a user's data may have a part in, but empty ones."""
     sizes = {cache.__wrapped__.__name__: cache.cache_info().currsize for cache in remembering()}

@@ -22,6 +22,7 @@ from modalmotion.cli.options import (
     plot_option,
     signature_parameters,
 )
+from modalmotion.cli.outputs import write_picture
 from modalmotion.cli.waiting import Waiting
 from modalmotion.numerals import counted, numeral, with_article
 from modalmotion.template.body_frame import Components
@@ -76,7 +77,7 @@ def tradeoff(
             with waiting.watch.stage("picture"):
                 from modalmotion.pictures.tradeoff import tradeoff_figure
 
-                tradeoff_figure(result).savefig(plot)
+                write_picture(tradeoff_figure(result), plot)
     price = replace(result.chosen.price, milliseconds=waiting.milliseconds())
     result = replace(result, chosen=replace(result.chosen, price=price))
     click.echo(json.dumps(as_plain(result), indent=2) if as_json else _lines(result))
@@ -108,7 +109,8 @@ def _lines(result: Tradeoff) -> str:
         lines.append(result.noise.note(front.unit))
     lines.append(f"chosen: {describe(result)}")
     lines.append(
-        f"error {numeral(price.rms_error, of=motion)} {unit} RMS, "
+        f"error {numeral(price.rms_error, of=motion)} {unit} RMS "
+        f"({numeral(price.weighted_rms_error, of=motion)} weighted), "
         f"{numeral(price.p95_error, of=motion)} (p95) and "
         f"{numeral(price.max_error, of=motion)} (max) in the worst frame"
     )

@@ -22,6 +22,7 @@ from modalmotion_service.http.gate import route_of
 from modalmotion_service.http.observation import CLIENT_GONE
 from modalmotion_service.monitoring.readiness import require_ready
 from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.terms import Terms
 from modalmotion_service.workspace.owners import Owners
 
 P = ParamSpec("P")
@@ -158,10 +159,17 @@ class MeteredExecutor(Engine):
         """Raise ClusterError if a task could not be run now."""
         self.engine.require_ready()
 
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+    @property
+    def n_waiting(self) -> Mapping[str, int]:
+        """Tasks that wait for a process, by lane."""
+        return self.engine.n_waiting
+
+    def submit_for(
+        self, terms: Terms, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
+    ) -> Future[T]:
         """Hand a task on."""
         kind, start = getattr(fn, "__name__", "other"), time.perf_counter()
-        future = self.engine.submit(fn, *args, **kwargs)
+        future = self.engine.submit_for(terms, fn, *args, **kwargs)
         self._metrics.change_tasks(1)
 
         def count(done: Future[T]) -> None:
@@ -204,10 +212,17 @@ class StateOfThings(Collector):
             jobs.add_metric([kind, job_state], number)
         for name, number in _sum(state.store.count() for state in states):
             stored.add_metric([name], number)
-        under_way = self._metrics.tasks_under_way
-        n_workers = self._engine.n_workers
-        busy = min(under_way, n_workers)
+        waiting = GaugeMetricFamily(
+            "modalmotion_tasks_waiting",
+            "Tasks without a process yet: short work, and all other.",
+            labels=["lane"],
+        )
+        lengths = self._engine.n_waiting
+        for lane, length in lengths.items():
+            waiting.add_metric([lane], length)
+        busy = max(0, self._metrics.tasks_under_way - sum(lengths.values()))
         yield jobs
+        yield waiting
         yield stored
         yield GaugeMetricFamily(
             "modalmotion_ready", "Whether results can be made and stored: 1 or 0.", self._is_ready()
@@ -216,10 +231,13 @@ class StateOfThings(Collector):
         yield GaugeMetricFamily(
             "modalmotion_owners_failed", "Stores that cannot be opened.", self._owners.n_failed
         )
-        yield GaugeMetricFamily("modalmotion_workers", "Worker processes.", n_workers)
-        yield GaugeMetricFamily("modalmotion_workers_busy", "Workers with a task.", busy)
         yield GaugeMetricFamily(
-            "modalmotion_tasks_waiting", "Tasks without a worker yet.", under_way - busy
+            "modalmotion_workers",
+            "Worker processes, but for that of the short lane.",
+            self._engine.n_workers,
+        )
+        yield GaugeMetricFamily(
+            "modalmotion_workers_busy", "Processes with a task, that of the short lane too.", busy
         )
         yield GaugeMetricFamily(
             "modalmotion_disk_free_bytes",

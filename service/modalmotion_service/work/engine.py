@@ -19,7 +19,8 @@ def open_engine(settings: Settings, folder: Path | None = None) -> Engine:
     Parameters
     ----------
     settings : Settings
-        With a `scheduler`, work is sent to its workers; else `workers` processes do it here.
+        With a `scheduler`, work is sent to its workers; else `workers` processes do it here,
+        and one more what is short.
     folder : Path, optional
         Folder that a scheduler's workers must share, with a file in it that they are known by;
         `cluster` in the data folder by default.
@@ -31,7 +32,7 @@ def open_engine(settings: Settings, folder: Path | None = None) -> Engine:
     """
     limits = (settings.task_seconds, settings.task_memory_bytes)
     if settings.scheduler is None:
-        return WorkerPool(settings.workers, *limits)
+        return WorkerPool(settings.workers, *limits, has_lane=True)
     with needs_extra("cluster"):
         if find_spec("distributed") is None:
             raise ModuleNotFoundError(name="distributed")

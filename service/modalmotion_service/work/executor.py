@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from concurrent.futures import Executor
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, Future
+from typing import ParamSpec, TypeVar
+
+from modalmotion_service.work.terms import NO_TERMS, Terms
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class Engine(Executor):
@@ -17,6 +24,21 @@ class Engine(Executor):
     def n_workers(self) -> int:
         """Tasks that run at the same time."""
 
+    @property
+    @abstractmethod
+    def n_waiting(self) -> Mapping[str, int]:
+        """Tasks that wait for a process, by lane: `short` and `long`."""
+
     @abstractmethod
     def require_ready(self) -> None:
         """Raise ClusterError if a task could not be run now."""
+
+    @abstractmethod
+    def submit_for(
+        self, terms: Terms, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
+    ) -> Future[T]:
+        """Run a task on these terms; cancelling the future ends its process."""
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Run a task of nobody's in particular; cancelling the future ends its process."""
+        return self.submit_for(NO_TERMS, fn, *args, **kwargs)

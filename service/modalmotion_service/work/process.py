@@ -7,6 +7,7 @@ the fork server nor the resource tracker is asked, which may be killed or stoppe
 from __future__ import annotations
 
 import contextlib
+import math
 import multiprocessing
 import os
 import pickle
@@ -23,6 +24,7 @@ from typing import Any, Final
 
 from modalmotion_service.work.allocation import keep_freed_memory
 from modalmotion_service.work.answers import answer_of
+from modalmotion_service.work.temporary import claim_temporary_folder
 
 _PRELOADED: Final = [
     f"modalmotion_service.work.tasks.{name}"
@@ -32,8 +34,10 @@ _PRELOADED: Final = [
 # For a process to be forked and to say that it is there. The first imports all that tasks need.
 _START_SECONDS: Final = 60.0
 
-# Between two looks whether a process that is waited for has been stopped.
+# Between two looks at a process that is waited for: whether it has been stopped, and what it has
+# taken; and between two when it has little left.
 _LOOK_SECONDS: Final = 0.5
+_LEAST_LOOK_SECONDS: Final = 0.02
 
 # Freed memory that a worker keeps: a signature of 1 MB needs 4 MB for a moment.
 _KEPT_BYTES: Final = 8 << 20
@@ -54,6 +58,10 @@ class DeadlineError(Exception):
     """A process was not done in time."""
 
 
+class SpentError(Exception):
+    """A process has taken the processor time that it may take."""
+
+
 class WokenError(Exception):
     """Somebody wants what is waited for no more."""
 
@@ -67,6 +75,8 @@ class WorkerProcess:
         Its address space.
     waker : int
         File descriptor that becomes readable when whoever waits is to look up.
+    niceness : int
+        By how much it gives way to others on a core.
 
     Raises
     ------
@@ -74,14 +84,15 @@ class WorkerProcess:
         If it cannot be begun.
     """
 
-    def __init__(self, memory_bytes: int, waker: int) -> None:
+    def __init__(self, memory_bytes: int, waker: int, niceness: int = 0) -> None:
         self._waker = waker
+        self._most_clock = math.inf
         ours, theirs = socket.socketpair()
         self._socket = ours
         self._process: Any = None
         try:
             with theirs:
-                self._process = _begun(theirs, memory_bytes)
+                self._process = _begun(theirs, memory_bytes, niceness)
             ours.setblocking(False)
             self._receive(time.monotonic() + _START_SECONDS, wakes=False)
         except BaseException as error:
@@ -110,7 +121,9 @@ class WorkerProcess:
         """Whether a signal has stopped it: it will do nothing until another one."""
         return _is_stopped(self.pid)
 
-    def exchange(self, request: bytes, seconds: float) -> bytes:
+    def exchange(
+        self, request: bytes, seconds: float, processor_seconds: float = math.inf
+    ) -> bytes:
         """Send a request and wait for the answer.
 
         Raises
@@ -119,10 +132,13 @@ class WorkerProcess:
             If the process ends before it has answered, or is stopped.
         DeadlineError
             If it has not answered in time.
+        SpentError
+            If it has taken so much processor time before it has answered.
         WokenError
             If the waker becomes readable first.
         """
         deadline = time.monotonic() + seconds
+        self._most_clock = _processor_clock(self.pid) + processor_seconds
         self._send(request, deadline)
         return self._receive(deadline)
 
@@ -178,8 +194,9 @@ class WorkerProcess:
         if wakes:
             poll.register(self._waker, select.POLLIN)
         was_stopped = False
+        next_look = _LOOK_SECONDS
         while (left := deadline - time.monotonic()) > 0:
-            ready = dict(poll.poll(1e3 * min(left, _LOOK_SECONDS)))
+            ready = dict(poll.poll(1e3 * min(left, next_look)))
             if self._waker in ready:
                 raise WokenError
             if ready:
@@ -188,15 +205,29 @@ class WorkerProcess:
             if (is_stopped := self._process is not None and self.is_stopped) and was_stopped:
                 raise ProcessLostError("it was stopped")
             was_stopped = is_stopped
+            if self._most_clock < math.inf:
+                if (means := self._most_clock - _processor_clock(self.pid)) <= 0:
+                    raise SpentError
+                next_look = min(_LOOK_SECONDS, max(means, _LEAST_LOOK_SECONDS))
         raise DeadlineError
 
 
-def _begun(theirs: socket.socket, memory_bytes: int) -> Any:
+def _processor_clock(pid: int) -> float:
+    """Processor time of a process so far, in s; 0 where the system does not tell."""
+    try:
+        # As clock_getcpuclockid(3) of Linux makes the number of a process's clock.
+        return time.clock_gettime((~pid << 3) | 2)
+    except OSError:
+        return 0.0
+
+
+def _begun(theirs: socket.socket, memory_bytes: int, niceness: int) -> Any:
     # A worker is forked from a process that has imported what tasks need and opened nothing: it
     # starts at once, and inherits no lock, socket or database connection.
+    claim_temporary_folder()
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(_PRELOADED)
-    process = context.Process(target=_work, args=(theirs, memory_bytes), daemon=True)
+    process = context.Process(target=_work, args=(theirs, memory_bytes, niceness), daemon=True)
     with _STARTING:
         # A fork server that is stopped answers nobody; one that is gone is begun anew.
         watch = threading.Timer(_START_SECONDS, _end_fork_server)
@@ -229,8 +260,9 @@ def _end_fork_server() -> None:
             os.kill(pid, signal.SIGKILL)
 
 
-def _work(ours: socket.socket, memory_bytes: int) -> None:
+def _work(ours: socket.socket, memory_bytes: int, niceness: int) -> None:
     """Answer requests until the socket closes: what runs in the process."""
+    os.nice(niceness)
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     keep_freed_memory(_KEPT_BYTES)
     # The server decides when its workers end, not a Ctrl-C that reaches the whole group.

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+from modalmotion.errors import ParameterError
 from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion.facts import Facts
 from modalmotion.formats import ReadLimits
@@ -17,6 +18,7 @@ from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore, SequenceRecord
 from modalmotion.template.body_frame import Components
+from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.timing import add_milliseconds, stage
 from modalmotion_service.schemas import (
     EncodedAnswer,
@@ -27,6 +29,7 @@ from modalmotion_service.schemas import (
 )
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.owner import work_of
+from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import codec, derived, sequences, signatures, templates
 from modalmotion_service.work.upload import Upload
@@ -47,11 +50,14 @@ class KeptUpload:
     reading : ReadingAnswer
         How the upload was read.
     is_new : bool
+    filled : tuple of str
+        Facts of a known sequence that were not known before.
     """
 
     record: SequenceRecord
     reading: ReadingAnswer
     is_new: bool
+    filled: tuple[str, ...] = ()
 
 
 class Analysis:
@@ -64,12 +70,15 @@ class Analysis:
         Where parsing and fitting happen.
     spool : Spool
         Where workers leave their output.
+    tariff : Tariff
+        Of the owner whose store it is.
     """
 
-    def __init__(self, store: ResultStore, engine: Engine, spool: Spool) -> None:
+    def __init__(self, store: ResultStore, engine: Engine, spool: Spool, tariff: Tariff) -> None:
         self._store = store
         self.engine = engine
         self._spool = spool
+        self._tariff = tariff
         self._shared_work = SharedWork()
 
     async def keep(
@@ -80,7 +89,15 @@ class Analysis:
         label: str | None,
         report: StageReport = unheard,
     ) -> KeptUpload:
-        """Read an upload and store its sequence."""
+        """Read an upload and store its sequence.
+
+        Of a known sequence, what is stated with it and not known yet is filled in.
+
+        Raises
+        ------
+        ConflictError
+            If something is stated beside the file that is known to be otherwise.
+        """
 
         async def make(tell: StageReport) -> KeptUpload:
             with self._image() as image, stage("worker"):
@@ -91,15 +108,45 @@ class Analysis:
                     record, is_new = await asyncio.to_thread(
                         self._store.put_sequence_image, image, sent, subject=subject, label=label
                     )
+            filled: tuple[str, ...] = ()
+            if not is_new:
+                record, filled = await asyncio.to_thread(
+                    self._complete, record.id, subject, label, upload.options.facts, sent.facts
+                )
+                if filled:
+                    reading.notes.append(
+                        f"The sequence was known; {', '.join(filled)} is known now too."
+                    )
             others = [n for n in sent.facts.stated if n in record.facts.changed(sent.facts)]
             if others:
                 reading.notes.append(
                     f"The sequence was known, and keeps its facts; {', '.join(others)} would now "
                     "be different. PATCH changes them."
                 )
-            return KeptUpload(record, reading, is_new)
+            return KeptUpload(record, reading, is_new, filled)
 
         return await self._shared_work.join(upload.path, make, report)
+
+    def _complete(
+        self,
+        sequence_id: str,
+        subject: str | None,
+        label: str | None,
+        facts: Facts,
+        offered: Facts,
+    ) -> tuple[SequenceRecord, tuple[str, ...]]:
+        try:
+            return self._store.complete_sequence(
+                sequence_id, subject=subject, label=label, facts=facts, offered=offered
+            )
+        except ParameterError as error:
+            if "differ" not in error.details:
+                raise
+            raise ConflictError(
+                error.message,
+                remedy=f"Change it with PATCH /v1/sequences/{sequence_id}, or leave it out.",
+                details={**error.details, "sequence_id": sequence_id},
+            ) from error
 
     def resolved(
         self, sequence_id: str, parameters: SignatureParameters
@@ -337,9 +384,10 @@ class Analysis:
 
     async def work(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         """Have a worker do a task."""
+        terms = self._tariff.terms(task, args)
         # Cancelling the wait cancels the future, and with it ends the worker's process.
         with work_of(str(self._store.root)):
-            future = self.engine.submit(task, *args, **kwargs)
+            future = self.engine.submit_for(terms, task, *args, **kwargs)
         return await asyncio.wrap_future(future)
 
     async def _followed(self, report: StageReport, task: Callable[..., T], *args: Any) -> T:

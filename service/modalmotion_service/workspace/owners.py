@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import shutil
-from concurrent.futures import Executor
 from datetime import timedelta
 from pathlib import Path
 from typing import Final
@@ -19,6 +18,7 @@ from modalmotion.store import ResultStore, backup_time
 from modalmotion_service.access.principal import LOCAL, require_owner
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.job_kinds import make_runner
@@ -58,13 +58,13 @@ class Owners:
     settings : Settings
     engine : Engine
         For requests.
-    training_executor : Executor
+    training_engine : Engine
     """
 
-    def __init__(self, settings: Settings, engine: Engine, training_executor: Executor) -> None:
+    def __init__(self, settings: Settings, engine: Engine, training_engine: Engine) -> None:
         self._settings = settings
         self._engine = engine
-        self._training_executor = training_executor
+        self._training_engine = training_engine
         self._states: dict[str, State] = {}
         self._failed: set[str] = set()
         self._opening = asyncio.Lock()
@@ -171,10 +171,11 @@ class Owners:
                 job_age=timedelta(days=settings.job_days),
             )
             spool.clear(keep=await asyncio.to_thread(retention.needed))
-            analysis = Analysis(store, self._engine, spool)
+            tariff = Tariff(owner, settings.task_cost_factor, settings.task_cost_seconds)
+            analysis = Analysis(store, self._engine, spool, tariff)
             models = Models(store, analysis)
             trainer = Trainer(
-                *(store, analysis, self._training_executor, spool),
+                *(owner, store, analysis, self._training_engine, spool),
                 settings.scheduler,
                 settings.workers,
             )

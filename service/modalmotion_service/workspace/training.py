@@ -6,7 +6,6 @@ import asyncio
 import copy
 import json
 from collections.abc import Iterator
-from concurrent.futures import Executor
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -15,9 +14,11 @@ from modalmotion.classification import TrainingOptions
 from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore
+from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.owner import work_of
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import training as training_task
+from modalmotion_service.work.terms import Terms
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.spool import Spool, remove_with_beside
@@ -32,10 +33,11 @@ class Trainer:
 
     Parameters
     ----------
+    owner : str
     store : ResultStore
     analysis : Analysis
         Makes the signatures that are trained on.
-    executor : Executor
+    engine : Engine
         Where training happens, apart from the short work of other requests.
     spool : Spool
     scheduler : str, optional
@@ -46,16 +48,18 @@ class Trainer:
 
     def __init__(
         self,
+        owner: str,
         store: ResultStore,
         analysis: Analysis,
-        executor: Executor,
+        engine: Engine,
         spool: Spool,
         scheduler: str | None,
         n_threads: int,
     ) -> None:
+        self._owner = owner
         self._store = store
         self._analysis = analysis
-        self._executor = executor
+        self._engine = engine
         self._spool = spool
         self._scheduler = scheduler
         self._n_threads = n_threads
@@ -93,7 +97,8 @@ class Trainer:
             paths = await self._fit(cases, parameters, report)
             await asyncio.to_thread(_write_plan, plan, cases, paths)
             with work_of(str(self._store.root)):
-                future = self._executor.submit(
+                future = self._engine.submit_for(
+                    Terms(self._owner),
                     training_task.train_model,
                     plan,
                     name,

@@ -15,12 +15,25 @@ from pathlib import Path
 import pytest
 from dask_cluster import DaskCluster
 from project import ROOT
-from worker_tasks import die, die_once, hang, is_running, refuse, swallow_memory
+from worker_tasks import (
+    die,
+    die_once,
+    hang,
+    is_running,
+    note,
+    refuse,
+    short,
+    spin,
+    swallow_memory,
+)
 
 from modalmotion.errors import LimitError, NonFiniteError
-from modalmotion_service.errors import ClusterError, WorkerDiedError
+from modalmotion_service.errors import ClusterError, CostError, WorkerDiedError
+from modalmotion_service.http.problems import problem_body
 from modalmotion_service.work.executor import Engine
-from modalmotion_service.work.pool import MOST_STARTS, WorkerPool
+from modalmotion_service.work.keeper import MOST_STARTS
+from modalmotion_service.work.pool import WorkerPool
+from modalmotion_service.work.terms import Terms
 
 MEMORY = 3_000_000_000
 # Two processes here, or two Dask workers of a process each.
@@ -75,6 +88,29 @@ def test_a_task_that_swallows_memory_is_refused(pool: Engine) -> None:
         pool.submit(swallow_memory).result(timeout=20)
     assert caught.value.limit == "task_memory_bytes"
     assert pool.submit(abs, -1).result(timeout=10) == 1
+
+
+def test_a_task_that_takes_more_than_its_means_is_ended_by_name(pool: Engine) -> None:
+    honest = pool.submit_for(Terms("b", 0.1, 60.0), abs, -1)
+    costly = pool.submit_for(Terms("a", 0.01, 0.3), spin)
+    # Whoever waits takes nothing of it.
+    idle = pool.submit_for(Terms("a", 1.0, 0.3), short, 5, 0.8)
+    with pytest.raises(CostError, match="processor time") as caught:
+        costly.result(timeout=60)
+    assert caught.value.limit == "task_cost_factor"
+    assert caught.value.remedy
+    assert problem_body(caught.value)["status"] == 422
+    assert (honest.result(timeout=60), idle.result(timeout=60)) == (1, 5)
+
+
+def test_owners_take_turns(open_engine: OpenEngine, tmp_path: Path) -> None:
+    order = tmp_path / "order"
+    with open_engine(20.0) as pool:
+        many = [pool.submit_for(Terms("a", 1.0), note, order, "a", 0.1) for _ in range(20)]
+        one = pool.submit_for(Terms("b", 1.0), note, order, "b", 0.1)
+        one.result(timeout=60)
+        # Not one of the two workers has begun more than one more of the other's.
+        assert sum(future.done() for future in many) < 8
 
 
 def test_a_killed_worker_costs_no_result(pool: Engine, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from modalmotion_service.work.dask.frames import PIECE, Frame, Frames, Kind
 from modalmotion_service.work.dask.logs import log_dask_as_json
 from modalmotion_service.work.dask.scheduler import Scheduler
 from modalmotion_service.work.dask.settings import ClusterSettings
+from modalmotion_service.work.terms import read_terms
 
 _SAY_SECONDS: Final = 1.0
 
@@ -86,7 +87,7 @@ class Bridge:
 
     async def _do(self, number: int, payload: bytes) -> None:
         try:
-            answer = await self._scheduler.run(payload)
+            answer = await self._scheduler.run(*read_terms(payload))
         except Exception as error:  # noqa: BLE001 (all of them are the sender's)
             answer = error_to_bytes(error)
         self._say(Frame(Kind.ANSWER, number, answer))
@@ -97,8 +98,9 @@ class Bridge:
 
     async def _say_state(self) -> None:
         while True:
-            n_threads = self._scheduler.n_threads
-            self._say(Frame(Kind.STATE, 0, b"" if n_threads is None else str(n_threads).encode()))
+            n_places, waiting = self._scheduler.n_places, self._scheduler.n_waiting
+            state = "" if n_places is None else f"{n_places} {waiting['short']} {waiting['long']}"
+            self._say(Frame(Kind.STATE, 0, state.encode()))
             await asyncio.sleep(_SAY_SECONDS)
 
     def _say(self, frame: Frame) -> None:

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, InvalidStateError
 from concurrent.futures import wait as wait_for_all
 from dataclasses import asdict
@@ -30,6 +30,7 @@ from modalmotion_service.work.dask.settings import ClusterSettings
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.payload import payload_of
 from modalmotion_service.work.pool import READY_SECONDS, unreadable_answer
+from modalmotion_service.work.terms import Terms, with_terms
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -37,6 +38,7 @@ T = TypeVar("T")
 logger = logging.getLogger(__name__)
 
 MARK: Final = "cluster"
+NOBODY: Final = {"short": 0, "long": 0}
 # The bridge speaks every second; importing Dask on a busy machine takes a while.
 _SILENT_SECONDS: Final = 60.0
 _AGAIN_SECONDS: Final = 1.0
@@ -110,7 +112,8 @@ class DaskExecutor(Engine):
         self._numbers = itertools.count(1)
         self._tasks: dict[int, tuple[Future[Any], object]] = {}
         self._out: list[Frame] = []
-        self._n_threads: int | None = None
+        self._n_places: int | None = None
+        self._n_waiting = NOBODY
         self._refusals: list[BaseException] = []
         self._is_open = True
         self._ending = threading.Event()
@@ -122,20 +125,25 @@ class DaskExecutor(Engine):
         self._thread = threading.Thread(target=self._keep, name="dask-executor", daemon=True)
         self._thread.start()
         self._looked.wait()
-        if self._n_threads is None:
+        if self._n_places is None:
             self.shutdown()
             raise [*self._refusals, self._is_lost()][0]
 
     @property
     def n_workers(self) -> int:
-        """Threads of all workers when they were last looked at."""
-        return max(1, self._n_threads or 0)
+        """Long tasks that all workers do at once, as they were last looked at."""
+        return max(1, self._n_places or 0)
+
+    @property
+    def n_waiting(self) -> Mapping[str, int]:
+        """Tasks that have not been sent to a worker yet, by lane."""
+        return self._n_waiting
 
     def require_ready(self) -> None:
         """Raise ClusterError while there is no scheduler, or no worker that answers."""
-        if self._n_threads is None:
+        if self._n_places is None:
             raise self._is_lost()
-        if not self._n_threads:
+        if not self._n_places:
             raise ClusterError(
                 f"The scheduler at '{self._settings.scheduler}' has no workers.",
                 remedy="Start some: modalmotion worker ADDRESS.",
@@ -157,14 +165,16 @@ class DaskExecutor(Engine):
                 details={"seconds": READY_SECONDS},
             )
 
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+    def submit_for(
+        self, terms: Terms, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
+    ) -> Future[T]:
         """Run a task on some worker; cancelling the future ends its process there."""
-        payload = payload_of(fn, args, kwargs)
+        payload = with_terms(terms, payload_of(fn, args, kwargs))
         future: Future[T] = Future()
         with self._lock:
             if not self._is_open:
                 raise RuntimeError("The executor takes no more tasks.")
-            if self._n_threads is None:
+            if self._n_places is None:
                 future.set_exception(self._is_lost())
                 return future
             number = self._send(Kind.TASK, payload, future, result_type(fn))
@@ -216,7 +226,7 @@ class DaskExecutor(Engine):
                 self.bridge, ours = bridge
                 self._serve(ours)
             with self._lock:
-                self._n_threads = None
+                self._n_places = None
                 lost, self._tasks, self._out = self._tasks, {}, []
             for future, _ in lost.values():
                 with contextlib.suppress(InvalidStateError):
@@ -260,7 +270,10 @@ class DaskExecutor(Engine):
 
     def _take(self, frame: Frame) -> None:
         if frame.kind is Kind.STATE:
-            self._n_threads = int(frame.body) if frame.body else None
+            self._n_places, self._n_waiting = None, NOBODY
+            if frame.body:
+                self._n_places, short, long = map(int, frame.body.split())
+                self._n_waiting = {"short": short, "long": long}
             self._looked.set()
         elif frame.kind is Kind.REFUSAL:
             self._refusals = [_error_in(frame.body)]

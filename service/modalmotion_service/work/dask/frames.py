@@ -22,7 +22,7 @@ class Kind(Enum):
     """What a frame is."""
 
     TASK = b"t"
-    """Do this; the body is a task, as `payload_of` writes it."""
+    """Do this; the body is a task, as `payload_of` writes it, `with_terms`."""
     CANCEL = b"c"
     """Nobody wants the task any more."""
     ANSWER = b"a"
@@ -32,8 +32,8 @@ class Kind(Enum):
     READY = b"y"
     """The answer; the body is empty if none does."""
     STATE = b"s"
-    """Sent every second; the body is the number of threads of all workers, empty if the
-    scheduler is lost."""
+    """Sent every second; the body is how many long tasks all workers do at once, and how many
+    short and long ones wait for their turn; empty if the scheduler is lost."""
     REFUSAL = b"r"
     """There will be no work; the body is the error."""
 

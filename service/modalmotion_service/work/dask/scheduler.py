@@ -7,6 +7,7 @@ import contextlib
 import logging
 import os
 import secrets
+from collections.abc import Mapping
 from concurrent.futures import CancelledError as FutureCancelled
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +18,9 @@ from modalmotion_service.errors import ClusterError, WorkerDiedError
 from modalmotion_service.work.dask.hearing import Hearing
 from modalmotion_service.work.dask.settings import ClusterSettings
 from modalmotion_service.work.dask.tasks import PLUGIN, Mark, PoolLimits, PoolPlugin, run_in_pool
+from modalmotion_service.work.dask.turns import Turns, lane_of, places_for_long
 from modalmotion_service.work.pool import READY_SECONDS
+from modalmotion_service.work.terms import Terms
 
 logger = logging.getLogger(__name__)
 
@@ -48,13 +51,19 @@ class Scheduler:
         self._remotes: set[Any] = set()
         self._hearing = Hearing(settings.silent_seconds)
         self._asking: dict[str, asyncio.Task[Any]] = {}
-        self._n_threads = 0
+        self._n_places = 0
+        self._turns = Turns()
         self._client: Client | None = None
 
     @property
-    def n_threads(self) -> int | None:
-        """Threads of all workers when they were last looked at; None without a scheduler."""
-        return None if self._client is None else self._n_threads
+    def n_places(self) -> int | None:
+        """Long tasks that workers do at once, as last looked at; None without a scheduler."""
+        return None if self._client is None else self._n_places
+
+    @property
+    def n_waiting(self) -> Mapping[str, int]:
+        """Tasks whose turn has not come, by lane."""
+        return self._turns.n_waiting
 
     async def is_ready(self) -> bool:
         """Tell whether a worker says that it is there."""
@@ -76,8 +85,8 @@ class Scheduler:
                 return True
         return False
 
-    async def run(self, payload: bytes) -> bytes:
-        """Have a worker do a task; gives what it answered.
+    async def run(self, terms: Terms, payload: bytes) -> bytes:
+        """Have a worker do a task when its owner's turn has come; gives what it answered.
 
         Raises
         ------
@@ -86,6 +95,10 @@ class Scheduler:
         BaseException
             The error of the task.
         """
+        async with self._turns.turn(terms):
+            return await self._done(terms, payload)
+
+    async def _done(self, terms: Terms, payload: bytes) -> bytes:
         while True:
             client = self._client
             if client is None:
@@ -95,6 +108,9 @@ class Scheduler:
                 payload,
                 self._limits,
                 self._mark,
+                terms,
+                # Of tasks that wait for the same thread the short one is next.
+                priority=1 if lane_of(terms) == "short" else 0,
                 key=f"modalmotion-{secrets.token_hex(16)}",
                 pure=False,
                 workers=self._hearing.heard or None,
@@ -180,15 +196,17 @@ class Scheduler:
                 remedy="Mount the same volume under the same path everywhere.",
             )
         await client.register_plugin(PoolPlugin(self._limits), name=PLUGIN)
-        self._n_threads = await self._listen(client)
+        self._n_places = await self._listen(client)
 
     async def _listen(self, client: Client) -> int:
-        """Give the threads of all workers that are heard of; OSError if the scheduler is lost."""
+        """Give how many long tasks workers that are heard of do; OSError without a scheduler."""
         if client.status != "running":
             raise OSError(f"the connection is {client.status}")
         said = await asyncio.wait_for(client.scheduler.identity(), _ANSWER_SECONDS)
         self._hearing.note(said["workers"], asyncio.get_running_loop().time())
-        return sum(said["workers"][address]["nthreads"] for address in self._hearing.heard)
+        threads = [said["workers"][address]["nthreads"] for address in self._hearing.heard]
+        self._turns.set_threads(threads)
+        return sum(map(places_for_long, threads))
 
     async def _move(self, client: Client) -> None:
         """Give what workers have that are not heard of to those that are."""
@@ -216,19 +234,20 @@ class Scheduler:
                     logger.warning("the scheduler at %s is back", self._address)
                 continue
             try:
-                self._n_threads = await self._listen(self._client)
+                self._n_places = await self._listen(self._client)
                 await self._move(self._client)
             except (OSError, TimeoutError, FutureCancelled) as error:
                 logger.error(  # noqa: TRY400 (met when a machine restarts: no traceback)
                     "the scheduler at %s is lost: %r", self._address, error
                 )
                 lost, self._client = self._client, None
-                self._n_threads = 0
+                self._n_places = 0
                 await lost.close(timeout=1.0)
                 continue
-            without_worker = 0.0 if self._n_threads else without_worker + _LOOK_SECONDS
+            without_worker = 0.0 if self._n_places else without_worker + _LOOK_SECONDS
             if without_worker >= self._settings.patience_seconds and self._remotes:
                 logger.error("the scheduler at %s has no worker", self._address)
+                self._turns.give_up(self._has_no_worker())
                 await self._client.cancel(list(self._remotes), force=True)
                 without_worker = 0.0
 

@@ -25,8 +25,10 @@ from distributed import Worker, WorkerPlugin, get_worker
 from distributed.core import Status
 
 from modalmotion_service.errors import ClusterError
+from modalmotion_service.work.dask.turns import places_for_long
 from modalmotion_service.work.payload import run_payload
 from modalmotion_service.work.pool import WorkerPool
+from modalmotion_service.work.terms import Terms
 
 PLUGIN: Final = "modalmotion-pools"
 # Pools that are kept for limits that tasks may come with again.
@@ -62,12 +64,13 @@ class Pools:
 
     Parameters
     ----------
-    n_processes : int
-        Of each pool.
+    n_threads : int
+        Of the worker. One of them is left for short work, and so is one process of each pool;
+        a single one does both.
     """
 
-    def __init__(self, n_processes: int) -> None:
-        self._n_processes = n_processes
+    def __init__(self, n_threads: int) -> None:
+        self._n_threads = n_threads
         self._lock = threading.Lock()
         # In order of their last use.
         self._pools: dict[PoolLimits, WorkerPool] = {}
@@ -80,7 +83,9 @@ class Pools:
             pool = self._pools.pop(limits, None)
             if pool is None:
                 pool = WorkerPool(
-                    self._n_processes, limits.seconds, limits.memory_bytes, limits.attempts
+                    places_for_long(self._n_threads),
+                    *(limits.seconds, limits.memory_bytes, limits.attempts),
+                    has_lane=self._n_threads > 1,
                 )
             self._pools[limits] = pool
             self._n_users[limits] += 1
@@ -186,7 +191,7 @@ class Mark:
         return path.name
 
 
-def run_in_pool(payload: bytes, limits: PoolLimits, mark: Mark) -> bytes:
+def run_in_pool(payload: bytes, limits: PoolLimits, mark: Mark, terms: Terms) -> bytes:
     """Run a task that came as bytes in a pool of this worker's; gives its result as bytes.
 
     Raises
@@ -199,7 +204,7 @@ def run_in_pool(payload: bytes, limits: PoolLimits, mark: Mark) -> bytes:
     key = worker.get_current_task()
     plugin: Any = worker.plugins[PLUGIN]
     with plugin.pools.pool(limits) as pool:
-        future = pool.submit(run_payload, payload)
+        future = pool.submit_for(terms, run_payload, payload)
         while not wait([future], timeout=_LOOK_SECONDS).done:
             state = worker.state.tasks.get(key)
             is_released = state is None or state.state == "cancelled"

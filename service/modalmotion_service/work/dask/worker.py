@@ -37,7 +37,7 @@ async def work_for(scheduler: str, n_processes: int, host: str | None) -> None:
     scheduler : str
         Address such as tcp://host:8786.
     n_processes : int
-        Tasks at once, each in a process of its own.
+        Tasks at once, each in a process of its own; one more does short work alone.
     host : str or None
         Address of this machine by which the scheduler and other workers reach it.
     """
@@ -65,7 +65,8 @@ async def work_for(scheduler: str, n_processes: int, host: str | None) -> None:
 async def _work(scheduler: str, n_processes: int, host: str | None, folder: str) -> None:
     worker = Worker(
         scheduler,
-        nthreads=n_processes,
+        # And one that no long task takes.
+        nthreads=n_processes + 1,
         # Work is done in processes of a pool, which limit their memory themselves.
         memory_limit=0,
         host=host,

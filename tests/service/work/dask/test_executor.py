@@ -28,6 +28,7 @@ from modalmotion_service.work.dask import tasks as dask_tasks
 from modalmotion_service.work.dask.executor import DaskExecutor
 from modalmotion_service.work.dask.tasks import PLUGIN, Mark, PoolLimits, Pools, run_in_pool
 from modalmotion_service.work.payload import payload_of
+from modalmotion_service.work.terms import NO_TERMS
 
 MEMORY = 3_000_000_000
 
@@ -158,9 +159,9 @@ def test_a_worker_that_ends_gives_up_the_work_under_way(
     )
     monkeypatch.setattr(dask_tasks, "get_worker", lambda: worker)
     with pytest.raises(ClusterError, match="given up"):
-        run_in_pool(payload_of(hang, (), {}), limits, mark)
+        run_in_pool(payload_of(hang, (), {}), limits, mark, NO_TERMS)
     worker.status = Status.running
-    answer = run_in_pool(payload_of(abs, (-1,), {}), limits, mark)
+    answer = run_in_pool(payload_of(abs, (-1,), {}), limits, mark, NO_TERMS)
     assert from_bytes(answer, int) == 1
     pools.close()
 

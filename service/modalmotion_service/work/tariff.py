@@ -1,0 +1,166 @@
+"""What tasks cost: processor time of an honest file of that size, known before it is read."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from modalmotion.errors import InputError
+from modalmotion.exports.surfaces import SurfaceFormat
+from modalmotion.formats.detect import Format, detect_format
+from modalmotion.signature.making import SignatureParameters
+from modalmotion.tradeoff.predicted_time import reading_seconds, signature_seconds
+from modalmotion_service.http.negotiation import PNG
+from modalmotion_service.schemas import EncodingTarget, ModesQuery
+from modalmotion_service.work.tasks import (
+    classification,
+    codec,
+    derived,
+    sequences,
+    signatures,
+    templates,
+)
+from modalmotion_service.work.terms import Terms
+from modalmotion_service.work.upload import Upload
+
+# s for a picture, of which the first imports what draws it.
+_PICTURE: Final = 1.0
+# s for a byte of a file that is encoded, at an error or to a size, and of a stream.
+_ENCODED: Final = 5e-5
+_ENCODED_TO_SIZE: Final = 4e-3
+_DECODED: Final = 4e-4
+# Modes of the largest set of a trade, each set fitted in several ways.
+_WAYS_OF_TRADE: Final = 10
+# s for a byte of a kept sequence whose volumes are read, and of a surface that is written out.
+_READ_OUT: Final = 1e-6
+_SURFACE: Final = 1e-7
+_SURFACES_OF_SEQUENCE: Final = 100
+# s for a signature among many, and for a mode at a byte of its template.
+_PACKED: Final = 5e-3
+_MODE: Final = 1e-8
+
+_HEAD_BYTES: Final = 1024
+
+
+class Tariff:
+    """The terms of one owner's tasks.
+
+    Parameters
+    ----------
+    owner : str
+    factor : float
+        Most processor time of a task, in multiples of its price.
+    least_seconds : float, s
+        Processor time that every task may take.
+    """
+
+    def __init__(self, owner: str, factor: float, least_seconds: float) -> None:
+        self._owner = owner
+        self._factor = factor
+        self._least_seconds = least_seconds
+
+    def terms(self, task: Callable[..., Any], args: Sequence[Any]) -> Terms:
+        """Give the terms of a task with these arguments."""
+        rule = _RULES.get(task)
+        price = math.inf if rule is None else rule(args)
+        return Terms(self._owner, price, max(self._least_seconds, self._factor * price))
+
+
+def _bytes(args: Iterable[Any]) -> int:
+    """Size of all files among the arguments; those that are still to be written have none."""
+    size = 0
+    for one in args:
+        path = one.path if isinstance(one, Upload) else one
+        if isinstance(path, Path):
+            with contextlib.suppress(OSError):
+                size += path.stat().st_size
+    return size
+
+
+def _format(upload: Upload) -> Format | None:
+    if upload.options.format is not None or upload.options.n_vertices is not None:
+        return upload.options.format
+    with contextlib.suppress(OSError, InputError), upload.path.open("rb") as file:
+        return detect_format(file.read(_HEAD_BYTES))
+    return None
+
+
+def _reading(args: Sequence[Any]) -> float:
+    kind = _format(args[0]) if isinstance(args[0], Upload) else None
+    return reading_seconds(_bytes(args), kind)
+
+
+def _signature(args: Sequence[Any]) -> float:
+    parameters = next(one for one in args if isinstance(one, SignatureParameters))
+    kind = _format(args[0]) if isinstance(args[0], Upload) else None
+    picture = _PICTURE if PNG in args else 0.0
+    return picture + signature_seconds(_bytes(args[:1]), parameters, kind)
+
+
+def _trade(args: Sequence[Any]) -> float:
+    modes = SignatureParameters(modes=args[2])
+    largest = signature_seconds(_bytes(args[:1]), modes)
+    return _signature(args) + _WAYS_OF_TRADE * largest + (_PICTURE if PNG in args else 0.0)
+
+
+def _encoding(args: Sequence[Any]) -> float:
+    target = next(one for one in args if isinstance(one, EncodingTarget))
+    size = _bytes(args)
+    to_size = 0.0 if target.bytes is None else _ENCODED_TO_SIZE * min(target.bytes, size)
+    return _reading(args) + _ENCODED * size + to_size
+
+
+def _read_out(args: Sequence[Any]) -> float:
+    picture = _PICTURE if args[3] else 0.0
+    return picture + _reading(args) + _READ_OUT * _bytes(args)
+
+
+def _superposed(args: Sequence[Any]) -> float:
+    times = args[4]
+    share = 1.0 if times is None else max(1.0, len(times) / _SURFACES_OF_SEQUENCE)
+    text = _PICTURE if args[3] == SurfaceFormat.PLY else 0.0
+    return text + _reading(args) + share * _SURFACE * _bytes(args)
+
+
+def _modes(args: Sequence[Any]) -> float:
+    query = next(one for one in args if isinstance(one, ModesQuery))
+    picture = _PICTURE if PNG in args else 0.0
+    return picture + _reading(args) + _MODE * query.modes * _bytes(args)
+
+
+def _picture(args: Sequence[Any]) -> float:
+    return _PICTURE + _reading(args)
+
+
+def _packing(args: Sequence[Any]) -> float:
+    return _reading(args) + _PACKED * len(args[0])
+
+
+_RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
+    sequences.ingest: _reading,
+    signatures.sign: _signature,
+    signatures.sign_upload: _signature,
+    signatures.signature_as_json: _reading,
+    signatures.signature_with_facts: _reading,
+    signatures.draw_signature: _picture,
+    signatures.compare_signatures: _reading,
+    signatures.pack_npz: _packing,
+    signatures.pack_hdf5: _packing,
+    templates.make_template: _signature,
+    templates.describe_template: _reading,
+    templates.draw_template: _picture,
+    templates.modes_of_template: _modes,
+    classification.name_class: _reading,
+    classification.require_loads: _reading,
+    classification.classify_upload: _signature,
+    classification.draw_card: _picture,
+    codec.encode_upload: _encoding,
+    codec.encode_kept: _encoding,
+    codec.decode_upload: lambda args: _reading(args) + _DECODED * _bytes(args),
+    derived.read_out: _read_out,
+    derived.measure_trade: _trade,
+    derived.superpose: _superposed,
+}

@@ -1,0 +1,117 @@
+"""Short work has a process of its own, owners take turns, and no work is without end."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future
+from pathlib import Path
+
+import pytest
+from worker_tasks import hang, note, slow_mark
+
+from modalmotion_service.work.lanes import LANE_SECONDS, SHORT_SECONDS, Lanes, Task
+from modalmotion_service.work.pool import WorkerPool
+from modalmotion_service.work.terms import Terms
+
+MEMORY = 3_000_000_000
+LONG = Terms("a", 100.0)
+SHORT = Terms("b", 0.01)
+
+
+@pytest.fixture
+def pool() -> Iterator[WorkerPool]:
+    with WorkerPool(1, 60.0, MEMORY, has_lane=True) as pool:
+        yield pool
+        pool.shutdown(cancel_futures=True)
+
+
+def under_way(pool: WorkerPool, mark: Path, terms: Terms, seconds: float = 60.0) -> None:
+    """Begin a task and wait until its process has it."""
+    pool.submit_for(terms, slow_mark, mark, seconds)
+    while not mark.exists():
+        time.sleep(0.01)
+
+
+def test_short_work_waits_for_no_long_work(pool: WorkerPool, tmp_path: Path) -> None:
+    under_way(pool, tmp_path / "mark", LONG)
+    waiting = [pool.submit_for(LONG, hang) for _ in range(20)]
+    for terms in (SHORT, Terms("a", 0.01)):
+        assert pool.submit_for(terms, abs, -3).result(timeout=20) == 3
+    assert pool.n_waiting == {"short": 0, "long": 20}
+    assert not any(future.running() or future.done() for future in waiting)
+
+
+def test_the_lane_takes_no_long_work(pool: WorkerPool) -> None:
+    waiting = [pool.submit_for(LONG, os.getpid) for _ in range(10)]
+    assert len({future.result(timeout=20) for future in waiting}) == 1
+
+
+def task(owner: str, price: float) -> Task:
+    return Task(Future(), abs, b"", 1, 1.0, Terms(owner, price))
+
+
+def test_workers_do_short_work_when_nothing_long_waits() -> None:
+    lanes = Lanes()
+    tasks = [task("a", SHORT_SECONDS), task("a", 2 * SHORT_SECONDS), task("b", SHORT_SECONDS)]
+    for one in tasks:
+        assert lanes.put(one)
+    assert lanes.lengths == {"short": 2, "long": 1}
+    order = [lanes.take(lambda: None, is_lane=is_lane) for is_lane in (False, True, False)]
+    assert order == [tasks[1], tasks[0], tasks[2]]
+    assert lanes.close(give_up=False) == []
+    assert not lanes.put(tasks[0])
+    assert not lanes.put_back(tasks[0])
+    assert lanes.take(lambda: None, is_lane=False) is None
+
+
+def test_what_outlives_the_lane_is_done_in_the_long_queue(pool: WorkerPool, tmp_path: Path) -> None:
+    under_way(pool, tmp_path / "mark", LONG, 2.0)
+    # Dearer than it looks: the lane gives it up, and the worker does it when it is free.
+    looks_short = pool.submit_for(SHORT, slow_mark, tmp_path / "other", 3 * LANE_SECONDS)
+    while not (tmp_path / "other").exists():
+        time.sleep(0.01)
+    behind = pool.submit_for(Terms("c", 0.01), abs, -1)
+    assert behind.result(timeout=20) == 1
+    assert not looks_short.done()
+    # Its owner's next one is not believed to be short.
+    next_one = pool.submit_for(SHORT, abs, -2)
+    assert pool.submit_for(Terms("c", 0.01), abs, -1).result(timeout=20) == 1
+    assert looks_short.result(timeout=20) == "done"
+    assert next_one.result(timeout=20) == 2
+
+
+def test_the_long_queue_of_an_owner_holds_up_nobody_else(tmp_path: Path) -> None:
+    order = tmp_path / "order"
+    with WorkerPool(1, 60.0, MEMORY) as pool:
+        under_way(pool, tmp_path / "mark", LONG, 0.3)
+        for number in range(48):
+            pool.submit_for(LONG, note, order, f"a{number}")
+        for number in range(2):
+            pool.submit_for(Terms("b", 5.0), note, order, f"b{number}")
+    assert sorted(map(order.read_text().split().index, ("a0", "b0", "b1"))) == [0, 1, 2]
+
+
+def test_an_owner_is_believed_again_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+    monkeypatch.setattr("modalmotion_service.work.lanes.time.monotonic", lambda: now)
+
+    def lane_of(owner: str) -> str:
+        lanes = Lanes()
+        lanes._distrust = distrust
+        lanes.put(task(owner, SHORT_SECONDS / 2))
+        return next(name for name, length in lanes.lengths.items() if length)
+
+    first = Lanes()
+    distrust = first._distrust
+    assert lane_of("a") == "short"
+    first.put_back(task("a", SHORT_SECONDS / 2))
+    assert (lane_of("a"), lane_of("b")) == ("long", "short")
+    now = 200.0
+    assert lane_of("a") == "short"
+    assert distrust.factor("a") == 1.0
+    for _ in range(10_000):
+        first.put_back(task("a", SHORT_SECONDS / 2))
+    assert math.isfinite(distrust.factor("a"))
