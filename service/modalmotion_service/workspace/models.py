@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 from modalmotion.classification import Classification, available_models, load_model
-from modalmotion.errors import NotFoundError
+from modalmotion.errors import NotFoundError, TopologyError
 from modalmotion.hdf5.sealed import is_sound
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
@@ -194,18 +195,26 @@ class Models:
         parameters, _ = self._analysis.resolved(sequence_id, model.parameters)
         key = classification_key(parameters, coverage)
 
-        async def make(tell: StageReport) -> None:
+        async def named(asked: SignatureParameters, tell: StageReport) -> classification.NamedClass:
             def tell_of_signature(share: float, text: str) -> None:
                 tell(_SIGNING * share, text)
 
-            signature = await self._analysis.signature(sequence_id, parameters, tell_of_signature)
+            signature = await self._analysis.signature(sequence_id, asked, tell_of_signature)
             tell(_SIGNING, "class")
+            stated = self._store.sequence_record(sequence_id).topology
             with stage("worker"):
-                result = await self._analysis.work(
-                    classification.name_class, signature, model.source, coverage
+                return await self._analysis.work(
+                    classification.name_class, signature, model.source, coverage, stated
                 )
+
+        async def make(tell: StageReport) -> None:
+            result = await named(parameters, tell)
+            if result.imposed is not None:
+                # As `fitted_for` does it where a sequence is at hand.
+                with contextlib.suppress(TopologyError):
+                    result = await named(replace(parameters, topology=result.imposed), unheard)
             with stage("store"):
-                await asyncio.to_thread(self._store.put_classification, result, key)
+                await asyncio.to_thread(self._store.put_classification, result.classification, key)
 
         def is_missing() -> bool:
             if (model.id, key) not in self._store.classifications(sequence_id):
