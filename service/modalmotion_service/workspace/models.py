@@ -12,6 +12,7 @@ from modalmotion.classification import Classification, available_models, load_mo
 from modalmotion.errors import NotFoundError, TopologyError
 from modalmotion.hdf5.sealed import is_sound
 from modalmotion.signature.making import SignatureParameters
+from modalmotion.stopwatch import StageReport
 from modalmotion.store import (
     KeptModel,
     ModelRecord,
@@ -26,7 +27,10 @@ from modalmotion_service.schemas import ReadingAnswer
 from modalmotion_service.work.tasks import classification
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.shared_work import SharedWork
+from modalmotion_service.workspace.shared_work import SharedWork, unheard
+
+# Part of a classification that making the signature is counted as.
+_SIGNING: Final = 0.8
 
 # A model that comes with the package has one version.
 SHIPPED_VERSION: Final = 1
@@ -181,26 +185,34 @@ class Models:
         )
 
     async def classification(
-        self, sequence_id: str, model: ChosenModel, coverage: float
+        self,
+        sequence_id: str,
+        model: ChosenModel,
+        coverage: float,
+        report: StageReport = unheard,
     ) -> tuple[KeptClassification, bool]:
         """Classify a stored sequence, and tell whether the result is new."""
         parameters, _ = self._analysis.resolved(sequence_id, model.parameters)
         key = classification_key(parameters, coverage)
 
-        async def named(asked: SignatureParameters) -> classification.NamedClass:
-            signature = await self._analysis.signature(sequence_id, asked)
+        async def named(asked: SignatureParameters, tell: StageReport) -> classification.NamedClass:
+            def tell_of_signature(share: float, text: str) -> None:
+                tell(_SIGNING * share, text)
+
+            signature = await self._analysis.signature(sequence_id, asked, tell_of_signature)
+            tell(_SIGNING, "class")
             stated = self._store.sequence_record(sequence_id).topology
             with stage("worker"):
                 return await self._analysis.work(
                     classification.name_class, signature, model.source, coverage, stated
                 )
 
-        async def make() -> None:
-            result = await named(parameters)
+        async def make(tell: StageReport) -> None:
+            result = await named(parameters, tell)
             if result.imposed is not None:
                 # As `fitted_for` does it where a sequence is at hand.
                 with contextlib.suppress(TopologyError):
-                    result = await named(replace(parameters, topology=result.imposed))
+                    result = await named(replace(parameters, topology=result.imposed), unheard)
             with stage("store"):
                 await asyncio.to_thread(self._store.put_classification, result.classification, key)
 
@@ -212,7 +224,7 @@ class Models:
 
         is_new = await asyncio.to_thread(is_missing)
         if is_new:
-            await self._shared_work.join((sequence_id, model.id, key), make)
+            await self._shared_work.join((sequence_id, model.id, key), make, report)
         result = await asyncio.to_thread(self._store.classification, sequence_id, model.id, key)
         path = self._store.classification_path(sequence_id, model.id, key)
         return KeptClassification(result, model.version, path), is_new
