@@ -86,7 +86,7 @@ class Lattice:
                 remedy="Give one stiffness, or one for each axis.",
             )
         # No mode is faster than all springs stretched together.
-        ratios, exponent = self._squared_speeds
+        ratios, exponent = self.squared_speeds
         with np.errstate(over="ignore"):
             fastest = np.ldexp(np.sqrt(4.0 * ratios.sum()), exponent // 2)
         if not np.isfinite(fastest):
@@ -104,7 +104,7 @@ class Lattice:
         return (float(self.stiffness),) * self.topology.n_axes
 
     @cached_property
-    def _squared_speeds(self) -> tuple[NDArray[np.float64], int]:
+    def squared_speeds(self) -> tuple[NDArray[np.float64], int]:
         """K / M of each axis times 2^-exponent, and the exponent, which is even.
 
         Neither overflows where the frequencies, their roots, do not; powers of two are exact.
@@ -170,7 +170,7 @@ class Lattice:
         """
         self._require(modes)
         omega_squared = np.zeros(len(modes))
-        ratios, exponent = self._squared_speeds
+        ratios, exponent = self.squared_speeds
         for axis, (ends, n, ratio) in enumerate(
             zip(self.topology.ends, self.shape, ratios.tolist(), strict=True)
         ):

@@ -1,0 +1,65 @@
+"""Folders that killed servers left behind are removed by the next; those of others stay."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from modalmotion_service.work.pool import WorkerPool
+from modalmotion_service.work.temporary import _sweep, claim_temporary_folder
+
+PROGRAM = """
+import os
+from modalmotion_service.work.temporary import claim_temporary_folder
+print(claim_temporary_folder(), flush=True)
+{end}
+"""
+
+
+def folder_of_process(place: Path, end: str) -> Path:
+    """Folder that a process has claimed, which has ended by now."""
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM.format(end=end)],
+        env={**os.environ, "TMPDIR": str(place)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return Path(done.stdout.strip())
+
+
+def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path: Path) -> None:
+    others = tmp_path / "pymp-others"
+    others.mkdir()
+    (others / "listener-1").touch()
+    left = folder_of_process(tmp_path, "os.kill(os.getpid(), 9)")
+    assert left.parent == tmp_path
+    assert (left / "modalmotion").exists()
+    again = folder_of_process(tmp_path, "os.kill(os.getpid(), 15)")
+    assert not left.exists()
+    assert again.exists()
+    # After an orderly end nothing is left; what is not ours stays.
+    assert not folder_of_process(tmp_path, "").exists()
+    assert [path.name for path in tmp_path.iterdir()] == [others.name]
+
+
+def test_whoever_begins_workers_claims_its_folder() -> None:
+    with WorkerPool(1, 60.0, 1 << 32) as pool:
+        assert pool.submit(abs, -1).result() == 1
+        assert claim_temporary_folder.cache_info().currsize == 1
+        assert (claim_temporary_folder() / "modalmotion").exists()
+
+
+def test_the_folder_of_a_process_that_lives_is_not_swept(tmp_path: Path) -> None:
+    folder = tmp_path / "pymp-alive"
+    folder.mkdir()
+    descriptor = os.open(folder / "modalmotion", os.O_CREAT | os.O_RDWR)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
+    _sweep(tmp_path)
+    assert folder.exists()
+    os.close(descriptor)
+    _sweep(tmp_path)
+    assert not folder.exists()
