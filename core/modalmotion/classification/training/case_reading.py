@@ -139,6 +139,9 @@ def require_alike(case: ReadCase, example: ReadCase, number: int) -> None:
             f"of a {case.surface}, {a.components}, weights {a.weights}, reference {a.reference}; "
             f"the first has {len(example.modes)} of a {example.surface}, {b.components}, weights "
             f"{b.weights}, reference {b.reference}.",
-            remedy="Fit all signatures with the same parameters.",
+            remedy="State one topology for all (--topology, or in their files) where it fits, or "
+            "leave this case out."
+            if case.surface != example.surface
+            else "Fit all signatures with the same parameters, or leave this case out.",
             details={"case": number, "sequence_id": case.row.sequence_id},
         )

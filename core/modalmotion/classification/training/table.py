@@ -201,7 +201,8 @@ def _table(
         raise ParameterError(
             f"The training cases have the topologies {', '.join(sorted(topologies))}: most are "
             f"{common}, and {len(ids)} are not, such as {', '.join(i[:12] for i in ids[:3])}.",
-            remedy="Give cases of one topology; only cups and cylinders over a cycle mix.",
+            remedy="Leave those out, or state one topology for all (--topology) where it fits; "
+            "only cups and cylinders over a cycle mix.",
             details={"sequence_ids": ids[:20], "n_sequences": len(ids)},
         )
     values, about_axis = np.zeros((0, 0, 0)), np.zeros((0, 2))
