@@ -114,7 +114,7 @@ def springs(closed_form: bool = False, **parameters: Any) -> ModalSignature:
 
 
 @cache
-def of_balls(seed: int = 0, **parameters: Any) -> list[TrainingCase]:
+def of_balls(seed: int = 0, *, as_sequences: bool = False) -> list[TrainingCase]:
     """Small spheres that grow, or do not."""
     rng = np.random.default_rng(seed)
     cases = []
@@ -122,7 +122,9 @@ def of_balls(seed: int = 0, **parameters: Any) -> list[TrainingCase]:
         vertices, faces = MAKERS["sphere"](50, rng)
         grown = vertices[:1] * (1 + 0.1 * (number % 2) * np.arange(6)[:, None, None])
         moved = mesh_sequence(grown + 0.05 * rng.normal(size=grown.shape), faces, unit="mm")
-        cases.append(TrainingCase(fitted(moved, **parameters), f"{number % 2}", f"{seed} {number}"))
+        cases.append(
+            TrainingCase(moved if as_sequences else fitted(moved), f"{number % 2}", f"{number}")
+        )
     return cases
 
 
@@ -140,6 +142,11 @@ def on_lattice(topology: str) -> ModalSignature:
 QUICK = TrainingOptions(estimator="linear")
 
 TRIED = (
+    Try(
+        "Fit it with `fitted`.",
+        lambda: TrainingCase(surface(), "0").signature,
+        (lambda _: TrainingCase(surface(), "0").fitted(SignatureParameters()).signature,),
+    ),
     Try(
         "State the unit (m, cm, mm, um or nm), or ask by tolerance_share",
         lambda: without_unit(tolerance=1.0),
@@ -400,15 +407,15 @@ TRIED = (
         (lambda _: modes_named(CUP, [parse_label("1,0,cos")]),),
     ),
     Try(
-        "State one topology for all (--topology, or in their files) where it fits, or leave",
+        "Fit all signatures with the same parameters, or give the sequences themselves: training",
         lambda: train([*of_balls(), TrainingCase(springs(), "0", "s")], "x", QUICK),
         (
             lambda _: train(of_balls(), "x", QUICK),
-            lambda _: train([*of_balls(), *of_balls(1, topology="sphere")], "x", QUICK),
+            lambda _: train(of_balls(as_sequences=True), "x", QUICK),
         ),
     ),
     Try(
-        "Leave those out, or state one topology for all (--topology) where it fits;",
+        "Leave those out, or state one topology for all (topology); only cups",
         lambda: train(
             [*of_balls(), TrainingCase(fitted(surface("torus"), modes=7), "0", "s")], "x", QUICK
         ),

@@ -55,8 +55,8 @@ def encode(
     unit = sequence.unit or "length units"
     click.echo(
         f"{stream.n_bytes} bytes, {stream.bits_per_vertex_and_frame:.3f} bits a vertex and frame; "
-        f"error {stream.rms:.4g} {unit} RMS, {stream.max_error:.4g} {unit} at most in a "
-        f"coordinate, KG {stream.kg_error:.3g} %; {stream.transform}"
+        f"error {stream.rms:.4g} {unit} RMS, {stream.max_error:.4g} {unit} at most at a "
+        f"vertex, KG {stream.kg_error:.3g} %; {stream.transform}"
     )
     list_written(output)
 

@@ -95,7 +95,8 @@ mode_options = several(
         type=Member(ErrorKind),
         default=ErrorKind.RMS.value,
         show_default=True,
-        help="RMS over all frames, or the largest of any vertex.",
+        help="RMS over all vertices and frames, the one by their shares of the surface, or the "
+        "largest of any vertex.",
     ),
     click.option("--tolerance-share", type=float, help="Error as a share of the RMS motion."),
     click.option("--auto", is_flag=True, help="Stop where the residual is noise."),

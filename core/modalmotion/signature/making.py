@@ -15,12 +15,14 @@ from modalmotion.choice.selection import select_model
 from modalmotion.errors import ParameterError
 from modalmotion.facts import NO_FACTS
 from modalmotion.fit.cache import TemplateCache
+from modalmotion.fit.fit import Fit
 from modalmotion.fit.strays import notes_on_strays
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import Topology
-from modalmotion.numerals import counted
+from modalmotion.numerals import counted, numeral
 from modalmotion.signature.value import ModalSignature
+from modalmotion.stopwatch import Stopwatch
 from modalmotion.template import (
     Template,
     make_template,
@@ -46,6 +48,7 @@ def modal_signature(
     *,
     template: Template | None = None,
     cache: TemplateCache | None = None,
+    watch: Stopwatch | None = None,
 ) -> ModalSignature:
     """Fit closed-form modes to a sequence.
 
@@ -58,6 +61,8 @@ def modal_signature(
         The one that the parameters name; made from the sequence's own reference by default.
     cache : TemplateCache, optional
         Holds factored modes of templates.
+    watch : Stopwatch, optional
+        Told of the stages `template`, `fit` and `notes`.
 
     Returns
     -------
@@ -80,8 +85,12 @@ def modal_signature(
     """
     parameters = resolve_parameters(sequence, parameters or SignatureParameters())
     original, sequence = sequence, resolve_sequence(sequence, parameters)
-    own_template = resolve_template(sequence, parameters, template)
-    model = select_model(Fitter.of(sequence, own_template, parameters), cache or TemplateCache())
+    watch = watch or Stopwatch()
+    with watch.stage("template"):
+        own_template = resolve_template(sequence, parameters, template)
+    with watch.stage("fit"):
+        fitter = Fitter.of(sequence, own_template, parameters)
+        model = select_model(fitter, cache or TemplateCache())
     modes, fit = model.modes, model.fit
     notes = [*_notes_on_sequence(sequence, parameters.reference), *own_template.notes, *model.notes]
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
@@ -90,7 +99,9 @@ def modal_signature(
             f"The rotation is not determined in {counted(undetermined.size, 'frame')} (first: "
             f"frame {undetermined[0]}): the points span less than a plane or fit several rotations."
         )
-    notes += notes_on_strays(sequence, own_template, fit)
+    with watch.stage("notes"):
+        notes += notes_on_strays(sequence, own_template, fit)
+        notes += _note_on_loose_vertices(fit, sequence.unit)
     if parameters.template is not None:
         notes += _notes_on_parting(sequence, own_template)
     if not fit.motion_rms.any():
@@ -101,10 +112,12 @@ def modal_signature(
         angular_frequencies=modes.frequencies_on(own_template, parameters.wave_speed),
         rotations=fit.rotations,
         translations=fit.translations,
-        rms_errors=fit.rms_errors,
-        p95_errors=fit.p95_errors,
-        max_errors=fit.max_errors,
+        rms_errors=fit.errors.rms,
+        weighted_rms_errors=fit.errors.weighted_rms,
+        p95_errors=fit.errors.p95,
+        max_errors=fit.errors.max,
         motion_rms=fit.motion_rms,
+        weighted_motion_rms=fit.weighted_motion_rms,
         times=sequence.times,
         unit=sequence.unit,
         n_vertices=sequence.n_vertices,
@@ -176,6 +189,17 @@ def provenance() -> dict[str, str]:
 def _versions() -> dict[str, str]:
     # Each is read from a file of the installation: 6 ms for all, more than the fit itself.
     return {name: version(name) for name in ("modalmotion", "numpy", "scipy", "h5py")}
+
+
+def _note_on_loose_vertices(fit: Fit, unit: str | None) -> list[str]:
+    largest, surface = float(fit.errors.max.max()), float(fit.errors.surface_max.max())
+    if largest <= surface:
+        return []
+    text = (
+        f"The largest error, {numeral(largest)} {unit or 'length units'}, is of a vertex in no "
+        f"triangle; on the surface it is {numeral(surface)}."
+    )
+    return [text]
 
 
 def _notes_on_parting(sequence: MeshSequence, template: Template) -> list[str]:

@@ -59,7 +59,7 @@ class Tradeoff:
     noise : Noise or None
         The estimate, for `auto`.
     chosen : Chosen
-        RMS, 95th percentile and largest error are those of the model itself.
+        Its errors are those of the model itself.
     fit_milliseconds : mapping of int to float
         Time to fit so many modes of the first branch, factorisation included, all frames.
     milliseconds : mapping of str to float
@@ -85,6 +85,7 @@ def measure_tradeoff(
     components: tuple[Components, ...] | None = None,
     template: Template | None = None,
     with_times: bool = True,
+    watch: Stopwatch | None = None,
 ) -> Tradeoff:
     """Measure the front of a sequence and choose the point that parameters ask for.
 
@@ -107,6 +108,8 @@ def measure_tradeoff(
         The one that the parameters name.
     with_times : bool
         Whether to time the fits of a few sets.
+    watch : Stopwatch, optional
+        Told of the stages `template`, `front`, `scene`, `choice` and `timing`.
 
     Raises
     ------
@@ -117,7 +120,7 @@ def measure_tradeoff(
     """
     parameters = SignatureParameters() if parameters is None else parameters
     require_unit(parameters, sequence)
-    watch = Stopwatch()
+    watch = watch or Stopwatch()
     own = resolve_sequence(sequence, parameters)
     if parameters.harmonics is not None:
         require_harmonics(parameters.harmonics, harmonics_of(own.n_frames, own.times))
@@ -134,7 +137,7 @@ def measure_tradeoff(
     limit = None
     with watch.stage("choice"):
         if parameters.is_adaptive and not parameters.auto:
-            limit = limit_of(parameters, own, first.motion_rms)
+            limit = limit_of(parameters, own, first)
             chosen = fewest_numbers(sequence, parameters, front, scene, limit, template)
         else:
             chosen = of_signature(modal_signature(sequence, parameters, template=template))

@@ -94,8 +94,9 @@ def _print_signature(signature: ModalSignature) -> None:
                 + " ".join(f"{numeral(value, of=motion):>9}" for value in row)
             )
     click.echo(
-        f"error      {numeral(signature.rms_error, of=motion)} {unit} RMS over all frames, of "
-        f"{numeral(motion)} {unit} of motion; max {numeral(signature.max_error, of=motion)} {unit}"
+        f"error      {numeral(signature.rms_error, of=motion)} {unit} RMS over all vertices and "
+        f"frames, of {numeral(motion)} {unit} of motion; "
+        f"max {numeral(signature.max_error, of=motion)} {unit}"
     )
     for note in signature.notes:
         click.echo(f"           note: {note}")

@@ -14,6 +14,7 @@ from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion.facts import facts_as_json
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_ids
+from modalmotion_service.http.json_bodies import JsonRoute
 from modalmotion_service.http.negotiation import GLB, HDF5, JSON, NPZ, PNG, VTKHDF, ZIP, best_type
 from modalmotion_service.routes.parts.deferral import result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
@@ -28,7 +29,7 @@ from modalmotion_service.schemas import (
     parse_times,
 )
 
-router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
+router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS, route_class=JsonRoute)
 
 
 @router.get(

@@ -7,7 +7,7 @@ import hashlib
 import os
 import secrets
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
@@ -32,11 +32,14 @@ class SpoolFile:
         Of the bytes, in hex; empty if it was not requested.
     facts : Facts
         Stated in the form of the upload.
+    names : dict of str to str
+        Subject and label that the form states.
     """
 
     path: Path
     sha256: str = ""
     facts: Facts = NO_FACTS
+    names: dict[str, str] = field(default_factory=dict)
 
     def make_durable(self) -> None:
         """Make the bytes survive a crash: before they are acknowledged without being read."""
