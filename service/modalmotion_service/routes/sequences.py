@@ -54,11 +54,9 @@ async def upload(
     The same content has the same id: 201 when it is new, 200 when it was known, and 202 with a
     job where the client would rather not wait or the work takes long.
     """
-    is_left_to_job = False
     form_facts = facts_as_json(file.facts)
 
     async def make() -> Response:
-        nonlocal is_left_to_job
         sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
         request = {
             "file": file.path.name,
@@ -71,12 +69,12 @@ async def upload(
         work = state.analysis.keep(sent, subject=query.subject, label=query.label)
         result = await result_or_job(state, preference, "upload", request, work)
         if isinstance(result, Response):
-            is_left_to_job = True
+            file.is_left = True
             return result
         status = 201 if result.is_new else 200
         return _answer(SequenceSummary.of(result.record, result.reading), status)
 
-    try:
+    with file:
         fingerprint = (
             "POST /v1/sequences",
             file.sha256,
@@ -84,9 +82,6 @@ async def upload(
             json.dumps(form_facts),
         )
         return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
-    finally:
-        if not is_left_to_job:
-            file.remove()
 
 
 class ListQuery(BaseModel):
