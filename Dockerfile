@@ -1,13 +1,18 @@
 # Two stages: the compiler-free build of a virtual environment, and the image that runs it: the
-# service, the scheduler and the workers of a cluster alike. The versions of constraints.txt are
-# those that the tests run with, on this version of Python.
+# service, the scheduler and the workers of a cluster alike. Every package is one file with a known
+# hash (requirements.txt, by tools/requirements.py), of the version in constraints.txt that the tests
+# run with, on this version of Python.
 FROM python:3.11-slim AS build
 WORKDIR /build
-COPY pyproject.toml constraints.txt README.md LICENSE ./
+COPY requirements.txt requirements-build.txt ./
+RUN python -m venv /opt/build /opt/modalmotion \
+    && /opt/build/bin/pip install --no-cache-dir --require-hashes --only-binary=:all: -r requirements-build.txt \
+    && /opt/modalmotion/bin/pip install --no-cache-dir --require-hashes --only-binary=:all: -r requirements.txt
+COPY pyproject.toml README.md LICENSE ./
 COPY core ./core
 COPY service ./service
-RUN python -m venv /opt/modalmotion \
-    && /opt/modalmotion/bin/pip install --no-cache-dir -c constraints.txt '.[service,plot,codec,cluster]'
+RUN /opt/build/bin/pip wheel --no-cache-dir --no-index --no-deps --no-build-isolation --wheel-dir wheels . \
+    && /opt/modalmotion/bin/pip install --no-cache-dir --no-index --no-deps wheels/*.whl
 
 FROM python:3.11-slim
 # The number is fixed: it owns the files of the volume, whatever image comes after this one.

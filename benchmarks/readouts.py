@@ -163,7 +163,7 @@ def first_order_bound(
     Phi = basis.shapes[used]
     part, *_ = np.linalg.lstsq(root * Phi, root * n, rcond=None)
     left = root * (n - Phi @ part)
-    return float(np.linalg.norm(left) * signature.rms_errors[frame])
+    return float(np.linalg.norm(left) * signature.weighted_rms_errors[frame])
 
 
 def gradient(cavity: Cavity, x: Floats) -> Floats:

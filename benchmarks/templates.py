@@ -182,7 +182,7 @@ def _left(
     template = make_template(sequence, closed_form=closed_form)
     basis = make_basis(template, choose_modes(template, n_modes).modes)
     fit = Fitter.of(sequence, template, SignatureParameters(components=components)).fit(basis)
-    return float(np.sqrt((fit.rms_errors**2).mean()))
+    return float(np.sqrt((fit.errors.weighted_rms**2).mean()))
 
 
 def _left_by_beltrami(sequence: MeshSequence, n_modes: int) -> float:

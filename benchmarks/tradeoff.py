@@ -248,7 +248,7 @@ def _left_and_off(sequence: MeshSequence, n_modes: int) -> tuple[float, float]:
     signature = modal_signature(sequence, SignatureParameters(modes=n_modes))
     found = clinical_readouts(signature, sequence)
     off = (found.curve.share or 0.0) - (found.mesh_curve.share or 0.0)
-    return signature.rms_error, abs(off)
+    return signature.weighted_rms_error, abs(off)
 
 
 def _numbers(front: Front, bound: float) -> str:

@@ -87,7 +87,8 @@ def _parts(report: Report) -> list[str]:
         markdown(report.ventricles),
         said("""
             kB are of the amplitudes as float32; the reference mesh is kept once beside them.
-            Compression is 3N over amplitudes, as in Nastar (1994).
+            Compression is 3N over amplitudes, as in Nastar (1994). RMS is by area here: see
+            [error.md](error.md).
         """),
         "## Where the time goes",
         markdown(report.stages),

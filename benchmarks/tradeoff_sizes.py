@@ -168,7 +168,7 @@ def _measure_once(name: str, sequence: MeshSequence, n_modes: int) -> Cost:
         stage("modes")
         fit = Fitter.of(sequence, template).fit(basis)
         stage("fit")
-        rms = float(np.sqrt((fit.rms_errors**2).mean()))
+        rms = float(np.sqrt((fit.errors.weighted_rms**2).mean()))
     else:
         rms = _by_own_basis(name, sequence, n_modes, stage)
     return Cost(sequence.n_vertices, seconds, peak_megabytes() - before, rms)

@@ -67,7 +67,7 @@ def block(data: bytes, f: int, N: int, modes: Array, form: str) -> Any:
 def decode_from_the_text(data: bytes) -> tuple[Any, list[list[int]]]:
     """Vertices and faces of a stream."""
     source = Bytes(data)
-    assert source.take(5) == b"MMSQ\x02"
+    assert source.take(5) in (b"MMSQ\x02", b"MMSQ\x04")
     header = Bytes(source.section())
     F, N, M = (header.varint() for _ in range(3))
     form = "<f8" if header.byte() else "<f4"

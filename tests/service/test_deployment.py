@@ -8,8 +8,10 @@ import shutil
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,10 @@ import click
 import pytest
 import yaml
 from dask_cluster import free_port
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from project import ROOT
+from requirements import EXTRAS
 from running import RunningService
 
 from modalmotion.cli.commands import main
@@ -25,6 +30,7 @@ from modalmotion_service.settings import Settings
 
 DEPLOY = ROOT / "deploy"
 CLUSTER = ("scheduler", "worker")
+IMAGE = {"platform_machine": "x86_64", "sys_platform": "linux", "platform_system": "Linux"}
 
 
 def compose() -> dict[str, Any]:
@@ -106,9 +112,63 @@ def test_the_image_names_its_bases_versions_and_ends_as_a_plain_user() -> None:
 
 
 def test_the_image_has_every_extra_that_its_commands_need() -> None:
-    extras = re.search(r"'\.\[(.+)\]'", dockerfile())
-    assert extras is not None
-    assert {"service", "cluster", "plot"} <= set(extras[1].split(","))
+    assert {"service", "cluster", "plot"} <= set(EXTRAS)
+    assert installed_for(wanted()) == set(pinned("requirements.txt"))
+
+
+def wanted() -> list[str]:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = [one for extra in EXTRAS for one in project["optional-dependencies"][extra]]
+    return [*project["dependencies"], *extras]
+
+
+def installed_for(requirements: list[str]) -> set[str]:
+    """Names of all that these need, by what is installed here, as on the image's machine."""
+    names: set[str] = set()
+    waiting = [(Requirement(one), "") for one in requirements]
+    while waiting:
+        one, extra = waiting.pop()
+        if one.marker is not None and not one.marker.evaluate({**IMAGE, "extra": extra}):
+            continue
+        name = canonicalize_name(one.name)
+        if name in names and not one.extras:
+            continue
+        names.add(name)
+        needed = [Requirement(text) for text in metadata.requires(name) or []]
+        waiting += [(other, extra) for other in needed for extra in ("", *one.extras)]
+    return names
+
+
+def pinned(name: str) -> dict[str, str]:
+    """Versions by the names of packages; each has the hash of a file."""
+    text = (ROOT / name).read_text().replace("\\\n", " ")
+    versions: dict[str, str] = {}
+    for line in text.splitlines():
+        if not line.startswith("#"):
+            requirement, *hashes = line.split()
+            assert hashes
+            assert all(re.fullmatch(r"--hash=sha256:[0-9a-f]{64}", one) for one in hashes), line
+            package, version = requirement.split("==")
+            versions[canonicalize_name(package)] = version
+    return versions
+
+
+def test_the_image_has_the_versions_that_the_tests_run_with_by_their_hashes() -> None:
+    lines = (ROOT / "constraints.txt").read_text().split()
+    constraints = {
+        str(canonicalize_name(name)): one for name, one in (x.split("==") for x in lines)
+    }
+    for file in ("requirements.txt", "requirements-build.txt"):
+        for name, version in pinned(file).items():
+            assert constraints[name] == version, f"{name}: run tools/requirements.py"
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    for one in project["build-system"]["requires"]:
+        assert canonicalize_name(one) in pinned("requirements-build.txt")
+    installs = re.findall(r"pip (?:install|wheel) (.+?)(?: \\\n|\n)", dockerfile())
+    assert len(installs) == 4
+    for options in installs:
+        # Nothing else comes from anywhere.
+        assert ("--require-hashes" in options) != ("--no-index --no-deps" in options), options
 
 
 def test_the_backup_of_the_timer_is_a_command_on_the_services_folder() -> None:

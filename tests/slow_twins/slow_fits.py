@@ -18,9 +18,11 @@ class SlowFit:
     amplitudes: Floats
     matrices: Floats
     rms: Floats
+    weighted_rms: Floats
     p95: Floats
     largest: Floats
     motion: Floats
+    weighted_motion: Floats
 
 
 def slow_fit(
@@ -51,16 +53,18 @@ def slow_fit(
         root = np.sqrt(w[kept])[:, None]
         a = np.linalg.lstsq(root * shapes[kept], root * u[kept], rcond=None)[0]
         squares = ((u - shapes @ a) ** 2).sum(axis=1)[kept]
-        order = np.argsort(squares)
-        index = np.searchsorted(np.cumsum(w[kept][order]), 0.95)
+        moved = (u[kept] ** 2).sum(axis=1)
+        ranked = np.sort(squares)[::-1]
         results.append(
             (
                 a,
                 R,
+                np.sqrt(squares.mean()),
                 np.sqrt(w[kept] @ squares),
-                np.sqrt(squares[order][index]),
+                np.sqrt(ranked[len(ranked) // 20]),
                 np.sqrt(squares.max()),
-                np.sqrt(w[kept] @ (u[kept] ** 2).sum(axis=1)),
+                np.sqrt(moved.mean()),
+                np.sqrt(w[kept] @ moved),
             )
         )
     return SlowFit(*(np.array(column) for column in zip(*results, strict=True)))
@@ -69,7 +73,9 @@ def slow_fit(
 def assert_same(fit: Fit, slow: SlowFit) -> None:
     assert fit.amplitudes == pytest.approx(slow.amplitudes, abs=1e-10)
     assert fit.rotations.matrices == pytest.approx(slow.matrices, abs=1e-10)
-    assert fit.rms_errors == pytest.approx(slow.rms, abs=1e-10)
-    assert fit.p95_errors == pytest.approx(slow.p95, abs=1e-10)
-    assert fit.max_errors == pytest.approx(slow.largest, abs=1e-10)
+    assert fit.errors.rms == pytest.approx(slow.rms, abs=1e-10)
+    assert fit.errors.weighted_rms == pytest.approx(slow.weighted_rms, abs=1e-10)
+    assert fit.errors.p95 == pytest.approx(slow.p95, abs=1e-10)
+    assert fit.errors.max == pytest.approx(slow.largest, abs=1e-10)
     assert fit.motion_rms == pytest.approx(slow.motion, abs=1e-10)
+    assert fit.weighted_motion_rms == pytest.approx(slow.weighted_motion, abs=1e-10)

@@ -69,7 +69,7 @@ KINDS = [
 def errors_of(sequence: MeshSequence, decoded: MeshSequence) -> tuple[float, float]:
     difference = decoded.vertices.astype(np.float64) - sequence.vertices.astype(np.float64)
     rms = float(np.sqrt((difference**2).sum(axis=-1).mean()))
-    return rms, float(np.abs(difference).max())
+    return rms, float(np.linalg.norm(difference, axis=-1).max())
 
 
 def triangles(faces: NDArray[np.int64]) -> list[tuple[int, ...]]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sealed_files import sealed
 
-from modalmotion.choice.parameters import parameters_as_json
+from modalmotion.choice.parameters import SignatureParameters, parameters_as_json
 from modalmotion.classification import Classification, Model
 from modalmotion.mesh.sequence import MeshSequence
 
@@ -77,6 +77,12 @@ def old_sequence(sequence: MeshSequence) -> bytes:
     grid = np.array(sequence.grid)
     arrays = {name: getattr(sequence, name) for name in ("vertices", "faces", "times")}
     return old_file(attributes, arrays, {"grid": grid})
+
+
+def old_signature(sequence_id: str, parameters: SignatureParameters) -> bytes:
+    """Version 1, of which the rewriting reads what was asked: its errors were by weight alone."""
+    attributes = header("signature", 1, sequence_id=sequence_id, parameters_key=parameters.key)
+    return old_file(attributes, {"parameters": parameters_as_json(parameters)})
 
 
 def old_model(model: Model, version: int, *, machine: bytes = b"", training: str = "t") -> bytes:

@@ -20,6 +20,45 @@ _BLOCK: Final = 500_000
 
 
 @dataclass(frozen=True, eq=False)
+class LooseVertices:
+    """Vertices in no triangle: apart from the others, for they may lie anywhere.
+
+    Parameters
+    ----------
+    vertices : (n,) int64
+    positions : (frames, n, 3) float64, length unit
+        From the reference's centroid.
+    rest : (n, 3) float64, length unit
+        Those of the reference, from there too.
+    """
+
+    vertices: NDArray[np.int64]
+    positions: NDArray[np.float64]
+    rest: NDArray[np.float64]
+
+    def displacements(
+        self, rotations: Rotations, drifts: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Displacements, rotation removed.
+
+        Parameters
+        ----------
+        rotations : Rotations
+        drifts : (frames, 3) float64, length unit
+
+        Returns
+        -------
+        (frames, n, 3) float64, length unit
+        """
+        # u = R'(x - d) + d - rest
+        d = drifts[:, None, :]
+        u: NDArray[np.float64] = (self.positions - d) @ rotations.matrices
+        u += d
+        u -= self.rest
+        return u
+
+
+@dataclass(frozen=True, eq=False)
 class PositionBlock:
     """Positions in consecutive frames in which the same vertices are present.
 
@@ -34,6 +73,8 @@ class PositionBlock:
     shape : ReferenceShape
         The reference's vertices that are present.
     remove_rotation : bool
+    loose : LooseVertices
+        Those in no triangle that are present.
     """
 
     frames: slice
@@ -41,6 +82,7 @@ class PositionBlock:
     is_still: NDArray[np.bool_]
     shape: ReferenceShape
     remove_rotation: bool
+    loose: LooseVertices
 
     def alignment(self, sums: NDArray[np.float64]) -> tuple[Rotations, NDArray[np.float64]]:
         """Rotations and drifts of the centroid from products with the shape's moments.
@@ -82,7 +124,10 @@ class PositionBlock:
             part += shifts[k][:, None]
             np.subtract(part, shape.rest, out=frame)
         x[self.is_still] = 0.0
-        return DisplacementBlock(self.frames, x, rotations, drifts, shape)
+        loose = self.loose.displacements(rotations, drifts * shape.scale)
+        return DisplacementBlock(
+            self.frames, x, rotations, drifts, shape, self.loose.vertices, loose
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +145,10 @@ class DisplacementBlock:
         Of the weighted centroid from the reference's, part of the displacements.
     shape : ReferenceShape
         The reference.
+    loose : (n,) int64
+        Vertices in no triangle, whose `u` means nothing.
+    loose_u : (frames, n, 3) float64, length unit
+        Their displacements, rotation removed.
     """
 
     frames: slice
@@ -107,6 +156,8 @@ class DisplacementBlock:
     rotations: Rotations
     drifts: NDArray[np.float64]
     shape: ReferenceShape
+    loose: NDArray[np.int64]
+    loose_u: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +205,21 @@ class Displacements:
                 vertices = self.sequence.vertices[frames]
                 is_still = _is_still(vertices, self.start, shape)
                 yield PositionBlock(
-                    frames, _centred(vertices, shape), is_still, shape, self.remove_rotation
+                    frames,
+                    _centred(vertices, shape),
+                    is_still,
+                    shape,
+                    self.remove_rotation,
+                    self._loose(frames),
                 )
+
+    def _loose(self, frames: slice) -> LooseVertices:
+        loose = self.shape.ignored
+        if self.present is not None:
+            loose = loose[self.present[frames.start][loose]]
+        centre = self.shape.centre
+        positions = self.sequence.vertices[frames][:, loose].astype(np.float64) - centre
+        return LooseVertices(loose, positions, self.start[loose] - centre)
 
     def _alike(self) -> Iterator[tuple[int, int]]:
         """Beginnings and ends of runs of frames in which the same vertices are present."""

@@ -57,7 +57,7 @@ def displacements_from(
     weights : (vertices,) float64
         Shares of the surface.
     isolated : (n,) int64, optional
-        Vertices that are not read in any frame.
+        Vertices in no triangle, which neither rotation nor fit reads.
     remove_rotation : bool
         Whether to take out each frame's best rotation about its centroid first.
     present : (frames, vertices) bool, optional

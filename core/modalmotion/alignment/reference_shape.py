@@ -40,7 +40,7 @@ class ReferenceShape:
     tolerance : float
         Of `kabsch`: the thickness that rounding of the stored positions gives to a line.
     ignored : (n,) int64
-        Vertices that are not read; they count in no error.
+        Vertices that are not read here: in no triangle, or missing.
     middle : (3,) float64, in units of `scale`
         Weighted mean of `rest`, zero unless vertices are missing.
     coverage : float

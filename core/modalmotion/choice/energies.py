@@ -22,6 +22,9 @@ class Energies:
     |r_k|^2 = |r|^2 + sum_{j >= k} c_j^2, r that of the largest set: sums of squares that are
     dropped, so small errors do not come from differences of large ones.
 
+    The fit is orthogonal by weight alone. Where all vertices count alike, with G = Psi'Psi / N
+    and b = Psi'r / N, Psi = Phi R^-1, what is dropped takes c'(G c + 2 b) with it instead.
+
     Parameters
     ----------
     coefficients : (frames, modes, 3) float64, in units of the scale
@@ -30,11 +33,17 @@ class Energies:
         Mean square residual of the largest set.
     scale : float, length unit
         A power of two: squares neither overflow nor vanish.
+    overlaps : (modes, modes) float64 or None
+        G; None by weight, where it is the unit matrix.
+    cross : (frames, modes, 3) float64, in units of the scale, or None
+        b; None by weight, where it is zero.
     """
 
     coefficients: NDArray[np.float64]
     outside: NDArray[np.float64]
     scale: float
+    overlaps: NDArray[np.float64] | None = None
+    cross: NDArray[np.float64] | None = None
 
     @property
     def n_frames(self) -> int:
@@ -53,8 +62,10 @@ class Energies:
         -------
         (sets,) float64, length unit
         """
-        by_mode = (self.coefficients**2).sum(axis=(0, 2)) / self.n_frames
-        return self.scale * np.sqrt(float(self.outside.mean()) + _dropped(by_mode)[counts])
+        by_mode = self._added(self.coefficients, self.cross).sum(axis=0) / self.n_frames
+        squares = float(self.outside.mean()) + _dropped(by_mode)[counts]
+        rms: NDArray[np.float64] = self.scale * np.sqrt(np.maximum(squares, 0.0))
+        return rms
 
     def worst_frame_rms(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
         """RMS error of the worst frame: no maximum over the vertices is smaller.
@@ -63,8 +74,7 @@ class Energies:
         -------
         (sets,) float64, length unit
         """
-        by_mode = (self.coefficients**2).sum(axis=2).T
-        squares = self.outside + _dropped(by_mode)[counts]
+        squares = self.outside + _dropped(self._added(self.coefficients, self.cross).T)[counts]
         worst: NDArray[np.float64] = self.scale * np.sqrt(squares.max(axis=1))
         return worst
 
@@ -76,36 +86,70 @@ class Energies:
         (sets, harmonics + 1) float64, length unit
             From 0 harmonics to the largest number available.
         """
-        f, m, _ = self.coefficients.shape
+        f = self.n_frames
         T = harmonics.functions
-        flat = np.ascontiguousarray(self.coefficients.reshape(f, -1))
-        along = product(np.ascontiguousarray(T.T), flat)
-        beyond = flat - product(T, along)
-        by_function = (along.reshape(-1, m, 3) ** 2).sum(axis=2) / f
-        left = (beyond.reshape(f, m, 3) ** 2).sum(axis=(0, 2)) / f
+        along, beyond = _split(self.coefficients, T)
+        cross_along, cross_beyond = (None, None) if self.cross is None else _split(self.cross, T)
+        by_function = self._added(along, cross_along) / f
+        left = self._added(beyond, cross_beyond).sum(axis=0) / f
         # Modes in the set lose the later functions of time.
         n = [min(n_functions(h), T.shape[1]) for h in range(harmonics.most + 1)]
         lost = left + _dropped(by_function)[n]
         late = np.concatenate([np.zeros((len(n), 1)), np.cumsum(lost, axis=1)], axis=1)
         by_mode = by_function.sum(axis=0) + left
         squares = float(self.outside.mean()) + _dropped(by_mode)[counts][:, None] + late.T[counts]
-        joint: NDArray[np.float64] = self.scale * np.sqrt(squares)
+        joint: NDArray[np.float64] = self.scale * np.sqrt(np.maximum(squares, 0.0))
         return joint
+
+    def _added(
+        self, c: NDArray[np.float64], cross: NDArray[np.float64] | None
+    ) -> NDArray[np.float64]:
+        """Mean square that each mode adds when it is dropped after all later ones, by row.
+
+        Parameters
+        ----------
+        c, cross : (rows, modes, 3) float64
+
+        Returns
+        -------
+        (rows, modes) float64
+        """
+        if self.overlaps is None or cross is None:
+            squares: NDArray[np.float64] = (c**2).sum(axis=2)
+            return squares
+        # sum_{i,j >= k} G_ij c_i c_j grows by c_k (G_kk c_k + 2 sum_{j > k} G_kj c_j)
+        G = np.diag(np.diag(self.overlaps)) + 2.0 * np.triu(self.overlaps, 1)
+        rows, m, _ = c.shape
+        flat = np.ascontiguousarray(c.transpose(1, 0, 2).reshape(m, -1))
+        later = product(G, flat).reshape(m, rows, 3).transpose(1, 0, 2)
+        added: NDArray[np.float64] = (c * (later + 2.0 * cross)).sum(axis=2)
+        return added
 
 
 def energies_of(basis: Basis, fit: Fit) -> Energies:
-    """Take the energies of a motion from the fit of the largest set."""
+    """Take the energies by weight of a motion from the fit of the largest set."""
     f, m, _ = fit.amplitudes.shape
-    largest = max(float(fit.motion_rms.max()), float(np.abs(fit.amplitudes).max(initial=0.0)))
+    largest = max(
+        float(fit.weighted_motion_rms.max()), float(np.abs(fit.amplitudes).max(initial=0.0))
+    )
     scale = power_of_two(largest)
     a = (fit.amplitudes / scale).transpose(0, 2, 1).reshape(3 * f, m)
     # c = R a
     c = product(np.ascontiguousarray(a), np.ascontiguousarray(basis.triangle.T))
     return Energies(
         coefficients=np.ascontiguousarray(c.reshape(f, 3, m).transpose(0, 2, 1)),
-        outside=(fit.rms_errors / scale) ** 2,
+        outside=(fit.errors.weighted_rms / scale) ** 2,
         scale=scale,
     )
+
+
+def _split(
+    c: NDArray[np.float64], T: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Parts along functions of time, (functions, modes, 3), and beyond, (frames, modes, 3)."""
+    flat = np.ascontiguousarray(c.reshape(len(c), -1))
+    along = product(np.ascontiguousarray(T.T), flat)
+    return along.reshape(-1, *c.shape[1:]), (flat - product(T, along)).reshape(c.shape)
 
 
 def _dropped(squares: NDArray[np.float64]) -> NDArray[np.float64]:

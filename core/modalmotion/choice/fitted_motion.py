@@ -43,9 +43,10 @@ class Model:
 
     def error(self, kind: ErrorKind) -> float:
         """Error that a tolerance limits, length unit."""
+        errors = self.fit.errors
         if kind == ErrorKind.MAX:
-            return float(self.fit.max_errors.max())
-        return root_mean_square(self.fit.rms_errors)
+            return float(errors.max.max())
+        return root_mean_square(errors.rms if kind == ErrorKind.RMS else errors.weighted_rms)
 
 
 def fit_model(
@@ -101,14 +102,7 @@ def remeasured(
         model.fit.rotations,
         model.fit.translations,
     )
-    fit = replace(
-        model.fit,
-        amplitudes=amplitudes,
-        rms_errors=errors.rms,
-        p95_errors=errors.p95,
-        max_errors=errors.max,
-    )
-    return replace(model, fit=fit)
+    return replace(model, fit=replace(model.fit, amplitudes=amplitudes, errors=errors))
 
 
 def static_model(fitter: Fitter, modes: Modes, static: LinearMotion) -> Model:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.alignment.displacements import Displacements
+from modalmotion.alignment.displacements import DisplacementBlock, Displacements
 from modalmotion.alignment.reference import displacements_from
 from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.fit.basis import Basis
@@ -17,7 +17,7 @@ from modalmotion.fit.fit import Fit, fit_displacements
 from modalmotion.fit.superposition import Superposition
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.template import Template
-from modalmotion.template.body_frame import Components, local_frames
+from modalmotion.template.body_frame import Components, local_frames, to_local
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +76,22 @@ class Fitter:
     def fit(self, basis: Basis) -> Fit:
         """Fit factored modes to every frame; errors as `fit_displacements`."""
         return fit_displacements(self.displacements, basis, self.frames)
+
+    def in_components(
+        self, block: DisplacementBlock
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Displacements along the directions of the components.
+
+        Returns
+        -------
+        u : (frames, 3, vertices) float64, in units of the shape's scale
+        loose_u : (frames, n, 3) float64, length unit
+            Of the vertices in no triangle.
+        """
+        if self.frames is None:
+            return block.u, block.loose_u
+        loose = np.einsum("nij,fnj->fni", self.frames[block.loose], block.loose_u)
+        return to_local(block.u, self.frames), loose
 
     def superposition(self, shapes: NDArray[np.float64]) -> Superposition:
         """Superpose shapes, (vertices, modes) float64, on the reference."""

@@ -9,8 +9,7 @@ from modalmotion.choice.energies import Energies
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.nested_sets import Ladder
 from modalmotion.numeric.products import product
-from modalmotion.numeric.qr import inverse_of_triangle
-from modalmotion.template.body_frame import to_local
+from modalmotion.numeric.scale import lengths
 
 
 def largest_errors(
@@ -35,13 +34,13 @@ def largest_errors(
     (sets,) float64, length unit
     """
     basis, last = ladder.basis, int(counts[-1])
-    # u = sum_j c_j psi_j with the orthonormal shapes psi = Phi R^-1
-    inverse = inverse_of_triangle(np.ascontiguousarray(basis.triangle[:last, :last]))
-    psi = product(np.ascontiguousarray(inverse.T), basis.rows[:last])
+    # u = sum_j c_j psi_j
+    psi = basis.orthonormal_rows(last)
     largest = np.zeros(len(counts))
     for block in fitter.displacements.blocks():
         scale = block.shape.scale
-        u = block.u if fitter.frames is None else to_local(block.u, fitter.frames)
+        u, loose_u = fitter.in_components(block)
+        loose_psi = np.ascontiguousarray(psi[:, block.loose].T)
         f, _, n = u.shape
         c = energies.coefficients[block.frames] * (energies.scale / scale)
         rows = u.reshape(3 * f, n)
@@ -49,8 +48,15 @@ def largest_errors(
         done = 0
         for k, count in enumerate(counts.tolist()):
             rows -= product(np.ascontiguousarray(flat[:, done:count]), psi[done:count])
+            loose_u = loose_u - loose_psi[:, done:count] @ (
+                energies.coefficients[block.frames, done:count] * energies.scale
+            )
             done = count
             squares = (rows.reshape(f, 3, n) ** 2).sum(axis=1)
             squares[:, block.shape.ignored] = 0.0
-            largest[k] = max(largest[k], scale * float(np.sqrt(squares.max())))
+            largest[k] = max(
+                largest[k],
+                scale * float(np.sqrt(squares.max())),
+                float(lengths(loose_u).max(initial=0.0)),
+            )
     return largest

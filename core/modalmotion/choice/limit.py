@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.choice.noise import Noise
 from modalmotion.choice.parameters import ErrorKind, SignatureParameters
 from modalmotion.choice.scene import Scene, SceneError, SceneKind
 from modalmotion.errors import ParameterError
+from modalmotion.fit.fit import Fit
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.numeric.scale import root_mean_square
 
@@ -18,16 +18,15 @@ _DEVIATIONS = 3.0
 _ESTIMATE = 0.03
 
 
-def limit_of(
-    parameters: SignatureParameters, sequence: MeshSequence, motion_rms: NDArray[np.float64]
-) -> float:
+def limit_of(parameters: SignatureParameters, sequence: MeshSequence, fit: Fit) -> float:
     """Error that parameters with a tolerance allow.
 
     Parameters
     ----------
     parameters : SignatureParameters
     sequence : MeshSequence
-    motion_rms : (frames,) float64, length unit
+    fit : Fit
+        Of any modes: its motion is read.
 
     Returns
     -------
@@ -39,7 +38,9 @@ def limit_of(
         If the tolerance is in mm and the unit of the sequence is unknown.
     """
     if parameters.tolerance_share is not None:
-        return parameters.tolerance_share * root_mean_square(motion_rms)
+        is_weighted = parameters.tolerance_of == ErrorKind.WEIGHTED_RMS
+        motion = fit.weighted_motion_rms if is_weighted else fit.motion_rms
+        return parameters.tolerance_share * root_mean_square(motion)
     require_unit(parameters, sequence)
     return (parameters.tolerance or 0.0) / MM_PER_UNIT[sequence.unit or "mm"]
 
@@ -62,7 +63,11 @@ def require_unit(parameters: SignatureParameters, sequence: MeshSequence) -> Non
 
 def error_of(error: SceneError, kind: ErrorKind) -> float:
     """Error that a tolerance limits."""
-    return error.max if kind == ErrorKind.MAX else error.rms
+    return {
+        ErrorKind.RMS: error.rms,
+        ErrorKind.WEIGHTED_RMS: error.weighted_rms,
+        ErrorKind.MAX: error.max,
+    }[kind]
 
 
 def noise_rms(noise: Noise, n_frames: int, n_directions: int = 3) -> float:
@@ -71,7 +76,7 @@ def noise_rms(noise: Noise, n_frames: int, n_directions: int = 3) -> float:
 
 
 def holds_noise(error: float, noise: Noise, sequence: MeshSequence, n_directions: int = 3) -> bool:
-    """Whether an RMS error is as small as that of noise alone."""
+    """Whether a weighted RMS error is as small as that of noise alone."""
     expected = noise_rms(noise, sequence.n_frames, n_directions)
     # The reference's part of the noise is drawn once for all frames.
     spread = float(np.sqrt(2.0 / (n_directions * sequence.n_vertices)))
@@ -91,6 +96,6 @@ def simplest_with_noise(scene: Scene, noise: Noise, sequence: MeshSequence) -> S
     """Simplest kind of motion whose residual looks like noise."""
     for name, error in scene.errors.items():
         n_directions = 1 if name == SceneKind.PLANAR else 3
-        if holds_noise(error.rms, noise, sequence, n_directions):
+        if holds_noise(error.weighted_rms, noise, sequence, n_directions):
             return name
     return SceneKind.DEFORMABLE

@@ -17,6 +17,7 @@ from modalmotion.modes import Modes, whole_count, whole_counts
 from modalmotion.numeric.products import product
 from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
 from modalmotion.template import Template, choose_modes
+from modalmotion.template.loose_vertices import shapes_of
 
 # Numbers in the shapes that are factored at once: 480 MB with their factor.
 _MOST_NUMBERS: Final = 30_000_000
@@ -84,7 +85,7 @@ def ladder_of(template: Template, n_modes: int, grid: tuple[int, ...] | None = N
     n, ends = most_modes_of(template, n_modes, grid)
     choice = choose_modes(template, n, grid)
     modes = choice.modes
-    shapes = modes.shapes_on(template)
+    shapes = shapes_of(modes, template)
     root = np.sqrt(template.weights)[:, None]
     Q, R = tall_qr(root * shapes)
     counts = whole_counts(modes)

@@ -31,9 +31,10 @@ USUAL_MODES: Final = 7
 
 
 class ErrorKind(StrEnum):
-    """Error that a tolerance limits, over all frames."""
+    """Error that a tolerance limits, over all frames: docs/error.md."""
 
     RMS = "rms"
+    WEIGHTED_RMS = "weighted_rms"
     MAX = "max"
 
 
@@ -81,9 +82,11 @@ class SignatureParameters:
     tolerance : float or None, mm
         Error that is not exceeded, with the fewest modes that hold it.
     tolerance_of : ErrorKind
-        Error that a tolerance limits: the RMS error over all frames, or the largest of any vertex.
+        Error that a tolerance limits: the RMS over all frames and vertices, the one by the
+        vertices' shares of the surface, or the largest of any vertex.
     tolerance_share : float or None
-        A tolerance as a share of the motion: of the RMS displacement over all frames.
+        A tolerance as a share of the motion: of the RMS displacement over all frames, by weight
+        where the tolerance is.
     auto : bool
         Stop where the residual looks like the noise of the measurement.
     order : ModeOrder

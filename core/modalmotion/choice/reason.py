@@ -21,7 +21,7 @@ class ModelChoice:
     asked : str
         "tolerance", "tolerance_share" or "auto".
     limit : float, length unit
-        The error limit; for "auto" the RMS error that noise alone would leave.
+        The error limit; for "auto" the weighted RMS error that noise alone would leave.
     limit_of : ErrorKind
     noise : Noise or None
         The estimate, for "auto".

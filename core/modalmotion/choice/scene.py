@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.choice.fitter import Fitter
-from modalmotion.fit.superposition import distances
+from modalmotion.fit.frame_errors import FrameErrors, errors_of_offsets
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.products import weighted_sum
 from modalmotion.numeric.scale import root_mean_square
@@ -44,12 +44,13 @@ class SceneError:
 
     Parameters
     ----------
-    rms, p95, max : float, length unit
-        RMS over all frames; 95th percentile over the surface in the worst frame; the largest
-        of any vertex in any frame.
+    rms, weighted_rms, p95, max : float, length unit
+        RMS over all vertices and frames; that by the vertices' shares of the surface; the
+        largest 95th percentile of any frame; the largest of any vertex in any frame.
     """
 
     rms: float
+    weighted_rms: float
     p95: float
     max: float
 
@@ -193,10 +194,11 @@ def planar_motion(fitter: Fitter) -> PlanarMotion:
     normal = np.linalg.eigh(moments)[1][:, 0]
     largest = int(np.argmax(np.abs(normal)))
     normal = normal * (1.0 if normal[largest] > 0 else -1.0)
-    errors = [
-        distances((block.u.transpose(0, 2, 1) @ normal)[:, :, None] * block.shape.scale, template)
-        for block in turned.blocks()
-    ]
+    errors = []
+    for block in turned.blocks():
+        off = block.u.transpose(0, 2, 1) @ normal * block.shape.scale
+        off[:, block.loose] = block.loose_u @ normal
+        errors.append(errors_of_offsets(off[:, :, None] * normal, template))
     x, y, z = normal.tolist()
     return PlanarMotion((x, y, z), _over_frames(errors))
 
@@ -210,23 +212,22 @@ def _linear(
     matrices: NDArray[np.float64],
     shifts: NDArray[np.float64],
 ) -> LinearMotion:
-    nothing = SceneError(0.0, 0.0, 0.0)
+    nothing = SceneError(0.0, 0.0, 0.0, 0.0)
     motion = LinearMotion(kind, matrices, shifts, nothing)
     step = max(1, _BLOCK // (3 * sequence.n_vertices))
     errors = []
     for first in range(0, sequence.n_frames, step):
         at = slice(first, first + step)
         x = start[None] if kind == SceneKind.STATIC else motion.positions(start, centre, at)
-        errors.append(distances(x - sequence.vertices[at], template))
+        errors.append(errors_of_offsets(x - sequence.vertices[at], template))
     return LinearMotion(kind, matrices, shifts, _over_frames(errors))
 
 
-def _over_frames(
-    errors: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
-) -> SceneError:
-    rms, p95, largest = (np.concatenate(part) for part in zip(*errors, strict=True))
+def _over_frames(parts: list[FrameErrors]) -> SceneError:
+    errors = FrameErrors.joined(parts)
     return SceneError(
-        rms=root_mean_square(rms),
-        p95=float(p95.max()),
-        max=float(largest.max()),
+        rms=root_mean_square(errors.rms),
+        weighted_rms=root_mean_square(errors.weighted_rms),
+        p95=float(errors.p95.max()),
+        max=float(errors.max.max()),
     )

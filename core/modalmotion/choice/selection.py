@@ -9,6 +9,7 @@ import numpy as np
 from modalmotion.choice.fitted_motion import Model, fit_model, static_model
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.limit import (
+    error_of,
     holds_noise,
     limit_of,
     noise_rms,
@@ -57,7 +58,7 @@ def select_model(fitter: Fitter, cache: TemplateCache) -> Model:
     scene = scene_of(fitter, first.fit.rotations)
     if parameters.auto:
         return _until_noise(fitter, smallest, scene)
-    limit = limit_of(parameters, sequence, first.fit.motion_rms)
+    limit = limit_of(parameters, sequence, first.fit)
     kind = simplest(scene, limit, parameters.tolerance_of)
     way = "tolerance" if parameters.tolerance is not None else "tolerance_share"
     choice = ModelChoice(way, limit, parameters.tolerance_of, None, kind, scene.errors, None)
@@ -76,8 +77,7 @@ def select_model(fitter: Fitter, cache: TemplateCache) -> Model:
 
 def simplest_is_planar(scene: Scene, limit: float, kind: ErrorKind) -> bool:
     """Whether leaving out the motion off the plane holds a limit by itself."""
-    error = scene.planar.error
-    return (error.max if kind == ErrorKind.MAX else error.rms) <= limit
+    return error_of(scene.planar.error, kind) <= limit
 
 
 def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
@@ -106,7 +106,7 @@ def _until_noise(fitter: Fitter, smallest: Modes, scene: Scene) -> Model:
     noise = measure_noise(fitter)
     kind = simplest_with_noise(scene, noise, sequence)
     limit = noise_rms(noise, sequence.n_frames)
-    choice = ModelChoice("auto", limit, ErrorKind.RMS, noise, kind, scene.errors, None)
+    choice = ModelChoice("auto", limit, ErrorKind.WEIGHTED_RMS, noise, kind, scene.errors, None)
     if kind == SceneKind.STATIC:
         model = static_model(fitter, smallest, scene.static)
         return _noted(model, choice, sequence)
@@ -115,7 +115,9 @@ def _until_noise(fitter: Fitter, smallest: Modes, scene: Scene) -> Model:
         return _noted(fit_model(fitter, smallest), choice, sequence)
     ladder, count = modes_until_noise(fitter, noise)
     normal = None
-    if _may_flatten(parameters) and holds_noise(scene.planar.error.rms, noise, sequence, 1):
+    if _may_flatten(parameters) and holds_noise(
+        scene.planar.error.weighted_rms, noise, sequence, 1
+    ):
         normal = scene.planar.normal
     model = fit_model(fitter, ladder.modes(count), normal=normal)
     notes = list(notes_on(ladder, parameters))

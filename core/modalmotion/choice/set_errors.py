@@ -8,12 +8,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.choice.energies import Energies
+from modalmotion.choice.energies import Energies, energies_of
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.harmonics import Harmonics, harmonics_of, require_harmonics
 from modalmotion.choice.largest_errors import largest_errors
 from modalmotion.choice.nested_sets import Ladder
 from modalmotion.choice.parameters import ErrorKind
+from modalmotion.choice.plain_energies import plain_energies_of
+from modalmotion.fit.fit import Fit
 
 # Errors of nested sets are known to this share, and to this share of the motion.
 _ROUNDING: Final = 1e-9
@@ -22,18 +24,34 @@ _ROUNDING_OF_MOTION: Final = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class SetErrors:
-    """Errors of the sets of one ladder, of the requested kind."""
+    """Errors of the sets of one ladder, of the requested kind.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    ladder : Ladder
+    energies : Energies
+        Plain ones for the RMS over all vertices, by weight for any other kind.
+    """
 
     fitter: Fitter
     ladder: Ladder
     energies: Energies
+
+    @staticmethod
+    def on(fitter: Fitter, ladder: Ladder, fit: Fit) -> SetErrors:
+        """Measure the sets of a ladder whose largest is fitted."""
+        is_plain = fitter.parameters.tolerance_of == ErrorKind.RMS
+        if is_plain:
+            return SetErrors(fitter, ladder, plain_energies_of(fitter, ladder.basis, fit))
+        return SetErrors(fitter, ladder, energies_of(ladder.basis, fit))
 
     def slack(self, limit: float) -> float:
         """Bound the rounding of errors computed from energies."""
         return _ROUNDING * limit + _ROUNDING_OF_MOTION * self.energies.scale
 
     def bound(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
-        """RMS errors: a lower bound of the requested error."""
+        """RMS errors: the requested ones, or a lower bound of the largest."""
         if self.fitter.parameters.harmonics is not None:
             return self._joint(counts)
         if self.fitter.parameters.tolerance_of == ErrorKind.MAX:
@@ -42,7 +60,7 @@ class SetErrors:
 
     def of(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
         """Errors of sets that increase in number."""
-        if self.fitter.parameters.tolerance_of == ErrorKind.RMS:
+        if self.fitter.parameters.tolerance_of != ErrorKind.MAX:
             return self.bound(counts)
         limited = self.energies
         if self.fitter.parameters.harmonics is not None:

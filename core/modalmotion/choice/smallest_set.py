@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.choice.energies import energies_of
 from modalmotion.choice.fitted_motion import Model, fit_model
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.ordered_sets import ENERGY_POOL, notes_on, sorted_ladder
@@ -39,7 +38,7 @@ def smallest_within(fitter: Fitter, limit: float) -> Model:
     known: dict[int, float] = {}
     while True:
         ladder, fit = sorted_ladder(fitter, n)
-        errors = SetErrors(fitter, ladder, energies_of(ladder.basis, fit))
+        errors = SetErrors.on(fitter, ladder, fit)
         counts = ladder.counts[ladder.counts > max(known, default=0)]
         # No maximum is below the RMS of its frame.
         counts = counts[errors.bound(counts) <= limit + errors.slack(limit)]

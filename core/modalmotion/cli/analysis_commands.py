@@ -14,7 +14,6 @@ from modalmotion.cli.options import (
     components_option,
     example,
     json_option,
-    kind_of,
     list_written,
     merge_option,
     mode_options,
@@ -26,7 +25,9 @@ from modalmotion.cli.options import (
     surface_options,
     weights_option,
 )
+from modalmotion.cli.outputs import write_picture
 from modalmotion.cli.readouts_command import volume_lines
+from modalmotion.exports.surfaces import SUFFIXES, write_superposed
 from modalmotion.facts import facts_as_json
 from modalmotion.numerals import counted, numeral
 from modalmotion.signature.making import ModalSignature, modal_signature
@@ -68,7 +69,7 @@ def signature(
     if plot is not None:
         from modalmotion.pictures.signature import signature_figure
 
-        signature_figure(sequence, result).savefig(plot)
+        write_picture(signature_figure(sequence, result), plot)
     if as_json:
         click.echo(json.dumps(summary(result, price), indent=2))
     else:
@@ -78,7 +79,7 @@ def signature(
 
 @click.command(epilog=example("reconstruct beat.npz -o beat.glb --modes 7"))
 @sequence_argument
-@output_option("File to write: .npz, .vtkhdf, .glb or .zip (of PLY).")
+@output_option("File to write: .npz, .vtkhdf, .glb or .zip (of PLY).", *SUFFIXES)
 @mode_options
 @surface_options
 @merge_option
@@ -87,10 +88,9 @@ def signature(
 )
 def reconstruct(source: Path, output: Path, max_targets: int | None, **options: Any) -> None:
     """Write the surfaces that a few modes of the sequence in FILE stand for."""
-    from modalmotion.exports.surfaces import SUFFIXES, write_superposed
     from modalmotion.store import write_atomic
 
-    kind = kind_of(output, SUFFIXES)
+    kind = SUFFIXES[output.suffix.lower()]
     parameters = signature_parameters(options)
     sequence = read(source, **options)
     result = modal_signature(sequence, parameters)
@@ -113,9 +113,11 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
         "unit": result.unit,
         "facts": facts_as_json(result.facts),
         "rms_error": result.rms_error,
+        "weighted_rms_error": result.weighted_rms_error,
         "p95_error": float(result.p95_errors.max()),
         "max_error": result.max_error,
         "motion_rms": float(result.motion_rms.max()),
+        "weighted_motion_rms": float(result.weighted_motion_rms.max()),
         "compression": result.compression,
         "compression_of_sequence": result.compression_of_sequence,
         "condition": result.condition,
@@ -144,7 +146,8 @@ def _lines(result: ModalSignature, price: Price) -> str:
         ),
         f"motion {numeral(motion)} {unit} RMS in the frame that moves most",
         (
-            f"error {numeral(result.rms_error, of=motion)} {unit} RMS over all frames; "
+            f"error {numeral(result.rms_error, of=motion)} {unit} RMS over all vertices and frames "
+            f"({numeral(result.weighted_rms_error, of=motion)} weighted); "
             f"in the worst frame {numeral(float(result.p95_errors.max()), of=motion)} (p95) and "
             f"{numeral(result.max_error, of=motion)} (max)"
         ),

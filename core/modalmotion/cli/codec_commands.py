@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from modalmotion.cli.files import read, sequence_argument
-from modalmotion.cli.options import example, kind_of, list_written, output_option
+from modalmotion.cli.options import example, list_written, output_option
 from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.store import write_atomic
 
@@ -55,15 +55,15 @@ def encode(
     unit = sequence.unit or "length units"
     click.echo(
         f"{stream.n_bytes} bytes, {stream.bits_per_vertex_and_frame:.3f} bits a vertex and frame; "
-        f"error {stream.rms:.4g} {unit} RMS, {stream.max_error:.4g} {unit} at most in a "
-        f"coordinate, KG {stream.kg_error:.3g} %; {stream.transform}"
+        f"error {stream.rms:.4g} {unit} RMS, {stream.max_error:.4g} {unit} at most at a "
+        f"vertex, KG {stream.kg_error:.3g} %; {stream.transform}"
     )
     list_written(output)
 
 
 @click.command(epilog=example("decode beat.mms -o beat.npz"))
 @click.argument("stream", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@output_option("File to write: .npz, .vtkhdf or .raw (float32).")
+@output_option("File to write: .npz, .vtkhdf or .raw (float32).", *_WRITERS)
 @click.option("--first", type=int, help="First frame.")
 @click.option("--stop", type=int, help="Frame after the last.")
 def decode(stream: Path, output: Path, first: int | None, stop: int | None) -> None:
@@ -71,7 +71,7 @@ def decode(stream: Path, output: Path, first: int | None, stop: int | None) -> N
     from modalmotion.codec import decode as expand
     from modalmotion.codec import inspect
 
-    write = kind_of(output, _WRITERS)
+    write = _WRITERS[output.suffix.lower()]
     data = stream.read_bytes()
     frames = None
     if first is not None or stop is not None:

@@ -27,6 +27,7 @@ from modalmotion.cli.options import (
     several,
     surface_options,
 )
+from modalmotion.cli.outputs import OutputFile, write_picture
 
 if TYPE_CHECKING:
     from modalmotion.classification import Model, TrainingCase
@@ -85,9 +86,7 @@ _labelled_files = several(
 @click.command(epilog=example("train cases.csv --name mine -o mine.h5"))
 @_labelled_files
 @click.option("--name", required=True, help="Name of the model: lower-case letters, digits, . _ -")
-@click.option(
-    "-o", "--out", required=True, type=click.Path(path_type=Path), help="File to write (HDF5)."
-)
+@click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
 @plot_option
 @_training_options
 def train(
@@ -120,7 +119,7 @@ def train(
     if plot is not None:
         from modalmotion.pictures.model_card import card_figure
 
-        card_figure(model.card, name).savefig(plot)
+        write_picture(card_figure(model.card, name), plot)
     click.echo(card_lines(model.name, model.id, model.card))
     list_written(out, plot)
 
@@ -156,14 +155,15 @@ def evaluate(
     if plot is not None:
         from modalmotion.pictures.model_card import measured_figure
 
-        measured_figure(
+        figure = measured_figure(
             title=f"{result.model}: {accuracy_text(result.accuracy, result.accuracy_interval)}, "
             f"{result.n_cases} cases",
             classes=result.classes,
             confusion=result.confusion,
             curve=result.calibration_curve,
             calibration_error=result.calibration_error,
-        ).savefig(plot)
+        )
+        write_picture(figure, plot)
     click.echo(json.dumps(result.as_json(), indent=2) if as_json else evaluation_lines(result))
     list_written(plot, as_json=as_json)
 
@@ -200,7 +200,7 @@ def classify(
     if plot is not None:
         from modalmotion.pictures.classification import answer_figure
 
-        answer_figure(result).savefig(plot)
+        write_picture(answer_figure(result), plot)
     click.echo(answer_json(result) if as_json else answer_lines(result))
     list_written(plot, as_json=as_json)
 

@@ -20,6 +20,13 @@ from modalmotion.cli.options import (
     output_option,
     surface_options,
 )
+from modalmotion.cli.outputs import (
+    PICTURES,
+    OutputFile,
+    OutputFolder,
+    require_matplotlib,
+    write_picture,
+)
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes import ModeLabel
@@ -43,8 +50,7 @@ from modalmotion.template.vibration_modes import (
 )
 
 _GRIDS: Final = {1: (64,), 2: (32, 64), 3: (8, 8, 16)}
-_PICTURES: Final = (".png", ".svg", ".pdf")
-_MODE_FILES: Final = (*_PICTURES, ".glb", ".npz", ".h5")
+_MODE_FILES: Final = (*PICTURES, ".glb", ".npz", ".h5")
 _ANIMATIONS: Final = (".glb", ".vtkhdf", ".npz", ".zip", ".gif")
 _NUMBERED: Final = re.compile(r"%0?[0-9]*d")
 
@@ -55,6 +61,27 @@ _DIRECTION = click.option(
     show_default=True,
     help="Direction in which the vertices move.",
 )
+
+
+class _AnimationFiles(OutputFile):
+    """A file to write, numbered pictures, or a folder for them."""
+
+    def require(self, path: Path, param: click.Parameter | None, ctx: click.Context | None) -> None:
+        """Fail where they cannot be written."""
+        if path.suffix.lower() in ("", ".png", ".gif"):
+            require_matplotlib()
+        if not path.suffix:
+            OutputFolder().convert(path, param, ctx)
+            return
+        if path.suffix.lower() == ".png":
+            name = _NUMBERED.sub("", path.name, count=1)
+            if name == path.name or "%" in name:
+                self.fail(
+                    f"{path.name} names one picture for all frames; number them: frame_%03d.png.",
+                    param,
+                    ctx,
+                )
+        super().require(path, param, ctx)
 
 
 class _Surface(NamedTuple):
@@ -71,7 +98,9 @@ class _Surface(NamedTuple):
 @surface_options
 @_DIRECTION
 @output_option(
-    "Picture (.png, .svg, .pdf), animation (.glb), or shapes (.npz, .h5) to write.", required=False
+    "Picture (.png, .svg, .pdf), animation (.glb), or shapes (.npz, .h5) to write.",
+    *_MODE_FILES,
+    required=False,
 )
 @json_option
 def modes(
@@ -90,9 +119,6 @@ def modes(
     each axis; its frequencies are those of a lattice with K = M = 1. Those of a surface in a file
     are w = c k on its own lengths, c one length unit per s.
     """
-    if output is not None:
-        _require_suffix(output, _MODE_FILES)
-        _require_folder(output.parent)
     surface = _surface(source, grid, topology, stated)
     vibration_modes = _lowest(surface, modes)
     if as_json:
@@ -116,7 +142,8 @@ def modes(
 )
 @output_option(
     ".glb, .vtkhdf, .npz, .zip (of PLY), .gif, numbered pictures such as frame_%03d.png, or a "
-    "folder for them."
+    "folder for them.",
+    type=_AnimationFiles(*_ANIMATIONS, ".png"),
 )
 @_DIRECTION
 @click.option(
@@ -150,7 +177,6 @@ def animate(
     from modalmotion.exports.swing import swing
 
     labels, amplitudes = _terms(terms)
-    _require_target(output)
     surface = _surface(source, grid, topology, stated)
     if surface.lattice is not None:
         vibration_modes = lattice_modes_named(surface.lattice, labels)
@@ -264,11 +290,11 @@ def _write_modes(
     from modalmotion.formats import write_glb
     from modalmotion.store import write_atomic
 
-    if output.suffix == ".npz":
+    if output.suffix.lower() == ".npz":
         write_atomic(output, modes_to_npz(vibration_modes))
-    elif output.suffix == ".h5":
+    elif output.suffix.lower() == ".h5":
         write_atomic(output, modes_to_hdf5(vibration_modes))
-    elif output.suffix == ".glb":
+    elif output.suffix.lower() == ".glb":
         template = _template(surface)
         along = directions_on(template, direction)
         motion = one_by_one(template, vibration_modes, along, surface.unit)
@@ -276,7 +302,7 @@ def _write_modes(
     else:
         from modalmotion.pictures.modes import modes_figure
 
-        modes_figure(_template(surface), vibration_modes).savefig(output)
+        write_picture(modes_figure(_template(surface), vibration_modes), output)
 
 
 def _write_animation(output: Path, template: Template, motion: Any, step: float) -> None:
@@ -284,8 +310,8 @@ def _write_animation(output: Path, template: Template, motion: Any, step: float)
     from modalmotion.formats import write_glb
     from modalmotion.store import write_atomic
 
-    if output.suffix in SUFFIXES:
-        form = SUFFIXES[output.suffix]
+    if output.suffix.lower() in SUFFIXES:
+        form = SUFFIXES[output.suffix.lower()]
         if form == SurfaceFormat.GLB:
             write_atomic(output, write_glb(motion.morph_animation()))
             return
@@ -296,7 +322,7 @@ def _write_animation(output: Path, template: Template, motion: Any, step: float)
 
     extent = Extent(template, motion.positions(), motion.heights())
     pictures = draw_frames(template, motion.positions(), motion.heights(), extent)
-    if output.suffix == ".gif":
+    if output.suffix.lower() == ".gif":
         write_atomic(output, write_gif(pictures, step))
         return
     for path, picture in zip(_numbered(output, motion.n_frames), pictures, strict=True):
@@ -305,35 +331,7 @@ def _write_animation(output: Path, template: Template, motion: Any, step: float)
 
 def _numbered(output: Path, n_frames: int) -> Iterator[Path]:
     """Name a picture for each frame: by the pattern, or in the folder."""
-    if output.suffix != ".png":
-        output.mkdir(exist_ok=True)
+    if output.suffix.lower() != ".png":
+        output.mkdir(parents=True, exist_ok=True)
         output = output / f"frame_%0{len(str(n_frames - 1))}d.png"
     return (output.with_name(output.name % frame) for frame in range(n_frames))
-
-
-def _require_target(output: Path) -> None:
-    """Refuse an output that cannot be written, before any work."""
-    if output.suffix == ".png":
-        name = _NUMBERED.sub("", output.name, count=1)
-        if name == output.name or "%" in name:
-            raise click.BadParameter(
-                f"{output.name} names one picture for all frames; number them: frame_%03d.png.",
-                param_hint="--output",
-            )
-    elif output.suffix:
-        _require_suffix(output, (*_ANIMATIONS, ".png"))
-    _require_folder(output.parent)
-
-
-def _require_suffix(output: Path, suffixes: tuple[str, ...]) -> None:
-    if output.suffix not in suffixes:
-        raise click.BadParameter(
-            f"{output.name} ends with none of {', '.join(suffixes)}.", param_hint="--output"
-        )
-
-
-def _require_folder(folder: Path) -> None:
-    if not folder.is_dir():
-        raise click.BadParameter(
-            f"The folder {str(folder)!r} does not exist; make it first.", param_hint="--output"
-        )

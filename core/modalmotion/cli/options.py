@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import fields
 from enum import Enum
 from pathlib import Path
@@ -11,12 +11,12 @@ from typing import Any, TypeVar
 import click
 
 from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureParameters
+from modalmotion.cli.outputs import PICTURES, OutputFile
 from modalmotion.mesh.sequence import MEAN, Reference
 from modalmotion.template import Weights
 from modalmotion.template.body_frame import Components
 
 E = TypeVar("E", bound=Enum)
-T = TypeVar("T")
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
@@ -74,9 +74,9 @@ def several(*options: Decorator) -> Decorator:
     return decorate
 
 
-def output_option(text: str, **settings: Any) -> Decorator:
-    """Make the option -o, --output for a file to write."""
-    kind = click.Path(path_type=Path)
+def output_option(text: str, *suffixes: str, **settings: Any) -> Decorator:
+    """Make the option -o, --output for a file to write, with one of these suffixes if any."""
+    kind = OutputFile(*suffixes)
     return click.option("-o", "--output", **{"required": True, "type": kind, **settings}, help=text)
 
 
@@ -95,7 +95,8 @@ mode_options = several(
         type=Member(ErrorKind),
         default=ErrorKind.RMS.value,
         show_default=True,
-        help="RMS over all frames, or the largest of any vertex.",
+        help="RMS over all vertices and frames, the one by their shares of the surface, or the "
+        "largest of any vertex.",
     ),
     click.option("--tolerance-share", type=float, help="Error as a share of the RMS motion."),
     click.option("--auto", is_flag=True, help="Stop where the residual is noise."),
@@ -152,7 +153,7 @@ merge_option = click.option(
     help="Whether vertices that coincide in every frame are one vertex of the surface.",
 )
 plot_option = click.option(
-    "--plot", type=click.Path(path_type=Path), help="Picture to write (PNG, SVG, PDF)."
+    "--plot", type=OutputFile(*PICTURES), help="Picture to write (.png, .svg, .pdf)."
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
 
@@ -163,15 +164,6 @@ def signature_parameters(options: dict[str, Any]) -> SignatureParameters:
     """Take the parameters of a signature out of the options of a command."""
     names = [name for name in _PARAMETERS if name in options]
     return SignatureParameters(**{name: options.pop(name) for name in names})
-
-
-def kind_of(output: Path, kinds: Mapping[str, T]) -> T:
-    """Look up the kind that an output file's suffix names."""
-    if output.suffix not in kinds:
-        raise click.BadParameter(
-            f"{output.name} ends with none of {', '.join(kinds)}.", param_hint="--output"
-        )
-    return kinds[output.suffix]
 
 
 def example(line: str) -> str:

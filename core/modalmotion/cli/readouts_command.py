@@ -20,6 +20,7 @@ from modalmotion.cli.options import (
     signature_parameters,
     surface_options,
 )
+from modalmotion.cli.outputs import write_picture
 from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts
 from modalmotion.errors import TopologyError
 from modalmotion.hdf5.image import INTENDED_USE
@@ -48,7 +49,7 @@ def readouts(source: Path, plot: Path | None, as_json: bool, **options: Any) -> 
     sequence = read(source, **options)
     result = clinical_readouts(modal_signature(sequence, parameters), sequence)
     if plot is not None:
-        volume_figure(result).savefig(plot)
+        write_picture(volume_figure(result), plot)
     if as_json:
         click.echo(json.dumps(_numbers(result), indent=2))
     else:

@@ -14,6 +14,7 @@ import click
 import numpy as np
 
 from modalmotion.cli.options import GridShape, example, output_option
+from modalmotion.cli.outputs import OutputFolder
 from modalmotion.formats import write_npz
 from modalmotion.simulate import (
     Acquisition,
@@ -104,7 +105,7 @@ def simulate(
 @click.command("simulate-cohort", epilog=example("simulate-cohort -o cohort --per-class 50"))
 @output_option(
     "Folder to write: files, and cases.csv with path, label, subject and facts.",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=OutputFolder(),
 )
 @click.option(
     "--per-class",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from modalmotion.cli.options import example
+from modalmotion.cli.outputs import OutputFile, OutputFolder
 
 if TYPE_CHECKING:
     from modalmotion.exports.signature_pack import PackReport
@@ -116,7 +117,7 @@ def _verify(name: str, root: Path) -> bool:
 
 @store.command(epilog=example("store export results signatures.h5"))
 @_FOLDER
-@click.argument("out", type=click.Path(dir_okay=False, path_type=Path), metavar="OUT.h5")
+@click.argument("out", type=OutputFile(), metavar="OUT.h5")
 @_OWNER
 def export(folder: Path, out: Path, owner: str | None) -> None:
     """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file.
@@ -152,7 +153,7 @@ def require_all_packed(report: PackReport) -> None:
 
 @store.command(epilog=example("store backup results copy"))
 @_FOLDER
-@click.argument("copy", type=click.Path(file_okay=False, path_type=Path), metavar="COPY")
+@click.argument("copy", type=OutputFolder(), metavar="COPY")
 @click.option(
     "--accept-missing",
     is_flag=True,
@@ -199,7 +200,7 @@ def backup(folder: Path, copy: Path, accept_missing: bool, keep_days: float) -> 
 @click.argument(
     "copy", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="COPY"
 )
-@click.argument("folder", type=click.Path(file_okay=False, path_type=Path), metavar="FOLDER")
+@click.argument("folder", type=OutputFolder(), metavar="FOLDER")
 @click.option(
     "--deletions",
     type=click.Path(exists=True, file_okay=False, path_type=Path),

@@ -22,6 +22,7 @@ from modalmotion.cli.options import (
     plot_option,
     signature_parameters,
 )
+from modalmotion.cli.outputs import write_picture
 from modalmotion.numerals import counted, numeral, with_article
 from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import MOST_OF_FRONT, Tradeoff, measure_tradeoff
@@ -70,7 +71,7 @@ def tradeoff(
     if plot is not None:
         from modalmotion.pictures.tradeoff import tradeoff_figure
 
-        tradeoff_figure(result).savefig(plot)
+        write_picture(tradeoff_figure(result), plot)
     click.echo(json.dumps(as_plain(result), indent=2) if as_json else _lines(result))
     list_written(plot, as_json=as_json)
 
@@ -100,7 +101,8 @@ def _lines(result: Tradeoff) -> str:
         lines.append(result.noise.note(front.unit))
     lines.append(f"chosen: {describe(result)}")
     lines.append(
-        f"error {numeral(price.rms_error, of=motion)} {unit} RMS, "
+        f"error {numeral(price.rms_error, of=motion)} {unit} RMS "
+        f"({numeral(price.weighted_rms_error, of=motion)} weighted), "
         f"{numeral(price.p95_error, of=motion)} (p95) and "
         f"{numeral(price.max_error, of=motion)} (max) in the worst frame"
     )

@@ -188,7 +188,7 @@ class SignatureArrays:
         Names of the modes.
     amplitudes : (frames, modes, 3) float64, length unit
     angular_frequencies : (modes,) float64, rad per s
-    rms_errors : (frames,) float64, length unit
+    rms_errors, weighted_rms_errors : (frames,) float64, length unit
     times : (frames,) float64, s, or None
     """
 
@@ -198,6 +198,7 @@ class SignatureArrays:
     amplitudes: NDArray[np.float64]
     angular_frequencies: NDArray[np.float64]
     rms_errors: NDArray[np.float64]
+    weighted_rms_errors: NDArray[np.float64]
     times: NDArray[np.float64] | None
 
 
@@ -228,6 +229,7 @@ class CompressedSequence:
     ----------
     data : bytes
     rms, max_error : float, length unit
+        Of the distances of vertices: over all of them and all frames, and the largest.
     kg_error : float
         Karni-Gotsman error.
     bits_per_vertex_and_frame : float
@@ -338,6 +340,7 @@ def pack_of(answer: Answer) -> list[SignatureArrays]:
                 amplitudes=pack[f"amplitudes_{number}"],
                 angular_frequencies=pack[f"angular_frequencies_{number}"],
                 rms_errors=pack[f"rms_errors_{number}"],
+                weighted_rms_errors=pack[f"weighted_rms_errors_{number}"],
                 times=pack.get(f"times_{number}"),
             )
             for number, sequence_id in enumerate(pack["ids"])

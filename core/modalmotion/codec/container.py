@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -23,7 +24,11 @@ LARGEST_BLOCK: Final = 2**26
 """Coordinates of the largest block, unless a single frame has more."""
 
 MAGIC: Final = b"MMSQ"
-VERSION: Final = 2
+VERSION: Final = 4
+
+# Version 2 differs in one number of the header: its largest error is of one coordinate. No flipped
+# bit turns one version into the other.
+_OF_COORDINATES: Final = 2
 
 _NONSENSE: Final = "The header of the stream makes no sense."
 _UNITS: Final = (None, *MM_PER_UNIT)
@@ -48,8 +53,8 @@ class Header:
     modes : bytes
         Section that names the modes of the stream.
     rms, max_error : float, length unit
-        Measured after decoding: root mean square of the distance of a vertex, and the largest
-        difference of a coordinate.
+        Measured after decoding: root mean square of the distances of vertices, and the largest.
+        Of a stream of version 2 the latter is a bound.
     kg_error : float, percent
         100 |A - A'| / |A - E|, E the centroid of each frame.
     block_frames : tuple of int
@@ -107,13 +112,17 @@ def read_header(data: bytes, limits: ReadLimits) -> tuple[Header, int]:
             remedy="Send a stream that `modalmotion encode` wrote.",
         )
     version = data[4] if len(data) > 4 else None
-    if version != VERSION:
+    if version not in (_OF_COORDINATES, VERSION):
         raise MalformedFileError(
-            f"The stream has the version {version}; this decoder reads version {VERSION}.",
+            f"The stream has the version {version}; this decoder reads versions "
+            f"{_OF_COORDINATES} and {VERSION}.",
             remedy="Decode it with the release that wrote it, or a later one.",
         )
     section, position = read_section(data, 5)
-    return _read_header(section, limits), position
+    header = _read_header(section, limits)
+    if version == _OF_COORDINATES:
+        header = replace(header, max_error=math.sqrt(3.0) * header.max_error)
+    return header, position
 
 
 def read_section(data: bytes, position: int) -> tuple[bytes, int]:

@@ -45,7 +45,7 @@ def encode(
         Root mean square of the distance of a vertex from its original, over all vertices and
         frames, that the stream does not exceed.
     max_error : float, length unit, optional
-        Difference that no coordinate of any vertex in any frame exceeds.
+        Distance from its original that no vertex in any frame exceeds.
     n_bytes : int, optional
         Bytes that the stream does not exceed.
     effort : {"fast", "balanced", "thorough"}

@@ -144,11 +144,12 @@ def _at_rms(
 def _at_max_error(
     frames: _Frames, choice: Choice, target: Target, error: float, report: ShareReport
 ) -> EncodedBlock | None:
-    # Half a step of the corrections and the rounding to the type of the vertices stay within.
+    # Half a step of each coordinate's correction and the rounding to the type of the vertices
+    # stay within.
     largest = float(np.abs(frames.vertices).max())
     rounding = float(np.spacing(np.asarray(largest, dtype=frames.vertices.dtype)))
-    room = 2.0 * (error - float(np.ldexp(rounding, -frames.exponent))) * (1.0 - 1e-6)
-    width = int(np.floor(room))
+    room = (error - np.sqrt(3.0) * float(np.ldexp(rounding, -frames.exponent))) * (1.0 - 1e-6)
+    width = int(np.floor(2.0 * room / np.sqrt(3.0)))
     if width < 2:
         return None
     blocks: dict[float, EncodedBlock | None] = {}
@@ -159,7 +160,7 @@ def _at_max_error(
     for number, kind in enumerate(choice.kinds, start=1):
 
         def size(step: float, kind: Temporal = kind) -> int:
-            done = _finish(frames, choice, attempt(frames.motion, kind, step), width)
+            done = _finish(frames, choice, attempt(frames.motion, kind, step), width, room)
             blocks[step] = done
             return 2**62 if done is None else len(done.data)
 
@@ -178,8 +179,13 @@ def _shorter(best: EncodedBlock | None, block: EncodedBlock) -> EncodedBlock:
     return block if best is None or len(block.data) < len(best.data) else best
 
 
-def _finish(frames: _Frames, choice: Choice, trial: Trial, width: int = 0) -> EncodedBlock | None:
-    """Write a trial as a block, with guards and corrections from decoding it."""
+def _finish(
+    frames: _Frames, choice: Choice, trial: Trial, width: int = 0, room: float = 0.0
+) -> EncodedBlock | None:
+    """Write a trial as a block, with guards and corrections from decoding it.
+
+    Only vertices farther off than `room`, in quanta, are corrected, in steps of `width`.
+    """
     block = trial.block(len(frames.vertices), frames.exponent, frames.origin, width)
     scaled = block.scaled(choice.modes)
     if not np.abs(scaled).max() < MOST_QUANTA / 4:
@@ -192,13 +198,17 @@ def _finish(frames: _Frames, choice: Choice, trial: Trial, width: int = 0) -> En
         # takes huge numbers of opposite signs: let them share what they describe.
         shared = attempt(frames.motion, trial.kind, trial.quantiser.step, alike=ALIKE)
         return (
-            None if shared.largest > LARGEST_MAGNITUDE else _finish(frames, choice, shared, width)
+            None
+            if shared.largest > LARGEST_MAGNITUDE
+            else _finish(frames, choice, shared, width, room)
         )
     guards = find_guards(scaled, uncertainty)
     whole = guards.round(scaled)
     corrections = None
     if width:
-        corrections = np.rint((frames.offsets - whole) / width).astype(np.int64)
+        left = frames.offsets - whole
+        corrections = np.rint(left / width).astype(np.int64)
+        corrections *= ((left**2).sum(axis=1, keepdims=True) > room**2).astype(np.int64)
         whole += width * corrections
     positions = positions_of(block, whole, frames.vertices.dtype)
     data = write_block(block, guards, corrections, positions)

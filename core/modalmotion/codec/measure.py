@@ -20,7 +20,7 @@ class Errors:
     rms : float, length unit
         sqrt(mean over frames and vertices of |v - v'|^2).
     max_error : float, length unit
-        max |coordinate - coordinate'|.
+        max |v - v'|.
     kg_error : float, percent
         100 |A - A'| / |A - E|, E the centroid of each frame (Karni and Gotsman, Compression of
         soft-body animation sequences, Computers & Graphics, 2004).
@@ -38,13 +38,13 @@ def measure(original: FloatArray, decoded: FloatArray) -> Errors:
     for a, b in zip(original, decoded, strict=True):
         exact = a.astype(np.float64) / scale
         with np.errstate(over="ignore", invalid="ignore"):
-            difference = np.abs(b.astype(np.float64) / scale - exact)
-            squares += float((difference**2).sum())
-            largest = max(largest, float(difference.max()))
+            far = ((b.astype(np.float64) / scale - exact) ** 2).sum(axis=1)
+            squares += float(far.sum())
+            largest = max(largest, float(far.max()))
         spread += float(((exact - exact.mean(axis=0)) ** 2).sum())
     n = original.shape[0] * original.shape[1]
     kg_error = 100.0 * math.sqrt(squares / spread) if spread > 0 else 0.0
-    return Errors(math.sqrt(squares / n) * scale, largest * scale, kg_error)
+    return Errors(math.sqrt(squares / n) * scale, math.sqrt(largest) * scale, kg_error)
 
 
 def _exponent(original: FloatArray) -> int:
@@ -60,9 +60,10 @@ class Encoded:
     ----------
     data : bytes
     rms : float, length unit
-        Root mean square of the distance of a vertex from its original.
+        Root mean square of the distances of vertices from their originals, over all of them and
+        all frames.
     max_error : float, length unit
-        Largest difference of one coordinate.
+        Largest distance of a vertex from its original in any frame.
     kg_error : float, percent
         100 |A - A'| / |A - E|, E the centroid of each frame; 0 where no frame extends.
     n_frames, n_vertices : int

@@ -12,6 +12,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, resolve_sequence, resolve_template
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components
+from modalmotion.template.loose_vertices import shapes_of
 
 
 def modal_animation(
@@ -67,7 +68,7 @@ def modal_animation(
     start = reference_positions(sequence, parameters.reference)
     centre = used.weights @ start
     # (2) u = sum_p a_p phi_p, each shape taken about its own mean, which moves the whole.
-    phi = signature.modes.shapes_on(used)
+    phi = shapes_of(signature.modes, used)
     means = used.weights @ phi
     a = signature.amplitudes
     drift = np.einsum("m,fmd->fd", means, a)
@@ -97,7 +98,7 @@ def modal_animation(
         topology=sequence.topology,
         grid=sequence.grid,
         n_left_out=len(left_out),
-        rms_left_out=_root_mean_square(used.weights, phi, a, left_out),
+        rms_left_out=_root_mean_square(phi, a, left_out),
     )
 
 
@@ -112,7 +113,6 @@ def _energies(
 
 
 def _root_mean_square(
-    weights: NDArray[np.float64],
     phi: NDArray[np.float64],
     a: NDArray[np.float64],
     indices: NDArray[np.int64],
@@ -123,4 +123,4 @@ def _root_mean_square(
     some[indices] = 1.0
     scale = float(np.abs(a).max(initial=0.0)) or 1.0
     u = np.einsum("vm,fmd->fvd", phi, a / scale * some.reshape(-1, 3))
-    return scale * float(np.sqrt(np.einsum("v,fvd->f", weights, u**2).mean()))
+    return scale * float(np.sqrt((u**2).sum(axis=2).mean()))

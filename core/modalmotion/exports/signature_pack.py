@@ -23,7 +23,7 @@ from modalmotion.store.disk.atomic import cannot_write, sync_folder, temporary_b
 from modalmotion.store.record import SequenceRecord
 from modalmotion.store.results import ResultStore
 
-FORM: Final = Form("export", 1)
+FORM: Final = Form("export", 2)
 
 # Signatures held before they are written: appending one at a time takes three times as long.
 _BATCH: Final = 256
@@ -47,9 +47,11 @@ _COLUMNS: Final = (
     _Column("rotations", lambda s, _: s.rotations.matrices, "1", "frame, row, column"),
     _Column("translations", lambda s, _: s.translations, "*", "frame, direction"),
     _Column("rms_errors", lambda s, _: s.rms_errors, "*", "frame"),
+    _Column("weighted_rms_errors", lambda s, _: s.weighted_rms_errors, "*", "frame"),
     _Column("p95_errors", lambda s, _: s.p95_errors, "*", "frame"),
     _Column("max_errors", lambda s, _: s.max_errors, "*", "frame"),
     _Column("motion_rms", lambda s, _: s.motion_rms, "*", "frame"),
+    _Column("weighted_motion_rms", lambda s, _: s.weighted_motion_rms, "*", "frame"),
     _Column("n_frames", lambda s, _: [s.n_frames], "1", "signature"),
     _Column("n_vertices", lambda s, _: [s.n_vertices], "1", "signature"),
     _Column("condition", lambda s, _: [s.condition], "1", "signature"),

@@ -14,6 +14,7 @@ from modalmotion.modes import Modes
 from modalmotion.numeric.products import product
 from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
 from modalmotion.template import Template
+from modalmotion.template.loose_vertices import shapes_of
 
 # Amplitudes lose this factor of the data's precision; beyond it they are not worth giving.
 LARGEST_CONDITION: Final = 1e8
@@ -31,7 +32,7 @@ class Basis:
     projector : (modes, vertices) float64
         amplitudes = projector @ displacements: the weighted least-squares solution.
     triangle : (modes, modes) float64
-        R of the weighted shapes: |R a| is the RMS of the superposed displacement.
+        R of the weighted shapes: |R a| is the weighted RMS of the superposed displacement.
     condition : float
         Of the weighted shapes, 1 for orthogonal ones.
     """
@@ -55,6 +56,11 @@ class Basis:
         columns[:, :m] = self.projector.T
         return columns
 
+    def orthonormal_rows(self, n_modes: int) -> NDArray[np.float64]:
+        """Shapes Psi = Phi R^-1 of the first modes, orthonormal by weight, (modes, vertices)."""
+        inverse = inverse_of_triangle(np.ascontiguousarray(self.triangle[:n_modes, :n_modes]))
+        return product(np.ascontiguousarray(inverse.T), self.rows[:n_modes])
+
 
 def make_basis(template: Template, modes: Modes) -> Basis:
     """Evaluate and factor modes on a template.
@@ -64,7 +70,7 @@ def make_basis(template: Template, modes: Modes) -> Basis:
     ModeCountError
         If the weighted vertices cannot tell that many modes apart.
     """
-    return factored(modes, modes.shapes_on(template), template.weights)
+    return factored(modes, shapes_of(modes, template), template.weights)
 
 
 def factored(modes: Modes, shapes: NDArray[np.float64], weights: NDArray[np.float64]) -> Basis:

@@ -16,8 +16,9 @@ from modalmotion.alignment.reference_shape import ReferenceShape
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.errors import ModeCountError
 from modalmotion.fit.basis import Basis, factored
+from modalmotion.fit.frame_errors import FrameErrors, errors_of
 from modalmotion.numeric.products import product, tile
-from modalmotion.numeric.quantile import weighted_quantile
+from modalmotion.numeric.scale import lengths
 from modalmotion.representation import shown
 from modalmotion.template.body_frame import to_local
 
@@ -37,11 +38,11 @@ class Fit:
         Removed before the fit, about the centroid of each frame.
     translations : (frames, 3) float64, length unit
         Path of the weighted centroid from the reference's.
-    rms_errors, p95_errors, max_errors : (frames,) float64, length unit
-        Of the distances between vertices and their reconstruction; RMS and 95th percentile
-        are over the surface (by weight), the maximum over all vertices of it.
-    motion_rms : (frames,) float64, length unit
-        RMS displacement from the reference, rotation removed: the error with no modes.
+    errors : FrameErrors
+        Of the vertices that are present.
+    motion_rms, weighted_motion_rms : (frames,) float64, length unit
+        RMS displacement from the reference, rotation removed: the errors `rms` and
+        `weighted_rms` with no modes.
     conditions : (frames,) float64
         Of the weighted shapes; all the same unless vertices are missing.
     coverages : (frames,) float64
@@ -51,10 +52,9 @@ class Fit:
     amplitudes: NDArray[np.float64]
     rotations: Rotations
     translations: NDArray[np.float64]
-    rms_errors: NDArray[np.float64]
-    p95_errors: NDArray[np.float64]
-    max_errors: NDArray[np.float64]
+    errors: FrameErrors
     motion_rms: NDArray[np.float64]
+    weighted_motion_rms: NDArray[np.float64]
     conditions: NDArray[np.float64]
     coverages: NDArray[np.float64]
 
@@ -94,13 +94,14 @@ def fit_displacements(
     columns: dict[str, NDArray[np.float64]] = {
         column.name: np.concatenate([getattr(part, column.name) for part in parts])
         for column in fields(Fit)
-        if column.name != "rotations"
+        if column.name not in ("rotations", "errors")
     }
     rotations = Rotations(
         np.concatenate([part.rotations.matrices for part in parts]),
         np.concatenate([part.rotations.is_determined for part in parts]),
     )
-    return Fit(rotations=rotations, **columns)
+    errors = FrameErrors.joined([part.errors for part in parts])
+    return Fit(rotations=rotations, errors=errors, **columns)
 
 
 def project(basis: Basis, displacements: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -199,29 +200,42 @@ class _Products:
         model[:, :, :m] = R @ a
         model[:, :, m : m + 3] = R
         model[:, :, m + 3] = d - (R @ d[:, :, None])[:, :, 0]
-        squares = _squared_distances(rows, model.reshape(3 * f, m + 4), self.rows)
-        if len(shape.ignored):
-            squares[:, shape.ignored] = 0.0
-        # einsum adds in one order on any number of threads.
-        mean = np.einsum("fn,n->f", squares, shape.weights)
-        # The residual is orthogonal to the shapes, so |u|^2 = |Q'u|^2 + |r|^2 with Q'u = R a:
-        # a sum of squares, without cancellation.
-        coefficients = product(a.reshape(3 * f, m), np.ascontiguousarray(self.basis.triangle.T))
-        motion = (
-            np.einsum("fk,fk->f", coefficients.reshape(f, -1), coefficients.reshape(f, -1)) + mean
-        )
-        p95 = weighted_quantile(squares, shape.weights, 0.95)
+        amplitudes = np.ascontiguousarray(a.transpose(0, 2, 1)) * shape.scale
+        loose = block.loose.displacements(rotations, drifts * shape.scale)
+        still = np.ascontiguousarray(model[:, :, m:])
+        motion = self._errors(rows, still, m, loose)
+        if self.frames is not None:
+            loose = np.einsum("nij,fnj->fni", self.frames[block.loose.vertices], loose)
+        loose -= self.basis.shapes[block.loose.vertices] @ amplitudes
+        errors = self._errors(rows, model, 0, loose)
         return Fit(
-            amplitudes=np.ascontiguousarray(a.transpose(0, 2, 1)) * shape.scale,
+            amplitudes=amplitudes,
             rotations=rotations,
             translations=drifts * shape.scale,
-            rms_errors=np.sqrt(mean) * shape.scale,
-            p95_errors=np.sqrt(p95) * shape.scale,
-            max_errors=np.sqrt(squares.max(axis=1)) * shape.scale,
-            motion_rms=np.sqrt(motion) * shape.scale,
+            errors=errors,
+            motion_rms=motion.rms,
+            weighted_motion_rms=motion.weighted_rms,
             conditions=np.full(f, self.basis.condition),
             coverages=np.full(f, shape.coverage),
         )
+
+    def _errors(
+        self,
+        rows: NDArray[np.float64],
+        model: NDArray[np.float64],
+        first: int,
+        loose: NDArray[np.float64],
+    ) -> FrameErrors:
+        """Errors of a model by the shapes from the first on, and those of loose vertices."""
+        coefficients = model.reshape(len(rows), -1)
+        squares, weights = (
+            _squared_distances(rows, coefficients, self.rows[first:]),
+            self.shape.weights,
+        )
+        if len(self.shape.ignored):
+            squares = np.delete(squares, self.shape.ignored, axis=1)
+            weights = np.delete(weights, self.shape.ignored)
+        return errors_of(squares, weights, self.shape.scale, lengths(loose))
 
 
 def _factored_part(basis: Basis, block: PositionBlock) -> Basis:

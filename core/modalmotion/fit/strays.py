@@ -45,12 +45,13 @@ def notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> lis
     """
     start, unit = template.vertices, sequence.unit or "length units"
     extent = float(np.ptp(start, axis=0).max())
-    frame, error = int(fit.max_errors.argmax()), float(fit.max_errors.max())
-    farthest = int(fit.motion_rms.argmax())
+    largest = fit.errors.surface_max
+    frame, error = int(largest.argmax()), float(largest.max())
+    farthest = int(fit.weighted_motion_rms.argmax())
     suspects = []
-    if fit.motion_rms[farthest] > _SHARE * extent:
+    if fit.weighted_motion_rms[farthest] > _SHARE * extent:
         suspects.append(farthest)
-    if error > min(_P95S * float(fit.p95_errors[frame]), _SHARE * extent):
+    if error > min(_P95S * float(fit.errors.p95[frame]), _SHARE * extent):
         suspects.append(frame)
     sides = _sides(template) if suspects else np.zeros((0, 2), dtype=np.int64)
     if not len(sides) or not extent > 0:

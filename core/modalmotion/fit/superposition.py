@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.alignment.rigid import Rotations
+from modalmotion.fit.frame_errors import FrameErrors, errors_of_offsets
 from modalmotion.mesh.sequence import MeshSequence, Reference
-from modalmotion.numeric.quantile import weighted_quantile
-from modalmotion.numeric.scale import power_of_two
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, from_local, local_frames
 
@@ -84,21 +83,6 @@ class Superposition:
         return x
 
 
-@dataclass(frozen=True, eq=False)
-class FrameErrors:
-    """Distances between vertices and their reconstruction.
-
-    Parameters
-    ----------
-    rms, p95, max : (frames,) float64, length unit
-        RMS and 95th percentile over the surface, the maximum over all vertices of it.
-    """
-
-    rms: NDArray[np.float64]
-    p95: NDArray[np.float64]
-    max: NDArray[np.float64]
-
-
 def measured(
     sequence: MeshSequence,
     template: Template,
@@ -118,33 +102,11 @@ def measured(
     rotations : Rotations
     translations : (frames, 3) float64, length unit
     """
-    errors = FrameErrors(*(np.empty(sequence.n_frames) for _ in range(3)))
+    parts = []
     step = max(1, _BLOCK // (3 * sequence.n_vertices))
     for first in range(0, sequence.n_frames, step):
         at = slice(first, first + step)
         x = superposition.positions(amplitudes[at], rotations.matrices[at], translations[at])
         x -= sequence.vertices[at]
-        errors.rms[at], errors.p95[at], errors.max[at] = distances(x, template)
-    return errors
-
-
-def distances(
-    offsets: NDArray[np.float64], template: Template
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """RMS, 95th percentile and maximum of the lengths of vectors, by frame.
-
-    Parameters
-    ----------
-    offsets : (frames, vertices, 3) float64, length unit
-    template : Template
-    """
-    largest = float(np.abs(offsets).max(initial=0.0))
-    if largest == 0.0:
-        zeros = np.zeros(len(offsets))
-        return zeros, zeros, zeros
-    scale = power_of_two(largest)
-    squares = ((offsets / scale) ** 2).sum(axis=2)
-    squares[:, template.isolated] = 0.0
-    mean = np.einsum("fn,n->f", squares, template.weights)
-    p95 = weighted_quantile(squares, template.weights, 0.95)
-    return scale * np.sqrt(mean), scale * np.sqrt(p95), scale * np.sqrt(squares.max(axis=1))
+        parts.append(errors_of_offsets(x, template))
+    return FrameErrors.joined(parts)

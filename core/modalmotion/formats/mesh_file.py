@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import re
 from typing import Final
 
 from modalmotion.errors import MalformedFileError, needs_extra
@@ -15,6 +14,8 @@ from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.ply.ply import read_ply
 from modalmotion.formats.polygons import triangulate
 from modalmotion.formats.stl import read_stl
+from modalmotion.formats.vtk.legacy_gate import require_plain_legacy
+from modalmotion.formats.vtk.xml_gate import require_plain_xml
 
 _READERS: Final = {
     Format.STL: read_stl,
@@ -22,17 +23,7 @@ _READERS: Final = {
     Format.OBJ: read_obj,
     Format.OFF: read_off,
 }
-# Sizes that a VTK file declares near its beginning, by the limit on each.
-_DECLARED: Final = {
-    Format.VTK: (
-        ("vertices", rb"(?m)^POINTS[ \t]+(\d{1,18})[ \t]"),
-        ("faces", rb"(?m)^POLYGONS[ \t]+(\d{1,18})[ \t]"),
-    ),
-    Format.VTP: (
-        ("vertices", rb"\sNumberOfPoints=[\"'](\d{1,18})[\"']"),
-        ("faces", rb"\sNumberOfPolys=[\"'](\d{1,18})[\"']"),
-    ),
-}
+_GATES: Final = {Format.VTK: require_plain_legacy, Format.VTP: require_plain_xml}
 
 
 def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame, Format]:
@@ -73,17 +64,8 @@ def _read_vtk(data: bytes, kind: Format, parser: Parser) -> Frame:
     with needs_extra("vtk"):
         if importlib.util.find_spec("vtkmodules") is None:
             raise ModuleNotFoundError(name="vtk")
-    if kind is Format.VTP:
-        prolog = data.partition(b"<VTKFile")[0]
-        if b"<!" in prolog.replace(b"<!--", b""):
-            raise MalformedFileError(
-                "The .vtp file holds a document type, which is never read.",
-                remedy="Save the frame again without it.",
-            )
-    # Checked before memory is allocated; the parser's process is limited as well.
-    for limit, pattern in _DECLARED[kind]:
-        for count in re.findall(pattern, data[: 1 << 20]):
-            parser.limits.require(limit, int(count))
+    # Before memory is allocated; the parser's process is limited as well.
+    _GATES[kind](data, parser.limits)
     answer = parser.parse(kind.value, data)
     polygons = triangulate(answer.arrays["offsets"], answer.arrays["corners"])
     return Frame(

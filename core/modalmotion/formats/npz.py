@@ -57,6 +57,7 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     """
     if not data:
         raise _malformed("The file is empty.")
+    limits = limits.of_file(len(data))
     try:
         archive = zipfile.ZipFile(io.BytesIO(data))
     except UNREADABLE as error:

@@ -123,9 +123,10 @@ def _read_text(data: bytes, limits: ReadLimits) -> NDArray[np.float64]:
             whole = len(words) // len(_FACET) * len(_FACET)
             if whole and not is_open:
                 raise _damaged(n_facets, b" ".join(words[:20]))
-            blocks.append(_facets(words[:whole], n_facets))
-            del words[:whole]
-            n_facets += whole // len(_FACET)
+            if whole:
+                blocks.append(_facets(words[:whole], n_facets))
+                del words[:whole]
+                n_facets += whole // len(_FACET)
             limits.require("faces", n_facets)
     if words or is_open:
         raise _malformed(f"The STL file is cut short after {n_facets} whole facets.")

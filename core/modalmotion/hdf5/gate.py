@@ -18,14 +18,17 @@ from modalmotion.limits import ReadLimits
 SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file."""
 
-MOST_OBJECTS: Final = 10_000
-"""Groups and datasets in one file."""
+MOST_OBJECTS: Final = 2_000
+"""Groups and datasets in one file, each counted by every name that it has."""
 
 MOST_ATTRIBUTE_BYTES: Final = 1 << 15
 """Of one attribute."""
 
-MOST_ATTRIBUTES: Final = 1_000
-"""Of one group or dataset."""
+MOST_ATTRIBUTES: Final = 5_000
+"""Of all groups and datasets together."""
+
+MOST_MEMBERS: Final = 100
+"""Of a compound type."""
 
 _REMEDY: Final = (
     "Write plain datasets (contiguous or chunked, gzip, shuffle, fletcher32) into one file, "
@@ -70,13 +73,19 @@ def open_gated(data: bytes, limits: ReadLimits) -> Iterator[Any]:
 
 
 def _walk(h5py: Any, file: Any, limits: ReadLimits) -> None:
-    n_bytes = 0
+    n_bytes = n_names = 0
     seen: set[object] = set()
     waiting = [("", file.id)]
+    n_attributes = _require_small_attributes(h5py, "/", h5py.h5o.open(file.id, b"/"), 0)
     while waiting:
         path, group = waiting.pop()
-        for index in range(group.get_num_objs()):
-            key = group.get_objname_by_idx(index)
+        n_names += group.get_num_objs()
+        if n_names > MOST_OBJECTS:
+            raise _too_many("objects", n_names, MOST_OBJECTS)
+        # One after the other: each place in the list is looked for from its beginning.
+        keys: list[bytes] = []
+        group.links.iterate(keys.append)
+        for key in keys:
             name = f"{path}/{key.decode('utf-8', 'replace')}"[:200]
             if group.links.get_info(key).type != h5py.h5l.TYPE_HARD:
                 raise _refused(name, "a link to another place or file")
@@ -87,21 +96,19 @@ def _walk(h5py: Any, file: Any, limits: ReadLimits) -> None:
             if (place := (info.fileno, info.addr)) in seen:
                 continue
             seen.add(place)
-            if len(seen) > MOST_OBJECTS:
-                raise _too_many("objects", len(seen), MOST_OBJECTS)
-            _require_small_attributes(h5py, name, member)
+            n_attributes = _require_small_attributes(h5py, name, member, n_attributes)
             if isinstance(member, h5py.h5g.GroupID):
                 waiting.append((name, member))
             elif isinstance(member, h5py.h5d.DatasetID):
                 n_bytes += _declared_bytes(h5py, name, member, limits)
                 limits.require("decompressed_bytes", n_bytes)
-    _require_small_attributes(h5py, "/", h5py.h5o.open(file.id, b"/"))
 
 
 def _declared_bytes(h5py: Any, name: str, dataset: Any, limits: ReadLimits) -> int:
     plan = dataset.get_create_plist()
     if plan.get_external_count():
         raise _refused(name, "data in another file")
+    _require_plain_type(h5py, name, dataset.get_type())
     n_bytes = math.prod(dataset.shape or ()) * int(dataset.dtype.itemsize)
     layout = plan.get_layout()
     if layout == h5py.h5d.CHUNKED:
@@ -120,15 +127,29 @@ def _declared_bytes(h5py: Any, name: str, dataset: Any, limits: ReadLimits) -> i
     return n_bytes
 
 
-def _require_small_attributes(h5py: Any, name: str, owner: Any) -> None:
-    n_attributes = h5py.h5a.get_num_attrs(owner)
+def _require_plain_type(h5py: Any, name: str, kind: Any) -> None:
+    # Before h5py describes it, member by member, to NumPy.
+    if kind.get_class() == h5py.h5t.COMPOUND:
+        n_members = kind.get_nmembers()
+        if n_members > MOST_MEMBERS:
+            raise _too_many("members of one type", n_members, MOST_MEMBERS)
+        if any(kind.get_member_class(i) == h5py.h5t.COMPOUND for i in range(n_members)):
+            raise _refused(name, "a type within a type")
+
+
+def _require_small_attributes(h5py: Any, name: str, owner: Any, n_before: int) -> int:
+    n_attributes = n_before + int(h5py.h5a.get_num_attrs(owner))
     if n_attributes > MOST_ATTRIBUTES:
-        raise _too_many("attributes of one object", n_attributes, MOST_ATTRIBUTES)
-    for index in range(n_attributes):
-        attribute = h5py.h5a.open(owner, index=index)
+        raise _too_many("attributes", n_attributes, MOST_ATTRIBUTES)
+    keys: list[bytes] = []
+    h5py.h5a.iterate(owner, keys.append)
+    for key in keys:
+        attribute = h5py.h5a.open(owner, key)
+        _require_plain_type(h5py, name, attribute.get_type())
         n_bytes = math.prod(attribute.shape or ()) * int(attribute.dtype.itemsize)
         if max(n_bytes, attribute.get_storage_size()) > MOST_ATTRIBUTE_BYTES:
             raise _refused(name, f"an attribute of {n_bytes} bytes")
+    return n_attributes
 
 
 def _refused(name: str, what: str) -> MalformedFileError:

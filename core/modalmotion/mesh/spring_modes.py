@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from modalmotion.errors import ParameterError
+from modalmotion.errors import LimitError, ParameterError
 from modalmotion.mesh import connectivity_of, graph_laplacian
 from modalmotion.modes.label import ModeLabel
 from modalmotion.modes.modes import Surface
-from modalmotion.numeric.eigenpairs import lowest_eigenpairs
+from modalmotion.numeric.eigenpairs import MOST_EQUAL, lowest_eigenpairs
 from modalmotion.representation import shown
 
 
@@ -190,8 +190,18 @@ def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> Sol
     ------
     ModeCountError
         If fewer vertices are in use.
+    LimitError
+        If there are more than `MOST_EQUAL` pieces, or as many modes of one frequency.
     """
     connectivity = connectivity_of(faces, n_vertices)
+    if connectivity.n_components > MOST_EQUAL:
+        raise LimitError(
+            f"The triangles are {connectivity.n_components} separate pieces; at most {MOST_EQUAL} "
+            "have spring modes.",
+            remedy="Send one surface: leave the small pieces out, or merge vertices that coincide.",
+            limit="pieces",
+            details={"value": connectivity.n_components, "most": MOST_EQUAL},
+        )
     used = np.ones(n_vertices, dtype=np.bool_)
     used[connectivity.isolated] = False
     place = np.cumsum(used) - 1

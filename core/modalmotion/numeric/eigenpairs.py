@@ -7,15 +7,20 @@ the space alone. That also fixes the sign of every vector.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.sparse import csc_array, diags_array
-from scipy.sparse.linalg import eigsh, splu
+from scipy.sparse.linalg import ArpackError, eigsh, splu
 
-from modalmotion.errors import ModeCountError
+from modalmotion.errors import LimitError, ModeCountError
+
+MOST_EQUAL: Final = 100
+"""Eigenvalues that may coincide: a surface has a handful, a heap of equal pieces as many as it has
+pieces, and the space of each is found whole."""
 
 # Below this size the dense solver is faster and finds every multiple eigenvalue.
 _DENSE: Final = 600
@@ -57,6 +62,8 @@ def lowest_eigenpairs(
     ------
     ModeCountError
         If `n_pairs` exceeds n, or the solver loses some.
+    LimitError
+        If more than `MOST_EQUAL` eigenvalues coincide.
     """
     n = matrix.shape[0]
     if not 1 <= n_pairs <= n:
@@ -70,6 +77,8 @@ def lowest_eigenpairs(
     while True:
         values, vectors = _solve(matrix, min(n, count + _GUARD), scale)
         groups = _groups(values, scale)
+        if any(g.stop - g.start > MOST_EQUAL for g in groups if g.start < n_pairs):
+            raise _too_many_equal()
         # The last group may go on beyond these pairs, unless they are all.
         complete = groups if len(values) == n else groups[:-1]
         if complete and complete[-1].stop >= n_pairs:
@@ -91,9 +100,12 @@ def _solve(
     for attempt in range(3):
         # More room on each attempt: a larger subspace meets more copies.
         room = min(n, (attempt + 2) * count + 20)
-        values, vectors = eigsh(
-            matrix, k=count, sigma=shift, ncv=room, v0=_irregular(n, attempt), tol=0
-        )
+        try:
+            values, vectors = eigsh(
+                matrix, k=count, sigma=shift, ncv=room, v0=_irregular(n, attempt), tol=0
+            )
+        except ArpackError as error:
+            raise _too_many_equal() from error
         order = np.argsort(values, kind="stable")
         values, vectors = values[order], vectors[:, order]
         groups = _groups(values, scale)
@@ -115,6 +127,16 @@ def _solve(
         )
     values, vectors = eigh(matrix.toarray())
     return values[:count], vectors[:, :count]
+
+
+def _too_many_equal() -> LimitError:
+    return LimitError(
+        f"More than {MOST_EQUAL} modes of the mesh have the same frequency: it is made of many "
+        "equal parts.",
+        remedy="Send one surface, without the parts that repeat.",
+        limit="equal_frequencies",
+        details={"most": MOST_EQUAL},
+    )
 
 
 def _n_below(matrix: csc_array, value: float) -> int:
@@ -165,6 +187,7 @@ def _irregular(n: int, index: int) -> NDArray[np.float64]:
     return vector
 
 
+@lru_cache(maxsize=10_000)
 def _prime(index: int) -> int:
     candidate, count = 1, 0
     while count < index:

@@ -80,7 +80,7 @@ def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
     axes.plot(at, largest, "--", color=_COLOURS[1], label="error, largest", marker=marker)
     axes.plot(at, rms, color=_COLOURS[0], label="error, RMS", marker=marker)
     axes.set_title(
-        f"Error over all frames {numeral(signature.rms_error / shown.size, 2)} RMS, "
+        f"Error over all vertices and frames {numeral(signature.rms_error / shown.size, 2)} RMS, "
         f"{numeral(signature.max_error / shown.size, 2)} at most",
         fontsize=10,
     )

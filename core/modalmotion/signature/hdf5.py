@@ -21,7 +21,7 @@ from modalmotion.modes.topology import Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 
-FORM: Final = Form("signature", 1)
+FORM: Final = Form("signature", 2)
 
 # Unit and axes of what names modes.
 _OF_MODES: Final = {
@@ -30,6 +30,17 @@ _OF_MODES: Final = {
     "spring_eigenvalues": ("1", "mode"),
     "connectivity_id": ("none", ""),
 }
+
+
+# Lengths of each frame.
+_OF_FRAMES = (
+    "rms_errors",
+    "weighted_rms_errors",
+    "p95_errors",
+    "max_errors",
+    "motion_rms",
+    "weighted_motion_rms",
+)
 
 
 def signature_to_hdf5(signature: ModalSignature) -> bytes:
@@ -70,10 +81,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
             "frame",
         ),
         Dataset("translations", signature.translations, unit, "frame, direction"),
-        Dataset("rms_errors", signature.rms_errors, unit, "frame"),
-        Dataset("p95_errors", signature.p95_errors, unit, "frame"),
-        Dataset("max_errors", signature.max_errors, unit, "frame"),
-        Dataset("motion_rms", signature.motion_rms, unit, "frame"),
+        *(Dataset(name, getattr(signature, name), unit, "frame") for name in _OF_FRAMES),
         Dataset("lengths", np.array(signature.lengths, dtype=np.float64), unit, "axis"),
         Dataset("condition", np.array(signature.condition, dtype=np.float64), "1", ""),
         Dataset("n_vertices", np.array(signature.n_vertices, dtype=np.int64), "1", ""),
@@ -132,10 +140,7 @@ def _signature(contents: Contents) -> ModalSignature:
             per_frame("rotation_is_determined").astype(np.bool_),
         ),
         translations=contents.array("translations", (n_frames, 3)),
-        rms_errors=per_frame("rms_errors"),
-        p95_errors=per_frame("p95_errors"),
-        max_errors=per_frame("max_errors"),
-        motion_rms=per_frame("motion_rms"),
+        **{name: per_frame(name) for name in _OF_FRAMES},
         times=per_frame("times") if "times" in contents.arrays else None,
         unit=contents.unit,
         n_vertices=contents.number("n_vertices"),

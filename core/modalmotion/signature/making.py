@@ -15,11 +15,12 @@ from modalmotion.choice.selection import select_model
 from modalmotion.errors import ParameterError
 from modalmotion.facts import NO_FACTS
 from modalmotion.fit.cache import TemplateCache
+from modalmotion.fit.fit import Fit
 from modalmotion.fit.strays import notes_on_strays
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import Topology
-from modalmotion.numerals import counted
+from modalmotion.numerals import counted, numeral
 from modalmotion.signature.value import ModalSignature
 from modalmotion.template import (
     Template,
@@ -91,6 +92,7 @@ def modal_signature(
             f"frame {undetermined[0]}): the points span less than a plane or fit several rotations."
         )
     notes += notes_on_strays(sequence, own_template, fit)
+    notes += _note_on_loose_vertices(fit, sequence.unit)
     if parameters.template is not None:
         notes += _notes_on_parting(sequence, own_template)
     if not fit.motion_rms.any():
@@ -101,10 +103,12 @@ def modal_signature(
         angular_frequencies=modes.frequencies_on(own_template, parameters.wave_speed),
         rotations=fit.rotations,
         translations=fit.translations,
-        rms_errors=fit.rms_errors,
-        p95_errors=fit.p95_errors,
-        max_errors=fit.max_errors,
+        rms_errors=fit.errors.rms,
+        weighted_rms_errors=fit.errors.weighted_rms,
+        p95_errors=fit.errors.p95,
+        max_errors=fit.errors.max,
         motion_rms=fit.motion_rms,
+        weighted_motion_rms=fit.weighted_motion_rms,
         times=sequence.times,
         unit=sequence.unit,
         n_vertices=sequence.n_vertices,
@@ -176,6 +180,17 @@ def provenance() -> dict[str, str]:
 def _versions() -> dict[str, str]:
     # Each is read from a file of the installation: 6 ms for all, more than the fit itself.
     return {name: version(name) for name in ("modalmotion", "numpy", "scipy", "h5py")}
+
+
+def _note_on_loose_vertices(fit: Fit, unit: str | None) -> list[str]:
+    largest, surface = float(fit.errors.max.max()), float(fit.errors.surface_max.max())
+    if largest <= surface:
+        return []
+    text = (
+        f"The largest error, {numeral(largest)} {unit or 'length units'}, is of a vertex in no "
+        f"triangle; on the surface it is {numeral(surface)}."
+    )
+    return [text]
 
 
 def _notes_on_parting(sequence: MeshSequence, template: Template) -> list[str]:

@@ -10,6 +10,7 @@ from modalmotion.fit.superposition import Superposition
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, resolve_sequence, resolve_template
 from modalmotion.template import Template
+from modalmotion.template.loose_vertices import shapes_of
 
 
 def reconstruct(
@@ -45,7 +46,7 @@ def reconstruct(
     on = Superposition.on(
         sequence,
         used,
-        signature.modes.shapes_on(used),
+        shapes_of(signature.modes, used),
         reference=parameters.reference,
         components=parameters.components,
     )

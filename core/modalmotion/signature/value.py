@@ -39,10 +39,12 @@ class ModalSignature:
         Path of the weighted centroid from the reference's. It is part of the amplitudes too,
         and needed beside them where they are not along x, y, z.
     rms_errors, p95_errors, max_errors : (frames,) float64, `unit`
-        Distances between vertices and their reconstruction in each frame; RMS and 95th
-        percentile are over the surface, the maximum over all vertices.
-    motion_rms : (frames,) float64, `unit`
-        RMS displacement from the reference: the error with no modes.
+        RMS, 95th percentile and maximum of the distances between vertices and their
+        reconstruction in each frame, over all vertices alike: docs/error.md.
+    weighted_rms_errors : (frames,) float64, `unit`
+        RMS of these distances over the surface, each vertex by its share of it.
+    motion_rms, weighted_motion_rms : (frames,) float64, `unit`
+        RMS displacement from the reference: the RMS errors with no modes.
     times : (frames,) float64, s, or None
     unit : str or None
     n_vertices : int
@@ -71,9 +73,11 @@ class ModalSignature:
     rotations: Rotations
     translations: NDArray[np.float64]
     rms_errors: NDArray[np.float64]
+    weighted_rms_errors: NDArray[np.float64]
     p95_errors: NDArray[np.float64]
     max_errors: NDArray[np.float64]
     motion_rms: NDArray[np.float64]
+    weighted_motion_rms: NDArray[np.float64]
     times: NDArray[np.float64] | None
     unit: str | None
     n_vertices: int
@@ -120,8 +124,13 @@ class ModalSignature:
 
     @property
     def rms_error(self) -> float:
-        """RMS error over all frames, `unit`."""
+        """RMS error over all vertices and frames, `unit`."""
         return root_mean_square(self.rms_errors)
+
+    @property
+    def weighted_rms_error(self) -> float:
+        """RMS error over the surface and all frames, `unit`."""
+        return root_mean_square(self.weighted_rms_errors)
 
     @property
     def max_error(self) -> float:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from modalmotion.errors import NotFoundError
+from modalmotion.errors import NotFoundError, ParameterError
 from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.hdf5.sealed import is_sound, load_sealed
 from modalmotion.mesh.hdf5 import read_sequence, sequence_to_hdf5
@@ -268,6 +269,77 @@ class SequenceStore(Opening):
                 file = (self._folder.record(sequence_id), record_to_json(record))
                 self._write([file], lambda: index.put(record, erases=True))
         return record
+
+    def complete_sequence(
+        self,
+        sequence_id: str,
+        *,
+        subject: str | None = None,
+        label: str | None = None,
+        facts: Facts = NO_FACTS,
+        offered: Facts = NO_FACTS,
+    ) -> tuple[SequenceRecord, tuple[str, ...]]:
+        """Fill in what is not known of a sequence yet; what is known must agree.
+
+        Parameters
+        ----------
+        sequence_id : str
+        subject, label : str, optional
+        facts : Facts
+            Landmarks and covariates each by its name.
+        offered : Facts
+            Passed over where they differ from what is known.
+
+        Returns
+        -------
+        record : SequenceRecord
+        names : tuple of str
+            Of what was filled in: `subject`, `label`, and facts.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence.
+        ParameterError
+            If a value is known to be another, or cannot be kept; nothing is changed. The
+            details name those that differ.
+        StoreError
+            If it cannot be written; the store is as it was.
+        """
+        require_name("subject", subject)
+        require_name("label", label)
+        index = self._open_index()
+        with self._changing(sequence_id):
+            known = self.sequence_record(sequence_id)
+            stated = {"subject": subject, "label": label}
+            new = {name: text for name, text in stated.items() if text is not None}
+            differ = [
+                name for name, text in new.items() if getattr(known, name) not in (None, text)
+            ]
+            completed = known.facts.over(facts)
+            differ += completed.changed(facts.over(known.facts))
+            with contextlib.suppress(ParameterError):
+                completed = completed.over(offered)
+            if differ:
+                raise ParameterError(
+                    f"The sequence is known with another {' and another '.join(differ)}; nothing "
+                    "was changed.",
+                    remedy="Change it with `update_sequence`.",
+                    details={"differ": differ},
+                )
+            if completed != known.facts:
+                completed.require_fit(known.n_vertices, known.span)
+            record = replace(
+                known,
+                facts=completed,
+                subject=known.subject if subject is None else subject,
+                label=known.label if label is None else label,
+            )
+            if record != known:
+                file = (self._folder.record(sequence_id), record_to_json(record))
+                self._write([file], lambda: index.put(record))
+        filled = [name for name in new if getattr(known, name) is None]
+        return record, (*filled, *completed.changed(known.facts))
 
     def delete_sequence(self, sequence_id: str) -> None:
         """Delete a sequence with all that derives from it.

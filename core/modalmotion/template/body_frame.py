@@ -16,6 +16,7 @@ from modalmotion.errors import TopologyError
 from modalmotion.numeric.products import along
 from modalmotion.numeric.scale import lengths
 from modalmotion.template import Landmarks, Template
+from modalmotion.template.loose_vertices import nearest_in_use
 
 
 class Components(StrEnum):
@@ -70,7 +71,8 @@ def local_frames(template: Template) -> NDArray[np.float64]:
     -------
     (vertices, 3, 3) float64
         In the rows of each matrix: away from the axis, in the sense of growing theta, along
-        the axis. On the axis itself radial is theta_zero.
+        the axis. On the axis itself radial is theta_zero. Vertices in no triangle have those
+        of the nearest vertex of the surface.
 
     Raises
     ------
@@ -83,7 +85,11 @@ def local_frames(template: Template) -> NDArray[np.float64]:
             "The surface has no axis, so there are no radial, tangential and axial components.",
             remedy="Ask for Cartesian components.",
         )
-    offsets = template.vertices - landmarks.origin
+    vertices = template.vertices
+    if len(template.isolated):
+        vertices = vertices.copy()
+        vertices[template.isolated] = vertices[nearest_in_use(vertices, template.isolated)]
+    offsets = vertices - landmarks.origin
     axis = landmarks.axis
     across = offsets - along(offsets, axis)[:, None] * axis
     # Twice, since at a small radius its rounding has a part along the axis.

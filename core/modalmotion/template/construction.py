@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import TopologyError
@@ -32,6 +31,7 @@ from modalmotion.template.landmarks import (
 )
 from modalmotion.template.lattice_landmarks import lattice_landmarks
 from modalmotion.template.lengths import axis_lengths
+from modalmotion.template.loose_vertices import nearest_in_use
 from modalmotion.template.notes import notes_on_landmarks, notes_on_merging, notes_on_mesh
 from modalmotion.template.recognition import recognise, require_fit
 from modalmotion.template.surface import Surface, surface_of
@@ -142,7 +142,7 @@ def make_template(
     lengths: tuple[float, ...] = ()
     placed: Landmarks | None = None
     if coordinates is not None:
-        values = _carried_over(coordinates.values, surface)[first]
+        values = _carried_over(coordinates.values[first], start, isolated)
         lengths = axis_lengths(surface, coordinates.topology, sequence.grid, values)
         notes += coordinates.notes
         if coordinates.landmarks is not None:
@@ -320,13 +320,12 @@ def _shares(
     return shares
 
 
-def _carried_over(values: NDArray[np.float64], surface: Surface) -> NDArray[np.float64]:
+def _carried_over(
+    values: NDArray[np.float64], start: NDArray[np.float64], isolated: NDArray[np.int64]
+) -> NDArray[np.float64]:
     """Coordinates with isolated vertices at those of the nearest vertex in use."""
-    isolated = surface.connectivity.isolated
-    if not len(isolated) or not len(surface.faces):
+    if not len(isolated):
         return values
-    used = np.delete(np.arange(len(values)), isolated)
-    _, nearest = cKDTree(surface.vertices[used]).query(surface.vertices[isolated])
     values = values.copy()
-    values[isolated] = values[used[nearest]]
+    values[isolated] = values[nearest_in_use(start, isolated)]
     return values

@@ -39,7 +39,7 @@ def notes_on_mesh(surface: Surface, isolated: NDArray[np.int64]) -> list[str]:
     if len(isolated):
         notes.append(
             f"{len(isolated)} vertices belong to no triangle (first: {isolated[0]}); "
-            "they have no weight."
+            "they have no weight in the fit, and are moved as the nearest vertex of the surface."
         )
     if len(degenerate):
         notes.append(

@@ -57,7 +57,8 @@ class Template:
         The vertex that stands for each: the first of those that coincide in every frame and are
         one vertex of the surface; the others have its coordinates and no weight.
     isolated : (n,) int64
-        Vertices in no triangle: they carry no weight and count in no error.
+        Vertices in no triangle: they carry no weight, are moved as the nearest vertex of the
+        surface, and count in every error but the weighted one.
     reason : str
         Why there are no natural coordinates; empty if there are.
     notes : tuple of str

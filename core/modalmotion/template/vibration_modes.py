@@ -14,6 +14,7 @@ from modalmotion.modes import ModeLabel, Modes, ModeSet
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.naming import modes_named
 from modalmotion.representation import shown
+from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.numbered_modes import choose_modes
 from modalmotion.template.template import Template
 
@@ -142,7 +143,7 @@ def _of_template(
         "mesh" if template.surface is None else template.surface.name,
         modes.labels,
         modes.frequencies_on(template, wave_speed),
-        modes.shapes_on(template),
+        shapes_of(modes, template),
         f"rad/s for waves of {wave_speed:g} length units per s",
         notes,
     )

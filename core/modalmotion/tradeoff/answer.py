@@ -59,7 +59,7 @@ class Tradeoff:
     noise : Noise or None
         The estimate, for `auto`.
     chosen : Chosen
-        RMS, 95th percentile and largest error are those of the model itself.
+        Its errors are those of the model itself.
     fit_milliseconds : mapping of int to float
         Time to fit so many modes of the first branch, factorisation included, all frames.
     milliseconds : mapping of str to float
@@ -134,7 +134,7 @@ def measure_tradeoff(
     limit = None
     with watch.stage("choice"):
         if parameters.is_adaptive and not parameters.auto:
-            limit = limit_of(parameters, own, first.motion_rms)
+            limit = limit_of(parameters, own, first)
             chosen = fewest_numbers(sequence, parameters, front, scene, limit, template)
         else:
             chosen = of_signature(modal_signature(sequence, parameters, template=template))

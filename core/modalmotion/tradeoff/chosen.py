@@ -96,9 +96,9 @@ def of_signature(signature: ModalSignature) -> Chosen:
 
 
 def _of_motion(motion: LinearMotion, front: Front) -> Chosen:
-    numbers, error = NUMBERS[motion.kind], motion.error
+    numbers = NUMBERS[motion.kind]
     price = priced(
-        (error.rms, error.p95, error.max),
+        motion.error,
         unit=front.unit,
         condition=1.0,
         amplitudes_per_frame=numbers,
@@ -120,7 +120,7 @@ def _fewest_modes(
         return _fewest_for_maximum(sequence, parameters, front, limit, template)
     for candidate in _candidates(parameters, front, limit):
         signature = modal_signature(sequence, candidate, template=template)
-        if signature.rms_error <= limit:
+        if _rms_of(signature, parameters.tolerance_of) <= limit:
             return of_signature(signature)
     # Nothing of the front holds it; larger sets of the first branch may.
     return of_signature(modal_signature(sequence, parameters, template=template))
@@ -132,19 +132,27 @@ def _candidates(
     """Points of a front that hold a limit as far as rounding tells, fewest numbers first."""
     points = []
     for place, branch in enumerate(front.branches):
-        errors: dict[int | None, np.ndarray] = {None: branch.rms}
-        errors |= {h: branch.joint_rms[:, h] for h in range(branch.joint_rms.shape[1])}
+        own, joint = branch.rms, branch.joint_rms
+        if parameters.tolerance_of == ErrorKind.WEIGHTED_RMS:
+            own, joint = branch.weighted_rms, branch.weighted_joint_rms
+        errors: dict[int | None, np.ndarray] = {None: own}
+        errors |= {h: joint[:, h] for h in range(joint.shape[1])}
         if parameters.harmonics is not None:
-            errors = {parameters.harmonics: branch.joint_rms[:, parameters.harmonics]}
+            errors = {parameters.harmonics: joint[:, parameters.harmonics]}
         for harmonics, rms in errors.items():
-            # Errors fall with the set: the first that holds takes fewest numbers, and the next
-            # is for the case that rounding says otherwise.
+            # The first that holds takes fewest numbers, and the next is for the case that
+            # rounding says otherwise.
             for k in np.flatnonzero(rms <= limit * (1.0 + 1e-9))[:2]:
                 modes = int(branch.counts[k])
                 numbers = front.numbers(modes, harmonics)
                 points.append((numbers, float(rms[k]), place, modes, harmonics))
     for _, _, place, modes, harmonics in sorted(points, key=lambda point: point[:4]):
         yield _at(parameters, front, front.branches[place], modes, harmonics)
+
+
+def _rms_of(signature: ModalSignature, kind: ErrorKind) -> float:
+    is_plain = kind == ErrorKind.RMS
+    return signature.rms_error if is_plain else signature.weighted_rms_error
 
 
 def _fewest_for_maximum(

@@ -13,9 +13,11 @@ from modalmotion.choice.harmonics import harmonics_of, n_functions
 from modalmotion.choice.nested_sets import ladder_of
 from modalmotion.choice.ordered_sets import in_order
 from modalmotion.choice.parameters import SignatureParameters
+from modalmotion.choice.plain_energies import plain_energies_of
 from modalmotion.errors import InputError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, Topology
+from modalmotion.numeric.scale import root_mean_square
 from modalmotion.representation import shown
 from modalmotion.signature.making import resolve_parameters, resolve_sequence, resolve_template
 from modalmotion.template import Template
@@ -37,9 +39,10 @@ class Branch:
     components : Components
     counts : (sets,) int64
         Numbers of modes.
-    rms : (sets,) float64, length unit
-        With the path of each amplitude over time as it is.
-    joint_rms : (sets, harmonics + 1) float64, length unit
+    rms, weighted_rms : (sets,) float64, length unit
+        Over all vertices and frames, and by the vertices' shares of the surface; the path of
+        each amplitude over time as it is.
+    joint_rms, weighted_joint_rms : (sets, harmonics + 1) float64, length unit
         With that path limited to 0, 1, 2, ... harmonics.
     condition : float
         Of the largest set.
@@ -52,6 +55,8 @@ class Branch:
     counts: NDArray[np.int64]
     rms: NDArray[np.float64]
     joint_rms: NDArray[np.float64]
+    weighted_rms: NDArray[np.float64]
+    weighted_joint_rms: NDArray[np.float64]
     condition: float
     ends_because: str
 
@@ -67,8 +72,8 @@ class Front:
         The sequence's own topology and the requested components come first.
     n_frames, n_vertices : int
     unit : str or None
-    motion_rms : float, length unit
-        RMS displacement over all frames: the error with no modes.
+    motion_rms, weighted_motion_rms : float, length unit
+        RMS displacement over all frames: the RMS errors with no modes.
     """
 
     branches: tuple[Branch, ...]
@@ -76,6 +81,7 @@ class Front:
     n_vertices: int
     unit: str | None
     motion_rms: float
+    weighted_motion_rms: float
 
     def numbers(self, modes: int, harmonics: int | None = None) -> int:
         """Amplitudes of the whole trajectory, limited to harmonics or not."""
@@ -120,19 +126,19 @@ def measure_front(
     parameters = SignatureParameters() if parameters is None else parameters
     own = resolve_sequence(sequence, parameters)
     used = resolve_template(own, resolve_parameters(own, parameters), template)
-    branches, motion = _branches(Fitter.of(own, used, parameters), most_modes, components)
+    branches, *motion = _branches(Fitter.of(own, used, parameters), most_modes, components)
     for topology in other_topologies(own, used, parameters):
         try:
             other = own.with_topology(topology, None)
             other_template = resolve_template(other, resolve_parameters(other, parameters))
-            more, _ = _branches(
+            more, *_ = _branches(
                 Fitter.of(other, other_template, parameters), most_modes, components
             )
         except InputError:
             # A surface may be laid out in one way only; the others are left out.
             continue
         branches += more
-    return Front(tuple(branches), own.n_frames, own.n_vertices, own.unit, motion)
+    return Front(tuple(branches), own.n_frames, own.n_vertices, own.unit, *motion)
 
 
 def other_topologies(
@@ -156,30 +162,35 @@ def _is_cup(grid: tuple[int, ...]) -> bool:
 
 def _branches(
     fitter: Fitter, most_modes: int, components: tuple[Components, ...] | None
-) -> tuple[list[Branch], float]:
-    """Branches of one topology, and the RMS motion."""
+) -> tuple[list[Branch], float, float]:
+    """Branches of one topology, and the RMS motion, plain and weighted."""
     sequence, template, parameters = fitter.sequence, fitter.template, fitter.parameters
     all_components = components or tuple(
         sorted(Components, key=lambda one: one != parameters.components)
     )
     ladder = ladder_of(template, most_modes, sequence.grid)
     functions = harmonics_of(sequence.n_frames, sequence.times)
-    branches, motion = [], 0.0
+    branches, motion, weighted_motion = [], 0.0, 0.0
     for one in all_components:
         if one != Components.CARTESIAN and template.landmarks is None and components is None:
             continue
-        ordered, fit = in_order(fitter.asking(components=one), ladder)
-        energies = energies_of(ordered.basis, fit)
+        turned = fitter.asking(components=one)
+        ordered, fit = in_order(turned, ladder)
+        plain = plain_energies_of(turned, ordered.basis, fit)
+        weighted = energies_of(ordered.basis, fit)
         branches.append(
             Branch(
                 topology="mesh" if template.surface is None else template.surface.name,
                 components=one,
                 counts=ordered.counts,
-                rms=energies.rms(ordered.counts),
-                joint_rms=energies.joint_rms(ordered.counts, functions),
+                rms=plain.rms(ordered.counts),
+                joint_rms=plain.joint_rms(ordered.counts, functions),
+                weighted_rms=weighted.rms(ordered.counts),
+                weighted_joint_rms=weighted.joint_rms(ordered.counts, functions),
                 condition=ladder.basis.condition,
                 ends_because=ladder.ends_because,
             )
         )
-        motion = float(energies.rms(np.zeros(1, dtype=np.int64))[0])
-    return branches, motion
+        motion = root_mean_square(fit.motion_rms)
+        weighted_motion = root_mean_square(fit.weighted_motion_rms)
+    return branches, motion, weighted_motion

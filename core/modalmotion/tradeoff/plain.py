@@ -24,6 +24,7 @@ def as_plain(tradeoff: Tradeoff) -> dict[str, Any]:
         "n_frames": front.n_frames,
         "n_vertices": front.n_vertices,
         "motion_rms": front.motion_rms,
+        "weighted_motion_rms": front.weighted_motion_rms,
         "front": [_branch(branch, front) for branch in front.branches],
         "scene": {
             kind.value: {**asdict(error), "numbers_per_frame": _NUMBERS.get(kind.value)}
@@ -48,8 +49,10 @@ def _branch(branch: Branch, front: Front) -> dict[str, Any]:
         "amplitudes_per_frame": (3 * branch.counts).tolist(),
         "bytes": [8 * front.numbers(n) for n in branch.counts.tolist()],
         "rms": branch.rms.tolist(),
+        "weighted_rms": branch.weighted_rms.tolist(),
         "harmonics": list(range(branch.joint_rms.shape[1])),
         "rms_by_harmonics": branch.joint_rms.tolist(),
+        "weighted_rms_by_harmonics": branch.weighted_joint_rms.tolist(),
         "condition": branch.condition,
         "ends_because": branch.ends_because,
     }

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from modalmotion.choice.harmonics import n_functions
+from modalmotion.choice.scene import SceneError
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.representation import shown
 from modalmotion.signature.value import ModalSignature
@@ -19,9 +20,12 @@ class Price:
     Parameters
     ----------
     rms_error : float, mm
-        Over all frames. All errors are in mm, or in the length unit where that is unknown.
+        Over all vertices and frames. All errors are in mm, or in the length unit where that is
+        unknown.
+    weighted_rms_error : float, mm
+        Over the surface and all frames.
     p95_error : float, mm
-        95th percentile over the surface in the worst frame.
+        95th percentile over the vertices in the worst frame.
     max_error : float, mm
         Of any vertex in any frame.
     unit : str or None
@@ -44,6 +48,7 @@ class Price:
     """
 
     rms_error: float
+    weighted_rms_error: float
     p95_error: float
     max_error: float
     unit: str | None
@@ -71,7 +76,12 @@ def price_of(signature: ModalSignature, milliseconds: Mapping[str, float] | None
     per_path = f if harmonics is None else min(n_functions(harmonics), f)
     directions = 3 if signature.choice is None or signature.choice.normal is None else 2
     return priced(
-        (signature.rms_error, float(signature.p95_errors.max()), signature.max_error),
+        SceneError(
+            rms=signature.rms_error,
+            weighted_rms=signature.weighted_rms_error,
+            p95=float(signature.p95_errors.max()),
+            max=signature.max_error,
+        ),
         unit=signature.unit,
         condition=signature.condition,
         amplitudes_per_frame=directions * modes,
@@ -83,7 +93,7 @@ def price_of(signature: ModalSignature, milliseconds: Mapping[str, float] | None
 
 
 def priced(
-    errors: tuple[float, float, float],
+    errors: SceneError,
     *,
     unit: str | None,
     condition: float,
@@ -97,20 +107,19 @@ def priced(
 
     Parameters
     ----------
-    errors : (float, float, float), length unit
-        RMS, 95th percentile, largest.
+    errors : SceneError
     unit : str or None
     condition : float
     amplitudes_per_frame, numbers, n_frames, n_vertices : int
     milliseconds : mapping of str to float, optional
     """
     factor = 1.0 if unit is None else MM_PER_UNIT[unit]
-    rms, p95, largest = (factor * error for error in errors)
     coordinates = 3 * n_vertices
     return Price(
-        rms_error=rms,
-        p95_error=p95,
-        max_error=largest,
+        rms_error=factor * errors.rms,
+        weighted_rms_error=factor * errors.weighted_rms,
+        p95_error=factor * errors.p95,
+        max_error=factor * errors.max,
         unit=None if unit is None else "mm",
         condition=condition,
         amplitudes_per_frame=amplitudes_per_frame,

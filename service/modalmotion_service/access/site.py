@@ -53,7 +53,8 @@ def require_same_site(connection: Connection) -> None:
     if name is None or not (is_loopback(name) or (server is not None and name == server[0])):
         raise _foreign(f"The request is for {host[:80]!r}, which is not this machine.")
     origin = headers.get("origin")
-    if origin is not None and origin.partition("://")[2] != host:
+    # A page of a file, or of none, has no host that could be this one: "file://", "null".
+    if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
         raise _foreign("The request comes from a page of another site.")
     if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
         raise _foreign("The request comes from a page of another site.")

@@ -76,12 +76,13 @@ class Signed:
     record : SequenceRecord
     key : str
         Of the signature's parameters, with what the fit read of the facts.
-    rms_error : float
+    rms_error, weighted_rms_error : float
     """
 
     record: SequenceRecord
     key: str
     rms_error: float
+    weighted_rms_error: float
 
 
 @dataclass(frozen=True)
@@ -134,5 +135,6 @@ def sign_batch(
             if item.vertices is not None:
                 files.write(item.vertices, upload_image(sequence))
             files.write(item.signature, signature_image(signature))
-            outcomes.append(Signed(record, signature.parameters.key, signature.rms_error))
+            errors = signature.rms_error, signature.weighted_rms_error
+            outcomes.append(Signed(record, signature.parameters.key, *errors))
     return outcomes

@@ -26,7 +26,7 @@ class Done:
     settings : str
         Digest of all options and parameters of the signature.
     sequence_id : str
-    rms_error : float
+    rms_error, weighted_rms_error : float
     unit : str or None
     """
 
@@ -35,6 +35,7 @@ class Done:
     settings: str
     sequence_id: str
     rms_error: float
+    weighted_rms_error: float
     unit: str | None
 
 

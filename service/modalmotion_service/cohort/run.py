@@ -176,7 +176,10 @@ class _Run:
         text = io.StringIO(newline="")
         writer = csv.writer(text)
         writer.writerow(
-            ["path", "subject", "label", "sequence_id", "signature", "rms_error", "unit", "error"]
+            [
+                *("path", "subject", "label", "sequence_id", "signature"),
+                *("rms_error", "weighted_rms_error", "unit", "error"),
+            ]
         )
         for entry in self._job.entries:
             names = [entry.path, entry.subject or "", entry.label or ""]
@@ -187,7 +190,15 @@ class _Run:
             signature = self._store.signature_path(done.sequence_id, self._keys[entry.path])
             file = signature.relative_to(self._store.root).as_posix()
             writer.writerow(
-                [*names, done.sequence_id, file, f"{done.rms_error:.6g}", done.unit or "", ""]
+                [
+                    *names,
+                    done.sequence_id,
+                    file,
+                    f"{done.rms_error:.6g}",
+                    f"{done.weighted_rms_error:.6g}",
+                    done.unit or "",
+                    "",
+                ]
             )
         write_atomic(path, text.getvalue().encode())
 
@@ -330,6 +341,7 @@ class _Run:
                 self._settings,
                 one.record.id,
                 one.rms_error,
+                one.weighted_rms_error,
                 one.record.unit,
             )
             lines.append(done)

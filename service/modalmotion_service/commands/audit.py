@@ -11,6 +11,7 @@ from pathlib import Path
 
 import click
 
+from modalmotion.cli.outputs import OutputFolder
 from modalmotion_service.audit.archive import archive_audit
 from modalmotion_service.audit.check import check_audit, unfinished
 from modalmotion_service.audit.entry import AuditEntry, Place, place_from
@@ -113,7 +114,7 @@ def note(data_dir: Path | None) -> None:
 
 
 @audit.command("archive")
-@click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
+@click.argument("folder", type=OutputFolder())
 @click.option(
     "--older-than",
     type=Moment("time", -1),

@@ -10,6 +10,7 @@ import click
 
 from modalmotion.cli.analysis_commands import signature
 from modalmotion.cli.options import signature_parameters
+from modalmotion.cli.outputs import OutputFile, OutputFolder
 from modalmotion.cli.store_commands import require_all_packed
 from modalmotion.exports.signature_pack import export, is_pack
 from modalmotion.formats import ReadOptions
@@ -31,7 +32,7 @@ _MOST_PRINTED = 50
     "-o",
     "--output",
     required=True,
-    type=click.Path(file_okay=False, path_type=Path),
+    type=OutputFolder(),
     help="Folder of results; made if missing, continued if not.",
 )
 @click.option("--scheduler", help="Dask scheduler to send work to, such as tcp://host:8786.")
@@ -45,7 +46,7 @@ _MOST_PRINTED = 50
 @click.option("--keep-vertices", is_flag=True, help="Keep the sequences too, not only results.")
 @click.option(
     "--pack",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=OutputFile(),
     help="HDF5 file with them all; one of an earlier run is made anew.",
 )
 @click.option(

@@ -13,6 +13,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from modalmotion.cli.outputs import OutputFolder
 from modalmotion.client import ClassAnswer, Client
 from modalmotion.clinical import Fraction
 from modalmotion.errors import InputError, ModalMotionError
@@ -32,7 +33,7 @@ from modalmotion.store import signature_from_hdf5
     "--output",
     default="demo-output",
     show_default=True,
-    type=click.Path(file_okay=False, path_type=Path),
+    type=OutputFolder(),
     help="Folder for the results and the picture.",
 )
 def main(file: Path | None, output: Path) -> None:
@@ -93,8 +94,9 @@ def _print_signature(signature: ModalSignature) -> None:
                 + " ".join(f"{numeral(value, of=motion):>9}" for value in row)
             )
     click.echo(
-        f"error      {numeral(signature.rms_error, of=motion)} {unit} RMS over all frames, of "
-        f"{numeral(motion)} {unit} of motion; max {numeral(signature.max_error, of=motion)} {unit}"
+        f"error      {numeral(signature.rms_error, of=motion)} {unit} RMS over all vertices and "
+        f"frames, of {numeral(motion)} {unit} of motion; "
+        f"max {numeral(signature.max_error, of=motion)} {unit}"
     )
     for note in signature.notes:
         click.echo(f"           note: {note}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import resource
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
@@ -67,6 +67,10 @@ def protocol_with_deadline(
         _unread: asyncio.TimerHandle | None = None
         _is_deaf = False
 
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            self._answer_in_full, self.app = self.app, self._answer
+
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
             quiet[self] = None
@@ -98,10 +102,29 @@ def protocol_with_deadline(
                 # The next request on a connection that is kept open has begun.
                 self._wait_for_headers()
 
+        async def _answer(self, scope: Any, receive: Any, send: Any) -> None:
+            cycle: RequestResponseCycle | None = self.cycle
+
+            async def sent(message: Any) -> None:
+                if cycle is not None and self._is_early():
+                    if message["type"] == "http.response.start":
+                        # Or the client's next request would be lost on this connection.
+                        headers = [(n, v) for n, v in message["headers"] if n != b"connection"]
+                        message = {**message, "headers": [*headers, (b"connection", b"close")]}
+                    elif not message.get("more_body", False):
+                        # Closed while something comes in, it would be reset, and the answer lost.
+                        cycle.transport = cast("Any", _LeftOpen(self.transport))
+                await send(message)
+
+            await self._answer_in_full(scope, receive, sent)
+
+        def _is_early(self) -> bool:
+            return self.conn.their_state is h11.SEND_BODY and not self.transport.is_closing()
+
         def on_response_complete(self) -> None:
             # The latest of all.
             quiet[self] = None
-            if self.conn.their_state is h11.SEND_BODY and not self.transport.is_closing():
+            if self._is_early():
                 # Answered before the body was there, as whoever has no key is: what still comes
                 # is let in, so that the answer can be read, and not looked at. A chunk is 20 us.
                 self._is_deaf = True
@@ -148,6 +171,21 @@ def protocol_with_deadline(
             return cycle is not None and not cycle.response_complete
 
     return Deadline
+
+
+class _LeftOpen:
+    """A transport whose closing is left to the protocol.
+
+    Parameters
+    ----------
+    transport : asyncio.Transport
+    """
+
+    def __init__(self, transport: Any) -> None:
+        self.write, self.is_closing = transport.write, transport.is_closing
+
+    def close(self) -> None:
+        """Do nothing."""
 
 
 def bad_request(message: str) -> tuple[bytes, list[tuple[bytes, bytes]]]:

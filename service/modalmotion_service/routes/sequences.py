@@ -7,7 +7,8 @@ import json
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_patched
 from modalmotion.store import UNSET
@@ -15,13 +16,13 @@ from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_facts
 from modalmotion_service.routes.parts.deferral import result_or_job
 from modalmotion_service.routes.parts.dependencies import (
-    FileDependency,
+    NamedFileDependency,
     PreferenceDependency,
     StateDependency,
     StoreDependency,
 )
 from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
-from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, PROBLEMS, UPLOAD_BODY
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, NAMED_UPLOAD_BODY, PROBLEMS
 from modalmotion_service.schemas import (
     SequenceId,
     SequenceNames,
@@ -39,26 +40,31 @@ router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=PROBLEM
     "",
     status_code=201,
     response_model=SequenceSummary,
-    openapi_extra=UPLOAD_BODY,
+    openapi_extra=NAMED_UPLOAD_BODY,
     responses={200: {"model": SequenceSummary, "description": "Known already."}, **ACCEPTED},
 )
 async def upload(
-    file: FileDependency,
+    file: NamedFileDependency,
     query: Annotated[UploadQuery, Query()],
     state: StateDependency,
     preference: PreferenceDependency,
+    request: Request,
     idempotency_key: IdempotencyKey = None,
 ) -> Response:
     """Keep a mesh sequence: npz, VTKHDF, a zip of frames, GLB, or raw numbers.
 
     The same content has the same id: 201 when it is new, 200 when it was known, and 202 with a
-    job where the client would rather not wait or the work takes long.
+    job where the client would rather not wait or the work takes long. Subject, label and facts that
+    are stated with a known one are filled in where they are unknown; where they differ from what is
+    known, the answer is 409, and PATCH changes them.
     """
+    # A name in the query overrides that in the form.
+    query = named(query, file.names)
     form_facts = facts_as_json(file.facts)
 
     async def make() -> Response:
         sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
-        request = {
+        job = {
             "file": file.path.name,
             "query": query.model_dump(mode="json"),
             "facts": form_facts,
@@ -67,10 +73,11 @@ async def upload(
             # A job may be acknowledged before the bytes are read: they must outlive a crash.
             await asyncio.to_thread(file.make_durable)
         work = state.analysis.keep(sent, subject=query.subject, label=query.label)
-        result = await result_or_job(state, preference, "upload", request, work)
+        result = await result_or_job(state, preference, "upload", job, work)
         if isinstance(result, Response):
             file.is_left = True
             return result
+        note_facts(request, result.filled)
         status = 201 if result.is_new else 200
         return _answer(SequenceSummary.of(result.record, result.reading), status)
 
@@ -82,6 +89,23 @@ async def upload(
             json.dumps(form_facts),
         )
         return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
+
+
+def named(query: UploadQuery, names: dict[str, str]) -> UploadQuery:
+    """Add subject and label of a form to a query that does not state them.
+
+    Raises
+    ------
+    RequestValidationError
+        If one of them cannot be used.
+    """
+    stated = query.model_dump(exclude_unset=True)
+    try:
+        return UploadQuery.model_validate({**names, **stated}) if names else query
+    except ValidationError as error:
+        raise RequestValidationError(
+            [{**item, "loc": ("form", *item["loc"])} for item in error.errors()]
+        ) from error
 
 
 class ListQuery(BaseModel):

@@ -17,10 +17,10 @@ class EncodingTarget(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     rms: float | None = Field(
-        None, gt=0, allow_inf_nan=False, description="RMS distance of vertices, not exceeded."
+        None, gt=0, allow_inf_nan=False, description="RMS distance of all vertices, not exceeded."
     )
     max_error: float | None = Field(
-        None, gt=0, allow_inf_nan=False, description="Of every coordinate, never exceeded."
+        None, gt=0, allow_inf_nan=False, description="Distance of any vertex, never exceeded."
     )
     bytes: int | None = Field(None, gt=0, description="Size of the stream, not exceeded.")
     effort: Effort = Field(Effort.BALANCED, description="How many transforms are tried.")

@@ -49,7 +49,9 @@ class SignatureQuery(BaseModel):
         description="Error in mm that is not exceeded, with the fewest modes that hold it.",
     )
     tolerance_of: ErrorKind = Field(
-        ErrorKind.RMS, description="RMS over all frames, or the largest of any vertex."
+        ErrorKind.RMS,
+        description="RMS over all vertices and frames, the one by the vertices' shares of the "
+        "surface, or the largest of any vertex.",
     )
     tolerance_share: float | None = Field(
         None, ge=0, allow_inf_nan=False, description="A tolerance as a share of the RMS motion."
@@ -165,9 +167,12 @@ class LandmarksAnswer(BaseModel):
 class FrameErrors(BaseModel):
     """Distances between vertices and their reconstruction, by frame."""
 
-    rms: list[float] = Field(description="Over the surface.")
-    p95: list[float] = Field(description="95th percentile over the surface.")
-    max: list[float] = Field(description="Over all vertices.")
+    rms: list[float] = Field(description="Over all vertices alike.")
+    weighted_rms: list[float] = Field(
+        description="Over the surface, each vertex by its share of it."
+    )
+    p95: list[float] = Field(description="95th percentile over all vertices.")
+    max: list[float] = Field(description="Of any vertex.")
 
 
 class SignatureAnswer(BaseModel):
@@ -195,10 +200,16 @@ class SignatureAnswer(BaseModel):
     lengths: list[float] = Field(description="Of the surface along each natural coordinate.")
     rotations: list[list[list[float]]] = Field(description="3 x 3 matrix of each frame.")
     rotation_determined: list[bool]
-    rms_error: float = Field(description="Over all frames.")
-    max_error: float = Field(description="Over all frames and vertices.")
+    rms_error: float = Field(description="Over all vertices and frames.")
+    weighted_rms_error: float = Field(
+        description="Over all frames, each vertex by its share of the surface."
+    )
+    max_error: float = Field(description="Of any vertex in any frame.")
     errors: FrameErrors
     motion_rms: list[float] = Field(description="RMS displacement of each frame.")
+    weighted_motion_rms: list[float] = Field(
+        description="The same, each vertex by its share of the surface."
+    )
     closure_gap: float = Field(
         description="From the last frame back to the first, over the usual step between frames: "
         "near 1 for a cycle, large for a movement that does not come back."
@@ -251,13 +262,16 @@ class SignatureAnswer(BaseModel):
             rotations=signature.rotations.matrices.tolist(),
             rotation_determined=signature.rotations.is_determined.tolist(),
             rms_error=signature.rms_error,
+            weighted_rms_error=signature.weighted_rms_error,
             max_error=signature.max_error,
             errors=FrameErrors(
                 rms=signature.rms_errors.tolist(),
+                weighted_rms=signature.weighted_rms_errors.tolist(),
                 p95=signature.p95_errors.tolist(),
                 max=signature.max_errors.tolist(),
             ),
             motion_rms=signature.motion_rms.tolist(),
+            weighted_motion_rms=signature.weighted_motion_rms.tolist(),
             closure_gap=signature.closure_gap,
             deformation_spectrum=signature.deformation_spectrum.tolist(),
             strain_energy=signature.strain_energy.sum(axis=1).tolist(),

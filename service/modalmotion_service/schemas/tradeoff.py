@@ -12,8 +12,11 @@ from modalmotion.tradeoff import Price
 class PriceAnswer(BaseModel):
     """Cost and error of a description."""
 
-    rms_error: float = Field(description="Over all frames, in `unit`.")
-    p95_error: float = Field(description="95th percentile over the surface, worst frame.")
+    rms_error: float = Field(description="Over all vertices and frames, in `unit`.")
+    weighted_rms_error: float = Field(
+        description="Over all frames, each vertex by its share of the surface."
+    )
+    p95_error: float = Field(description="95th percentile over all vertices, worst frame.")
     max_error: float = Field(description="Of any vertex in any frame.")
     unit: str | None = Field(description="mm; null where the unit of the input is unknown.")
     condition: float
@@ -41,9 +44,11 @@ class BranchAnswer(BaseModel):
     modes: list[int]
     amplitudes_per_frame: list[int]
     bytes: list[int] = Field(description="Of the whole trajectory as float64.")
-    rms: list[float] = Field(description="In the length unit.")
+    rms: list[float] = Field(description="Over all vertices and frames, in the length unit.")
+    weighted_rms: list[float] = Field(description="By the vertices' shares of the surface.")
     harmonics: list[int]
     rms_by_harmonics: list[list[float]] = Field(description="By modes, then harmonics.")
+    weighted_rms_by_harmonics: list[list[float]]
     condition: float
     ends_because: str
 
@@ -52,6 +57,7 @@ class SceneErrorAnswer(BaseModel):
     """Error that one simple kind of motion leaves, in the length unit."""
 
     rms: float
+    weighted_rms: float
     p95: float
     max: float
     numbers_per_frame: int | None
@@ -91,7 +97,8 @@ class TradeoffAnswer(BaseModel):
     unit: str | None
     n_frames: int
     n_vertices: int
-    motion_rms: float = Field(description="The error of no modes at all.")
+    motion_rms: float = Field(description="The RMS error of no modes at all.")
+    weighted_motion_rms: float
     front: list[BranchAnswer]
     scene: dict[SceneKind, SceneErrorAnswer]
     limit: float | None = Field(description="Error that is not exceeded, length unit.")

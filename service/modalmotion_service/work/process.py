@@ -24,6 +24,7 @@ from typing import Any, Final
 
 from modalmotion_service.work.allocation import keep_freed_memory
 from modalmotion_service.work.answers import answer_of
+from modalmotion_service.work.temporary import claim_temporary_folder
 
 _PRELOADED: Final = [
     f"modalmotion_service.work.tasks.{name}"
@@ -223,6 +224,7 @@ def _processor_clock(pid: int) -> float:
 def _begun(theirs: socket.socket, memory_bytes: int, is_batch: bool) -> Any:
     # A worker is forked from a process that has imported what tasks need and opened nothing: it
     # starts at once, and inherits no lock, socket or database connection.
+    claim_temporary_folder()
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(_PRELOADED)
     process = context.Process(target=_work, args=(theirs, memory_bytes, is_batch), daemon=True)

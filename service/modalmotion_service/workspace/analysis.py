@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
+from modalmotion.errors import ParameterError
 from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion.facts import Facts
 from modalmotion.formats import ReadLimits
@@ -16,6 +17,7 @@ from modalmotion.signature.comparison import Comparison
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ResultStore, SequenceRecord
 from modalmotion.template.body_frame import Components
+from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.timing import add_milliseconds, stage
 from modalmotion_service.schemas import (
     EncodedAnswer,
@@ -47,11 +49,14 @@ class KeptUpload:
     reading : ReadingAnswer
         How the upload was read.
     is_new : bool
+    filled : tuple of str
+        Facts of a known sequence that were not known before.
     """
 
     record: SequenceRecord
     reading: ReadingAnswer
     is_new: bool
+    filled: tuple[str, ...] = ()
 
 
 class Analysis:
@@ -76,7 +81,15 @@ class Analysis:
         self._shared_work = SharedWork()
 
     async def keep(self, upload: Upload, *, subject: str | None, label: str | None) -> KeptUpload:
-        """Read an upload and store its sequence."""
+        """Read an upload and store its sequence.
+
+        Of a known sequence, what is stated with it and not known yet is filled in.
+
+        Raises
+        ------
+        ConflictError
+            If something is stated beside the file that is known to be otherwise.
+        """
 
         async def make() -> KeptUpload:
             with self._image() as image, stage("worker"):
@@ -87,15 +100,45 @@ class Analysis:
                     record, is_new = await asyncio.to_thread(
                         self._store.put_sequence_image, image, sent, subject=subject, label=label
                     )
+            filled: tuple[str, ...] = ()
+            if not is_new:
+                record, filled = await asyncio.to_thread(
+                    self._complete, record.id, subject, label, upload.options.facts, sent.facts
+                )
+                if filled:
+                    reading.notes.append(
+                        f"The sequence was known; {', '.join(filled)} is known now too."
+                    )
             others = [n for n in sent.facts.stated if n in record.facts.changed(sent.facts)]
             if others:
                 reading.notes.append(
                     f"The sequence was known, and keeps its facts; {', '.join(others)} would now "
                     "be different. PATCH changes them."
                 )
-            return KeptUpload(record, reading, is_new)
+            return KeptUpload(record, reading, is_new, filled)
 
         return await self._shared_work.join(upload.path, make)
+
+    def _complete(
+        self,
+        sequence_id: str,
+        subject: str | None,
+        label: str | None,
+        facts: Facts,
+        offered: Facts,
+    ) -> tuple[SequenceRecord, tuple[str, ...]]:
+        try:
+            return self._store.complete_sequence(
+                sequence_id, subject=subject, label=label, facts=facts, offered=offered
+            )
+        except ParameterError as error:
+            if "differ" not in error.details:
+                raise
+            raise ConflictError(
+                error.message,
+                remedy=f"Change it with PATCH /v1/sequences/{sequence_id}, or leave it out.",
+                details={**error.details, "sequence_id": sequence_id},
+            ) from error
 
     def resolved(
         self, sequence_id: str, parameters: SignatureParameters

@@ -7,7 +7,7 @@ import hashlib
 import os
 import secrets
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
@@ -32,6 +32,8 @@ class SpoolFile:
         Of the bytes, in hex; empty if it was not requested.
     facts : Facts
         Stated in the form of the upload.
+    names : dict of str to str
+        Subject and label that the form states.
     is_left : bool
         Whether a job has it now, and removes it.
     """
@@ -39,6 +41,7 @@ class SpoolFile:
     path: Path
     sha256: str = ""
     facts: Facts = NO_FACTS
+    names: dict[str, str] = field(default_factory=dict)
     is_left: bool = False
 
     def make_durable(self) -> None:

@@ -6,9 +6,13 @@ import ast
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from project import ROOT
 from running import RunningService
+
+from modalmotion.client import Client
+from modalmotion.simulate import Acquisition, simulate_ventricle
 
 DOCUMENT = ROOT / "docs" / "client.md"
 
@@ -22,6 +26,10 @@ def test_its_code_runs_and_says_what_it_says(
     service = RunningService(tmp_path / "results", {"WORKERS": "1"}).start()
     namespace: dict[str, object] = {}
     n_compared = 0
+    # Whoever comes from the README has sent the same beat, and said nothing of it.
+    beat = simulate_ventricle(acquisition=Acquisition(noise=0.6), rng=np.random.default_rng(1))
+    with Client(service.base) as client:
+        client.upload(beat)
     try:
         for block in blocks:
             lines = block.replace(":8000", f":{service.port}").splitlines()

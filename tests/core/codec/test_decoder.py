@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import struct
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from codec_sequences import KINDS, Make, lattice_sequence, mesh_of_tube, small_mesh_of_tube
 
-from modalmotion.codec import decode, encode
+from modalmotion.codec import decode, encode, inspect
 from modalmotion.codec.bits.varint import read_varint, write_varint
+from modalmotion.codec.container import _write_header, read_header
 from modalmotion.codec.modes.modes_section import read_modes
 from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.limits import NO_LIMITS, ReadLimits
@@ -137,3 +139,22 @@ def test_a_decoder_that_computes_differently_is_refused(
     monkeypatch.setattr(Block, "scaled", lambda block, modes: scaled(block, modes) + 0.5)
     with pytest.raises(MalformedFileError, match="not those that were encoded"):
         decode(data)
+
+
+def test_a_stream_of_version_2_decodes_to_the_same_and_its_largest_error_is_a_bound(
+    rng: np.random.Generator,
+) -> None:
+    sequence = lattice_sequence(rng)
+    encoded = encode(sequence, rms=0.3)
+    now = decode(encoded.data)
+    # It stated the largest difference of a coordinate.
+    header, position = read_header(encoded.data, ReadLimits())
+    difference = now.vertices.astype(np.float64) - sequence.vertices.astype(np.float64)
+    of_coordinates = replace(header, max_error=float(np.abs(difference).max()))
+    section = _write_header(of_coordinates)
+    crc = struct.pack("<I", zlib.crc32(section))
+    older = b"MMSQ\x02" + write_varint(len(section)) + section + crc + encoded.data[position:]
+    assert np.array_equal(decode(older).vertices, now.vertices)
+    assert inspect(encoded.data).max_error >= encoded.max_error
+    bound = inspect(older).max_error
+    assert encoded.max_error <= bound <= 1.0001 * np.sqrt(3.0) * of_coordinates.max_error

@@ -41,7 +41,7 @@ def test_rms_and_max_error_are_kept_and_stated(
         assert rms <= target
         assert rms > 0.5 * target
         assert encoded.rms == pytest.approx(rms, rel=1e-9)
-        assert encoded.max_error == largest
+        assert encoded.max_error == pytest.approx(largest, rel=1e-12)
         encoded = encode(sequence, max_error=target, effort=effort)
         assert errors_of(sequence, decode(encoded.data))[1] <= target
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -13,6 +15,7 @@ from modalmotion.choice.fitter import Fitter
 from modalmotion.errors import TopologyError
 from modalmotion.fit.basis import make_basis
 from modalmotion.fit.fit import project
+from modalmotion.fit.frame_errors import FrameErrors
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.template import Weights, choose_modes, make_template
 from modalmotion.template.body_frame import Components, from_local, local_frames
@@ -63,7 +66,7 @@ def test_blocks_do_not_matter(heart: Moving, block: int, monkeypatch: pytest.Mon
     monkeypatch.setattr(displacements_module, "_BLOCK", block)
     part = describe(heart).fit
     assert part.amplitudes == pytest.approx(whole.amplitudes, abs=1e-12)
-    assert part.rms_errors == pytest.approx(whole.rms_errors, abs=1e-12)
+    assert part.errors.rms == pytest.approx(whole.errors.rms, abs=1e-12)
 
 
 def test_displacements_are_those_that_are_fitted(heart: Moving) -> None:
@@ -78,7 +81,7 @@ def test_displacements_are_those_that_are_fitted(heart: Moving) -> None:
         assert project(basis, layout) == pytest.approx(a, abs=1e-11)
     assert basis.projector @ u == pytest.approx(a, abs=1e-11)
     rms = np.sqrt((u**2).sum(axis=2) @ w)
-    assert found.fit.motion_rms == pytest.approx(rms, abs=1e-12)
+    assert found.fit.weighted_motion_rms == pytest.approx(rms, abs=1e-12)
 
 
 def test_what_was_superposed_is_found(heart: Moving) -> None:
@@ -90,7 +93,7 @@ def test_what_was_superposed_is_found(heart: Moving) -> None:
     moved = vertices[0] + np.einsum("nm,fmd->fnd", basis.shapes, a)
     fit = fit_sequence(mesh_sequence(moved, faces), template, basis, remove_rotation=False)
     assert fit.amplitudes == pytest.approx(a, abs=1e-12)
-    assert fit.max_errors.max() <= 1e-12
+    assert fit.errors.max.max() <= 1e-12
     assert (fit.amplitudes[0] == 0).all()
 
 
@@ -102,7 +105,9 @@ def test_energy_is_that_of_the_gram_matrix(heart: Moving) -> None:
     assert basis.triangle.T @ basis.triangle == pytest.approx(G, abs=1e-12)
     a = found.fit.amplitudes
     superposed = np.einsum("fmd,mk,fkd->f", a, G, a)
-    assert found.fit.motion_rms**2 == pytest.approx(superposed + found.fit.rms_errors**2)
+    assert found.fit.weighted_motion_rms**2 == pytest.approx(
+        superposed + found.fit.errors.weighted_rms**2
+    )
     assert basis.projector @ basis.shapes == pytest.approx(np.eye(18), abs=1e-12)
 
 
@@ -114,7 +119,7 @@ def test_float32_is_taken_at_its_word(heart: Moving) -> None:
     basis = make_basis(template, choose_modes(template, 7).modes)
     fit = fit_sequence(mesh_sequence(narrow, faces), template, basis)
     assert (fit.amplitudes == wide.fit.amplitudes).all()
-    assert (fit.rms_errors == wide.fit.rms_errors).all()
+    assert (fit.errors.weighted_rms == wide.fit.errors.weighted_rms).all()
 
 
 def test_the_same_bits_over_runs(heart: Moving) -> None:
@@ -135,8 +140,11 @@ def test_the_same_bits_on_one_and_two_threads(n: int) -> None:
     one, other = results
     assert (one.template.coordinates == other.template.coordinates).all()
     assert (one.template.weights == other.template.weights).all()
-    for name in ("amplitudes", "rms_errors", "p95_errors", "max_errors", "motion_rms"):
+    for name in ("amplitudes", "motion_rms", "weighted_motion_rms"):
         assert (getattr(one.fit, name) == getattr(other.fit, name)).all(), name
+    for error in fields(FrameErrors):
+        former, latter = (getattr(each.fit.errors, error.name) for each in (one, other))
+        assert (former == latter).all(), error.name
     assert (one.fit.rotations.matrices == other.fit.rotations.matrices).all()
 
 
@@ -162,7 +170,7 @@ def test_components_read_as_contraction_twist_and_shortening() -> None:
     expected = np.zeros((4, 1, 3))
     expected[1, 0, 0], expected[2, 0, 1], expected[3, 0, 2] = -2, 0.5, -3
     assert fit.amplitudes == pytest.approx(expected, abs=1e-12)
-    assert fit.max_errors.max() <= 1e-12
+    assert fit.errors.max.max() <= 1e-12
     u = from_local(np.broadcast_to(expected, (4, len(start), 3)), frames)
     assert start + u == pytest.approx(moved, abs=1e-12)
 

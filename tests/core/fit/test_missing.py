@@ -69,7 +69,7 @@ def test_what_is_not_there_is_not_read(heart: Moving) -> None:
     elsewhere = np.where(present[:, :, None], heart[0], -7.0)
     other = fitted((elsewhere, heart[1]), present)
     assert garbage.amplitudes == pytest.approx(other.amplitudes, abs=1e-11)
-    assert garbage.max_errors == pytest.approx(other.max_errors, abs=1e-11)
+    assert garbage.errors.max == pytest.approx(other.errors.max, abs=1e-11)
 
 
 def test_all_there_is_as_if_nothing_was_said(heart: Moving) -> None:

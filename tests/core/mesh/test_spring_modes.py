@@ -10,7 +10,7 @@ from scipy.sparse.linalg import eigsh
 from template_surfaces import make_ventricle, ring_points, sheet_points
 
 import modalmotion.numeric.eigenpairs as eigenpairs_module
-from modalmotion.errors import ModeCountError
+from modalmotion.errors import LimitError, ModeCountError
 from modalmotion.mesh import connectivity_of, graph_laplacian
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.spring_modes import spring_modes
@@ -156,6 +156,21 @@ def test_more_than_there_are() -> None:
     for n in (0, 5):
         with pytest.raises(ModeCountError, match="there are 4"):
             spring_modes(faces, 9, n)
+
+
+def test_many_equal_parts_are_refused_before_they_cost_minutes() -> None:
+    disc = np.array([[0, i + 1, (i + 1) % 40 + 1] for i in range(40)])
+    heap = np.concatenate([disc + 41 * k for k in range(110)])
+    windmill = np.array([[0, 2 * i + 1, 2 * i + 2] for i in range(300)])
+    for faces, limit in ((heap, "pieces"), (windmill, "equal_frequencies")):
+        with pytest.raises(LimitError) as caught:
+            spring_modes(faces, int(faces.max()) + 1, 7)
+        assert caught.value.limit == limit
+        assert caught.value.remedy
+    # As many as a hundred pieces are modes like any other.
+    few = spring_modes(heap[: 40 * 12], 41 * 12, 13)
+    assert few.eigenvalues[:12] == pytest.approx(0, abs=1e-9)
+    assert few.eigenvalues[12] > 0.01
 
 
 def test_frequencies_are_those_of_long_waves() -> None:

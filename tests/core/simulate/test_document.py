@@ -1,4 +1,4 @@
-"""docs/simulation.md and docs/classification.md run, and the figures are the model card's."""
+"""Documents of docs run: simulation, classification, error; figures are the model card's."""
 
 from __future__ import annotations
 
@@ -12,13 +12,17 @@ from modalmotion.classification import load_model
 DOCUMENTS = ROOT / "docs"
 
 
-@pytest.mark.parametrize(("name", "n_blocks"), [("simulation.md", 2), ("classification.md", 4)])
+@pytest.mark.parametrize(
+    ("name", "n_blocks"), [("simulation.md", 2), ("classification.md", 4), ("error.md", 1)]
+)
 def test_its_code_runs(name: str, n_blocks: int) -> None:
     namespace: dict[str, object] = {}
     text = (DOCUMENTS / name).read_text()
     blocks = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     for block in blocks:
         exec(block, namespace)  # noqa: S102 (our own document)
+        for claim in re.findall(r"^(.+?) +# True$", block, re.MULTILINE):
+            assert eval(claim, namespace), claim  # noqa: S307
     assert len(blocks) == n_blocks
 
 

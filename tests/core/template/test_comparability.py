@@ -74,7 +74,9 @@ def test_nothing_but_the_motion_matters(topology: str, change: str) -> None:
         vertices = vertices * unit
     after = describe((vertices, faces), 18, topology=topology)
     assert signature_distance(after.amplitudes / unit, before.amplitudes) <= 1e-9
-    assert after.fit.rms_errors / unit == pytest.approx(before.fit.rms_errors, rel=1e-9, abs=1e-9)
+    assert after.fit.errors.weighted_rms / unit == pytest.approx(
+        before.fit.errors.weighted_rms, rel=1e-9, abs=1e-9
+    )
     assert after.template.lengths == pytest.approx(
         [unit * length for length in before.template.lengths], rel=1e-9
     )

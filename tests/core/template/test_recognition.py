@@ -135,7 +135,7 @@ def test_anything_else_gets_its_own_springs(change: object, reason: str) -> None
     assert found.template.coordinates.shape[1] == 0
     assert reason in found.template.reason
     assert any("edges of this mesh" in note for note in found.template.notes)
-    assert found.fit.rms_errors.max() < found.fit.motion_rms.max()
+    assert found.fit.errors.weighted_rms.max() < found.fit.motion_rms.max()
     with pytest.raises(TopologyError, match="spring modes of its own mesh"):
         _ = found.template.topology
     with pytest.raises(TopologyError, match="was stated, but the mesh has"):

@@ -141,9 +141,12 @@ def test_the_chosen_point_takes_fewest_numbers_of_all(beat: MeshSequence) -> Non
     )
     assert chosen.price.numbers == fewest
     assert chosen.price.rms_error <= 0.8
-    rms, largest = true_errors(chosen.signature, beat)
-    assert chosen.price.rms_error == pytest.approx(float(np.sqrt((rms**2).mean())), rel=1e-11)
-    assert chosen.price.max_error == pytest.approx(float(largest.max()), rel=1e-11)
+    true = true_errors(chosen.signature, beat)
+    for name in ("rms_error", "weighted_rms_error"):
+        rms = float(np.sqrt((true[f"{name}s"] ** 2).mean()))
+        assert getattr(chosen.price, name) == pytest.approx(rms, rel=1e-11), name
+    assert chosen.price.p95_error == pytest.approx(float(true["p95_errors"].max()), rel=1e-11)
+    assert chosen.price.max_error == pytest.approx(float(true["max_errors"].max()), rel=1e-11)
 
 
 def test_a_largest_error_is_held_too(beat: MeshSequence) -> None:

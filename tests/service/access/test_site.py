@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import shutil
 from pathlib import Path
 
 import pytest
@@ -64,7 +65,8 @@ def test_a_service_that_needs_keys_shows_its_first_one_once(tmp_path: Path, beat
     assert "1 sequences" in command("store", "verify", folder, "--owner", "lab").output
     assert "1 sequences" in command("store", "rebuild", folder, "--owner", "lab").output
     out = str(tmp_path / "out.h5")
-    assert command("store", "export", folder, out, "--owner", "lab").exit_code == 0
+    packed = command("store", "export", folder, out, "--owner", "lab")
+    assert (packed.exit_code, "holds no signatures" in packed.output) == (1, True)
     for owner in ("nobody", "..", "lab/../lab", ""):
         assert command("store", "verify", folder, "--owner", owner).exit_code == 2
     assert "entries: whole" in command("audit", "verify", "--data-dir", folder).output
@@ -78,10 +80,12 @@ def test_the_documented_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyP
         key_id = ring.create("lab", [Scope.READ])[0].id
         log.append([Event("r", "lab", key_id, "127.0.0.1", "GET", "/v1/sequences", "", 200)])
     noted = str(check_audit(parts_in(audit_folder(tmp_path))).end)
+    shutil.copytree(tmp_path / "access", tmp_path / "backup" / "access")
+    (tmp_path / "service.log").write_text(f'{{"head": "{noted}"}}')
     given = {"ID": key_id, "1234:c0ffee...": noted}
     text = (ROOT / "docs" / "access.md").read_text()
     lines = re.findall(r"^modalmotion .*$", text, flags=re.MULTILINE)
-    assert len(lines) == 9
+    assert len(lines) == 11
     for line in lines:
         words = [given.get(word, word) for word in shlex.split(line)[1:]]
         assert command(*words).exit_code == 0, line
@@ -100,3 +104,21 @@ def test_one_damaged_store_keeps_no_other_closed(tmp_path: Path, beat: bytes) ->
     assert command("store", "rebuild", str(tmp_path), "--owner", "hurt").exit_code == 0
     with guarded(tmp_path) as service:
         assert len(service.ask("hurt", "GET", "/v1/sequences").json()["sequences"]) == 1
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        *("file://127.0.0.1", "file://", "null", "ftp://127.0.0.1", "chrome-extension://127.0.0.1"),
+        *("http://127.0.0.1.evil.example", "http://evil.example", "127.0.0.1", "://127.0.0.1", ""),
+        *("http://127.0.0.1:8000", "http:127.0.0.1", "HTTP://127.0.0.1/", "javascript://127.0.0.1"),
+    ],
+)
+def test_only_pages_of_this_very_place_ask_without_a_key(tmp_path: Path, origin: str) -> None:
+    with guarded(tmp_path, require_keys=False) as service:
+        client = service.client
+        for allowed in ("http://127.0.0.1", "https://127.0.0.1"):
+            headers = {"Host": "127.0.0.1", "Origin": allowed}
+            assert client.get("/v1/limits", headers=headers).status_code == 200
+        answer = client.get("/v1/sequences", headers={"Host": "127.0.0.1", "Origin": origin})
+        assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import io
 import json
 import resource
@@ -56,7 +57,8 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
 @pytest.fixture(scope="module")
 def keys(service: RunningService) -> dict[str, str]:
     with KeyRing(service.data_dir) as ring:
-        return {owner: ring.create(owner, frozenset(Scope))[1] for owner in ("alice", "bob")}
+        keys = {owner: ring.create(owner, frozenset(Scope))[1] for owner in ("alice", "bob")}
+        return keys | {"reader": ring.create("reader", frozenset({Scope.READ}))[1]}
 
 
 def asked(service: RunningService, key: str, path: str = "/v1/sequences") -> int:
@@ -358,3 +360,77 @@ def test_a_large_upload_without_a_key_is_told_so(service: RunningService) -> Non
     body = bytes(20_000_000)
     request = head("POST", "/v1/signature", "none", f"Content-Length: {len(body)}")
     assert answered(service, request + body).startswith(b"HTTP/1.1 401 ")
+
+
+EARLY = [
+    (401, "POST", "/v1/signature", "", {}),
+    (401, "POST", "/v1/sequences", "none", {}),
+    (403, "POST", "/v1/models", "reader", {}),
+    (403, "POST", "/v1/sequences", "reader", {}),
+    (404, "POST", "/v1/nowhere", "alice", {}),
+    (404, "POST", "/nowhere", "alice", {}),
+    (405, "PUT", "/v1/sequences", "alice", {}),
+    (413, "POST", "/v1/sequences", "alice", {"Content-Length": "300000000"}),
+    (413, "POST", "/v1/signatures/query", "alice", {"Content-Length": "30000000"}),
+    (400, "POST", "/v1/signature%00", "alice", {}),
+    (429, "POST", "/v1/signature", "busy", {}),
+]
+
+
+@pytest.mark.parametrize(("status", "method", "path", "owner", "more"), EARLY)
+@pytest.mark.parametrize("is_chunked", [False, True])
+def test_an_answer_before_the_body_is_there_closes_its_connection(
+    status: int,
+    method: str,
+    path: str,
+    owner: str,
+    more: dict[str, str],
+    is_chunked: bool,
+    service: RunningService,
+    keys: dict[str, str],
+) -> None:
+    """The next request on such a connection failed 30 of 30."""
+    if is_chunked and more:
+        pytest.skip("a length in chunks is declared by none")
+    with ExitStack() as stack:
+        if owner == "busy":
+            for _ in range(MOST):
+                slow = stack.enter_context(socket.create_connection(("127.0.0.1", service.port)))
+                slow.sendall(
+                    head("POST", "/v1/signature", keys["alice"], "Content-Length: 1000000")
+                )
+            assert eventually(lambda: asked(service, keys["alice"]) == 429)
+        token = {**keys, "": "", "none": "none", "busy": keys["alice"]}[owner]
+        connection = http.client.HTTPConnection("127.0.0.1", service.port, timeout=20.0)
+        stack.callback(connection.close)
+        headers = {**({"X-API-Key": token} if token else {}), **more}
+        for _ in range(3):
+            connection.request(
+                *(method, path, iter([bytes(100_000)] * 50) if is_chunked else bytes(5_000_000)),
+                headers,
+                encode_chunked=is_chunked,
+            )
+            answer = connection.getresponse()
+            body = answer.read()
+            assert answer.status == status, body
+            assert json.loads(body)["status"] == status
+            assert answer.headers.get_all("Connection") == ["close"]
+            # On the same object, which opens another connection where it was told to.
+            connection.request("GET", "/health/live")
+            live = connection.getresponse()
+            assert (live.status, live.read() != b"", live.headers["Connection"]) == (
+                200,
+                True,
+                None,
+            )
+
+
+def test_an_answer_after_the_body_keeps_its_connection(
+    service: RunningService, keys: dict[str, str]
+) -> None:
+    with socket.create_connection(("127.0.0.1", service.port), timeout=20.0) as connection:
+        for path in ("/v1/nowhere", "/v1/signatures/query", "/v1/nowhere"):
+            connection.sendall(head("POST", path, keys["bob"], "Content-Length: 2") + b"{}")
+            answer = connection.recv(65536)
+            assert answer.startswith((b"HTTP/1.1 404", b"HTTP/1.1 422"))
+            assert b"connection: close" not in answer.lower()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -81,10 +82,102 @@ def test_facts_come_in_file_query_and_form(client: TestClient, send: Callable[..
 
 def test_a_known_sequence_keeps_its_facts_and_says_so(send: Callable[..., Any]) -> None:
     send(10, params={"tracking": "offset"})
-    again = send(10, params={"tracking": "material"})
+    # The file is as it was sent, whatever was corrected since: what is unknown comes from it.
+    again = send(10, Facts(tracking="material", cavity="lv"))
     assert again.status_code == 200
-    assert again.json()["facts"]["tracking"] == "offset"
-    assert "keeps its facts; tracking" in again.json()["reading"]["notes"][-1]
+    assert (again.json()["facts"]["tracking"], again.json()["facts"]["cavity"]) == ("offset", "lv")
+    notes = again.json()["reading"]["notes"]
+    assert "keeps its facts; tracking" in notes[-1]
+    assert "cavity is known now too" in notes[-2]
+
+
+STATEMENTS = {
+    "subject": ("P 1", "P 2"),
+    "label": ("normal", "dyskinesia"),
+    "tracking": ("offset", "material"),
+    "handedness": ("right", "left"),
+    "period": ("2.0", "3.0"),
+    "cavity": ("lv", "rv"),
+    "modality": ("MR", "CT"),
+    "landmarks": ('{"apex": 3}', '{"apex": 4}'),
+    "covariates": ('{"age": 61}', '{"age": 62}'),
+}
+
+
+@pytest.mark.parametrize("way", ["params", "data"])
+@pytest.mark.parametrize("name", STATEMENTS)
+def test_what_is_stated_with_known_content_is_filled_in_or_refused_with_the_way(
+    client: TestClient, send: Callable[..., Any], way: str, name: str
+) -> None:
+    number = 100 + 2 * list(STATEMENTS).index(name) + (way == "data")
+    first, other = STATEMENTS[name]
+    link = send(number).json()["links"]["self"]
+
+    def value() -> Any:
+        kept = client.get(link).json()
+        return kept[name] if name in kept else kept["facts"][name]
+
+    unknown: tuple[Any, ...] = (None, {}, "unknown")
+    assert value() in unknown
+    filled = send(number, **{way: {name: first}})
+    assert filled.status_code == 200
+    before = value()
+    assert before not in unknown
+    # Said again, it is as it was; left out, it stays.
+    for again in ({way: {name: first}}, {}):
+        assert send(number, **again).status_code == 200
+        assert value() == before
+    refused = send(number, **{way: {name: other}})
+    assert (refused.status_code, refused.json()["code"]) == (409, "conflict")
+    assert refused.json()["differ"] == [name]
+    assert value() == before
+    # The remedy, followed.
+    assert f"PATCH {link}" in refused.json()["remedy"]
+    text = json.loads(other) if name in ("landmarks", "covariates") else other
+    text = float(text) if name == "period" else text
+    body = {name: text} if name in ("subject", "label") else {"facts": {name: text}}
+    assert client.patch(link, json=body).status_code == 200
+    assert send(number, **{way: {name: other}}).status_code == 200
+
+
+def test_names_of_a_form_are_kept_and_the_query_goes_over_them(send: Callable[..., Any]) -> None:
+    new = send(150, data={"label": "rest", "subject": "P 9"}, params={"label": "stress"})
+    assert new.status_code == 201
+    assert (new.json()["label"], new.json()["subject"]) == ("stress", "P 9")
+    job = send(151, data={"label": "rest"}, headers={"Prefer": "respond-async"})
+    assert job.status_code in (201, 202)
+    assert send(151, params={"label": "rest"}).json()["label"] == "rest"
+
+
+@pytest.mark.parametrize("name", ["labell", "unit", "file", "modes", "x" * 300])
+def test_an_unknown_field_of_a_form_is_refused_as_an_unknown_parameter_is(
+    client: TestClient, send: Callable[..., Any], name: str
+) -> None:
+    refused = send(160, data={name: "mm"})
+    assert (refused.status_code, refused.json()["code"]) == (422, "invalid_request")
+    assert f"form.{name[:80]}" in refused.json()["detail"]
+    assert "in the query" in refused.json()["detail"]
+    assert send(160).status_code == 201
+    client.delete(send(160).json()["links"]["self"])
+
+
+@pytest.mark.parametrize("path", ["/v1/templates", "/v1/signature", "/v1/classify", "/v1/encode"])
+def test_where_nothing_is_stored_a_form_names_nobody(client: TestClient, path: str) -> None:
+    body = write_npz(MESH)
+    for field in ("label", "subject"):
+        refused = client.post(path, files={"file": body}, data={field: "rest"})
+        assert (refused.status_code, refused.json()["code"]) == (422, "invalid_request")
+
+
+def test_two_who_fill_in_different_labels_do_not_both_succeed(
+    client: TestClient, send: Callable[..., Any]
+) -> None:
+    link = send(170).json()["links"]["self"]
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(lambda n: send(170, params={"label": f"L{n}"}), range(8)))
+    assert sorted(answer.status_code for answer in answers) == [200, *[409] * 7]
+    (won,) = (answer.json()["label"] for answer in answers if answer.status_code == 200)
+    assert client.get(link).json()["label"] == won
 
 
 @pytest.mark.parametrize(

@@ -13,16 +13,18 @@ from modalmotion.formats.frames.frames import FrameFile, read_frames
 from modalmotion.formats.frames.listing import list_frames
 from modalmotion.formats.frames.names import require_safe_name
 from modalmotion.formats.frames.series import write_series
-from modalmotion.formats.parser.answer import Parser
+from modalmotion.formats.parser.answer import Parser, ParserOfFile
 from modalmotion.formats.ply.ply import write_ply
 from modalmotion.formats.result import Reading
 from modalmotion.formats.zip_member import UNREADABLE, member_content
-from modalmotion.limits import ReadLimits
+from modalmotion.limits import TEXT_UNFOLDING, ReadLimits
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
 
 # Besides frames an archive may hold textures, notes and the like.
 _MEMBERS_PER_FRAME: Final = 4
+# Text that any archive may hold, however small: a second's reading.
+_SMALLEST_TEXT: Final = 8_000_000
 _ENCRYPTED: Final = 0x1
 _REMEDY: Final = "Pack the frames again as a plain .zip."
 # The earliest date that a zip can state: the same content makes the same bytes.
@@ -58,11 +60,13 @@ def read_zip(data: bytes, parser: Parser, progress: Progress | None = None) -> R
             f"These {len(data)} bytes are not a readable .zip (the file may be cut short).",
             remedy=_REMEDY,
         ) from error
+    limits = parser.limits.of_file(len(data), TEXT_UNFOLDING, _SMALLEST_TEXT)
+    parser = ParserOfFile(parser, limits)
     with archive:
-        members = _plain_members(archive, parser.limits)
-        listing = list_frames(
-            list(members), lambda name: _content(archive, members[name]), parser.limits
-        )
+        members = _plain_members(archive, limits)
+        listing = list_frames(list(members), lambda name: _content(archive, members[name]), limits)
+        # A list may name one frame many times.
+        limits.require("decompressed_bytes", sum(members[n].file_size for n in listing.names))
         files = [
             FrameFile(name, partial(_content, archive, members[name])) for name in listing.names
         ]

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any, Final
 from xml.parsers import expat
 
-from modalmotion.errors import MalformedFileError
+from modalmotion.errors import InputError, MalformedFileError
 from modalmotion.limits import NO_LIMITS, ReadLimits
 
 _malformed: Final = partial(
@@ -51,7 +51,7 @@ def read_series(data: bytes, limits: ReadLimits = NO_LIMITS) -> Series:
     LimitError
         If it lists more frames than `limits` accept.
     """
-    entries = _read_pvd(data) if data.lstrip()[:1] == b"<" else _read_json(data)
+    entries = _read_pvd(data, limits) if data.lstrip()[:1] == b"<" else _read_json(data)
     if not entries:
         raise _malformed("The series file lists no frames.")
     limits.require("frames", len(entries))
@@ -67,7 +67,7 @@ def write_series(names: list[str], times: list[float]) -> bytes:
     return json.dumps({"file-series-version": "1.0", "files": files}, indent=1).encode()
 
 
-def _read_pvd(data: bytes) -> list[tuple[float, str]]:
+def _read_pvd(data: bytes, limits: ReadLimits) -> list[tuple[float, str]]:
     entries: list[tuple[float, str]] = []
 
     def refuse(*_: object) -> None:
@@ -86,6 +86,7 @@ def _read_pvd(data: bytes) -> list[tuple[float, str]]:
                     remedy="Merge the parts of each time into one surface, and save again.",
                 )
             entries.append(_entry(attributes.get("timestep"), attributes.get("file")))
+            limits.require("frames", len(entries))
 
     parser = expat.ParserCreate()
     parser.StartDoctypeDeclHandler = refuse
@@ -94,7 +95,7 @@ def _read_pvd(data: bytes) -> list[tuple[float, str]]:
     try:
         parser.Parse(data, True)
     except (expat.ExpatError, LookupError, ValueError) as error:
-        if isinstance(error, MalformedFileError):
+        if isinstance(error, InputError):
             raise
         raise _malformed(f"The .pvd file is not readable XML ({str(error)[:80]}).") from error
     return entries

@@ -58,6 +58,7 @@ def read_accessor(
     LimitError
         If it declares more than the limits accept.
     """
+    container.count("arrays")
     accessor = container.item("accessors", index)
     count = _count(accessor, "count")
     if limit is not None:

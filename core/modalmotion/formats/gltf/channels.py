@@ -104,15 +104,19 @@ def read_channels(
         return {}, []
     index = 0 if name is None else names.index(name)
     animation = container.item("animations", index)
+    samplers = Container({"samplers": animation["samplers"]}, container.binary)
     channels = {}
+    # Many nodes may move by the same numbers.
+    known: dict[tuple[int, str], Channel] = {}
     for listed in animation["channels"]:
         target = listed["target"]
         node, path = target.get("node"), target.get("path")
         if node is None or path not in _COMPONENTS:
             continue
-        samplers = Container({"samplers": animation["samplers"]}, container.binary)
         sampler = samplers.item("samplers", listed.get("sampler"))
-        channels[node, path] = _channel(container, sampler, path, limits)
+        if (key := (listed["sampler"], path)) not in known:
+            known[key] = _channel(container, sampler, path, limits)
+        channels[node, path] = known[key]
     return channels, [other for i, other in enumerate(names) if i != index]
 
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
 
-from modalmotion.errors import MalformedFileError
+from modalmotion.errors import LimitError, MalformedFileError
 
 _MAGIC: Final = b"glTF"
 _VERSION: Final = 2
 _JSON: Final = b"JSON"
 _BINARY: Final = b"BIN\x00"
+
+_MOST: Final = {"nodes": 10_000, "mesh nodes": 200, "parts of meshes": 1_000, "arrays": 20_000}
 
 malformed: Final = partial(
     MalformedFileError, remedy="Export the animation again as binary glTF (.glb)."
@@ -33,6 +36,23 @@ class Container:
 
     document: dict[str, Any]
     binary: memoryview
+    _counts: Counter[str] = field(default_factory=Counter)
+
+    def count(self, what: str) -> None:
+        """Count one more use of the file's parts: a few bytes may name the same one again.
+
+        Parameters
+        ----------
+        what : {"nodes", "mesh nodes", "parts of meshes", "arrays"}
+
+        Raises
+        ------
+        LimitError
+            If these are more than an animation of one surface needs.
+        """
+        self._counts[what] += 1
+        if self._counts[what] > (most := _MOST[what]):
+            raise too_much(f"uses more than {most} {what}", most)
 
     def item(self, kind: str, index: Any) -> dict[str, Any]:
         """Object of the document by its list and place in it.
@@ -102,6 +122,16 @@ def write_container(document: dict[str, Any], binary: bytes) -> bytes:
             len(binary).to_bytes(4, "little") + _BINARY,
             binary,
         )
+    )
+
+
+def too_much(what: str, most: int) -> LimitError:
+    """Make the error for a scene that is larger than an animation of one surface."""
+    return LimitError(
+        f"The GLB file {what}.",
+        remedy="Export the moving surface alone, as one mesh without bones, cameras or lights.",
+        limit="gltf_nodes",
+        details={"most": most},
     )
 
 

@@ -60,7 +60,9 @@ def read_morph_mesh(container: Container, index: int, limits: ReadLimits) -> Mor
     faces = []
     ignored: dict[str, None] = {}
     n_vertices = 0
+    n_faces = 0
     for primitive in mesh["primitives"]:
+        container.count("parts of meshes")
         _require_plain(primitive)
         attributes = primitive["attributes"]
         listed = [target.get("POSITION") for target in primitive.get("targets", [])]
@@ -76,7 +78,8 @@ def read_morph_mesh(container: Container, index: int, limits: ReadLimits) -> Mor
             targets.append(_targets(container, listed, len(base), limits))
         start, size = blocks[key]
         faces.append(_faces(container, primitive, size, limits) + start)
-        limits.require("faces", sum(len(block) for block in faces))
+        n_faces += len(faces[-1])
+        limits.require("faces", n_faces)
     if len({len(block) for block in targets}) != 1:
         raise malformed("Parts of a mesh in the GLB file have different numbers of morph targets.")
     n_targets = len(targets[0])

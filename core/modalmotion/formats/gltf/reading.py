@@ -15,7 +15,7 @@ from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.formats.gltf.channels import Channel, Key, read_channels
 from modalmotion.formats.gltf.container import Container, malformed, read_container
 from modalmotion.formats.gltf.meshes import MorphMesh, read_morph_mesh
-from modalmotion.formats.gltf.scene import MeshNode, mesh_nodes, transform_at
+from modalmotion.formats.gltf.scene import Chain, MeshNode, mesh_nodes, transforms_at
 from modalmotion.formats.result import Reading, Source
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.sequence import mesh_sequence
@@ -24,6 +24,9 @@ OURS: Final = "modalmotion"
 """Name under which our own files hold unit and times in the extras of the asset."""
 
 _COORDINATES: Final = "Y up"
+
+# Bytes in memory for each byte of the file: a few shapes may move over a thousand frames.
+_UNFOLDING: Final = 200
 
 # Extensions that do not move vertices, or that are read.
 _HARMLESS: Final = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_mesh_quantization")
@@ -60,6 +63,7 @@ def read_glb(
         If no animation has that name.
     """
     container = read_container(data)
+    limits = limits.of_file(len(data), _UNFOLDING)
     try:
         # Numbers of any size may stand in a file; the validator finds overflows.
         with np.errstate(all="ignore"):
@@ -81,19 +85,24 @@ def _read(container: Container, animation: str | None, limits: ReadLimits) -> Re
         raise malformed("The GLB file's scene shows no mesh.")
     times = _key_times(nodes, channels)
     limits.require("frames", len(times))
+    worlds = transforms_at(container, nodes, channels, times)
+    meshes: dict[int, MorphMesh] = {}
     pieces: list[NDArray[np.float64]] = []
     faces: list[NDArray[np.int64]] = []
     ignored: dict[str, None] = {}
     n_vertices, n_targets = 0, 0
     for node in nodes:
-        mesh = read_morph_mesh(container, node.mesh, limits)
+        if node.mesh not in meshes:
+            meshes[node.mesh] = read_morph_mesh(container, node.mesh, limits)
+        mesh = meshes[node.mesh]
         ignored |= dict.fromkeys(mesh.ignored)
         faces.append(mesh.faces + n_vertices)
         n_vertices += len(mesh.base)
         n_targets += len(mesh.targets)
         limits.require("vertices", n_vertices)
+        limits.require("faces", sum(map(len, faces)))
         limits.require("decompressed_bytes", len(times) * n_vertices * 24)
-        pieces.append(_positions(container, node, mesh, channels, times))
+        pieces.append(_positions(container, node, mesh, channels, times, worlds))
     ours = _ours(container)
     is_timed = bool(channels) and "times_unknown" not in ours
     start = ours.get("start_time", 0.0)
@@ -132,6 +141,7 @@ def _positions(
     mesh: MorphMesh,
     channels: dict[Key, Channel],
     times: NDArray[np.float64],
+    worlds: dict[Chain, NDArray[np.float64]],
 ) -> NDArray[np.float64]:
     n_targets, n_vertices, _ = mesh.targets.shape
     channel = channels.get((node.chain[-1], "weights"))
@@ -143,7 +153,7 @@ def _positions(
         )
     # x(t) = M(t) (base + sum_i w_i(t) target_i)
     moved = np.tensordot(weights, mesh.targets, axes=(1, 0)) + mesh.base
-    M = transform_at(container, node.chain, channels, times)
+    M = worlds[node.chain]
     placed = np.matmul(moved, M[:, :3, :3].transpose(0, 2, 1)) + M[:, None, :3, 3]
     return np.broadcast_to(placed, (len(times), n_vertices, 3))
 

@@ -8,14 +8,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import LimitError, MalformedFileError
+from modalmotion.errors import MalformedFileError
 from modalmotion.formats.gltf.channels import Channel, Key
-from modalmotion.formats.gltf.container import Container, malformed
+from modalmotion.formats.gltf.container import Container, malformed, too_much
 from modalmotion.formats.gltf.quaternions import to_matrices
 
-_MOST_NODES: Final = 100_000
-# Moving nodes times frames; beyond it, matrices alone would take minutes.
-_MOST_MOVING_NODES: Final = 10_000_000
+_DEEPEST: Final = 100
+# Moving nodes times frames; beyond it, matrices alone would take seconds.
+_MOST_MOVING_NODES: Final = 500_000
 
 Chain = tuple[int, ...]
 
@@ -43,7 +43,7 @@ def mesh_nodes(container: Container) -> list[MeshNode]:
     MalformedFileError
         If nodes do not form a tree, or a skeleton moves a mesh.
     LimitError
-        If it has too many nodes.
+        If it has too many nodes, or they stand too deep below each other.
     """
     nodes = []
     seen: set[int] = set()
@@ -56,13 +56,9 @@ def mesh_nodes(container: Container) -> list[MeshNode]:
                 f"Node {index} of the GLB file stands below two others, or below itself."
             )
         seen.add(index)
-        if len(seen) > _MOST_NODES:
-            raise LimitError(
-                f"The GLB file has more than {_MOST_NODES} nodes.",
-                remedy="Send the moving surface alone.",
-                limit="gltf_nodes",
-                details={"most": _MOST_NODES},
-            )
+        container.count("nodes")
+        if len(above) >= _DEEPEST:
+            raise too_much(f"has nodes more than {_DEEPEST} deep", _DEEPEST)
         chain = (*above, index)
         if "mesh" in node:
             if "skin" in node:
@@ -71,44 +67,44 @@ def mesh_nodes(container: Container) -> list[MeshNode]:
                     remedy="Bake the animation to shape keys (morph targets) and export again, or "
                     "export each frame as PLY or OBJ and send them as .zip.",
                 )
+            container.count("mesh nodes")
             nodes.append(MeshNode(chain, node["mesh"]))
         waiting += [(chain, child) for child in reversed(node.get("children", []))]
     return nodes
 
 
-def transform_at(
+def transforms_at(
     container: Container,
-    chain: Chain,
+    nodes: list[MeshNode],
     channels: dict[Key, Channel],
     times: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Place a node in the world over time.
+) -> dict[Chain, NDArray[np.float64]]:
+    """Place nodes in the world over time.
 
     Parameters
     ----------
     container : Container
-    chain : tuple of int
-        From the root to the node.
+    nodes : list of MeshNode
     channels : dict of (node, path) to Channel
     times : (frames,) float64, s
 
     Returns
     -------
-    (frames or 1, 4, 4) float64
+    dict of chain to (frames or 1, 4, 4) float64
+        Of each node and of all above it, each computed once.
     """
-    moving = {node for node, path in channels if path != "weights"}
-    n_moving = len(moving & set(chain))
+    concerned = {index for node in nodes for index in node.chain}
+    n_moving = len({node for node, path in channels if path != "weights"} & concerned)
     if n_moving * len(times) > _MOST_MOVING_NODES:
-        raise LimitError(
-            f"The GLB file moves {n_moving} nodes over {len(times)} frames.",
-            remedy="Bake the motion into fewer nodes.",
-            limit="gltf_nodes",
-            details={"most": _MOST_MOVING_NODES},
-        )
-    world = np.eye(4)[None]
-    for index in chain:
-        world = world @ _local(container.item("nodes", index), index, channels, times)
-    return world
+        raise too_much(f"moves {n_moving} nodes over {len(times)} frames", _MOST_MOVING_NODES)
+    worlds: dict[Chain, NDArray[np.float64]] = {(): np.eye(4)[None]}
+    for node in nodes:
+        for depth, index in enumerate(node.chain):
+            above, here = node.chain[:depth], node.chain[: depth + 1]
+            if here not in worlds:
+                local = _local(container.item("nodes", index), index, channels, times)
+                worlds[here] = worlds[above] @ local
+    return worlds
 
 
 def _local(

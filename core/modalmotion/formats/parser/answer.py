@@ -37,3 +37,21 @@ class Parser(Protocol):
 
     def parse(self, task: str, data: bytes) -> Answer:
         """Parse a file by the parser of that name."""
+
+
+@dataclass(frozen=True)
+class ParserOfFile:
+    """A parser for what is inside one file, with that file's limits.
+
+    Parameters
+    ----------
+    parser : Parser
+    limits : ReadLimits
+    """
+
+    parser: Parser
+    limits: ReadLimits
+
+    def parse(self, task: str, data: bytes) -> Answer:
+        """Parse a file inside of it."""
+        return self.parser.parse(task, data)

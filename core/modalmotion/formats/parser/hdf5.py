@@ -17,6 +17,7 @@ _OURS: Final = "modalmotion."
 
 def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
     """Parse an HDF5 file in this process; see `read_hdf5`."""
+    limits = limits.of_file(len(data))
     with open_gated(data, limits) as file:
         if "VTKHDF" in file:
             return parse_vtkhdf(file, limits)

@@ -199,9 +199,13 @@ def _positions(
     dtype = np.dtype(np.float32 if points.dtype.itemsize == 4 else np.float64)
     # Steps may all name the same points, so this can be far more than the file declares.
     limits.require("decompressed_bytes", len(starts) * n * 3 * dtype.itemsize)
+    # All at once: a chunk that holds many frames would be unpacked again for each of them.
+    values = np.asarray(points[()], dtype=dtype)
+    if np.array_equal(starts, n * np.arange(len(starts))):
+        return values[: n * len(starts)].reshape(len(starts), n, 3)
     vertices = np.empty((len(starts), n, 3), dtype)
     for frame, start in enumerate(starts.tolist()):
-        vertices[frame] = points[start : start + n]
+        vertices[frame] = values[start : start + n]
     return vertices
 
 

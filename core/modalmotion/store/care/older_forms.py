@@ -29,15 +29,18 @@ from modalmotion.classification.model.hdf5 import (
     numbered,
 )
 from modalmotion.classification.model.model import Model, Readable
-from modalmotion.errors import ModalMotionError, StoreError
+from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form, form_of
 from modalmotion.mesh.hdf5 import sequence_from_hdf5, sequence_in, sequence_to_hdf5
+from modalmotion.signature.hdf5 import signature_to_hdf5
+from modalmotion.signature.making import modal_signature
 from modalmotion.store.disk.atomic import write_atomic
 from modalmotion.store.disk.sealed_json import JsonForm
 from modalmotion.store.folder import Folder
 from modalmotion.store.record import FORM as RECORD
 from modalmotion.store.record import record_from, record_to_json
+from modalmotion.template.hdf5 import template_from_hdf5
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ def rewrite_older(folder: Folder) -> Rewriting:
             continue
         try:
             with form.read(path) as contents:
-                image = OLDER[form](contents)
+                image = OLDER[form](contents, folder)
         except ModalMotionError as error:
             refused[folder.short(path)] = str(error)
         else:
@@ -122,12 +125,12 @@ def _record(folder: Folder, sequence_id: str) -> bytes:
     return record_to_json(replace(record, span=span))
 
 
-def _sequence(contents: Contents) -> bytes:
+def _sequence(contents: Contents, _: Folder) -> bytes:
     """Version 1 had no facts: nothing is known of them."""
     return sequence_to_hdf5(sequence_in(contents))
 
 
-def _classification(contents: Contents) -> bytes:
+def _classification(contents: Contents, _: Folder) -> bytes:
     """Add the fields that version 1 lacks: it ruled nothing out, so its set is all classes."""
     classes = tuple(contents.json("classes", list))
     label = contents.json("label", object)
@@ -150,7 +153,29 @@ def _classification(contents: Contents) -> bytes:
     )
 
 
-def _model(contents: Contents) -> bytes:
+def _signature(contents: Contents, folder: Folder) -> bytes:
+    """Make the signature again: version 1 knew the error by weight alone, and tolerances held it.
+
+    Raises
+    ------
+    ModalMotionError
+        If what it was made from is lost, or its tolerance cannot be held.
+    """
+    parameters = parameters_from_json(contents.json("parameters", dict))
+    try:
+        sequence = sequence_from_hdf5(folder.upload(contents.text("sequence_id")))
+        template = None
+        if parameters.template is not None:
+            template = template_from_hdf5(folder.template(parameters.template))
+    except NotFoundError as error:
+        raise StoreError(
+            "Its errors are by weight alone, and the vertices that others need are not kept.",
+            remedy="Delete it, and send the sequence again.",
+        ) from error
+    return signature_to_hdf5(modal_signature(sequence, parameters, template=template))
+
+
+def _model(contents: Contents, _: Folder) -> bytes:
     """Take a model out of the JSON text, with arrays in base64, that version 1 was."""
     stored = json.loads(contents.array("contents", (None,)).tobytes())
     if stored["schema"] != 4:
@@ -215,10 +240,11 @@ def _array(stored: dict[str, Any]) -> NDArray[np.float64]:
     return np.frombuffer(data, dtype="<f8").astype(np.float64).reshape(stored["shape"])
 
 
-OLDER: Final[dict[Form, Callable[[Contents], bytes]]] = {
+OLDER: Final[dict[Form, Callable[[Contents, Folder], bytes]]] = {
     Form("classification", 1): _classification,
     Form("sequence", 1): _sequence,
     Form("model", 1): _model,
+    Form("signature", 1): _signature,
 }
 """How each older form is rewritten."""
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import replace
 from typing import Annotated
 
 from fastapi import Depends, Header, Request
+from fastapi.exceptions import RequestValidationError
 from starlette.datastructures import FormData, UploadFile
 
 from modalmotion.errors import MalformedFileError, ParameterError
-from modalmotion.facts import Facts, column_of, facts_from_texts, is_fact
+from modalmotion.facts import column_of, facts_from_texts, is_fact
 from modalmotion.store import ResultStore
 from modalmotion_service.access.keys import key_required
 from modalmotion_service.access.principal import principal_of
@@ -59,22 +60,28 @@ async def get_preference(
     return parse_preference(prefer)
 
 
-async def receive_upload(request: Request, state: StateDependency) -> SpoolFile:
-    """Receive an upload into the spool: the raw body, or a form's part named "file".
+def receiving(*names: str) -> Callable[[Request, State], Awaitable[SpoolFile]]:
+    """Make the dependency that receives an upload into the spool.
 
-    Raises
-    ------
-    MalformedFileError
-        If a form holds no such part.
+    It is the raw body, or a form's part named "file"; facts may stand in other fields.
+
+    Parameters
+    ----------
+    *names : str
+        Fields that may stand in the form too.
     """
-    file = await _receive(request, state)
-    # Handlers remove their upload; one that is never called because its query is not valid
-    # cannot.
-    request.state.remove_upload = file.remove
-    return file
+
+    async def receive_upload(request: Request, state: StateDependency) -> SpoolFile:
+        file = await _receive(request, state, names)
+        # Handlers remove their upload; one that is never called because its query is not valid
+        # cannot.
+        request.state.remove_upload = file.remove
+        return file
+
+    return receive_upload
 
 
-async def _receive(request: Request, state: State) -> SpoolFile:
+async def _receive(request: Request, state: State, names: tuple[str, ...]) -> SpoolFile:
     # Only requests with an idempotency key are compared by their hash.
     hashed = "idempotency-key" in request.headers
     with stage("receive"):
@@ -90,29 +97,45 @@ async def _receive(request: Request, state: State) -> SpoolFile:
                     "The form has no file part named 'file'.",
                     remedy="Send one part named 'file', or the bytes as the raw body.",
                 )
-            facts = _facts_in(form)
+            texts = _fields_of(form, names)
+            facts = facts_from_texts({name: texts[name] for name in texts if is_fact(name)})
+            stated = {name: texts[name] for name in names if name in texts}
             file = await state.spool.receive(_pieces(part), hashed=hashed)
-            return replace(file, facts=facts)
+            return replace(file, facts=facts, names=stated)
 
 
-def _facts_in(form: FormData) -> Facts:
-    """Read the facts that fields of a form state, by the names that columns of tables have.
+def _fields_of(form: FormData, names: tuple[str, ...]) -> dict[str, str]:
+    """Read the fields of a form beside its file: facts by the names that columns of tables have.
 
     Raises
     ------
+    RequestValidationError
+        If one is not known here: it would be dropped.
     ParameterError
-        If one cannot be read, or is stated twice.
+        If one is stated twice.
     """
     texts: dict[str, str] = {}
     for heading, value in form.multi_items():
         name = column_of(heading)
-        if isinstance(value, str) and is_fact(name):
-            if name in texts:
-                raise ParameterError(
-                    f"The form has two fields '{name[:80]}'.", remedy="Send one of them."
-                )
-            texts[name] = value
-    return facts_from_texts(texts)
+        if heading == "file" and not isinstance(value, str) and name not in texts:
+            continue
+        if not isinstance(value, str) or not (is_fact(name) or name in names):
+            may_be = ", ".join(["file", *names])
+            raise RequestValidationError(
+                [
+                    {
+                        "loc": ("form", heading[:80]),
+                        "msg": f"A form has {may_be} and facts; all else stands in the query, as "
+                        f"?{heading[:80]}=...",
+                    }
+                ]
+            )
+        if name in texts:
+            raise ParameterError(
+                f"The form has two fields '{name[:80]}'.", remedy="Send one of them."
+            )
+        texts[name] = value
+    return texts
 
 
 async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:
@@ -122,4 +145,5 @@ async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:
 
 StoreDependency = Annotated[ResultStore, Depends(get_store)]
 PreferenceDependency = Annotated[Preference, Depends(get_preference)]
-FileDependency = Annotated[SpoolFile, Depends(receive_upload)]
+FileDependency = Annotated[SpoolFile, Depends(receiving())]
+NamedFileDependency = Annotated[SpoolFile, Depends(receiving("subject", "label"))]

@@ -12,26 +12,35 @@ PREFER: Final = "respond-async for a job, or wait=SECONDS."
 
 BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 
-UPLOAD_BODY: Final[dict[str, Any]] = {
-    "requestBody": {
-        "required": True,
-        "description": "The file's bytes, or a form with one part named 'file' and "
-        "fields that state facts: by name as in the query, or landmark:apex and covariate:age.",
-        "content": {
-            "application/octet-stream": BINARY,
-            "multipart/form-data": {
-                "schema": {
-                    "type": "object",
-                    "required": ["file"],
-                    "properties": {
-                        "file": {"type": "string", "format": "binary"},
-                        **{name: {"type": "string"} for name in NAMES},
-                    },
-                }
-            },
+
+def _upload_body(*names: str) -> dict[str, Any]:
+    """Describe the body of an upload, whose form may have fields of these names beside facts."""
+    also = f" ({' and '.join(names)} too)" if names else ""
+    fields = (*names, *NAMES)
+    schema = {
+        "type": "object",
+        "required": ["file"],
+        "properties": {
+            "file": {"type": "string", "format": "binary"},
+            **{name: {"type": "string"} for name in fields},
         },
     }
-}
+    return {
+        "requestBody": {
+            "required": True,
+            "description": "The file's bytes, or a form with one part named 'file' and "
+            f"fields that state facts: by name as in the query, or landmark:apex and "
+            f"covariate:age{also}. Other fields are refused.",
+            "content": {
+                "application/octet-stream": BINARY,
+                "multipart/form-data": {"schema": schema},
+            },
+        }
+    }
+
+
+UPLOAD_BODY: Final = _upload_body()
+NAMED_UPLOAD_BODY: Final = _upload_body("subject", "label")
 
 _PROBLEM_CONTENT: Final = {
     "application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}

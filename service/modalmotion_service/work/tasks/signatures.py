@@ -93,7 +93,8 @@ def pack_npz(signatures: list[Path], records: list[SequenceRecord], output: Path
     """Pack the trajectories of many signatures into one .npz archive.
 
     Arrays `ids`, `labels` (of the classes, as users say), and for each signature by its number
-    `amplitudes_0`, `modes_0`, `angular_frequencies_0`, `rms_errors_0` and `times_0`.
+    `amplitudes_0`, `modes_0`, `angular_frequencies_0`, `rms_errors_0`, `weighted_rms_errors_0`
+    and `times_0`.
     """
     arrays: dict[str, Any] = {
         "ids": np.array([record.id for record in records]),
@@ -147,6 +148,7 @@ def _trajectory(signature: ModalSignature) -> dict[str, Any]:
         "modes": np.array([str(label) for label in signature.modes.labels]),
         "angular_frequencies": signature.angular_frequencies,
         "rms_errors": signature.rms_errors,
+        "weighted_rms_errors": signature.weighted_rms_errors,
     }
     if signature.times is not None:
         arrays["times"] = signature.times

@@ -17,6 +17,7 @@ from older_stores import (
     old_file,
     old_model,
     old_sequence,
+    old_signature,
     set_index_version,
 )
 from store_samples import (
@@ -33,6 +34,7 @@ from modalmotion.classification.model.hdf5 import kept_model, model_to_hdf5, num
 from modalmotion.cli.store_commands import store as commands
 from modalmotion.errors import CorruptFileError, OlderFileError
 from modalmotion.facts import NO_FACTS
+from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import ResultStore, classification_from_hdf5, rebuild, verify
 from modalmotion.store.care.older_forms import OLD_RECORD
 from modalmotion.store.folder import Folder, ResultName
@@ -212,3 +214,28 @@ def test_sequences_and_their_records_get_facts_that_are_unknown(tmp_path: Path) 
         assert record.span == 2.0
         assert store.sequence(sequence.id).facts == NO_FACTS
         assert store.sequence(sequence.id).id == sequence.id
+
+
+def test_signatures_whose_error_was_by_weight_alone_are_made_again(tmp_path: Path) -> None:
+    root = tmp_path / "store"
+    asked = SignatureParameters(tolerance=1.2)
+    sequences = [sample_sequence(0), sample_sequence(1)]
+    with ResultStore(root) as store:
+        for sequence in sequences:
+            store.put_sequence(sequence)
+            store.put_signature(modal_signature(sequence, asked))
+        record = Folder(root)
+    for sequence in sequences:
+        path = record.result(ResultName("signature", sequence.id, "", asked.key))
+        path.write_bytes(old_signature(sequence.id, asked))
+    record.upload(sequences[1].id).unlink()
+    set_index_version(root, 1)
+    with pytest.raises(OlderFileError):
+        ResultStore(root).open()
+    found = rebuild(root)
+    assert found.rewritten == {"signature": 1}
+    assert "send the sequence again" in str(found.refused)
+    with ResultStore(root) as store:
+        assert_same(
+            store.signature(sequences[0].id, asked.key), modal_signature(sequences[0], asked)
+        )

@@ -126,16 +126,18 @@ def test_what_few_modes_leave_on_the_real_ventricle(n_modes: int, bound: float) 
     moving = shared("heart/lv_endocardium")
     found = describe(moving, n_modes)
     assert len(found.amplitudes[0]) == n_modes
-    assert root_mean_square(found.fit.rms_errors) <= bound
+    assert root_mean_square(found.fit.errors.weighted_rms) <= bound
     springs = describe(moving, n_modes, closed_form=False)
-    assert root_mean_square(found.fit.rms_errors) < root_mean_square(springs.fit.rms_errors)
+    assert root_mean_square(found.fit.errors.weighted_rms) < root_mean_square(
+        springs.fit.errors.weighted_rms
+    )
 
 
 @pytest.mark.parametrize("n_modes", [7, 18, 37])
 def test_natural_modes_leave_less_than_springs_on_a_simulated_one(n_modes: int) -> None:
     moving = make_ventricle(1000, np.random.default_rng(0))
     natural, springs = (
-        root_mean_square(describe(moving, n_modes, closed_form=c).fit.rms_errors)
+        root_mean_square(describe(moving, n_modes, closed_form=c).fit.errors.weighted_rms)
         for c in (True, False)
     )
     assert natural < springs

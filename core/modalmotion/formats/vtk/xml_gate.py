@@ -1,0 +1,177 @@
+"""The gate before VTK's reader of .vtp files: sizes compared with the bytes that there are.
+
+VTK allocates what a file declares before it reads, searches an element's
+attributes one after the other, and expands entities. So the declarations are read first, by the
+parser that VTK itself uses, in time that grows with the file as its bytes do.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from typing import Final
+from xml.parsers import expat
+
+from modalmotion.errors import LimitError, MalformedFileError
+from modalmotion.limits import UNFOLDING, ReadLimits
+
+_malformed: Final = partial(
+    MalformedFileError, remedy="Save the frame again as a polygonal surface (vtkPolyData)."
+)
+
+# A surface with fifty arrays of data has two hundred elements, four deep, with ten attributes.
+_MOST_ELEMENTS: Final = 1_000
+_DEEPEST: Final = 20
+_MOST_ATTRIBUTES: Final = 50
+# Of a tag, a comment or an instruction: a parser that is fed in pieces reads it anew with each.
+_LONGEST_MARKUP: Final = 1 << 16
+_LONG_TAG: Final = re.compile(rb"<[^<>]{%d}" % _LONGEST_MARKUP)
+
+_ENCODINGS: Final = ("utf-8", "us-ascii", "ascii", "iso-8859-1")
+_REFUSED: Final = "a document type or entities"
+
+
+class _AppendedDataError(Exception):
+    """What follows is not XML: VTK stops there too."""
+
+
+def require_plain_xml(data: bytes, limits: ReadLimits) -> None:
+    """Refuse a .vtp file that is costly or dangerous to read.
+
+    Parameters
+    ----------
+    data : bytes
+    limits : ReadLimits
+
+    Raises
+    ------
+    MalformedFileError
+        If it holds a document type, or its sizes are not numbers or more than its bytes can hold.
+    LimitError
+        If it declares more than `limits` accept, or has more elements or attributes than a surface.
+    """
+    head = data[:4].removeprefix(b"\xef\xbb\xbf")
+    if head.startswith((b"\xfe\xff", b"\xff\xfe")) or b"\0" in head:
+        raise _other_encoding("UTF-16")
+    end = data.find(b"<AppendedData")
+    if _LONG_TAG.search(data, 0, len(data) if end < 0 else end) is not None:
+        raise _too_much("markup_bytes", f"a tag of more than {_LONGEST_MARKUP} bytes")
+    walk = _Walk(len(data), limits)
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = _refuse
+    parser.XmlDeclHandler = _require_encoding
+    parser.StartElementHandler, parser.EndElementHandler = walk.start, walk.end
+    parser.CommentHandler = _require_short
+    parser.ProcessingInstructionHandler = lambda _, text: _require_short(text)
+    try:
+        parser.Parse(data, True)
+    except _AppendedDataError:
+        return
+    except (expat.ExpatError, LookupError) as error:
+        raise _malformed(f"The .vtp file is not readable XML ({str(error)[:80]}).") from error
+
+
+class _Walk:
+    """Counts what the elements of a .vtp file declare."""
+
+    def __init__(self, n_bytes: int, limits: ReadLimits) -> None:
+        self.limits = limits
+        self.most_values = n_bytes
+        self.n_bytes = n_bytes
+        self.n_elements = self.n_values = 0
+        self.path: list[str] = []
+        self.n_points = self.n_cells = 0
+        self.totals = {"vertices": 0, "faces": 0}
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        self.n_elements += 1
+        if self.n_elements > _MOST_ELEMENTS:
+            raise _too_much("xml_elements", f"more than {_MOST_ELEMENTS} elements")
+        if len(self.path) >= _DEEPEST:
+            raise _too_much("xml_depth", f"elements more than {_DEEPEST} deep")
+        if len(attributes) > _MOST_ATTRIBUTES:
+            raise _too_much("xml_attributes", f"{len(attributes)} attributes on one element")
+        if not self.path:
+            if tag != "VTKFile":
+                raise _malformed(f"The .vtp file begins with {tag[:40]!r}, not 'VTKFile'.")
+            if (kind := attributes.get("type", "")) != "PolyData":
+                raise _malformed(f"The .vtp file is of the type {kind[:40]!r}, not 'PolyData'.")
+            if attributes.get("compressor", ""):
+                self.most_values = UNFOLDING * self.n_bytes
+        elif tag == "AppendedData":
+            raise _AppendedDataError
+        elif tag == "Piece":
+            self._piece(attributes)
+        elif tag.endswith("Array") or tag == "Array":
+            self._array(attributes)
+        self.path.append(tag)
+
+    def end(self, _: str) -> None:
+        self.path.pop()
+
+    def _piece(self, attributes: dict[str, str]) -> None:
+        self.n_points = _whole(attributes, "NumberOfPoints")
+        polygons = _whole(attributes, "NumberOfPolys")
+        others = ("NumberOfVerts", "NumberOfLines", "NumberOfStrips")
+        self.n_cells = polygons + sum(_whole(attributes, name) for name in others)
+        for limit, n in (("vertices", self.n_points), ("faces", polygons)):
+            self.totals[limit] += n
+            self.limits.require(limit, self.totals[limit])
+        self._hold("points and cells", 3 * self.n_points + self.n_cells)
+
+    def _array(self, attributes: dict[str, str]) -> None:
+        rows = _whole(attributes, "NumberOfTuples")
+        if self.path[-1] in ("PointData", "Points"):
+            rows = max(rows, self.n_points)
+        elif "Piece" in self.path:
+            rows = max(rows, self.n_cells)
+        columns = _whole(attributes, "NumberOfComponents", 1)
+        self._hold(
+            f"the array {attributes.get('Name', '')[:40]!r}", max(rows, columns, rows * columns)
+        )
+
+    def _hold(self, what: str, n_values: int) -> None:
+        self.n_values += n_values
+        if self.n_values > self.most_values:
+            raise _malformed(
+                f"The .vtp file declares {self.n_values} numbers up to {what}, more than its "
+                f"{self.n_bytes} bytes can hold."
+            )
+
+
+def _whole(attributes: dict[str, str], name: str, default: int = 0) -> int:
+    text = attributes.get(name, str(default)).strip()
+    if not (text.isascii() and text.isdigit() and len(text) <= 18):
+        raise _malformed(f"The .vtp file states {name} as {text[:20]!r}.")
+    return int(text)
+
+
+def _refuse(*_: object) -> None:
+    raise MalformedFileError(
+        f"The .vtp file holds {_REFUSED}, which are never read.",
+        remedy="Save the frame again without them.",
+    )
+
+
+def _require_encoding(_version: str, encoding: str | None, _standalone: int) -> None:
+    if encoding is not None and encoding.lower() not in _ENCODINGS:
+        raise _other_encoding(encoding[:40])
+
+
+def _other_encoding(name: str) -> MalformedFileError:
+    return MalformedFileError(
+        f"The .vtp file is written in {name}, not in UTF-8.", remedy="Save the frame as UTF-8."
+    )
+
+
+def _require_short(text: str) -> None:
+    if len(text) > _LONGEST_MARKUP:
+        raise _too_much("markup_bytes", f"a comment of more than {_LONGEST_MARKUP} characters")
+
+
+def _too_much(limit: str, what: str) -> LimitError:
+    return LimitError(
+        f"The VTK file holds {what}.",
+        remedy="Save the surface alone, without its arrays of data.",
+        limit=limit,
+    )

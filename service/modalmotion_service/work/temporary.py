@@ -1,0 +1,45 @@
+"""The folder that processes find each other by, and those that killed servers left behind."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import shutil
+import tempfile
+from functools import cache
+from multiprocessing import util
+from pathlib import Path
+from typing import Final
+
+_MARK: Final = "modalmotion"
+
+
+@cache
+def claim_temporary_folder() -> Path:
+    """Mark the folder of this process's `multiprocessing` as ours while it lives.
+
+    Python removes it at an orderly end. What processes that were killed have left is removed here,
+    by its mark: folders of other programs look alike.
+    """
+    _sweep(Path(tempfile.gettempdir()))
+    folder = Path(util.get_temp_dir())
+    # Locked until the process ends, however it does; closed in those that it starts.
+    descriptor = os.open(folder / _MARK, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return folder
+
+
+def _sweep(parent: Path) -> None:
+    for mark in parent.glob(f"pymp-*/{_MARK}"):
+        # Another user's, or gone meanwhile.
+        with contextlib.suppress(OSError):
+            descriptor = os.open(mark, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            else:
+                shutil.rmtree(mark.parent)
+            finally:
+                os.close(descriptor)
