@@ -11,6 +11,7 @@
     │   ├── TopologyError               a surface without the requested natural coordinates
     │   ├── ModeCountError              more modes than the surface can determine, or none
     │   ├── ParameterError              an option outside its range
+    │   │   └── UnlikeCasesError        training cases whose modes do not compare
     │   ├── ToleranceError              an error that no number of modes meets
     │   └── LimitError                  larger than a stated limit
     ├── MissingExtraError (ModuleNotFoundError)  a package that an extra installs is absent
@@ -126,6 +127,10 @@ class ParameterError(InputError):
     """An option lies outside its range."""
 
     code = "bad_parameter"
+
+
+class UnlikeCasesError(ParameterError):
+    """Training cases do not compare in the modes that they were fitted with."""
 
 
 class ToleranceError(InputError):

@@ -1,24 +1,47 @@
-"""Milliseconds by stage."""
+"""Milliseconds by stage, and how far the work is by the stages that are done."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+
+StageReport = Callable[[float, str], None]
+"""Called with the share that is done, 0 to 1, and the name of the stage that is done now."""
 
 
 class Stopwatch:
-    """Adds up the milliseconds that named stages take."""
+    """Adds up the milliseconds that named stages take, and reports which one has begun.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    shares : mapping of str to float, optional
+        Part of the whole that each stage is counted as; together at most 1.
+    report : callable, optional
+        Called when a stage begins, and without a name when it ends; the share never falls.
+    """
+
+    def __init__(
+        self,
+        shares: Mapping[str, float] | None = None,
+        report: StageReport = lambda _share, _name: None,
+    ) -> None:
         self.milliseconds: dict[str, float] = {}
+        self._shares = dict(shares or {})
+        self._report = report
+        self._done = 0.0
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Add the time of the block to a stage."""
+    def stage(self, name: str) -> Iterator[Callable[[float], None]]:
+        """Add the time of the block to a stage; gives a function that reports its own share."""
         start = time.perf_counter()
+        # One that comes again is counted once.
+        begun, share = self._done, self._shares.pop(name, 0.0)
+        self._report(begun, name)
         try:
-            yield
+            yield lambda inside: self._report(begun + share * inside, name)
         finally:
             spent = 1e3 * (time.perf_counter() - start)
             self.milliseconds[name] = self.milliseconds.get(name, 0.0) + spent
+            self._done = begun + share
+            self._report(self._done, "")

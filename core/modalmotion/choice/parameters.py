@@ -14,7 +14,7 @@ import numpy as np
 from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.facts import Facts
 from modalmotion.mesh.sequence import Reference
-from modalmotion.modes.topology import Topology
+from modalmotion.modes.topology import MESH, Topology
 from modalmotion.representation import shown
 from modalmotion.template import GivenLandmarks, Weights
 from modalmotion.template.body_frame import Components
@@ -59,7 +59,8 @@ class SignatureParameters:
         Number of modes; each has three amplitudes a frame. Rounded up where a cosine-sine pair
         would be split, unless `split_pairs`. None where it follows from the data.
     topology : str or None
-        Name of the topology, over what the sequence states.
+        Name of the topology, over what the sequence states; "mesh" for the spring modes of the
+        mesh itself, which is `closed_form=False`.
     grid : tuple of int or None
         Lattice shape, over what the sequence states.
     reference : int or "mean"
@@ -125,6 +126,9 @@ class SignatureParameters:
     amplitudes: InitVar[int | None] = None
 
     def __post_init__(self, amplitudes: int | None) -> None:
+        if self.topology == MESH:
+            object.__setattr__(self, "topology", None)
+            object.__setattr__(self, "closed_form", False)
         if amplitudes is not None:
             if self.modes is not None:
                 raise _several_requests(["modes", "amplitudes"])

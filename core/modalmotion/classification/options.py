@@ -12,6 +12,7 @@ import numpy as np
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MEAN
+from modalmotion.modes.topology import MESH, Topology
 from modalmotion.representation import shown
 from modalmotion.signature.making import MOST_MODES, SignatureParameters
 
@@ -69,6 +70,8 @@ class TrainingOptions:
     ----------
     modes : int
         Of the signatures; see `SignatureParameters`.
+    topology : str or None
+        Of the signatures: None lets the cases decide, all together. "mesh" for spring modes.
     harmonics : int
         Of each part of the motion.
     timing : Timing
@@ -92,6 +95,7 @@ class TrainingOptions:
     """
 
     modes: int = 7
+    topology: str | None = None
     harmonics: int = 2
     timing: Timing | str = Timing.AUTO
     pose: PoseOf | str = PoseOf.ANY
@@ -124,6 +128,8 @@ class TrainingOptions:
                     remedy=f"Use a whole number from {least} to {most:,}.",
                     details={"option": name, "least": least, "most": most},
                 )
+        if self.topology not in (None, MESH):
+            object.__setattr__(self, "topology", Topology.parse(str(self.topology)).name)
         require_coverage(self.coverage)
         if not (_is_number(self.known_share) and 0.5 <= self.known_share < 1.0):
             raise ParameterError(
@@ -150,7 +156,7 @@ class TrainingOptions:
 
         From the mean shape, for the shape of one frame depends on where a recording starts.
         """
-        return SignatureParameters(modes=self.modes, reference=MEAN)
+        return SignatureParameters(modes=self.modes, reference=MEAN, topology=self.topology)
 
     def as_json(self) -> dict[str, Any]:
         """Return the options as JSON-able values."""

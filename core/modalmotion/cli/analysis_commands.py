@@ -27,11 +27,11 @@ from modalmotion.cli.options import (
 )
 from modalmotion.cli.outputs import write_picture
 from modalmotion.cli.readouts_command import volume_lines
+from modalmotion.cli.waiting import Waiting
 from modalmotion.exports.surfaces import SUFFIXES, write_superposed
 from modalmotion.facts import facts_as_json
 from modalmotion.numerals import counted, numeral
 from modalmotion.signature.making import ModalSignature, modal_signature
-from modalmotion.stopwatch import Stopwatch
 from modalmotion.tradeoff import Price, price_of
 
 
@@ -58,22 +58,27 @@ def signature(
     from modalmotion.store import signature_to_hdf5, write_atomic
 
     parameters = signature_parameters(options)
-    watch = Stopwatch()
-    with watch.stage("read"):
-        sequence = read(source, **options)
-    with watch.stage("fit"):
-        result = modal_signature(sequence, parameters)
-    price = price_of(result, watch.milliseconds)
-    if output is not None:
-        write_atomic(output, signature_to_hdf5(result))
-    if plot is not None:
-        from modalmotion.pictures.signature import signature_figure
+    with Waiting(source) as waiting:
+        watch, volume = waiting.watch, []
+        with watch.stage("read"):
+            sequence = read(source, **options)
+        result = modal_signature(sequence, parameters, watch=watch)
+        if not as_json:
+            with watch.stage("volume"):
+                volume = volume_lines(result, sequence)
+        if output is not None:
+            with watch.stage("write"):
+                write_atomic(output, signature_to_hdf5(result))
+        if plot is not None:
+            with watch.stage("picture"):
+                from modalmotion.pictures.signature import signature_figure
 
-        write_picture(signature_figure(sequence, result), plot)
+                write_picture(signature_figure(sequence, result), plot)
+    price = price_of(result, waiting.milliseconds())
     if as_json:
         click.echo(json.dumps(summary(result, price), indent=2))
     else:
-        click.echo("\n".join([_lines(result, price), *volume_lines(result, sequence)]))
+        click.echo("\n".join([_lines(result, price), *volume]))
     list_written(output, plot, as_json=as_json)
 
 
@@ -92,9 +97,12 @@ def reconstruct(source: Path, output: Path, max_targets: int | None, **options: 
 
     kind = SUFFIXES[output.suffix.lower()]
     parameters = signature_parameters(options)
-    sequence = read(source, **options)
-    result = modal_signature(sequence, parameters)
-    write_atomic(output, write_superposed(result, sequence, kind, max_targets=max_targets))
+    with Waiting(source) as waiting:
+        with waiting.watch.stage("read"):
+            sequence = read(source, **options)
+        result = modal_signature(sequence, parameters, watch=waiting.watch)
+        with waiting.watch.stage("write"):
+            write_atomic(output, write_superposed(result, sequence, kind, max_targets=max_targets))
     motion = float(result.motion_rms.max())
     click.echo(
         f"{counted(result.n_frames, 'frame')}, error {numeral(result.rms_error, of=motion)} "
@@ -173,4 +181,5 @@ def price_lines(price: Price) -> list[str]:
             f"float32; condition {price.condition:.3g}"
         )
     ]
-    return [*lines, f"time: {times}"] if times else lines
+    total = sum(price.milliseconds.values()) / 1e3
+    return [*lines, f"time: {times}; {total:.1f} s in all"] if times else lines

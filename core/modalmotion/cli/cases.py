@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import csv
-import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import click
-
-from modalmotion.errors import InputError, MalformedFileError, ModalMotionError, ParameterError
+from modalmotion.errors import MalformedFileError, ModalMotionError, ParameterError
 from modalmotion.facts import NO_FACTS, Facts, column_of, facts_from_texts, is_fact
 
 if TYPE_CHECKING:
     from modalmotion.classification import TrainingCase
-    from modalmotion.signature.making import SignatureParameters
 
 _COLUMNS: Final = ("path", "label", "subject")
 
@@ -105,35 +101,38 @@ def read_manifest(manifest: Path) -> list[LabelledFile]:
     return [_row(manifest, rows.line_num, row) for row in rows]
 
 
-def training_cases(
-    files: Sequence[LabelledFile], parameters: SignatureParameters, stated: dict[str, Any]
-) -> Iterator[TrainingCase]:
-    """Read and fit files one by one, with a bar.
+@dataclass(frozen=True)
+class LabelledSequence:
+    """A case whose sequence lies in a file: a `CaseSource`.
 
     Parameters
     ----------
-    files : sequence of LabelledFile
-    parameters : SignatureParameters
-    stated : dict
+    file : LabelledFile
+    stated : mapping
         Options of all files, which override their own statements; see `files.read`.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be used; it names the file.
     """
-    from modalmotion.classification import TrainingCase
-    from modalmotion.cli.files import read
-    from modalmotion.signature.making import modal_signature
 
-    with click.progressbar(files, label="signatures", file=sys.stderr) as bar:
-        for file in bar:
-            try:
-                sequence = read(file.path, quiet=True, facts=file.facts, **stated)
-                signature = modal_signature(sequence, parameters)
-                yield TrainingCase(signature, file.label, file.subject)
-            except ModalMotionError as error:
-                raise _of_file(error, file.path) from error
+    file: LabelledFile
+    stated: Mapping[str, Any]
+
+    def read(self) -> TrainingCase:
+        """Read the sequence.
+
+        Raises
+        ------
+        ModalMotionError
+            If the file cannot be used; it names the file.
+        """
+        from modalmotion.classification import TrainingCase
+        from modalmotion.classification.training.cases import named
+        from modalmotion.cli.files import read
+
+        file = self.file
+        try:
+            sequence = read(file.path, quiet=True, facts=file.facts, **self.stated)
+        except ModalMotionError as error:
+            raise named(error, str(file.path)) from error
+        return TrainingCase(sequence, file.label, file.subject, name=str(file.path))
 
 
 def _by_folder(path: Path) -> LabelledFile:
@@ -169,7 +168,3 @@ def _row(manifest: Path, line: int, row: dict[str, Any]) -> LabelledFile:
             details={**error.details, "line": line},
         ) from error
     return LabelledFile(path, values["label"], values["subject"] or None, facts)
-
-
-def _of_file(error: ModalMotionError, path: Path) -> InputError:
-    return InputError(f"{path}: {error.message}", remedy=error.remedy, details=error.details)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from modalmotion.cli.cases import labelled_files, training_cases
+from modalmotion.cli.cases import LabelledSequence, labelled_files
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.model_texts import (
     accuracy_text,
@@ -30,10 +30,12 @@ from modalmotion.cli.options import (
 from modalmotion.cli.outputs import OutputFile, write_picture
 
 if TYPE_CHECKING:
-    from modalmotion.classification import Model, TrainingCase
+    from modalmotion.classification import Model
 
 _HELP: Final = {
     "modes": "Modes of the signatures; 3 amplitudes a frame each.",
+    "topology": "cup, sphere, ..., or mesh for spring modes; all cases decide it together by "
+    "default.",
     "harmonics": "Harmonics of each part of the motion.",
     "timing": "cycle: one turn of a cycle; course: a movement with a beginning and an end.",
     "pose": "any: recordings may be turned any way; fixed: they share their coordinates.",
@@ -62,7 +64,7 @@ def _training_options(command: Callable[..., None]) -> Callable[..., None]:
         command = click.option(
             f"--{name.replace('_', '-')}",
             name,
-            type=type(value),
+            type=str if value is None else type(value),
             default=value,
             show_default=True,
             help=_HELP.get(name),
@@ -79,7 +81,6 @@ _labelled_files = several(
         type=click.Path(path_type=Path),
     ),
     click.option("--unit", help="Length unit of all files; overrides their own."),
-    click.option("--topology", help="Topology of all files; overrides their own."),
 )
 
 
@@ -95,7 +96,6 @@ def train(
     out: Path,
     plot: Path | None,
     unit: str | None,
-    topology: str | None,
     **options: Any,
 ) -> None:
     """Train a model on labelled sequences.
@@ -111,9 +111,8 @@ def train(
     require_model_name(name)
     training_options = TrainingOptions.from_json(options)
     files = labelled_files(sources)
-    stated = {"unit": unit, "topology": topology}
     with _TrainingBar() as bar:
-        cases = bar.after(training_cases(files, training_options.signature_parameters, stated))
+        cases = [LabelledSequence(file, {"unit": unit}) for file in files]
         model = fit(cases, name, training_options, bar)
     write_atomic(out, model_to_hdf5(model))
     if plot is not None:
@@ -137,7 +136,6 @@ def evaluate(
     plot: Path | None,
     as_json: bool,
     unit: str | None,
-    topology: str | None,
 ) -> None:
     """Test MODEL, a file or a name, on labelled sequences that it was not trained on.
 
@@ -148,10 +146,9 @@ def evaluate(
 
     stored_model = model_named(model)
     files = labelled_files(sources)
-    stated = {"unit": unit, "topology": topology}
-    result = test(
-        stored_model, training_cases(files, stored_model.signature_parameters, stated), coverage
-    )
+    sources_ = [LabelledSequence(file, {"unit": unit}) for file in files]
+    with click.progressbar(sources_, label="cases", file=sys.stderr) as bar:
+        result = test(stored_model, (source.read() for source in bar), coverage)
     if plot is not None:
         from modalmotion.pictures.model_card import measured_figure
 
@@ -190,13 +187,10 @@ def classify(
 ) -> None:
     """Name the motion class of the sequence in FILE."""
     from modalmotion.classification import classify as ask
-    from modalmotion.signature.making import modal_signature
 
     stored_model = model_named(model)
     sequence = read(source, **stated)
-    result = ask(
-        modal_signature(sequence, stored_model.signature_parameters), stored_model, coverage
-    )
+    result = ask(sequence, stored_model, coverage)
     if plot is not None:
         from modalmotion.pictures.classification import answer_figure
 
@@ -222,25 +216,19 @@ def model_named(which: str) -> Model:
 
 
 class _TrainingBar:
-    """A bar for the training itself, which begins when the last signature has been read."""
+    """A bar for the reading of the files and the training."""
 
     def __init__(self) -> None:
-        self._bar: Any = None
-
-    def after(self, cases: Iterator[TrainingCase]) -> Iterator[TrainingCase]:
-        """Yield the cases, and show the bar from then on."""
-        yield from cases
-        self._bar = click.progressbar(length=1000, label="training", file=sys.stderr)
-        self._bar.__enter__()
+        self._bar: Any = click.progressbar(length=1000, label="training", file=sys.stderr)
 
     def __call__(self, share: float, text: str) -> None:
-        if self._bar is not None:
-            self._bar.label = text[:40]
-            self._bar.update(round(1000 * share) - self._bar.pos)
+        self._bar.label = text[:40]
+        # Files are read twice where the first fit of some does not compare with the others'.
+        self._bar.update(max(0, round(1000 * share) - self._bar.pos))
 
     def __enter__(self) -> _TrainingBar:
+        self._bar.__enter__()
         return self
 
     def __exit__(self, *details: Any) -> None:
-        if self._bar is not None:
-            self._bar.__exit__(*details)
+        self._bar.__exit__(*details)

@@ -21,6 +21,7 @@ from modalmotion.cli.options import (
     surface_options,
 )
 from modalmotion.cli.outputs import write_picture
+from modalmotion.cli.waiting import Waiting
 from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts
 from modalmotion.errors import TopologyError
 from modalmotion.hdf5.image import INTENDED_USE
@@ -46,8 +47,12 @@ def readouts(source: Path, plot: Path | None, as_json: bool, **options: Any) -> 
     surface is a cup, else a volume change.
     """
     parameters = signature_parameters(options)
-    sequence = read(source, **options)
-    result = clinical_readouts(modal_signature(sequence, parameters), sequence)
+    with Waiting(source) as waiting:
+        with waiting.watch.stage("read"):
+            sequence = read(source, **options)
+        signature = modal_signature(sequence, parameters, watch=waiting.watch)
+        with waiting.watch.stage("volume"):
+            result = clinical_readouts(signature, sequence)
     if plot is not None:
         write_picture(volume_figure(result), plot)
     if as_json:

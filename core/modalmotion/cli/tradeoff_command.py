@@ -23,6 +23,7 @@ from modalmotion.cli.options import (
     signature_parameters,
 )
 from modalmotion.cli.outputs import write_picture
+from modalmotion.cli.waiting import Waiting
 from modalmotion.numerals import counted, numeral, with_article
 from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import MOST_OF_FRONT, Tradeoff, measure_tradeoff
@@ -62,16 +63,23 @@ def tradeoff(
     Choose a point of the front by --modes, --tolerance, --tolerance-share or --auto.
     """
     parameters = signature_parameters(options)
-    result = measure_tradeoff(
-        read(source, **options),
-        replace(parameters, components=components or Components.CARTESIAN),
-        most_modes=front_modes,
-        components=None if components is None else (components,),
-    )
-    if plot is not None:
-        from modalmotion.pictures.tradeoff import tradeoff_figure
+    with Waiting(source) as waiting:
+        with waiting.watch.stage("read"):
+            sequence = read(source, **options)
+        result = measure_tradeoff(
+            sequence,
+            replace(parameters, components=components or Components.CARTESIAN),
+            most_modes=front_modes,
+            components=None if components is None else (components,),
+            watch=waiting.watch,
+        )
+        if plot is not None:
+            with waiting.watch.stage("picture"):
+                from modalmotion.pictures.tradeoff import tradeoff_figure
 
-        write_picture(tradeoff_figure(result), plot)
+                write_picture(tradeoff_figure(result), plot)
+    price = replace(result.chosen.price, milliseconds=waiting.milliseconds())
+    result = replace(result, chosen=replace(result.chosen, price=price))
     click.echo(json.dumps(as_plain(result), indent=2) if as_json else _lines(result))
     list_written(plot, as_json=as_json)
 

@@ -25,6 +25,9 @@ CLOSED: Final[Ends] = (End.CLOSED, End.CLOSED)
 POLE_OPEN: Final[Ends] = (End.POLE, End.OPEN)
 POLE_POLE: Final[Ends] = (End.POLE, End.POLE)
 
+MESH: Final = "mesh"
+"""In place of a topology's name: a surface whose modes are those of springs along its edges."""
+
 _AXIS_NAMES: Final[dict[Ends, str]] = {
     OPEN: "open",
     CLOSED: "closed",

@@ -17,7 +17,7 @@ from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
 from modalmotion.mesh.spring_modes import SpringModes
 from modalmotion.modes import Modes, ModeSet
-from modalmotion.modes.topology import Topology
+from modalmotion.modes.topology import MESH, Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 
@@ -167,7 +167,7 @@ def mode_datasets(modes: Modes) -> list[Dataset]:
 
 
 def _modes(contents: Contents, n_modes: int) -> Modes:
-    if contents.text("topology") == "mesh":
+    if contents.text("topology") == MESH:
         identity = bytes(contents.arrays["connectivity_id"][()]).decode()
         return SpringModes(contents.array("spring_eigenvalues", (n_modes,)), identity)
     topology = Topology.parse(contents.text("topology"))

@@ -22,6 +22,7 @@ from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import Topology
 from modalmotion.numerals import counted, numeral
 from modalmotion.signature.value import ModalSignature
+from modalmotion.stopwatch import Stopwatch
 from modalmotion.template import (
     Template,
     make_template,
@@ -47,6 +48,7 @@ def modal_signature(
     *,
     template: Template | None = None,
     cache: TemplateCache | None = None,
+    watch: Stopwatch | None = None,
 ) -> ModalSignature:
     """Fit closed-form modes to a sequence.
 
@@ -59,6 +61,8 @@ def modal_signature(
         The one that the parameters name; made from the sequence's own reference by default.
     cache : TemplateCache, optional
         Holds factored modes of templates.
+    watch : Stopwatch, optional
+        Told of the stages `template`, `fit` and `notes`.
 
     Returns
     -------
@@ -81,8 +85,12 @@ def modal_signature(
     """
     parameters = resolve_parameters(sequence, parameters or SignatureParameters())
     original, sequence = sequence, resolve_sequence(sequence, parameters)
-    own_template = resolve_template(sequence, parameters, template)
-    model = select_model(Fitter.of(sequence, own_template, parameters), cache or TemplateCache())
+    watch = watch or Stopwatch()
+    with watch.stage("template"):
+        own_template = resolve_template(sequence, parameters, template)
+    with watch.stage("fit"):
+        fitter = Fitter.of(sequence, own_template, parameters)
+        model = select_model(fitter, cache or TemplateCache())
     modes, fit = model.modes, model.fit
     notes = [*_notes_on_sequence(sequence, parameters.reference), *own_template.notes, *model.notes]
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
@@ -91,8 +99,9 @@ def modal_signature(
             f"The rotation is not determined in {counted(undetermined.size, 'frame')} (first: "
             f"frame {undetermined[0]}): the points span less than a plane or fit several rotations."
         )
-    notes += notes_on_strays(sequence, own_template, fit)
-    notes += _note_on_loose_vertices(fit, sequence.unit)
+    with watch.stage("notes"):
+        notes += notes_on_strays(sequence, own_template, fit)
+        notes += _note_on_loose_vertices(fit, sequence.unit)
     if parameters.template is not None:
         notes += _notes_on_parting(sequence, own_template)
     if not fit.motion_rms.any():

@@ -13,7 +13,7 @@ from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.choice.reason import ModelChoice
 from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.modes import Modes
-from modalmotion.modes.topology import Topology
+from modalmotion.modes.topology import MESH, Topology
 from modalmotion.numeric.scale import root_mean_square
 from modalmotion.representation import shown
 from modalmotion.template import Landmarks
@@ -100,7 +100,7 @@ class ModalSignature:
     @property
     def surface(self) -> str:
         """Name of the topology, or "mesh" for the spring modes of one mesh."""
-        return "mesh" if self.topology is None else self.topology.name
+        return MESH if self.topology is None else self.topology.name
 
     @property
     def body_amplitudes(self) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ import numpy as np
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
-from modalmotion.modes.topology import Topology
+from modalmotion.modes.topology import MESH, Topology
 from modalmotion.template import Landmarks, Template
 from modalmotion.template.template import is_merged
 
@@ -44,7 +44,7 @@ def template_to_hdf5(template: Template) -> bytes:
         datasets.append(Dataset("representatives", first, "1", "vertex"))
     if template.landmarks is not None:
         datasets += landmark_datasets(template.landmarks, length)
-    topology = "mesh" if template.surface is None else template.surface.name
+    topology = MESH if template.surface is None else template.surface.name
     return FORM.image({"template_id": template.id}, datasets, topology=topology)
 
 
@@ -75,7 +75,7 @@ def _template(contents: Contents) -> Template:
     texts = contents.json("texts", dict)
     return Template(
         id=contents.text("template_id"),
-        surface=None if name == "mesh" else Topology.parse(name),
+        surface=None if name == MESH else Topology.parse(name),
         coordinates=contents.array("coordinates", (len(weights), None)),
         weights=weights,
         lengths=tuple(contents.array("lengths", (None,)).tolist()),

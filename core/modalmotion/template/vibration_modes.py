@@ -13,6 +13,7 @@ from modalmotion.mesh.spring_modes import spring_modes
 from modalmotion.modes import ModeLabel, Modes, ModeSet
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.naming import modes_named
+from modalmotion.modes.topology import MESH
 from modalmotion.representation import shown
 from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.numbered_modes import choose_modes
@@ -140,7 +141,7 @@ def _of_template(
     template: Template, modes: Modes, wave_speed: float, notes: tuple[str, ...]
 ) -> VibrationModes:
     return VibrationModes(
-        "mesh" if template.surface is None else template.surface.name,
+        MESH if template.surface is None else template.surface.name,
         modes.labels,
         modes.frequencies_on(template, wave_speed),
         shapes_of(modes, template),

@@ -85,6 +85,7 @@ def measure_tradeoff(
     components: tuple[Components, ...] | None = None,
     template: Template | None = None,
     with_times: bool = True,
+    watch: Stopwatch | None = None,
 ) -> Tradeoff:
     """Measure the front of a sequence and choose the point that parameters ask for.
 
@@ -107,6 +108,8 @@ def measure_tradeoff(
         The one that the parameters name.
     with_times : bool
         Whether to time the fits of a few sets.
+    watch : Stopwatch, optional
+        Told of the stages `template`, `front`, `scene`, `choice` and `timing`.
 
     Raises
     ------
@@ -117,7 +120,7 @@ def measure_tradeoff(
     """
     parameters = SignatureParameters() if parameters is None else parameters
     require_unit(parameters, sequence)
-    watch = Stopwatch()
+    watch = watch or Stopwatch()
     own = resolve_sequence(sequence, parameters)
     if parameters.harmonics is not None:
         require_harmonics(parameters.harmonics, harmonics_of(own.n_frames, own.times))

@@ -16,7 +16,7 @@ from modalmotion.choice.parameters import SignatureParameters
 from modalmotion.choice.plain_energies import plain_energies_of
 from modalmotion.errors import InputError
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes.topology import CUP, CYLINDER, PLANE, Topology
+from modalmotion.modes.topology import CUP, CYLINDER, MESH, PLANE, Topology
 from modalmotion.numeric.scale import root_mean_square
 from modalmotion.representation import shown
 from modalmotion.signature.making import resolve_parameters, resolve_sequence, resolve_template
@@ -180,7 +180,7 @@ def _branches(
         weighted = energies_of(ordered.basis, fit)
         branches.append(
             Branch(
-                topology="mesh" if template.surface is None else template.surface.name,
+                topology=MESH if template.surface is None else template.surface.name,
                 components=one,
                 counts=ordered.counts,
                 rms=plain.rms(ordered.counts),

@@ -19,12 +19,21 @@ def begin() -> dict[str, float]:
 
 @contextmanager
 def stage(name: str) -> Iterator[None]:
-    """Add the time of the block to a stage of the request it belongs to."""
-    start = time.perf_counter()
+    """Add the time of the block to a stage of the request it belongs to.
+
+    What stages inside it take is theirs alone, so that all of them add up to what was waited.
+    """
+    start, before = time.perf_counter(), _sum()
     try:
         yield
     finally:
-        add_milliseconds({name: 1e3 * (time.perf_counter() - start)})
+        spent = 1e3 * (time.perf_counter() - start)
+        # Never below 0: stages of several tasks may run at the same time.
+        add_milliseconds({name: max(0.0, spent - (_sum() - before))})
+
+
+def _sum() -> float:
+    return sum((_stages.get() or {}).values())
 
 
 def add_milliseconds(milliseconds: Mapping[str, float]) -> None:
@@ -36,6 +45,7 @@ def add_milliseconds(milliseconds: Mapping[str, float]) -> None:
 
 
 def header(stages: Mapping[str, float], total: float) -> str:
-    """Write the header's value; `total` in milliseconds."""
-    entries = [*stages.items(), ("total", total)]
+    """Write the header's value; `total` in milliseconds, and `other` of it in no stage."""
+    other = max(0.0, total - sum(stages.values()))
+    entries = [*stages.items(), *([("other", other)] if stages else []), ("total", total)]
     return ", ".join(f"{name};dur={spent:.1f}" for name, spent in entries)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion.choice.parameters import MOST_MODES
+from modalmotion.modes.topology import MESH
 from modalmotion.template import Template
 from modalmotion.template.vibration_modes import VibrationModes
 from modalmotion_service.schemas.signatures import Label, LandmarksAnswer
@@ -27,7 +28,7 @@ class TemplateAnswer(BaseModel):
         """Describe a template."""
         return TemplateAnswer(
             id=template.id,
-            topology="mesh" if template.surface is None else template.surface.name,
+            topology=MESH if template.surface is None else template.surface.name,
             n_vertices=template.n_vertices,
             n_faces=len(template.faces),
             lengths=list(template.lengths),

@@ -30,13 +30,15 @@ class ProgressFile:
         self._path = path
         self._beside = path.with_name(f"{path.name}.new")
         self._written = -_LEAST_SECONDS
+        self._text = ""
 
     def write(self, share: float, text: str = "") -> None:
         """Tell the share that is done, 0 to 1, and what is done now."""
         now = time.monotonic()
-        if now - self._written < _LEAST_SECONDS:
+        # What is done now is always told: it may last.
+        if text == self._text and now - self._written < _LEAST_SECONDS:
             return
-        self._written = now
+        self._written, self._text = now, text
         # Renamed into place, so that it is never read half-written. No work fails because nobody
         # can be told how far it is.
         with contextlib.suppress(OSError):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from modalmotion.formats import ParserHere, Reading, ReadOptions, read_sequence
+from modalmotion.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,13 @@ class Upload:
     path: Path
     options: ReadOptions
 
-    def read(self) -> Reading:
+    def read(self, progress: Progress | None = None) -> Reading:
         """Read it, in a worker.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Told of frames that are files of their own.
 
         Raises
         ------
@@ -31,4 +37,4 @@ class Upload:
         """
         # This process may be lost and is limited from outside: parsers need none of their own.
         parser = ParserHere(self.options.limits)
-        return read_sequence(self.path.read_bytes(), self.options, parser=parser)
+        return read_sequence(self.path.read_bytes(), self.options, parser=parser, progress=progress)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from modalmotion.errors import ParameterError
 from modalmotion.exports.surfaces import SurfaceFormat
@@ -15,6 +15,7 @@ from modalmotion.facts import Facts
 from modalmotion.formats import ReadLimits
 from modalmotion.signature.comparison import Comparison
 from modalmotion.signature.making import SignatureParameters
+from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore, SequenceRecord
 from modalmotion.template.body_frame import Components
 from modalmotion_service.errors import ConflictError
@@ -32,7 +33,7 @@ from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import codec, derived, sequences, signatures, templates
 from modalmotion_service.work.upload import Upload
-from modalmotion_service.workspace.shared_work import SharedWork
+from modalmotion_service.workspace.shared_work import SharedWork, unheard
 from modalmotion_service.workspace.spool import Spool, remove_with_beside
 
 P = ParamSpec("P")
@@ -80,7 +81,14 @@ class Analysis:
         self._tariff = tariff
         self._shared_work = SharedWork()
 
-    async def keep(self, upload: Upload, *, subject: str | None, label: str | None) -> KeptUpload:
+    async def keep(
+        self,
+        upload: Upload,
+        *,
+        subject: str | None,
+        label: str | None,
+        report: StageReport = unheard,
+    ) -> KeptUpload:
         """Read an upload and store its sequence.
 
         Of a known sequence, what is stated with it and not known yet is filled in.
@@ -91,9 +99,9 @@ class Analysis:
             If something is stated beside the file that is known to be otherwise.
         """
 
-        async def make() -> KeptUpload:
+        async def make(tell: StageReport) -> KeptUpload:
             with self._image() as image, stage("worker"):
-                work = self.work(sequences.ingest, upload, image)
+                work = self._followed(tell, sequences.ingest, upload, image)
                 sent, reading, milliseconds = await work
                 add_milliseconds(milliseconds)
                 with stage("store"):
@@ -117,7 +125,7 @@ class Analysis:
                 )
             return KeptUpload(record, reading, is_new, filled)
 
-        return await self._shared_work.join(upload.path, make)
+        return await self._shared_work.join(upload.path, make, report)
 
     def _complete(
         self,
@@ -154,19 +162,24 @@ class Analysis:
         parameters = parameters.with_facts(record.facts, record.topology, record.grid)
         return parameters, record.facts
 
-    async def signature(self, sequence_id: str, parameters: SignatureParameters) -> Path:
+    async def signature(
+        self, sequence_id: str, parameters: SignatureParameters, report: StageReport = unheard
+    ) -> Path:
         """Give the file of a signature, made if it is missing or damaged.
 
         The landmarks are those that the facts of the sequence state now.
         """
         parameters, _ = self.resolved(sequence_id, parameters)
 
-        async def make() -> Path:
+        async def make(tell: StageReport) -> Path:
             sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
             template = self._template_path(parameters)
             with self._image() as image, stage("worker"):
-                work = self.work(signatures.sign, sequence, parameters, template, image)
-                add_milliseconds(await work)
+                add_milliseconds(
+                    await self._followed(
+                        *(tell, signatures.sign, sequence, parameters, template, image)
+                    )
+                )
                 with stage("store"):
                     return await asyncio.to_thread(
                         self._store.put_signature_image, image, sequence_id, parameters.key
@@ -177,7 +190,7 @@ class Analysis:
         )
         if path is not None:
             return path
-        return await self._shared_work.join((sequence_id, parameters.key), make)
+        return await self._shared_work.join((sequence_id, parameters.key), make, report)
 
     async def signature_of_upload(
         self, upload: Upload, parameters: SignatureParameters, media_type: str
@@ -223,7 +236,7 @@ class Analysis:
     ) -> tuple[TemplateAnswer, bool]:
         """Make and store the template of an upload; tell whether it is new."""
 
-        async def make() -> tuple[TemplateAnswer, bool]:
+        async def make(_: StageReport) -> tuple[TemplateAnswer, bool]:
             with self._image() as image, stage("worker"):
                 work = self.work(templates.make_template, upload, parameters, image)
                 answer, milliseconds = await work
@@ -294,11 +307,13 @@ class Analysis:
         front_modes: int,
         components: Components | None,
         media_type: str,
+        report: StageReport = unheard,
     ) -> Path:
         """Measure a trade into a file, which the caller removes."""
         sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
         with self._output() as output, stage("worker"):
-            spent = await self.work(
+            spent = await self._followed(
+                report,
                 derived.measure_trade,
                 sequence,
                 parameters,
@@ -316,20 +331,16 @@ class Analysis:
         self,
         source: Upload | str,
         target: EncodingTarget,
-        report: Callable[[float, str], None] = lambda _share, _text: None,
+        report: StageReport = unheard,
     ) -> tuple[Path, EncodedAnswer]:
         """Encode an upload, or a stored sequence by its id, to a file that the caller removes."""
-        progress = self._spool.new_path()
-        try:
-            with self._output() as output, stage("encode"):
-                if isinstance(source, str):
-                    path = await asyncio.to_thread(self._store.sequence_path, source)
-                    work = self.work(codec.encode_kept, path, target, output, progress)
-                else:
-                    work = self.work(codec.encode_upload, source, target, output, progress)
-                return output, await followed(work, progress, report)
-        finally:
-            remove_with_beside(progress)
+        with self._output() as output, stage("encode"):
+            if isinstance(source, str):
+                path = await asyncio.to_thread(self._store.sequence_path, source)
+                work = self._followed(report, codec.encode_kept, path, target, output)
+            else:
+                work = self._followed(report, codec.encode_upload, source, target, output)
+            return output, await work
 
     async def decoded(
         self, stream: Path, limits: ReadLimits, frames: range | None, media_type: str
@@ -355,13 +366,18 @@ class Analysis:
         sequence_ids: list[str],
         parameters: SignatureParameters,
         as_hdf5: bool,
-        on_progress: Callable[[float], None] = lambda _: None,
+        report: StageReport = unheard,
     ) -> Path:
         """Pack many signatures into one file, which the caller removes."""
         paths = []
+        whole = len(sequence_ids) + 1
         for done, sequence_id in enumerate(sequence_ids):
-            paths.append(await self.signature(sequence_id, parameters))
-            on_progress((done + 1) / (len(sequence_ids) + 1))
+
+            def tell(share: float, text: str, done: int = done) -> None:
+                report((done + share) / whole, f"signature {done + 1} of {whole - 1}: {text}")
+
+            paths.append(await self.signature(sequence_id, parameters, tell))
+            report((done + 1) / whole, f"signature {done + 1} of {whole - 1}")
         records = [self._store.sequence_record(sequence_id) for sequence_id in sequence_ids]
         with self._output() as output:
             task = signatures.pack_hdf5 if as_hdf5 else signatures.pack_npz
@@ -379,6 +395,14 @@ class Analysis:
         with work_of(str(self._store.root)):
             future = self.engine.submit_for(terms, task, *args, **kwargs)
         return await asyncio.wrap_future(future)
+
+    async def _followed(self, report: StageReport, task: Callable[..., T], *args: Any) -> T:
+        """Have a worker do a task whose last argument is a `ProgressFile`; report what it tells."""
+        progress = self._spool.new_path()
+        try:
+            return await followed(self.work(task, *args, progress), progress, report)
+        finally:
+            remove_with_beside(progress)
 
     @contextmanager
     def _image(self) -> Iterator[Path]:

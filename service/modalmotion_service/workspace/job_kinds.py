@@ -50,16 +50,16 @@ def make_runner(
 ) -> JobRunner:
     """Make the runner of all kinds of jobs."""
 
-    async def upload(request: Any, _: Report) -> Any:
+    async def upload(request: Any, report: Report) -> Any:
         query = UploadQuery(**request["query"])
         facts = facts_from_json(request["facts"])
         sent = Upload(_spooled(spool, request), query.options(settings.read_limits, facts))
-        result = await analysis.keep(sent, subject=query.subject, label=query.label)
+        result = await analysis.keep(sent, subject=query.subject, label=query.label, report=report)
         return {"link": f"/v1/sequences/{result.record.id}"}
 
-    async def signature(request: Any, _: Report) -> Any:
+    async def signature(request: Any, report: Report) -> Any:
         query, sequence_id = SignatureQuery(**request["query"]), request["sequence_id"]
-        await analysis.signature(sequence_id, query.parameters())
+        await analysis.signature(sequence_id, query.parameters(), report)
         parameters = query.model_dump(mode="json", exclude_defaults=True)
         link = f"/v1/sequences/{sequence_id}/signature"
         return {"link": f"{link}?{urlencode(parameters)}" if parameters else link}
@@ -84,9 +84,9 @@ def make_runner(
 
         return handler
 
-    async def classification(request: Any, _: Report) -> Any:
+    async def classification(request: Any, report: Report) -> Any:
         model = await asyncio.to_thread(models.choose, request["model"])
-        await models.classification(request["sequence_id"], model, request["coverage"])
+        await models.classification(request["sequence_id"], model, request["coverage"], report)
         return {"link": f"/v1/sequences/{request['sequence_id']}/classifications"}
 
     async def training(request: Any, report: Report) -> Any:

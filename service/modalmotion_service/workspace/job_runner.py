@@ -270,11 +270,14 @@ class JobRunner:
     def _reporter(self, job: Job) -> Report:
         loop = asyncio.get_running_loop()
         pending: set[asyncio.Future[None]] = set()
+        shown = job.progress
 
         def report(share: float, text: str = "") -> None:
+            nonlocal shown
             self._texts[job.id] = text
             # One write under way at a time: what comes meanwhile is soon out of date.
-            if not pending:
+            if share > shown and not pending:
+                shown = share
                 writing = asyncio.ensure_future(self._show(job, share), loop=loop)
                 pending.add(writing)
                 writing.add_done_callback(pending.discard)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 from modalmotion.classification import Classification, available_models, load_model
-from modalmotion.errors import NotFoundError
+from modalmotion.errors import NotFoundError, TopologyError
 from modalmotion.hdf5.sealed import is_sound
 from modalmotion.signature.making import SignatureParameters
+from modalmotion.stopwatch import StageReport
 from modalmotion.store import (
     KeptModel,
     ModelRecord,
@@ -25,7 +27,10 @@ from modalmotion_service.schemas import ReadingAnswer
 from modalmotion_service.work.tasks import classification
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.shared_work import SharedWork
+from modalmotion_service.workspace.shared_work import SharedWork, unheard
+
+# Part of a classification that making the signature is counted as.
+_SIGNING: Final = 0.8
 
 # A model that comes with the package has one version.
 SHIPPED_VERSION: Final = 1
@@ -180,20 +185,36 @@ class Models:
         )
 
     async def classification(
-        self, sequence_id: str, model: ChosenModel, coverage: float
+        self,
+        sequence_id: str,
+        model: ChosenModel,
+        coverage: float,
+        report: StageReport = unheard,
     ) -> tuple[KeptClassification, bool]:
         """Classify a stored sequence, and tell whether the result is new."""
         parameters, _ = self._analysis.resolved(sequence_id, model.parameters)
         key = classification_key(parameters, coverage)
 
-        async def make() -> None:
-            signature = await self._analysis.signature(sequence_id, parameters)
+        async def named(asked: SignatureParameters, tell: StageReport) -> classification.NamedClass:
+            def tell_of_signature(share: float, text: str) -> None:
+                tell(_SIGNING * share, text)
+
+            signature = await self._analysis.signature(sequence_id, asked, tell_of_signature)
+            tell(_SIGNING, "class")
+            stated = self._store.sequence_record(sequence_id).topology
             with stage("worker"):
-                result = await self._analysis.work(
-                    classification.name_class, signature, model.source, coverage
+                return await self._analysis.work(
+                    classification.name_class, signature, model.source, coverage, stated
                 )
+
+        async def make(tell: StageReport) -> None:
+            result = await named(parameters, tell)
+            if result.imposed is not None:
+                # As `fitted_for` does it where a sequence is at hand.
+                with contextlib.suppress(TopologyError):
+                    result = await named(replace(parameters, topology=result.imposed), unheard)
             with stage("store"):
-                await asyncio.to_thread(self._store.put_classification, result, key)
+                await asyncio.to_thread(self._store.put_classification, result.classification, key)
 
         def is_missing() -> bool:
             if (model.id, key) not in self._store.classifications(sequence_id):
@@ -203,7 +224,7 @@ class Models:
 
         is_new = await asyncio.to_thread(is_missing)
         if is_new:
-            await self._shared_work.join((sequence_id, model.id, key), make)
+            await self._shared_work.join((sequence_id, model.id, key), make, report)
         result = await asyncio.to_thread(self._store.classification, sequence_id, model.id, key)
         path = self._store.classification_path(sequence_id, model.id, key)
         return KeptClassification(result, model.version, path), is_new

@@ -99,7 +99,7 @@ def make_replies(settings: Settings, spool: Spool, analysis: Analysis, models: M
         path, answer = await analysis.encoded(request["sequence_id"], target, report)
         return Reply(path, STREAM, answer.headers)
 
-    async def tradeoff(request: Request, _: Report) -> Reply:
+    async def tradeoff(request: Request, report: Report) -> Reply:
         query, media_type = query_of(request, TradeoffQuery), request["media_type"]
         path = await analysis.tradeoff(
             request["sequence_id"],
@@ -107,6 +107,7 @@ def make_replies(settings: Settings, spool: Spool, analysis: Analysis, models: M
             query.front_modes,
             query.components,
             media_type,
+            report,
         )
         return Reply(path, media_type)
 

@@ -6,12 +6,19 @@ import asyncio
 import copy
 import json
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.classification import TrainingOptions
-from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
+from modalmotion.errors import (
+    ModalMotionError,
+    ModeCountError,
+    NotFoundError,
+    StoreError,
+    TopologyError,
+    UnlikeCasesError,
+)
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore
 from modalmotion_service.work.executor import Engine
@@ -94,30 +101,43 @@ class Trainer:
         parameters = options.signature_parameters
         plan, image, progress = (self._spool.new_path() for _ in range(3))
         try:
-            paths = await self._fit(cases, parameters, report)
-            await asyncio.to_thread(_write_plan, plan, cases, paths)
-            with work_of(str(self._store.root)):
-                future = self._engine.submit_for(
-                    Terms(self._owner),
-                    training_task.train_model,
-                    plan,
-                    name,
-                    options.as_json(),
-                    training,
-                    image,
-                    progress,
-                    self._scheduler,
-                    self._n_threads,
-                )
-            work = asyncio.wrap_future(future)
 
-            def report_training(share: float, text: str) -> None:
-                report(_FITTING + (1 - _FITTING) * share, text)
+            async def train_with(asked: SignatureParameters) -> None:
+                paths = await self._fit(cases, asked, report)
+                await asyncio.to_thread(_write_plan, plan, cases, paths)
+                with work_of(str(self._store.root)):
+                    future = self._engine.submit_for(
+                        Terms(self._owner),
+                        training_task.train_model,
+                        plan,
+                        name,
+                        options.as_json(),
+                        training,
+                        image,
+                        progress,
+                        self._scheduler,
+                        self._n_threads,
+                    )
+                work = asyncio.wrap_future(future)
+
+                def report_training(share: float, text: str) -> None:
+                    report(_FITTING + (1 - _FITTING) * share, text)
+
+                try:
+                    await followed(work, progress, report_training)
+                except ModalMotionError as error:
+                    raise self._about(error, error.details.get("sequence_id")) from error
 
             try:
-                await followed(work, progress, report_training)
-            except ModalMotionError as error:
-                raise self._about(error, error.details.get("sequence_id")) from error
+                await train_with(parameters)
+            except UnlikeCasesError as unlike:
+                # As `collect_in_one_basis` does it where the sequences are at hand.
+                if options.topology is not None:
+                    raise
+                try:
+                    await train_with(replace(parameters, closed_form=False))
+                except (UnlikeCasesError, TopologyError, ModeCountError):
+                    raise unlike from None
             return await asyncio.to_thread(self._store.put_model_image, image)
         finally:
             for path in (plan, image, progress):

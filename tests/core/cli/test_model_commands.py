@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bent_surfaces import bent_cohort
 from click.testing import CliRunner, Result
 
 from modalmotion.classification import classify
@@ -200,3 +201,33 @@ def test_mistakes_are_told_in_one_line_and_name_what_is_wrong(folder: Path, tmp_
             assert word in result.output, (arguments, result.output)
         assert "Traceback" not in result.output
         assert not out.exists()
+
+
+def test_a_cohort_of_bent_surfaces_needs_no_option_and_its_model_none_again(
+    tmp_path: Path,
+) -> None:
+    """Alone, half of them are spheres and half of them have no straight axis."""
+    for name, n_per_class, seed in (("train", 6, 1), ("test", 4, 2)):
+        rows = []
+        for number, (sequence, label) in enumerate(bent_cohort(n_per_class, seed)):
+            path = tmp_path / f"{name}-{number}.npz"
+            path.write_bytes(write_npz(sequence))
+            rows.append([path.name, label, f"{seed} {number}"])
+        with (tmp_path / f"{name}.csv").open("w", newline="") as file:
+            csv.writer(file).writerows([["path", "label", "subject"], *rows])
+    out = tmp_path / "bent.h5"
+    for topology, surface in (((), "mesh"), (("--topology", "sphere"), "sphere")):
+        said = succeed(
+            "train", tmp_path / "train.csv", "--name", "bent", "-o", out, *topology, *QUICK
+        )
+        assert ("its spring modes" in said.output) == (not topology)
+        assert model_from_hdf5(out).readable.topologies == (surface,)
+        result = json.loads(succeed("evaluate", out, tmp_path / "test.csv", "--json").stdout)
+        assert result["abstained"] <= 0.25
+        assert result["accuracy"] >= 0.6
+    for number in range(2):
+        answer = succeed("classify", tmp_path / f"test-{number}.npz", "--model", out).output
+        assert "topology" not in answer
+    refused = run("train", tmp_path / "train.csv", "--name", "bent", "-o", out, "--topology", "cup")
+    assert refused.exit_code == 1
+    assert "train-0.npz: A cup was stated" in refused.output

@@ -44,7 +44,7 @@ def test_a_signature_says_its_price(beat: str) -> None:
     assert run.exit_code == 0, run.output
     answer = json.loads(run.stdout)
     assert answer["price"]["rms_error"] <= 1.0
-    assert {"read", "fit"} == set(answer["price"]["milliseconds"])
+    assert {"read", "template", "fit", "notes", "other"} == set(answer["price"]["milliseconds"])
     assert answer["choice"]["asked"] == "tolerance"
 
 

@@ -17,7 +17,7 @@ COMMANDS = main.list_commands(click.Context(main))
 LONG = {"serve", "worker", "train", "evaluate"}
 CHEAP = {
     "audit": "verify --data-dir {store}",
-    "cohort": "{folder} -o {store}",
+    "cohort": "{folder} -o {cohort}",
     "keys": "list --data-dir {store}",
     "owners": "list --data-dir {store}",
     "store": "verify {store}",
@@ -55,6 +55,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "folder": folder / "in",
         "beat": folder / "in" / "beat.npz",
         "store": folder / "store",
+        "cohort": folder / "cohort",
         "stream": folder / "beat.stream",
         "out": folder / "out",
     }

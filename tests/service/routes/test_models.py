@@ -5,12 +5,24 @@ from __future__ import annotations
 import threading
 from typing import Any
 
+import numpy as np
 import pytest
+from bent_surfaces import bent_beat, bent_cohort
 from services import files_of
-from training_cohort import CLASSES, N_PER_CLASS, QUICK, Trained, cohort, finished, train
+from training_cohort import (
+    CLASSES,
+    N_PER_CLASS,
+    QUICK,
+    Sent,
+    Trained,
+    cohort,
+    finished,
+    send,
+    train,
+)
 
 from modalmotion.classification import DEFAULT_MODEL, load_model
-from modalmotion.formats import read_npz
+from modalmotion.formats import read_npz, write_npz
 from modalmotion.signature.making import modal_signature
 from modalmotion.store import model_from_hdf5
 
@@ -283,3 +295,30 @@ def test_a_training_says_how_far_it_is(trained: Trained, monkeypatch: pytest.Mon
     assert all(0 < share <= 1 for share in shares)
     assert all(text for _, text in seen)
     assert {text for _, text in seen} == set(trained.texts)
+
+
+def test_a_cohort_of_bent_surfaces_is_trained_in_one_basis(trained: Trained) -> None:
+    client = trained.client
+    bent = (
+        Sent(write_npz(sequence), label, f"bent {number}")
+        for number, (sequence, label) in enumerate(bent_cohort(5, 1))
+    )
+    ids = send(client, bent)
+    every: list[tuple[dict[str, str], str]] = [({}, "mesh"), ({"topology": "sphere"}, "sphere")]
+    for options, surface in every:
+        model = train(client, f"bent-{surface}", ids, options={**QUICK, **options})
+        image = client.get(model["links"]["self"], headers={"Accept": "application/x-hdf5"})
+        assert model_from_hdf5(image.content).readable.topologies == (surface,)
+        answers = [
+            client.post(f"/v1/sequences/{known}/classifications", json={"model": f"bent-{surface}"})
+            for known in ids[:4]
+        ]
+        assert {answer.status_code for answer in answers} <= {200, 201}
+        assert not any("topology" in note for a in answers for note in a.json()["notes"])
+        sent = client.post(
+            "/v1/classify",
+            params={"model": f"bent-{surface}"},
+            content=write_npz(bent_beat("strong", 3.3, np.random.default_rng(9))),
+        )
+        assert sent.status_code == 200
+        assert not any("topology" in note for note in sent.json()["notes"])

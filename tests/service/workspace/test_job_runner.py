@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,11 @@ import pytest
 from fastapi.testclient import TestClient
 from job_requests import ASYNC, finished
 
-from modalmotion.formats import read_npz
+from modalmotion.formats import read_npz, write_npz
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion_service.work import task_progress
+from modalmotion_service.workspace.job_runner import JobRunner, Report
+from modalmotion_service.workspace.jobs import Job
 
 
 @pytest.fixture(scope="module")
@@ -154,3 +159,45 @@ def test_a_finished_job_says_nothing_of_what_it_did_last(client: TestClient, bea
     assert client.get(job["links"]["self"]).json()["text"] is None
     listed = {item["id"]: item for item in client.get("/v1/jobs").json()["jobs"]}
     assert listed[job["id"]]["text"] is None
+
+
+def test_the_progress_of_every_kind_of_job_moves_and_never_falls(
+    client: TestClient, beat: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(task_progress, "_POLL_SECONDS", 0.002)
+    told: dict[str, list[tuple[float, str]]] = {}
+    reporter = JobRunner._reporter
+
+    def recorded(self: JobRunner, job: Job) -> Report:
+        report = reporter(self, job)
+
+        def tell(share: float, text: str = "") -> None:
+            told.setdefault(job.id, []).append((share, text))
+            report(share, text)
+
+        return tell
+
+    monkeypatch.setattr(JobRunner, "_reporter", recorded)
+    moved = read_npz(beat).sequence
+    # Of its own, so that nothing of it is known yet.
+    moved = mesh_sequence(moved.vertices[:9] + 1.0, moved.faces, unit="mm")
+    upload = client.post("/v1/sequences", content=write_npz(moved), headers=ASYNC)
+    jobs = [finished(client, upload.json())]
+    here = jobs[0]["result"]
+    for method, path in (
+        ("GET", "signature?modes=5"),
+        ("GET", "tradeoff?front_modes=5"),
+        ("POST", "classifications"),
+        ("GET", "encoded?rms=2"),
+    ):
+        answer = client.request(method, f"{here}/{path}", headers=ASYNC)
+        assert answer.status_code == 202, answer.text
+        jobs.append(finished(client, answer.json()))
+    several = {"ids": [moved.id], "modes": 4}
+    answer = client.post("/v1/signatures/query", json=several, headers=ASYNC)
+    jobs.append(finished(client, answer.json()))
+    for job in jobs:
+        assert (job["state"], job["progress"]) == ("succeeded", 1.0), job
+        shares = [share for share, _ in told[job["id"]]]
+        assert any(0 < share < 1 for share in shares), (job["kind"], shares)
+        assert all(a <= b for a, b in pairwise(shares)), (job["kind"], shares)

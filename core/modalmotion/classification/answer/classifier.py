@@ -19,6 +19,7 @@ from modalmotion.classification.features import READINGS, Column, MotionFeatures
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.model.shipped import load_model
 from modalmotion.classification.options import require_coverage
+from modalmotion.errors import TopologyError
 from modalmotion.mesh.sequence import MEAN, MeshSequence
 from modalmotion.signature.making import ModalSignature, modal_signature, provenance
 
@@ -64,7 +65,7 @@ def classify(
         model = load_model()
     signature = motion
     if isinstance(signature, MeshSequence):
-        signature = modal_signature(signature, model.signature_parameters)
+        signature = fitted_for(model, signature)
     refusal = _unreadable(signature, model)
     reading = None if refusal is not None else _read(signature, model)
     if reading is not None:
@@ -103,6 +104,23 @@ def classify(
         notes=tuple(notes),
         provenance=provenance(),
     )
+
+
+def fitted_for(model: Model, sequence: MeshSequence) -> ModalSignature:
+    """Fit a sequence for a model: in the model's topology, if its surface allows that.
+
+    One recording of a mesh may look like another topology than the rest, as where an axis
+    bends; the model's is then imposed, unless the sequence states its own.
+    """
+    parameters = model.signature_parameters
+    signature = modal_signature(sequence, parameters)
+    imposed = model.readable.imposed_on(signature.surface, sequence.topology)
+    if imposed is None:
+        return signature
+    try:
+        return modal_signature(sequence, imposed)
+    except TopologyError:
+        return signature
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,6 +19,7 @@ from modalmotion.classification.features import Column, FeatureReader
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
 from modalmotion.classification.model.domain import Domain
+from modalmotion.modes.topology import Topology
 from modalmotion.representation import shown
 from modalmotion.signature.making import SignatureParameters
 
@@ -43,6 +44,20 @@ class Readable:
     n_modes: int
     connectivity_id: str
     parameters: SignatureParameters
+
+    def imposed_on(self, surface: str, stated: Topology | str | None) -> SignatureParameters | None:
+        """Parameters that impose the model's topology on a sequence; None if they need not.
+
+        Parameters
+        ----------
+        surface : str
+            Topology of the signature that the sequence has with `parameters`.
+        stated : Topology, str or None
+            As the sequence states it: that is never set aside.
+        """
+        if surface in self.topologies or len(self.topologies) > 1 or stated is not None:
+            return None
+        return replace(self.parameters, topology=self.topologies[0])
 
 
 @shown("name", "classes", "readable.topologies", "readable.n_modes", "id")

@@ -9,8 +9,8 @@ from typing import Final
 
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.case_row import CaseRow, case_row
-from modalmotion.classification.training.cases import CaseFile, TrainingCase
-from modalmotion.errors import ParameterError
+from modalmotion.classification.training.cases import AnyCase, TrainingCase
+from modalmotion.errors import ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.modes import Modes
 from modalmotion.signature.making import ModalSignature, SignatureParameters
@@ -26,6 +26,8 @@ class ReadCase:
     Parameters
     ----------
     row : CaseRow
+    name : str
+        What errors call the case; may be empty.
     surface : str
     parameters : SignatureParameters
     modes : Modes
@@ -34,6 +36,7 @@ class ReadCase:
     """
 
     row: CaseRow
+    name: str
     surface: str
     parameters: SignatureParameters
     modes: Modes
@@ -41,35 +44,48 @@ class ReadCase:
 
 
 def read_cases(
-    cases: Iterable[TrainingCase | CaseFile], options: TrainingOptions
+    cases: Iterable[AnyCase], options: TrainingOptions, parameters: SignatureParameters
 ) -> Iterator[ReadCase]:
     """Read cases, in their order.
+
+    Parameters
+    ----------
+    cases : iterable of TrainingCase or CaseSource
+    options : TrainingOptions
+    parameters : SignatureParameters
+        Of the signatures of sequences.
 
     Raises
     ------
     ParameterError
         If one of them cannot be used.
+    ModalMotionError
+        If one cannot be read or fitted.
     """
     from joblib import Parallel, delayed
 
     numbered = enumerate(cases)
     pieces = iter(lambda: tuple(itertools.islice(numbered, _IN_ONE_PIECE)), ())
-    works = (delayed(_read_piece)(piece, options) for piece in pieces)
+    works = (delayed(_read_piece)(piece, options, parameters) for piece in pieces)
     results = Parallel(return_as="generator", batch_size=1)(works)
     return itertools.chain.from_iterable(results)
 
 
 def _read_piece(
-    piece: tuple[tuple[int, TrainingCase | CaseFile], ...], options: TrainingOptions
+    piece: tuple[tuple[int, AnyCase], ...],
+    options: TrainingOptions,
+    parameters: SignatureParameters,
 ) -> list[ReadCase]:
     results = []
     for number, source in piece:
-        case = source.read() if isinstance(source, CaseFile) else source
+        read = source if isinstance(source, TrainingCase) else source.read()
+        case = read.fitted(parameters)
         require_usable(case, number, options)
         signature = case.signature
         results.append(
             ReadCase(
                 case_row(case, options),
+                case.name,
                 signature.surface,
                 signature.parameters,
                 signature.modes,
@@ -88,22 +104,22 @@ def require_usable(case: TrainingCase, number: int, options: TrainingOptions) ->
         Naming the case.
     """
     signature = case.signature
+    called = f"The training case {case.name or number}"
     if not str(case.label or "").strip():
         raise ParameterError(
-            f"The training case {number} has no label.",
+            f"{called} has no label.",
             remedy="Give every case the name of its class, or leave it out.",
             details={"case": number, "sequence_id": signature.sequence_id},
         )
     if signature.n_frames < 2:
         raise ParameterError(
-            f"The training case {number} has one frame, which shows no motion.",
+            f"{called} has one frame, which shows no motion.",
             remedy="Leave it out.",
             details={"case": number, "sequence_id": signature.sequence_id},
         )
     if options.modes not in (signature.parameters.modes, len(signature.modes)):
         raise ParameterError(
-            f"The training case {number} has {len(signature.modes)} modes, but the "
-            f"options say {options.modes}.",
+            f"{called} has {len(signature.modes)} modes, but the options say {options.modes}.",
             remedy=f"Fit the signatures with modes={options.modes}.",
             details={"case": number, "sequence_id": signature.sequence_id},
         )
@@ -114,9 +130,10 @@ def require_alike(case: ReadCase, example: ReadCase, number: int) -> None:
 
     Raises
     ------
-    ParameterError
+    UnlikeCasesError
         Naming the case.
     """
+    called = case.name or str(number)
     a, b = case.parameters, example.parameters
     same = (
         a.weights == b.weights
@@ -127,18 +144,19 @@ def require_alike(case: ReadCase, example: ReadCase, number: int) -> None:
         and (case.modes.topology is None) == (example.modes.topology is None)
     )
     if same and case.modes.connectivity_id != example.modes.connectivity_id:
-        raise ParameterError(
-            f"The training case {number} is of another mesh than the first, and spring modes "
+        raise UnlikeCasesError(
+            f"The training case {called} is of another mesh than the first, and spring modes "
             "compare within one mesh only.",
             remedy="Give recordings of one mesh, or of surfaces with natural coordinates.",
             details={"case": number, "sequence_id": case.row.sequence_id},
         )
     if not same:
-        raise ParameterError(
-            f"The training cases differ in their modes: case {number} has {len(case.modes)} "
+        raise UnlikeCasesError(
+            f"The training cases differ in their modes: case {called} has {len(case.modes)} "
             f"of a {case.surface}, {a.components}, weights {a.weights}, reference {a.reference}; "
             f"the first has {len(example.modes)} of a {example.surface}, {b.components}, weights "
             f"{b.weights}, reference {b.reference}.",
-            remedy="Fit all signatures with the same parameters.",
+            remedy="Fit all signatures with the same parameters, or give the sequences themselves: "
+            "training then fits all of them in one basis.",
             details={"case": number, "sequence_id": case.row.sequence_id},
         )

@@ -1,34 +1,79 @@
-"""Labelled signatures that models are trained and tested on."""
+"""Labelled recordings that models are trained and tested on."""
 
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
-from modalmotion.errors import ModalMotionError
+from modalmotion.errors import ModalMotionError, ParameterError
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
-from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 
 
-@shown("label", "subject", "signature.sequence_id")
+@shown("label", "subject", "sequence_id")
 @dataclass(frozen=True, eq=False)
 class TrainingCase:
-    """One signature with its class.
+    """One recording with its class.
 
     Parameters
     ----------
-    signature : ModalSignature
+    motion : MeshSequence or ModalSignature
+        A sequence is fitted in training, in the basis of the whole cohort; a signature is read as
+        it is.
     label : str
         Name of the class.
     subject : str or None
         Who was recorded: cases of one subject are never on both sides of a split. None for a
         subject of its own.
+    name : str
+        What errors call it, such as the path of its file.
     """
 
-    signature: ModalSignature
+    motion: MeshSequence | ModalSignature
     label: str
     subject: str | None = None
+    name: str = ""
+
+    @property
+    def sequence_id(self) -> str:
+        """Id of the recording."""
+        motion = self.motion
+        return motion.id if isinstance(motion, MeshSequence) else motion.sequence_id
+
+    @property
+    def signature(self) -> ModalSignature:
+        """Its signature.
+
+        Raises
+        ------
+        ParameterError
+            If it is a sequence, which must be fitted first.
+        """
+        if isinstance(self.motion, MeshSequence):
+            raise ParameterError(
+                f"The case {self.name or self.sequence_id[:12]} is a sequence and has no "
+                "signature yet.",
+                remedy="Fit it with `fitted`.",
+            )
+        return self.motion
+
+    def fitted(self, parameters: SignatureParameters) -> TrainingCase:
+        """Fit a sequence; a signature stays what it is.
+
+        Raises
+        ------
+        ModalMotionError
+            If it cannot be fitted; it names the case.
+        """
+        if not isinstance(self.motion, MeshSequence):
+            return self
+        try:
+            return replace(self, motion=modal_signature(self.motion, parameters))
+        except ModalMotionError as error:
+            raise named(error, self.name) from error
 
 
 @shown()
@@ -66,7 +111,25 @@ class CaseFile:
         try:
             signature = signature_from_hdf5(self.path)
         except ModalMotionError as error:
-            named = copy.copy(error)
-            named.details = {**error.details, "sequence_id": self.sequence_id}
-            raise named from error
+            raise named(error, "", sequence_id=self.sequence_id) from error
         return TrainingCase(signature, self.label, self.subject)
+
+
+class CaseSource(Protocol):
+    """What gives a training case when it is read, such as a file; it must be pickled."""
+
+    def read(self) -> TrainingCase:
+        """Read the case."""
+
+
+AnyCase = TrainingCase | CaseSource
+
+
+def named(error: ModalMotionError, name: str, **details: object) -> ModalMotionError:
+    """Copy an error of one of many cases, with the case's name."""
+    copied = copy.copy(error)
+    if name:
+        copied.message = f"{name}: {error.message}"
+        copied.args = (copied.message, *error.args[1:])
+    copied.details = {**error.details, **details}
+    return copied

@@ -109,13 +109,13 @@ def evaluate(
                 remedy=f"Give cases of its classes: {', '.join(model.classes)}.",
                 details={"case": number},
             )
-        answer = classify(case.signature, model, coverage)
+        answer = classify(case.motion, model, coverage)
         truth.append(place[case.label])
         answers.append(-1 if answer.label is None else place[answer.label])
         confidence.append(answer.probability)
         covered.append(case.label in answer.class_set)
         sizes.append(len(answer.class_set))
-        subjects.append(case.subject or f"sequence {case.signature.sequence_id}")
+        subjects.append(case.subject or f"sequence {case.sequence_id}")
         for flag in answer.flags:
             flags[flag] = flags.get(flag, 0) + 1
         if progress is not None:

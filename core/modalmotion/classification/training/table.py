@@ -24,11 +24,11 @@ from modalmotion.classification.options import PoseOf, TrainingOptions
 from modalmotion.classification.training.case_groups import group_cases
 from modalmotion.classification.training.case_reading import ReadCase, read_cases, require_alike
 from modalmotion.classification.training.case_row import CaseRow
-from modalmotion.classification.training.cases import CaseFile, TrainingCase
+from modalmotion.classification.training.cases import AnyCase
 from modalmotion.classification.training.feature_choices import feature_choices, tells_walls
-from modalmotion.errors import ParameterError
+from modalmotion.errors import ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MEAN
-from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.template import GivenLandmarks
 
 # Motions that the typical one is made of; more cost time and move it little.
@@ -128,25 +128,38 @@ class CaseTable:
 
 
 def collect(
-    cases: Iterable[TrainingCase | CaseFile],
+    cases: Iterable[AnyCase],
     options: TrainingOptions,
     progress: Callable[[int], None] | None = None,
+    parameters: SignatureParameters | None = None,
 ) -> CaseTable:
-    """Read the features of labelled signatures, a few at a time, wherever joblib works.
+    """Read the features of labelled recordings, a few at a time, wherever joblib works.
+
+    Parameters
+    ----------
+    cases : iterable of TrainingCase or CaseSource
+    options : TrainingOptions
+    progress : callable, optional
+        Called with the number of cases that have been read.
+    parameters : SignatureParameters, optional
+        Of the signatures of sequences; those of the options by default.
 
     Raises
     ------
+    UnlikeCasesError
+        If their modes do not compare.
     ParameterError
         If a label is missing, a signature cannot be used or is of another kind than the
         others, one recording has two classes, or there are fewer than two classes.
     """
+    fitting = options.signature_parameters if parameters is None else parameters
     rows: list[CaseRow] = []
     by_id: dict[str, list[CaseRow]] = {}
     labels: dict[str, str] = {}
     first: ReadCase | None = None
-    topologies: dict[str, list[str]] = {}
+    topologies: dict[str, list[tuple[str, str]]] = {}
     n_same = 0
-    for number, case in enumerate(read_cases(cases, options)):
+    for number, case in enumerate(read_cases(cases, options, fitting)):
         row = case.row
         first = case if first is None else first
         require_alike(case, first, number)
@@ -158,7 +171,7 @@ def collect(
                 remedy="Give each recording one class.",
                 details={"case": number, "sequence_id": row.sequence_id},
             )
-        topologies.setdefault(case.surface, []).append(row.sequence_id)
+        topologies.setdefault(case.surface, []).append((row.sequence_id, case.name))
         # The same recording with the same modes says nothing new; as another topology it does.
         same = by_id.setdefault(row.sequence_id, [])
         if any(np.array_equal(r.cycle.terms, row.cycle.terms) for r in same):
@@ -189,7 +202,7 @@ def _table(
     rows: list[CaseRow],
     classes: tuple[str, ...],
     example: ModalSignature,
-    topologies: dict[str, list[str]],
+    topologies: dict[str, list[tuple[str, str]]],
     options: TrainingOptions,
     notes: list[str],
 ) -> CaseTable:
@@ -197,12 +210,14 @@ def _table(
     readers = feature_choices(rows, example, options, walls, n_topologies=len(topologies))
     if not readers:
         common, *rare = sorted(topologies, key=lambda name: -len(topologies[name]))
-        ids = [name for topology in rare for name in topologies[topology]]
-        raise ParameterError(
+        rarely = [case for topology in rare for case in topologies[topology]]
+        names = [name or sequence_id[:12] for sequence_id, name in rarely]
+        raise UnlikeCasesError(
             f"The training cases have the topologies {', '.join(sorted(topologies))}: most are "
-            f"{common}, and {len(ids)} are not, such as {', '.join(i[:12] for i in ids[:3])}.",
-            remedy="Give cases of one topology; only cups and cylinders over a cycle mix.",
-            details={"sequence_ids": ids[:20], "n_sequences": len(ids)},
+            f"{common}, and {len(names)} are not, such as {', '.join(names[:3])}.",
+            remedy="Leave those out, or state one topology for all (topology); only cups and "
+            "cylinders over a cycle mix.",
+            details={"sequence_ids": [id_ for id_, _ in rarely[:20]], "n_sequences": len(rarely)},
         )
     values, about_axis = np.zeros((0, 0, 0)), np.zeros((0, 2))
     if readers[0].has_axis:

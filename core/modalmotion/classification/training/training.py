@@ -16,10 +16,11 @@ from modalmotion.classification.model.digits import rounded
 from modalmotion.classification.model.domain import Domain, domain_limit, motion_limits
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.options import TrainingOptions
-from modalmotion.classification.training.cases import CaseFile, TrainingCase
+from modalmotion.classification.training.basis import collect_in_one_basis
+from modalmotion.classification.training.cases import AnyCase
 from modalmotion.classification.training.fold_fit import FoldFit, fit_rows, predict_fold
 from modalmotion.classification.training.splits import split_cases
-from modalmotion.classification.training.table import CaseTable, collect
+from modalmotion.classification.training.table import CaseTable
 from modalmotion.classification.training.training_card import empty_card, training_card
 
 _N_GOLDEN: Final = 10
@@ -31,17 +32,18 @@ WALLS_NOTE: Final = (
 
 
 def train(
-    cases: Iterable[TrainingCase | CaseFile],
+    cases: Iterable[AnyCase],
     name: str,
     options: TrainingOptions | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Model:
-    """Train a model on labelled signatures.
+    """Train a model on labelled recordings.
 
     Parameters
     ----------
-    cases : iterable of TrainingCase or CaseFile
-        Read a few at a time; nothing but their features is kept.
+    cases : iterable of TrainingCase or CaseSource
+        Read a few at a time; nothing but their features is kept. An iterator of sequences is
+        held in memory, for these may have to be fitted twice: see `collect_in_one_basis`.
     name : str
     options : TrainingOptions, optional
     progress : callable, optional
@@ -54,8 +56,10 @@ def train(
     Raises
     ------
     ParameterError
-        If a label is missing, a signature cannot be used or is of another kind than the
-        others, one recording has two classes, or there are fewer than two classes.
+        If a label is missing, a case cannot be used or does not compare with the others, one
+        recording has two classes, or there are fewer than two classes.
+    ModalMotionError
+        If a case cannot be read or fitted.
 
     Notes
     -----
@@ -76,7 +80,7 @@ def train(
         share = 0.4 * (number / n_cases) if n_cases else 0.0
         report(share, f"reading case {number}")
 
-    table = collect(cases, options, reading)
+    table = collect_in_one_basis(cases, options, reading)
     splits = split_cases(table, options)
     n, n_classes = len(table), len(table.classes)
     probabilities = np.full((n, n_classes), 1.0 / n_classes)

@@ -2,21 +2,53 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from modalmotion.classification import Classification, Model, ModelCard, classify, load_model
-from modalmotion.signature.making import SignatureParameters, modal_signature
+from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import model_from_hdf5, signature_from_hdf5
 from modalmotion_service.schemas import ReadingAnswer
 from modalmotion_service.work.tasks.files import png_of
 from modalmotion_service.work.upload import Upload
 
 
-def name_class(signature: Path, model: Path | str, coverage: float) -> Classification:
-    """Ask a model for the class of a kept signature's motion."""
-    return classify(signature_from_hdf5(signature), _loaded(model), coverage)
+@dataclass(frozen=True)
+class NamedClass:
+    """The class of a kept signature's motion.
+
+    Parameters
+    ----------
+    classification : Classification
+    imposed : str or None
+        The topology in which the model would rather have the sequence, which states none.
+    """
+
+    classification: Classification
+    imposed: str | None
+
+
+def name_class(
+    signature: Path, model: Path | str, coverage: float, stated: str | None
+) -> NamedClass:
+    """Ask a model for the class of a kept signature's motion.
+
+    Parameters
+    ----------
+    signature : Path
+    model : Path or str
+    coverage : float
+    stated : str or None
+        Topology that the sequence states.
+    """
+    loaded = _loaded(model)
+    kept = signature_from_hdf5(signature)
+    imposed = loaded.readable.imposed_on(kept.surface, stated)
+    return NamedClass(
+        classify(kept, loaded, coverage), None if imposed is None else imposed.topology
+    )
 
 
 def require_loads(model: Path | str) -> None:
@@ -25,12 +57,14 @@ def require_loads(model: Path | str) -> None:
 
 
 def classify_upload(
-    upload: Upload, parameters: SignatureParameters, model: Path | str, coverage: float
+    upload: Upload,
+    parameters: SignatureParameters,  # noqa: ARG001 (they are the model's; its price is read here)
+    model: Path | str,
+    coverage: float,
 ) -> tuple[Classification, ReadingAnswer]:
     """Read an upload, fit it, and ask a model for the class of its motion."""
     reading = upload.read()
-    signature = modal_signature(reading.sequence, parameters)
-    return classify(signature, _loaded(model), coverage), ReadingAnswer.of(reading)
+    return classify(reading.sequence, _loaded(model), coverage), ReadingAnswer.of(reading)
 
 
 def draw_card(card: dict[str, Any], title: str) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -11,12 +12,14 @@ from modalmotion.exports.surfaces import SurfaceFormat, write_superposed
 from modalmotion.facts import Facts
 from modalmotion.pictures.readouts import volume_figure
 from modalmotion.signature.making import SignatureParameters
+from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import sequence_from_hdf5, signature_from_hdf5, template_from_hdf5
 from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import measure_tradeoff
 from modalmotion.tradeoff.plain import as_plain
 from modalmotion_service.http.negotiation import PNG
 from modalmotion_service.schemas import ReadoutsAnswer, TradeoffAnswer
+from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import png_of, whole_file, write_whole
 
 
@@ -34,6 +37,10 @@ def read_out(
     return png_of(volume_figure(found))
 
 
+# Parts of the whole.
+_SHARES: Final = {"template": 0.1, "front": 0.5, "scene": 0.05, "choice": 0.2, "timing": 0.1}
+
+
 def measure_trade(
     sequence: Path,
     parameters: SignatureParameters,
@@ -43,14 +50,19 @@ def measure_trade(
     media_type: str,
     output: Path,
     facts: Facts,
+    progress: Path,
 ) -> dict[str, float]:
-    """Measure the trade on a kept sequence, as JSON or PNG; gives milliseconds by stage."""
+    """Measure the trade on a kept sequence, as JSON or PNG; gives milliseconds by stage.
+
+    `progress` is a `ProgressFile`.
+    """
     found = measure_tradeoff(
         sequence_from_hdf5(sequence).with_facts(facts),
         parameters,
         most_modes=front_modes,
         components=None if components is None else (components,),
         template=None if template is None else template_from_hdf5(template),
+        watch=Stopwatch(_SHARES, ProgressFile(progress).write),
     )
     with whole_file(output) as temporary:
         if media_type == PNG:

@@ -25,6 +25,7 @@ from modalmotion.store import (
 )
 from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, RAW
 from modalmotion_service.schemas import SignatureAnswer
+from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import (
     cache_for,
     named_template,
@@ -34,17 +35,28 @@ from modalmotion_service.work.tasks.files import (
 )
 from modalmotion_service.work.upload import Upload
 
+# Parts of the whole, of a large mesh; the rest is for the server.
+_SHARES: Final = {"load": 0.05, "template": 0.5, "fit": 0.3, "notes": 0.05, "image": 0.05}
+
 
 def sign(
-    sequence: Path, parameters: SignatureParameters, template: Path | None, image: Path
+    sequence: Path,
+    parameters: SignatureParameters,
+    template: Path | None,
+    image: Path,
+    progress: Path,
 ) -> dict[str, float]:
-    """Fit a kept sequence and write its signature's HDF5 image; gives milliseconds by stage."""
-    watch = Stopwatch()
+    """Fit a kept sequence and write its signature's HDF5 image; gives milliseconds by stage.
+
+    `progress` is a `ProgressFile`.
+    """
+    watch = Stopwatch(_SHARES, ProgressFile(progress).write)
     with watch.stage("load"):
         loaded = sequence_from_hdf5(sequence)
         named = named_template(template)
-    with watch.stage("fit"):
-        signature = modal_signature(loaded, parameters, template=named, cache=cache_for(template))
+    signature = modal_signature(
+        loaded, parameters, template=named, cache=cache_for(template), watch=watch
+    )
     with watch.stage("image"):
         write_whole(image, signature_image(signature))
     return watch.milliseconds
@@ -58,8 +70,9 @@ def sign_upload(
     with watch.stage("read"):
         sequence = upload.read().sequence
         named = named_template(template)
-    with watch.stage("fit"):
-        signature = modal_signature(sequence, parameters, template=named, cache=cache_for(template))
+    signature = modal_signature(
+        sequence, parameters, template=named, cache=cache_for(template), watch=watch
+    )
     with watch.stage("render"):
         if media_type == PNG:
             body = _as_png(signature, sequence)
