@@ -137,7 +137,7 @@ def test_a_small_signature_takes_at_most_twice_its_idle_time_beside_48_costly_on
     quiet, loud = (np.percentile(seconds, [50, 95]) * 1e3 for seconds in (idle, busy))
     with capsys.disabled():
         print(  # noqa: T201
-            f"\n{n_workers} workers, ms: idle {quiet[0]:.1f} (median) {quiet[1]:.1f} (95 %), beside "
-            f"{N_COSTLY} costly ones {loud[0]:.1f} and {loud[1]:.1f}"
+            f"\n{n_workers} workers, ms: idle {quiet[0]:.1f} (median) {quiet[1]:.1f} (95 %), "
+            f"beside {N_COSTLY} costly ones {loud[0]:.1f} and {loud[1]:.1f}"
         )
     assert loud[1] <= 2 * quiet[1]
