@@ -118,6 +118,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         BodyLimits,
         body_bytes=chosen.max_body_bytes,
         json_bytes=chosen.max_json_bytes,
+        query_ids=chosen.max_query_ids,
         idle_seconds=chosen.idle_seconds,
         upload_seconds=chosen.upload_seconds,
     )

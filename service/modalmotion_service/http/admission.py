@@ -24,8 +24,14 @@ UPLOADS: Final = frozenset(
     f"/v1/{name}"
     for name in ("sequences", "signature", "templates", "encode", "decode", "classify")
 )
-"""Routes whose body goes to a file as it comes. All others hold it in memory, and read it as JSON
-while nobody else is answered."""
+"""Routes whose body goes to a file as it comes. All others hold it in memory, as JSON."""
+
+_TRAINING: Final = "/v1/models"
+_MANY: Final = "/v1/signatures/query"
+# Names, facts, the name of a model: landmarks and covariates are the longest.
+_SMALL_BYTES: Final = 256_000
+# An id in quotes, with its comma and a line of its own.
+_BYTES_OF_ID: Final = 100
 
 
 class BodyLimits:
@@ -36,7 +42,9 @@ class BodyLimits:
     app : ASGIApp
     body_bytes : int
     json_bytes : int
-        Of requests that are not uploads.
+        Of requests that are not uploads; for all but trainings it is less, by what they need.
+    query_ids : int
+        Most ids in one request.
     idle_seconds : float
         Longest pause between two pieces.
     upload_seconds : float
@@ -48,12 +56,19 @@ class BodyLimits:
         app: ASGIApp,
         body_bytes: int,
         json_bytes: int,
+        query_ids: int,
         idle_seconds: float,
         upload_seconds: float,
     ) -> None:
         self.app = app
         self.body_bytes = body_bytes
-        self.json_bytes = json_bytes
+        # Where there is no route, nothing is read.
+        self.json_bytes = {
+            None: json_bytes,
+            _TRAINING: json_bytes,
+            _MANY: min(json_bytes, _SMALL_BYTES + _BYTES_OF_ID * query_ids),
+        }
+        self.other_bytes = min(json_bytes, _SMALL_BYTES)
         self.idle_seconds = idle_seconds
         self.upload_seconds = upload_seconds
 
@@ -63,8 +78,10 @@ class BodyLimits:
             await self.app(scope, receive, send)
             return
         most, name = self.body_bytes, "body_bytes"
-        if route_of(scope) not in UPLOADS and self.json_bytes < most:
-            most, name = self.json_bytes, "json_bytes"
+        route = route_of(scope)
+        of_json = self.json_bytes.get(route, self.other_bytes)
+        if route not in UPLOADS and of_json < most:
+            most, name = of_json, "json_bytes"
         declared = dict(scope["headers"]).get(b"content-length", b"")
         if declared.isdigit() and int(declared) > most:
             await problem_of(_too_large(most, name))(scope, receive, send)

@@ -35,6 +35,17 @@ class _SpoolingParser(MultiPartParser):
         super().__init__(request.headers, stream, max_files=1, max_fields=_MOST_FIELDS)  # type: ignore[arg-type]
         self._folder = folder
 
+    def on_part_data(self, data: bytes, start: int, end: int) -> None:
+        waiting = self._file_parts_to_write
+        if self._current_part.file is None:
+            super().on_part_data(data, start, end)
+        elif not waiting:
+            waiting.append((self._current_part, cast("bytes", bytearray(data[start:end]))))
+        else:
+            # Each line that could be the end of the part comes by itself, and each piece that is
+            # written is a switch of threads: they are joined, up to the 64 KiB that came.
+            cast("bytearray", waiting[-1][1]).extend(memoryview(data)[start:end])
+
     def on_headers_finished(self) -> None:
         super().on_headers_finished()
         part = self._current_part.file

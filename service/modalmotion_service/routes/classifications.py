@@ -6,6 +6,7 @@ import asyncio
 
 from fastapi import APIRouter, Response
 
+from modalmotion_service.http.json_bodies import JsonRoute
 from modalmotion_service.routes.parts.deferral import result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
@@ -19,7 +20,9 @@ from modalmotion_service.schemas import (
 from modalmotion_service.workspace.models import KeptClassification
 from modalmotion_service.workspace.state import State
 
-router = APIRouter(prefix="/v1/sequences", tags=["classifications"], responses=PROBLEMS)
+router = APIRouter(
+    prefix="/v1/sequences", tags=["classifications"], responses=PROBLEMS, route_class=JsonRoute
+)
 
 
 @router.post(

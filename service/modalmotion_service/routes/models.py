@@ -12,6 +12,7 @@ from modalmotion.classification import TrainingOptions, available_models
 from modalmotion.store import ModelRecord, model_to_hdf5, require_model_name
 from modalmotion.store.index.cursor import from_cursor, to_cursor
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
+from modalmotion_service.http.json_bodies import JsonRoute
 from modalmotion_service.http.negotiation import HDF5, JSON, PNG, best_type
 from modalmotion_service.http.preferences import Preference
 from modalmotion_service.routes.parts.deferral import accepted, reply_or_job
@@ -31,7 +32,7 @@ from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
 from modalmotion_service.workspace.training_set import look_up, write_cases
 
-router = APIRouter(prefix="/v1/models", tags=["models"], responses=PROBLEMS)
+router = APIRouter(prefix="/v1/models", tags=["models"], responses=PROBLEMS, route_class=JsonRoute)
 
 _DESCRIPTION: Final[dict[int | str, dict[str, object]]] = {
     200: {"content": {PNG: BINARY, HDF5: BINARY}},
@@ -60,7 +61,8 @@ async def train(
             raise shipped_name(name, "takes no further versions", "Choose another name.")
         options = TrainingOptions.from_json(request.options)
         most = state.settings.max_training_sequences
-        cases = await asyncio.to_thread(look_up, state.store, request.cases, most)
+        # Up to a hundred thousand sequences: others are answered meanwhile.
+        cases = await asyncio.to_thread(lambda: look_up(state.store, request.cases, most))
         file = SpoolFile(state.spool.new_path())
         try:
             await asyncio.to_thread(write_cases, file, cases)
@@ -73,7 +75,7 @@ async def train(
             raise
         return accepted(job)
 
-    fingerprint = ("POST models", request.model_dump_json())
+    fingerprint = ("POST models", await asyncio.to_thread(request.model_dump_json))
     return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
 
 

@@ -14,6 +14,7 @@ from modalmotion.facts import NO_FACTS, Facts, facts_as_json, facts_patched
 from modalmotion.store import UNSET
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_facts
+from modalmotion_service.http.json_bodies import JsonRoute
 from modalmotion_service.routes.parts.deferral import result_or_job
 from modalmotion_service.routes.parts.dependencies import (
     NamedFileDependency,
@@ -33,7 +34,9 @@ from modalmotion_service.schemas import (
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.erasure import erase
 
-router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=PROBLEMS)
+router = APIRouter(
+    prefix="/v1/sequences", tags=["sequences"], responses=PROBLEMS, route_class=JsonRoute
+)
 
 
 @router.post(

@@ -12,6 +12,7 @@ from modalmotion.errors import LimitError
 from modalmotion.facts import facts_as_json
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_ids
+from modalmotion_service.http.json_bodies import JsonRoute
 from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job, result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
@@ -28,7 +29,7 @@ from modalmotion_service.schemas import (
 from modalmotion_service.schemas.request_queries import DistanceQuery, ReconstructionQuery
 from modalmotion_service.workspace.reply_kinds import SURFACES
 
-router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
+router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS, route_class=JsonRoute)
 
 
 @router.get(
