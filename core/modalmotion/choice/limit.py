@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.noise import Noise
 from modalmotion.choice.parameters import ErrorKind, SignatureParameters
 from modalmotion.choice.scene import Scene, SceneError, SceneKind
@@ -70,16 +71,12 @@ def error_of(error: SceneError, kind: ErrorKind) -> float:
     }[kind]
 
 
-def noise_rms(noise: Noise, n_frames: int, n_directions: int = 3) -> float:
-    """RMS displacement that noise alone makes, the reference's own included, length unit."""
-    return noise.sigma * float(np.sqrt(2.0 * n_directions * (n_frames - 1) / n_frames))
-
-
-def holds_noise(error: float, noise: Noise, sequence: MeshSequence, n_directions: int = 3) -> bool:
+def holds_noise(error: float, noise: Noise, fitter: Fitter, n_directions: int = 3) -> bool:
     """Whether a weighted RMS error is as small as that of noise alone."""
-    expected = noise_rms(noise, sequence.n_frames, n_directions)
+    n_frames, reference = fitter.sequence.n_frames, fitter.parameters.reference
+    expected = noise.displacement_rms(n_frames, reference, n_directions)
     # The reference's part of the noise is drawn once for all frames.
-    spread = float(np.sqrt(2.0 / (n_directions * sequence.n_vertices)))
+    spread = float(np.sqrt(2.0 / (n_directions * noise.independent_vertices)))
     # Not squared: the square of very large coordinates would overflow.
     return error <= expected * float(np.sqrt(1.0 + _ESTIMATE + _DEVIATIONS * spread))
 
@@ -92,10 +89,10 @@ def simplest(scene: Scene, limit: float, kind: ErrorKind) -> SceneKind:
     return SceneKind.DEFORMABLE
 
 
-def simplest_with_noise(scene: Scene, noise: Noise, sequence: MeshSequence) -> SceneKind:
+def simplest_with_noise(scene: Scene, noise: Noise, fitter: Fitter) -> SceneKind:
     """Simplest kind of motion whose residual looks like noise."""
     for name, error in scene.errors.items():
         n_directions = 1 if name == SceneKind.PLANAR else 3
-        if holds_noise(error.weighted_rms, noise, sequence, n_directions):
+        if holds_noise(error.weighted_rms, noise, fitter, n_directions):
             return name
     return SceneKind.DEFORMABLE

@@ -7,28 +7,40 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import quad
-from scipy.optimize import brentq
 
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.nested_sets import Ladder
+from modalmotion.choice.noise_bands import FINE, Bands, bands_of, n_modes_of
+from modalmotion.choice.noise_mixtures import MIXINGS, Mixtures
+from modalmotion.choice.noise_paths import COST, Levels, Paths, over_time
 from modalmotion.fit.fit import Fit
-from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.representation import shown
 
-# Modes that are taken out of the motion first, and their largest share of the vertices.
-_MODES: Final = 120
-_SHARE: Final = 4
+# Rounds of level and independent columns, each of which needs the other.
+_ROUNDS: Final = 3
 
-# Largest number of vertices and frames used; more do not change the estimate.
-_MOST_VERTICES: Final = 4000
-_MOST_FRAMES: Final = 400
+# Directions of time that nothing but noise must fill before a band's level is believed.
+_FEWEST_DIRECTIONS: Final = 3
 
-# With fewer frames fine motion and noise look alike.
-FEW_FRAMES: Final = 6
+# Numbers of a band that count at most: bands are not wholly alike.
+_MOST_NUMBERS: Final = 300.0
+
+# Steps of the shares of the parts, and how far the estimate may be off where nothing else shows.
+_STEPS: Final = 300
+_OFF: Final = 1.15
+
+# Share of the variance below which a part counts as none.
+_LEAST_PART: Final = 1e-3
+
+# Other costs of a direction of motion, whose estimates the range holds.
+_OTHER_COSTS: Final = (COST / 2, COST * 2)
+
+WIDE: Final = 1.5
+"""Ends of the range that differ by more say that motion and noise cannot be told apart well."""
 
 
-@shown()
+@shown("sigma", "lowest", "highest", "between_frames", "between_neighbours")
 @dataclass(frozen=True)
 class Noise:
     """Noise of each coordinate of each vertex in each frame.
@@ -37,48 +49,92 @@ class Noise:
     ----------
     sigma : float, length unit
         Standard deviation, `rounding` at least.
+    lowest, highest : float, length unit
+        Range of the standard deviation; no highest where nothing bounds it: one frame.
+    between_frames : float
+        Correlation of a vertex's noise in one frame with that in the next.
+    between_neighbours : float
+        Correlation of the noise of two neighbours in one frame.
+    independent_vertices : float
+        Vertices of independent noise that average like these.
+    parts : tuple of float
+        Shares in the variance of independent noise that is mixed with its neighbours 0, 1, 2,
+        4, 8, 12, 16, 24, 32, 48 and 64 times.
     rounding : float, length unit
         Noise from storing the coordinates in their type.
     modes : int
-        Spatial modes that were taken out first.
-    rank, n_values : int
-        Rank of the singular value used, counted from the smallest, and their number.
+        Spatial modes that were told apart.
+    bands, bands_read : int
+        Bands of the motion, coarse to fine, and those of them that hold nothing but noise in
+        enough directions of time.
     """
 
     sigma: float
+    lowest: float
+    highest: float | None
+    between_frames: float
+    between_neighbours: float
+    independent_vertices: float
+    parts: tuple[float, ...]
     rounding: float
     modes: int
-    rank: int
-    n_values: int
+    bands: int
+    bands_read: int
 
     def note(self, unit: str | None) -> str:
-        """Describe the estimate and its method."""
-        size = f"{self.sigma:.3g} {unit or 'length units'}"
+        """Describe the estimate and what it rests on."""
+        unit = unit or "length units"
+        size = f"{self.sigma:.3g} {unit}"
+        if self.highest is None:
+            return f"One frame is too few to estimate noise; {size} was assumed."
         if self.sigma <= self.rounding:
             return (
                 f"The noise is that of the stored numbers, {size} a coordinate; no other shows, so "
                 "modes are added until they describe rounding. Ask by tolerance for fewer."
             )
-        if not self.n_values:
-            return f"One frame is too few to estimate noise; {size} was assumed."
         text = (
-            f"The noise was estimated at {size} a coordinate (standard deviation): of what "
-            f"{self.modes} modes leave, the singular value over time of rank {self.rank + 1} of "
-            f"{self.n_values}, against that of pure noise."
+            f"The noise was estimated at {size} a coordinate (standard deviation; between "
+            f"{self.lowest:.3g} and {self.highest:.3g} {unit}), with correlations of "
+            f"{self.between_neighbours:.2f} between neighbours and {self.between_frames:.2f} "
+            f"between frames: from {self.bands_read} of {self.bands} bands, coarse to fine, "
+            "whose paths over time hold more than the motion."
         )
-        if self.n_values + 1 < FEW_FRAMES:
-            text += " With so few frames fine motion may count as noise."
+        if self.highest > WIDE * self.lowest:
+            text += " Motion and noise are hard to tell apart here."
         return text
+
+    def displacement_rms(self, n_frames: int, reference: Reference, n_directions: int = 3) -> float:
+        """RMS displacement that noise alone makes, the reference's own included, length unit."""
+        return self.sigma * float(np.sqrt(n_directions * self.spread(n_frames, reference)))
+
+    def spread(self, n_frames: int, reference: Reference) -> float:
+        """Mean square of a coordinate's displacement by noise of variance 1."""
+        correlations = over_time(self.between_frames, n_frames)
+        if reference == MEAN:
+            return 1.0 - float(correlations.mean())
+        return 2.0 * (1.0 - float(correlations[reference].mean()))
+
+
+@dataclass(frozen=True, eq=False)
+class _Estimate:
+    """Variances of the parts, in units of the bands' scale squared, and what they came from."""
+
+    parts: NDArray[np.float64]
+    correlation: float
+    levels: Levels
+    is_read: NDArray[np.bool_]
+
+    @property
+    def variance(self) -> float:
+        return float(self.parts.sum())
 
 
 def estimate_noise(fitter: Fitter, ladder: Ladder, fit: Fit) -> Noise:
-    """Estimate independent noise of equal size in every coordinate.
+    """Estimate the noise's level, and its correlations in space and time.
 
-    The residual motion after many modes is fine and, in time, takes few directions; noise takes
-    all alike. Subtracting each vertex's mean over time takes out the reference's own noise,
-    which all displacements share. The median singular value of the rest is then that of
-    noise (Gavish and Donoho, The optimal hard threshold for singular values is 4/sqrt(3),
-    IEEE Transactions on Information Theory, 2014), for any motion over time.
+    Taken for normal, of one level everywhere, a sum of independent parts that are mixed with
+    their neighbours, and an autoregression of order 1 over time. A motion is taken for few
+    directions of time, the same in all bands, slow ones first.
 
     Parameters
     ----------
@@ -90,60 +146,128 @@ def estimate_noise(fitter: Fitter, ladder: Ladder, fit: Fit) -> Noise:
     """
     sequence, template = fitter.sequence, fitter.template
     rounding = _rounding(sequence)
+    m = n_modes_of(ladder, template)
+    white = (1.0,) + (0.0,) * (len(MIXINGS) - 1)
     n_weighted = int((template.weights > 0).sum())
-    n_modes = max(1, min(_MODES, n_weighted // _SHARE))
-    m = int(ladder.counts[np.searchsorted(ladder.counts, n_modes, side="right") - 1])
     if sequence.n_frames < 2 or n_weighted <= m:
-        return Noise(rounding, rounding, m, 0, 0)
-    r = _residual(fitter, ladder, fit, m)
-    scale = float(np.abs(r).max(initial=0.0))
-    if scale == 0.0:
-        return Noise(rounding, rounding, m, 0, 0)
-    f, n = r.shape
-    r = r / scale
-    r -= r.mean(axis=0)
-    gram = r @ r.T if f <= n else r.T @ r
-    values = np.sqrt(np.maximum(np.linalg.eigvalsh(gram), 0.0))
-    # The mean over time takes one direction, the modes their share of the others.
-    free = round(n * (1.0 - m / n_weighted))
-    n_values, most = min(f - 1, free), max(f - 1, free)
-    values = values[len(values) - n_values :]
-    rank = (n_values - 1) // 2
-    expected = _marchenko_pastur((rank + 0.5) / n_values, n_values / most)
-    sigma = scale * float(values[rank]) / np.sqrt(most * expected)
-    return Noise(max(float(sigma), rounding), rounding, m, rank, n_values)
+        return Noise(rounding, rounding, None, 0.0, 0.0, n_weighted, white, rounding, m, 0, 0)
+    mixtures = Mixtures.of(template)
+    bands = bands_of(fitter, ladder, fit, mixtures)
+    n_bands = len(bands.grams)
+    if not np.trace(bands.grams, axis1=1, axis2=2).max() > 0.0:
+        return Noise(
+            rounding, rounding, rounding, 0.0, 0.0, n_weighted, white, rounding, m, n_bands, n_bands
+        )
+    paths = Paths(bands.grams, max(n_bands - FINE, 1))
+    best = _estimate(bands, paths, np.array(white))
+    variances = [best.variance, *_other_variances(bands, paths, best)]
+    # Parts of next to nothing are none.
+    parts = np.where(best.parts > _LEAST_PART * best.variance, best.parts, 0.0)
+    parts /= parts.sum()
+    lowest, highest = (bands.scale * float(np.sqrt(v)) for v in (min(variances), max(variances)))
+    sigma = max(bands.scale * float(np.sqrt(best.variance)), rounding)
+    is_rounding = sigma == rounding
+    return Noise(
+        sigma=sigma,
+        lowest=max(lowest / _OFF, rounding),
+        highest=max(highest * _OFF, rounding),
+        between_frames=0.0 if is_rounding else best.correlation,
+        between_neighbours=0.0 if is_rounding else float(parts @ mixtures.beside()),
+        independent_vertices=mixtures.independent(parts, template.weights),
+        parts=white if is_rounding else tuple(parts.tolist()),
+        rounding=rounding,
+        modes=m,
+        bands=n_bands,
+        bands_read=int(best.is_read.sum()),
+    )
 
 
-def _residual(fitter: Fitter, ladder: Ladder, fit: Fit, m: int) -> NDArray[np.float64]:
-    """Take the first m modes out, in units of its noise where the coordinates' is 1.
+def _estimate(bands: Bands, paths: Paths, parts: NDArray[np.float64]) -> _Estimate:
+    for _ in range(_ROUNDS):
+        columns = _columns(bands, parts)
+        correlation = paths.correlation(columns)
+        estimate = _at(bands, paths, columns, correlation)
+        parts = estimate.parts
+    return estimate
 
-    Returns
-    -------
-    (frames, 3 * vertices) float64, length unit
+
+def _other_variances(bands: Bands, paths: Paths, best: _Estimate) -> list[float]:
+    """Variances by other rules that are as good: what they differ by cannot be known."""
+    columns = _columns(bands, best.parts)
+    half = len(columns) // 2
+    others = [paths.correlation(columns, cost) for cost in _OTHER_COSTS]
+    others += [paths.correlation(columns, bands=part) for part in (slice(half), slice(half, None))]
+    estimates = [_at(bands, paths, columns, correlation) for correlation in others]
+    estimates += [
+        _at(bands, paths, columns, best.correlation, all_times=True),
+        _at(bands, paths, columns, best.correlation, all_bands=True),
+    ]
+    return [estimate.variance for estimate in estimates]
+
+
+def _columns(bands: Bands, parts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Independent columns of each band, all three directions."""
+    columns = bands.independent(parts)
+    # Noise so smooth that it has fewer cannot be told from motion, which would pass for it.
+    white = bands.independent(np.eye(len(parts))[0])
+    columns[:-FINE] = np.maximum(columns[:-FINE], 0.5 * white[:-FINE])
+    return 3.0 * columns
+
+
+def _at(
+    bands: Bands,
+    paths: Paths,
+    columns: NDArray[np.float64],
+    correlation: float,
+    *,
+    all_times: bool = False,
+    all_bands: bool = False,
+) -> _Estimate:
+    levels = paths.levels(correlation, columns, all_times=all_times)
+    numbers = levels.columns * levels.directions
+    is_read = (levels.directions >= _FEWEST_DIRECTIONS) & (levels.columns > 3.0)
+    place = np.arange(len(columns))
+    if levels.n_directions < _FEWEST_DIRECTIONS:
+        # So few frames are all motion where the modes are.
+        is_read = place >= len(columns) - FINE
+    elif levels.n_directions < 2 * _FEWEST_DIRECTIONS:
+        is_read &= place >= len(columns) // 2
+    if not is_read.any():
+        is_read = place >= len(columns) - FINE
+    if all_bands:
+        is_read = np.ones(len(columns), dtype=np.bool_)
+    weights = np.where(is_read, np.clip(numbers, 1.0, _MOST_NUMBERS), 0.0)
+    expected, energies = bands.expected[:, is_read], levels.energies[is_read] / 3.0
+    parts = _parts_of(expected, energies, weights[is_read])
+    # The parts tell the shape; the level is that of the bands with most energy.
+    total = max(float(energies.sum()), 1e-200)
+    return _Estimate(
+        parts * (total / float((parts @ expected).sum())), correlation, levels, is_read
+    )
+
+
+def _parts_of(
+    expected: NDArray[np.float64], energies: NDArray[np.float64], weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Variances of the parts that make the bands' energies most likely.
+
+    Energies are Gamma variables about mu = parts @ expected; steps that keep all variances above
+    zero never lower the likelihood: Fevotte, Bertin and Durrieu, Nonnegative matrix
+    factorization with the Itakura-Saito divergence, Neural Computation, 2009.
     """
-    sequence, weights = fitter.sequence, fitter.template.weights
-    counted = np.flatnonzero(weights > 0)
-    some = counted[:: -(-len(counted) // _MOST_VERTICES)]
-    frames = np.arange(0, sequence.n_frames, -(-sequence.n_frames // _MOST_FRAMES))
-    basis = ladder.basis
-    # Orthonormal shapes psi = Phi R^-1 and coefficients c = R a.
-    c = basis.triangle[:m] @ fit.amplitudes[frames]
-    rows = basis.triangle[:m] @ basis.projector[:, counted]
-    psi = rows.T / weights[counted, None]
-    gram = (psi * weights[counted, None] ** 2).T @ psi
-    at = np.searchsorted(counted, some)
-    # r = e - psi psi'W e: variance 1 - 2 w |psi|^2 + psi' (sum w^2 psi psi') psi
-    own = psi[at]
-    left = 1.0 - 2.0 * weights[some] * (own**2).sum(axis=1)
-    left += ((own @ gram) * own).sum(axis=1)
-    blocks = fitter.displacements.blocks()
-    u = np.concatenate([block.shape.scale * block.u[:, :, some] for block in blocks])
-    u = u[frames].transpose(0, 2, 1)
-    r = u - own @ c
-    share = 1.0 - m / len(counted)
-    r *= np.sqrt(share / np.maximum(left, 0.1 * share))[:, None]
-    flat: NDArray[np.float64] = r.reshape(len(r), -1)
-    return flat
+    size = float(energies.max())
+    if size == 0.0:
+        return np.full(len(expected), 1e-200)
+    energies = np.maximum(energies / size, 1e-40)
+    parts = np.full(len(expected), float(np.median(energies / expected[0])) / len(expected))
+    for _ in range(_STEPS):
+        mu = parts @ expected
+        parts = parts * np.sqrt(
+            (expected @ (weights * energies / mu**2)) / (expected @ (weights / mu))
+        )
+        parts = np.maximum(parts, 1e-60)
+    result: NDArray[np.float64] = parts * size
+    return result
 
 
 def _rounding(sequence: MeshSequence) -> float:
@@ -151,25 +275,3 @@ def _rounding(sequence: MeshSequence) -> float:
     largest = float(np.abs(sequence.vertices).max(initial=0.0))
     step = float(np.spacing(sequence.vertices.dtype.type(largest)))
     return step / float(np.sqrt(12.0))
-
-
-def _marchenko_pastur(q: float, beta: float) -> float:
-    """Quantile of the eigenvalues of noise of variance 1, beta rows for each column.
-
-    Marchenko and Pastur, Distribution of eigenvalues for some sets of random matrices,
-    Mathematics of the USSR-Sbornik, 1967.
-    """
-    low, high = (1.0 - np.sqrt(beta)) ** 2, (1.0 + np.sqrt(beta)) ** 2
-
-    def share(t: float) -> float:
-        # x = low + (high - low) sin^2(t / 2) takes the roots' ends out of the integrand.
-        def density(angle: float) -> float:
-            x = low + (high - low) * np.sin(angle / 2) ** 2
-            return float(
-                ((high - low) * np.sin(angle) / 2) ** 2 / (2 * np.pi * beta * max(x, 1e-300))
-            )
-
-        return float(quad(density, 0.0, t, limit=200)[0])
-
-    angle = brentq(lambda t: share(t) - q, 0.0, np.pi)
-    return float(low + (high - low) * np.sin(angle / 2) ** 2)

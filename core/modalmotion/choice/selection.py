@@ -12,7 +12,6 @@ from modalmotion.choice.limit import (
     error_of,
     holds_noise,
     limit_of,
-    noise_rms,
     require_unit,
     simplest,
     simplest_with_noise,
@@ -93,7 +92,8 @@ def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
     if n > ladder.counts[-1]:
         raise ModeCountError(
             f"{n} modes were requested among the {ladder.counts[-1]} whose energy is compared.",
-            remedy=f"Ask for at most {ladder.counts[-1]} modes, or for a larger most_modes.",
+            remedy=f"Ask for at most {ladder.counts[-1]} modes, or "
+            f"{'send a finer mesh' if ladder.ends_because else 'for a larger most_modes'}.",
             details={"modes": n, "most": int(ladder.counts[-1])},
         )
     count = int(ladder.counts[np.searchsorted(ladder.counts, n)])
@@ -104,8 +104,8 @@ def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
 def _until_noise(fitter: Fitter, smallest: Modes, scene: Scene) -> Model:
     sequence, parameters = fitter.sequence, fitter.parameters
     noise = measure_noise(fitter)
-    kind = simplest_with_noise(scene, noise, sequence)
-    limit = noise_rms(noise, sequence.n_frames)
+    kind = simplest_with_noise(scene, noise, fitter)
+    limit = noise.displacement_rms(sequence.n_frames, parameters.reference)
     choice = ModelChoice("auto", limit, ErrorKind.WEIGHTED_RMS, noise, kind, scene.errors, None)
     if kind == SceneKind.STATIC:
         model = static_model(fitter, smallest, scene.static)
@@ -115,9 +115,7 @@ def _until_noise(fitter: Fitter, smallest: Modes, scene: Scene) -> Model:
         return _noted(fit_model(fitter, smallest), choice, sequence)
     ladder, count = modes_until_noise(fitter, noise)
     normal = None
-    if _may_flatten(parameters) and holds_noise(
-        scene.planar.error.weighted_rms, noise, sequence, 1
-    ):
+    if _may_flatten(parameters) and holds_noise(scene.planar.error.weighted_rms, noise, fitter, 1):
         normal = scene.planar.normal
     model = fit_model(fitter, ladder.modes(count), normal=normal)
     notes = list(notes_on(ladder, parameters))

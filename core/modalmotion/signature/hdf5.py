@@ -21,7 +21,7 @@ from modalmotion.modes.topology import MESH, Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 
-FORM: Final = Form("signature", 2)
+FORM: Final = Form("signature", 3)
 
 # Unit and axes of what names modes.
 _OF_MODES: Final = {

@@ -67,10 +67,21 @@ class NoiseAnswer(BaseModel):
     """The measurement's noise as estimated."""
 
     sigma: float = Field(description="Standard deviation of a coordinate, length unit.")
+    lowest: float = Field(description="Lower end of its range.")
+    highest: float | None = Field(description="Upper end; null where nothing bounds it.")
+    between_frames: float = Field(description="Correlation of a frame's noise with the next's.")
+    between_neighbours: float = Field(description="Correlation of the noise of two neighbours.")
+    independent_vertices: float = Field(
+        description="Vertices of independent noise that average like these."
+    )
+    parts: list[float] = Field(
+        description="Shares of noise that is mixed with its neighbours 0, 1, 2, 4, 8, 12, 16, 24, "
+        "32, 48 and 64 times."
+    )
     rounding: float = Field(description="Added by storing the numbers.")
-    modes: int = Field(description="Spatial modes that were taken out first.")
-    rank: int = Field(description="Of the singular value that was read, from the smallest.")
-    n_values: int
+    modes: int = Field(description="Spatial modes that were told apart.")
+    bands: int = Field(description="Bands of the motion, coarse to fine.")
+    bands_read: int = Field(description="Bands whose paths over time hold noise that was read.")
 
 
 class ChosenAnswer(BaseModel):

@@ -154,7 +154,10 @@ def _classification(contents: Contents, _: Folder) -> bytes:
 
 
 def _signature(contents: Contents, folder: Folder) -> bytes:
-    """Make the signature again: version 1 knew the error by weight alone, and tolerances held it.
+    """Make the signature again.
+
+    Version 1 knew the error by weight alone, and tolerances held it; version 2 took all noise
+    for independent.
 
     Raises
     ------
@@ -169,7 +172,7 @@ def _signature(contents: Contents, folder: Folder) -> bytes:
             template = template_from_hdf5(folder.template(parameters.template))
     except NotFoundError as error:
         raise StoreError(
-            "Its errors are by weight alone, and the vertices that others need are not kept.",
+            "Its errors and noise are of older definitions, and its vertices are not kept.",
             remedy="Delete it, and send the sequence again.",
         ) from error
     return signature_to_hdf5(modal_signature(sequence, parameters, template=template))
@@ -245,6 +248,7 @@ OLDER: Final[dict[Form, Callable[[Contents, Folder], bytes]]] = {
     Form("sequence", 1): _sequence,
     Form("model", 1): _model,
     Form("signature", 1): _signature,
+    Form("signature", 2): _signature,
 }
 """How each older form is rewritten."""
 
