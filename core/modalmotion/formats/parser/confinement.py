@@ -17,8 +17,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-import modalmotion
-
 # The same numbers on every architecture.
 _CREATE_RULESET: Final = 444
 _ADD_RULE: Final = 445
@@ -74,7 +72,8 @@ def end_with_parent() -> None:
 
 
 def _readable() -> Iterator[Path]:
-    yield Path(modalmotion.__file__).parent
+    # The package itself.
+    yield Path(__file__).parents[2]
     for prefix in {sys.prefix, sys.base_prefix, sys.exec_prefix}:
         for name in ("lib", "lib64", "bin"):
             yield Path(prefix) / name
