@@ -124,7 +124,9 @@ def test_what_single_precision_cannot_hold_is_refused(scale: float) -> None:
         lambda: write_superposed(mm.modal_signature(sequence), sequence, SurfaceFormat.GLB),
     )
     for write in writers:
-        with pytest.raises(mm.ParameterError, match=r"ends at 3\.4e38\. State lengths in another"):
+        with pytest.raises(
+            mm.ParameterError, match=r"ends at 3\.4e38\. Write the coordinates in a larger"
+        ):
             write()
     raw = np.frombuffer(write_raw(sequence, "float64"), "<f8")
     assert np.array_equal(raw, sequence.vertices.ravel())

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.choice.parameters import MOST_MODES
-from modalmotion.errors import ModeCountError
-from modalmotion.fit.basis import LARGEST_CONDITION, Basis
+from modalmotion.fit.basis import Basis, largest_sound
 from modalmotion.modes import Modes, whole_count, whole_counts
 from modalmotion.numeric.products import product
 from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
@@ -89,7 +88,7 @@ def ladder_of(template: Template, n_modes: int, grid: tuple[int, ...] | None = N
     root = np.sqrt(template.weights)[:, None]
     Q, R = tall_qr(root * shapes)
     counts = whole_counts(modes)
-    sound, condition = _sound(R, counts)
+    sound, condition = largest_sound(R, counts)
     if sound < n:
         ends = f"{sound} modes are the most that its vertices tell apart"
         Q, R, shapes = Q[:, :sound], R[:sound, :sound], np.ascontiguousarray(shapes[:, :sound])
@@ -121,43 +120,3 @@ def most_modes_of(
         # Not beyond the end of the order.
         most = whole if whole == most or not reason else most - 1
     return most, reason
-
-
-def _sound(R: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[int, float]:
-    """Largest whole set whose amplitudes are worth giving, and the condition of its fit.
-
-    The condition only grows with the set, so bisection finds it.
-
-    Raises
-    ------
-    ModeCountError
-        If not even those of the smallest set are.
-    """
-    condition = _condition(R)
-    if condition <= LARGEST_CONDITION:
-        return int(counts[-1]), condition
-    low, high = 0, len(counts) - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if _condition(R[: counts[middle], : counts[middle]]) <= LARGEST_CONDITION:
-            low = middle
-        else:
-            high = middle
-    count = int(counts[low])
-    condition = _condition(R[:count, :count])
-    if not condition <= LARGEST_CONDITION:
-        raise ModeCountError(
-            f"{count} modes have the condition {condition:.1e} on this surface.",
-            remedy="Send a finer mesh.",
-            details={"modes": count, "condition": condition},
-        )
-    return count, condition
-
-
-def _condition(R: NDArray[np.float64]) -> float:
-    # A cheap lower bound spares most singular values.
-    diagonal = np.abs(np.diag(R))
-    least = float(diagonal.min())
-    if not least > 0 or float(diagonal.max()) / least > LARGEST_CONDITION:
-        return np.inf
-    return float(np.linalg.cond(R))

@@ -92,7 +92,8 @@ def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
     if n > ladder.counts[-1]:
         raise ModeCountError(
             f"{n} modes were requested among the {ladder.counts[-1]} whose energy is compared.",
-            remedy=f"Ask for at most {ladder.counts[-1]} modes, or for a larger most_modes.",
+            remedy=f"Ask for at most {ladder.counts[-1]} modes, or "
+            f"{'send a finer mesh' if ladder.ends_because else 'for a larger most_modes'}.",
             details={"modes": n, "most": int(ladder.counts[-1])},
         )
     count = int(ladder.counts[np.searchsorted(ladder.counts, n)])

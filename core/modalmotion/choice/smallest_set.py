@@ -9,11 +9,13 @@ import numpy as np
 
 from modalmotion.choice.fitted_motion import Model, fit_model
 from modalmotion.choice.fitter import Fitter
+from modalmotion.choice.nested_sets import Ladder
 from modalmotion.choice.ordered_sets import ENERGY_POOL, notes_on, sorted_ladder
 from modalmotion.choice.parameters import MOST_MODES, ModeOrder
 from modalmotion.choice.set_errors import SetErrors
 from modalmotion.errors import ToleranceError
 from modalmotion.mesh.sequence import MM_PER_UNIT
+from modalmotion.numeric.scale import root_mean_square
 
 # The first ladder; each further one is twice as long.
 _FIRST: Final = 64
@@ -52,8 +54,7 @@ def smallest_within(fitter: Fitter, limit: float) -> Model:
                         return replace(model, notes=notes_on(ladder, parameters))
         if ladder.ends_because or n >= most:
             best = errors.best(known)
-            reason = ladder.ends_because or f"no more than {ladder.counts[-1]} were allowed"
-            raise _unreachable(fitter, limit, best, reason)
+            raise _unreachable(fitter, limit, best, ladder, root_mean_square(fit.motion_rms))
         known.setdefault(int(ladder.counts[-1]), np.inf)
         n = min(2 * n, most)
 
@@ -62,15 +63,39 @@ def _unreachable(
     fitter: Fitter,
     limit: float,
     best: tuple[float, int],
-    reason: str,
+    ladder: Ladder,
+    motion: float,
 ) -> ToleranceError:
+    """Error that names what to allow, as the request puts it: in mm, or as a share of the motion.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    limit : float, length unit
+    best : (float, int)
+        Smallest error, length unit, and its number of modes.
+    ladder : Ladder
+        All that were tried.
+    motion : float, length unit
+        RMS motion.
+    """
     parameters, unit = fitter.parameters, fitter.sequence.unit or "length units"
     error, count = best
     in_mm = MM_PER_UNIT.get(unit)
+    if parameters.tolerance is None:
+        allowed = f"a tolerance_share of {error / (motion or 1.0) * (1 + 1e-6):.7g}"
+    else:
+        allowed = f"a tolerance of {error * (in_mm or 1.0) * (1 + 1e-6):.7g} mm"
+    reason, other = ladder.ends_because, ""
+    if not reason:
+        reason = f"no more than {ladder.counts[-1]} were allowed"
+        is_stated = parameters.most_modes is not None or parameters.order == ModeOrder.ENERGY
+        if is_stated and count < MOST_MODES:
+            other = ", or a larger most_modes"
     return ToleranceError(
         f"No set of modes holds {limit:.6g} {unit} ({parameters.tolerance_of}): the best, of "
         f"{count} modes, leaves {error:.6g} {unit}; {reason}.",
-        remedy=f"Allow {error * (1 + 1e-6):.7g} {unit} or more, or send a finer mesh.",
+        remedy=f"Allow {allowed} or more{other}.",
         details={
             "limit_asked": limit,
             "best_error": error,

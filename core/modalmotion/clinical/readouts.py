@@ -239,7 +239,7 @@ def _size(offsets: NDArray[np.float64]) -> float:
         raise ParameterError(
             f"The surface is {size:.1g} in size; its volume overflows or vanishes in double "
             "precision.",
-            remedy="State lengths in another unit.",
+            remedy="Write the coordinates in a larger or smaller unit, as numbers near 1.",
         )
     return power_of_two(size)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError
-from modalmotion.modes import Modes
+from modalmotion.modes import Modes, whole_counts
 from modalmotion.numeric.products import product
 from modalmotion.numeric.qr import inverse_of_triangle, tall_qr
 from modalmotion.template import Template
@@ -82,21 +82,87 @@ def factored(modes: Modes, shapes: NDArray[np.float64], weights: NDArray[np.floa
         If there are fewer weighted vertices than modes, or they cannot tell them apart.
     """
     n_weighted = int((weights > 0).sum())
-    if len(modes) > n_weighted:
-        raise ModeCountError(
-            f"{len(modes)} modes cannot be told apart on {n_weighted} vertices.",
-            remedy=f"Ask for at most {n_weighted} modes.",
-            details={"modes": len(modes), "most": n_weighted},
-        )
     root = np.sqrt(weights)[:, None]
+    if len(modes) > n_weighted:
+        _, R = tall_qr(root * shapes[:, :n_weighted])
+        raise _too_many(
+            modes, R, f"{len(modes)} modes cannot be told apart on {n_weighted} vertices."
+        )
     Q, R = tall_qr(root * shapes)
     condition = float(np.linalg.cond(R))
     if not condition <= LARGEST_CONDITION:
-        raise ModeCountError(
+        raise _too_many(
+            modes,
+            R,
             f"{len(modes)} modes have the condition {condition:.1e} on this surface, above "
             f"{LARGEST_CONDITION:.0e}: the amplitudes would be noise.",
-            remedy="Ask for fewer modes, or send a finer mesh.",
-            details={"modes": len(modes), "condition": condition},
+            condition=condition,
         )
     projector = product(inverse_of_triangle(R), np.ascontiguousarray((root * Q).T))
     return Basis(modes, shapes, projector, R, condition)
+
+
+def _too_many(
+    modes: Modes, R: NDArray[np.float64], message: str, **details: float
+) -> ModeCountError:
+    """Error that names the largest number of modes that passes, in whole pairs."""
+    counts = whole_counts(modes)
+    counts = counts[counts <= len(R)]
+    most, _ = largest_sound(R[: counts[-1], : counts[-1]], counts)
+    return ModeCountError(
+        message,
+        remedy=f"Ask for at most {most} modes, or send a finer mesh.",
+        details={"modes": len(modes), "most": most, **details},
+    )
+
+
+def largest_sound(R: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[int, float]:
+    """Largest whole set whose amplitudes are worth giving, and the condition of its fit.
+
+    The condition only grows with the set, so bisection finds it.
+
+    Parameters
+    ----------
+    R : (modes, modes) float64
+        Triangle of the weighted shapes.
+    counts : (n,) int64
+        Modes of each set, increasing; the last one is all.
+
+    Returns
+    -------
+    int, float
+        Modes and condition.
+
+    Raises
+    ------
+    ModeCountError
+        If not even those of the smallest set are.
+    """
+    condition = _condition(R)
+    if condition <= LARGEST_CONDITION:
+        return int(counts[-1]), condition
+    low, high = 0, len(counts) - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if _condition(R[: counts[middle], : counts[middle]]) <= LARGEST_CONDITION:
+            low = middle
+        else:
+            high = middle
+    count = int(counts[low])
+    condition = _condition(R[:count, :count])
+    if not condition <= LARGEST_CONDITION:
+        raise ModeCountError(
+            f"{count} modes have the condition {condition:.1e} on this surface.",
+            remedy="Send a finer mesh.",
+            details={"modes": count, "condition": condition},
+        )
+    return count, condition
+
+
+def _condition(R: NDArray[np.float64]) -> float:
+    # A cheap lower bound spares most singular values.
+    diagonal = np.abs(np.diag(R))
+    least = float(diagonal.min())
+    if not least > 0 or float(diagonal.max()) / least > LARGEST_CONDITION:
+        return np.inf
+    return float(np.linalg.cond(R))

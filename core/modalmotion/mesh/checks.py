@@ -88,7 +88,8 @@ def single_precision(values: NDArray[Any], what: str) -> NDArray[np.float32]:
     if not np.isfinite(rounded).all():
         raise ParameterError(
             f"{what} is {float(np.abs(values).max()):.3g}, and single precision ends at 3.4e38.",
-            remedy="State lengths in another unit, or ask for a format in double precision.",
+            remedy="Write the coordinates in a larger unit, or ask for a format in double "
+            "precision (npz).",
         )
     return rounded
 

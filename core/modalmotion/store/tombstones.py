@@ -24,6 +24,9 @@ TOMBSTONES: Final = "deleted"
 TOMBSTONE_DAYS: Final = 90
 """How long they are kept: a backup that is older than this no longer learns of a deletion."""
 
+# Times of files come from a clock that moves in steps, and may lag by one.
+_STEP_SECONDS: Final = 0.01
+
 _OWNERS: Final = "owners"
 _BY_ID: Final = ("sequences", "signatures", "classifications", "templates")
 _ID: Final = re.compile(r"[0-9a-f]{64}")
@@ -65,6 +68,11 @@ def buried(root: Path, digest: str) -> str | None:
     with contextlib.suppress(OSError, UnicodeDecodeError):
         return _path(root, digest).read_text("ascii")
     return None
+
+
+def is_older(written: float, deletion: str) -> bool:
+    """Whether a file that was written then, s since 1970, was there when a thing was deleted."""
+    return to_text(written + _STEP_SECONDS) <= deletion
 
 
 def forget_tombstones(root: Path, days: float = TOMBSTONE_DAYS) -> int:
@@ -109,7 +117,7 @@ class Deletions:
         """
         for root, digest in _things(self.root, name):
             time_of = buried(root, digest)
-            if time_of is not None and to_text(written) <= time_of:
+            if time_of is not None and is_older(written, time_of):
                 return True
             # A deletion that is under way: its record lies under another name.
             if (root / "sequences" / digest[:2] / f"{digest}.deleted").exists():

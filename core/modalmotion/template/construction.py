@@ -32,7 +32,12 @@ from modalmotion.template.landmarks import (
 from modalmotion.template.lattice_landmarks import lattice_landmarks
 from modalmotion.template.lengths import axis_lengths
 from modalmotion.template.loose_vertices import nearest_in_use
-from modalmotion.template.notes import notes_on_landmarks, notes_on_merging, notes_on_mesh
+from modalmotion.template.notes import (
+    notes_on_landmarks,
+    notes_on_merging,
+    notes_on_mesh,
+    places_wanted,
+)
 from modalmotion.template.recognition import recognise, require_fit
 from modalmotion.template.surface import Surface, surface_of
 from modalmotion.template.template import Template, Weights, landmarks_read, template_id
@@ -122,7 +127,8 @@ def make_template(
         elif cover < _FOLDED:
             notes.append(
                 f"The coordinates fold: they cover their range {cover:.2f} times instead of once, "
-                "so the surface is described badly. Give apex and base where the axis is wrong."
+                f"so the surface is described badly. Where the axis is wrong, state "
+                f"{places_wanted(topology)}, or another topology."
             )
     if topology is not None and coordinates is None:
         topology, reason = None, f"The surface is a {topology}, but around no straight axis."

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +79,7 @@ def landmarks_in(
     """
     names = [f.name for f in fields(GivenLandmarks)]
     if topology is not None:
-        names = list(_USED_ON.get(topology.name, ()))
+        names = list(LANDMARKS_ON.get(topology.name, ()))
     stated = {name: facts.landmarks[name] for name in names if name in facts.landmarks}
     if is_lattice or not stated:
         return landmarks
@@ -151,7 +151,7 @@ class Landmarks:
         )
 
 
-_USED_ON: dict[str, tuple[str, ...]] = {
+LANDMARKS_ON: Final[dict[str, tuple[str, ...]]] = {
     "open curve": (),
     "closed curve": ("theta_zero",),
     "plane": ("corners",),
@@ -160,6 +160,7 @@ _USED_ON: dict[str, tuple[str, ...]] = {
     "sphere": ("apex", "base", "theta_zero"),
     "torus": ("base", "theta_zero"),
 }
+"""Landmarks that each topology reads."""
 
 
 def resolve_places(
@@ -212,7 +213,7 @@ def require_used(landmarks: GivenLandmarks, topology: Topology | None, *, is_lat
     ParameterError
         Naming the landmark and those that would be used.
     """
-    used = () if topology is None or is_lattice else _USED_ON.get(topology.name, ())
+    used = () if topology is None or is_lattice else LANDMARKS_ON.get(topology.name, ())
     for name in landmarks.names:
         if name not in used:
             surface = "surface without natural coordinates" if topology is None else topology.name

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.modes.topology import Topology
 from modalmotion.numerals import counted
 from modalmotion.template.coordinates.value import Coordinates
+from modalmotion.template.landmarks import LANDMARKS_ON
 from modalmotion.template.surface import Surface
 
 
@@ -65,8 +67,23 @@ def notes_on_landmarks(coordinates: Coordinates) -> list[str]:
         "theta_zero": "The zero of theta",
         "start": "Which corner s and t start from",
     }
-    weak = [meaning[name] for name in coordinates.landmarks.weak if name in meaning]
-    notes = [f"{name} is not determined by the shape; give it as a landmark." for name in weak]
+    weak = [name for name in coordinates.landmarks.weak if name in meaning]
+    notes = [
+        f"{meaning[name]} is not determined by the shape; state "
+        f"{places_wanted(coordinates.topology, name)}."
+        for name in weak
+    ]
     if "theta_zero" in coordinates.landmarks.weak and coordinates.topology.closed_axes:
         notes[-1] += " Cosine and sine of a pair can only be compared together."
     return notes
+
+
+def places_wanted(topology: Topology, weak: str = "axis") -> str:
+    """Name the landmarks that settle a weak one, and the option that states them."""
+    used = LANDMARKS_ON.get(topology.name, ())
+    wanted = [weak] if weak in used else [name for name in used if name != "theta_zero"]
+    if weak == "axis":
+        wanted = [name for name in used if name in ("apex", "base")]
+    names = " and ".join(wanted)
+    kind = "landmark" if len(wanted) == 1 else "landmarks"
+    return f"the {kind} {names} (--landmark {wanted[0]}=PLACE)" if wanted else "another topology"

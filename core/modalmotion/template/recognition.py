@@ -133,10 +133,7 @@ def _obstacle(surface: Surface) -> str:
             f"first between vertices {a} and {b}."
         )
     if connectivity.n_components != 1:
-        return (
-            f"The mesh falls into {connectivity.n_components} pieces; vertices at the same place "
-            "may have to be merged."
-        )
+        return f"The mesh falls into {connectivity.n_components} pieces."
     if len(connectivity.pinched):
         pinched = connectivity.pinched
         return f"Boundaries touch in {len(pinched)} vertices, the first {pinched[0]}."

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.mesh import connectivity_of
 from modalmotion.mesh.spring_modes import spring_modes
-from modalmotion.modes import ModeLabel, Modes, ModeSet
+from modalmotion.modes import ModeLabel, Modes, ModeSet, whole_counts
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.naming import modes_named
 from modalmotion.modes.topology import MESH
@@ -88,10 +88,12 @@ def surface_modes(template: Template, n_modes: int, wave_speed: float = 1.0) -> 
     """
     choice = choose_modes(template, min(n_modes, template.n_vertices + 1))
     if len(choice.modes) > template.n_vertices:
+        counts = whole_counts(choice.modes)
+        most = int(counts[counts <= template.n_vertices].max(initial=1))
         raise ModeCountError(
             f"{n_modes} modes were requested on {template.n_vertices} vertices.",
-            remedy=f"Ask for at most {template.n_vertices} modes.",
-            details={"modes": n_modes, "most": template.n_vertices},
+            remedy=f"Ask for at most {most} modes.",
+            details={"modes": n_modes, "most": most},
         )
     return _of_template(template, choice.modes, wave_speed, choice.notes)
 

@@ -217,7 +217,7 @@ def read_patch_modes(data: bytes, n_vertices: int, faces: Ints) -> PatchModes:
     if np.abs(modes.probe() - probe).max() > 1:
         raise MalformedFileError(
             "This machine solves for other spring modes than the encoder did.",
-            remedy="Encode the sequence on this machine, or without spring modes.",
+            remedy="Encode the sequence on this machine.",
         )
     return modes
 

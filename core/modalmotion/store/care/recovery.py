@@ -27,7 +27,7 @@ from modalmotion.store.index.index import Index, put_records, put_results
 from modalmotion.store.index.model_index import ModelIndex, put_models
 from modalmotion.store.model_deletion import deleted_record, finish_model_deletion
 from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
-from modalmotion.store.tombstones import buried
+from modalmotion.store.tombstones import buried, is_older
 
 _FORMS: Final[dict[ResultKind, Form]] = {
     "signature": signature_hdf5.FORM,
@@ -175,7 +175,8 @@ def _returned(folder: Folder, scan: Scan) -> Iterator[str]:
                 yield sequence_id
     for template_id in list(scan.templates):
         path = folder.template(template_id)
-        if (buried(folder.root, template_id) or "") >= to_text(path.stat().st_mtime):
+        time = buried(folder.root, template_id)
+        if time is not None and is_older(path.stat().st_mtime, time):
             remove_durably(path)
             scan.templates.remove(template_id)
 

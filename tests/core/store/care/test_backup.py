@@ -27,7 +27,7 @@ from modalmotion.store import ResultStore, backup, rebuild, template_to_hdf5, ve
 from modalmotion.store.care import backup as backup_module
 from modalmotion.store.care import copying
 from modalmotion.store.disk.group_commit import sync_paths
-from modalmotion.store.tombstones import TOMBSTONE_DAYS
+from modalmotion.store.tombstones import TOMBSTONE_DAYS, Deletions, buried
 from modalmotion.template import make_template
 
 
@@ -247,6 +247,37 @@ def test_what_is_put_again_after_its_deletion_can_be_lost_too(root: Path, tmp_pa
     upload.unlink()
     assert backup(root, copy).missing == (upload.relative_to(root).as_posix(),)
     assert (copy / "sequences" / name[:2] / f"{name}.h5").exists()
+
+
+@pytest.mark.parametrize(("seconds", "was_there"), [(1.0, True), (0.02, True), (0.004, False)])
+def test_times_of_files_lag_behind_and_what_is_put_again_at_once_stays(
+    tmp_path: Path, seconds: float, was_there: bool
+) -> None:
+    image, sequence = tmp_path / "template.h5", a_sequence(1)
+    template, root = make_template(sequence), tmp_path / "store"
+    image.write_bytes(template_to_hdf5(template))
+    with ResultStore(root) as store:
+        for _ in range(2):
+            put(store, 1)
+            store.put_template_image(image, template.id)
+            store.delete_sequence(sequence.id)
+            store.delete_template(template.id)
+        put(store, 1)
+        store.put_template_image(image, template.id)
+    for digest, path in (
+        (sequence.id, root / "sequences" / sequence.id[:2] / f"{sequence.id}.h5"),
+        (template.id, root / "templates" / template.id[:2] / f"{template.id}.h5"),
+    ):
+        deleted = buried(root, digest)
+        assert deleted is not None
+        time_of = datetime.fromisoformat(deleted).timestamp() - seconds
+        os.utime(path, (time_of, time_of))
+        assert Deletions(root).cover(path.relative_to(root), path.stat().st_mtime) is was_there
+    rebuild(root)
+    with ResultStore(root) as store:
+        # Of a sequence the record tells, which has its time from another clock.
+        assert store.has_sequence(sequence.id)
+        assert store.templates() == (() if was_there else (template.id,))
 
 
 def test_a_file_that_the_index_names_is_missed_by_the_first_backup(
