@@ -24,7 +24,7 @@ from typing import Any, Final
 
 from modalmotion_service.work.allocation import keep_freed_memory
 from modalmotion_service.work.answers import answer_of
-from modalmotion_service.work.temporary import claim_temporary_folder
+from modalmotion_service.work.temporary import require_temporary_folder
 
 _PRELOADED: Final = [
     f"modalmotion_service.work.tasks.{name}"
@@ -224,7 +224,6 @@ def _processor_clock(pid: int) -> float:
 def _begun(theirs: socket.socket, memory_bytes: int, niceness: int) -> Any:
     # A worker is forked from a process that has imported what tasks need and opened nothing: it
     # starts at once, and inherits no lock, socket or database connection.
-    claim_temporary_folder()
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(_PRELOADED)
     process = context.Process(target=_work, args=(theirs, memory_bytes, niceness), daemon=True)
@@ -234,6 +233,9 @@ def _begun(theirs: socket.socket, memory_bytes: int, niceness: int) -> Any:
         watch.daemon = True
         watch.start()
         try:
+            # Without its folder it is never found again.
+            if not require_temporary_folder():
+                _end_fork_server()
             if _is_stopped(forkserver._forkserver._forkserver_pid):  # type: ignore[attr-defined]
                 _end_fork_server()
             process.start()
@@ -258,6 +260,8 @@ def _end_fork_server() -> None:
     if pid is not None:
         with contextlib.suppress(OSError):
             os.kill(pid, signal.SIGKILL)
+            # Until then it would be taken for alive.
+            os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)
 
 
 def _work(ours: socket.socket, memory_bytes: int, niceness: int) -> None:

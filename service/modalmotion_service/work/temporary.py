@@ -8,7 +8,7 @@ import os
 import shutil
 import tempfile
 from functools import cache
-from multiprocessing import util
+from multiprocessing import process, util
 from pathlib import Path
 from typing import Final
 
@@ -24,10 +24,34 @@ def claim_temporary_folder() -> Path:
     """
     _sweep(Path(tempfile.gettempdir()))
     folder = Path(util.get_temp_dir())
-    # Locked until the process ends, however it does; closed in those that it starts.
-    descriptor = os.open(folder / _MARK, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
-    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    _mark(folder)
     return folder
+
+
+def require_temporary_folder() -> bool:
+    """Claim the folder, again if it was removed; false where whoever knows the old one is lost.
+
+    Whoever calls it does so one at a time.
+    """
+    folder = claim_temporary_folder()
+    if folder.is_dir():
+        return True
+    with contextlib.suppress(OSError):
+        # Python removes it at the end, and complains if it cannot.
+        folder.mkdir(mode=0o700)
+    claim_temporary_folder.cache_clear()
+    process.current_process()._config["tempdir"] = None  # type: ignore[attr-defined]
+    claim_temporary_folder()
+    return False
+
+
+def _mark(folder: Path) -> None:
+    # Locked until the process ends, however it does; closed in those that it starts. Named when it
+    # is locked: a process that sweeps in between would take it for one that was left behind.
+    unnamed = folder / f"{_MARK}.new"
+    descriptor = os.open(unnamed, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    unnamed.rename(folder / _MARK)
 
 
 def _sweep(parent: Path) -> None:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
+import signal
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from modalmotion_service.work.pool import WorkerPool
-from modalmotion_service.work.temporary import _sweep, claim_temporary_folder
+from modalmotion_service.work.temporary import _mark, _sweep, claim_temporary_folder
 
 PROGRAM = """
 import os
@@ -51,6 +55,33 @@ def test_whoever_begins_workers_claims_its_folder() -> None:
         assert pool.submit(abs, -1).result() == 1
         assert claim_temporary_folder.cache_info().currsize == 1
         assert (claim_temporary_folder() / "modalmotion").exists()
+
+
+def test_workers_are_begun_though_the_folder_was_removed() -> None:
+    with WorkerPool(1, 60.0, 1 << 32) as pool:
+        pid = pool.submit(os.getpid).result()
+        shutil.rmtree(claim_temporary_folder())
+        os.kill(pid, signal.SIGKILL)
+        assert pool.submit(os.getpid).result(timeout=60) != pid
+        assert claim_temporary_folder().is_dir()
+
+
+def test_a_folder_that_is_claimed_while_others_sweep_stays(tmp_path: Path) -> None:
+    folders = [tmp_path / f"pymp-{n}" for n in range(300)]
+    over = threading.Event()
+
+    def sweep() -> None:
+        while not over.is_set():
+            _sweep(tmp_path)
+
+    with ThreadPoolExecutor(1) as others:
+        sweeping = others.submit(sweep)
+        for folder in folders:
+            folder.mkdir()
+            _mark(folder)
+        over.set()
+        sweeping.result()
+    assert all((folder / "modalmotion").exists() for folder in folders)
 
 
 def test_the_folder_of_a_process_that_lives_is_not_swept(tmp_path: Path) -> None:
