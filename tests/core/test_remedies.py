@@ -527,7 +527,7 @@ ELSEWHERE = {
     "State the landmark theta_zero": "classification/features: of a cup whose zero is weak",
     "Name another owner of FOLDER: --owner": "tests/core/cli/test_store_commands.py",
     "Ask for less at once, or allow more as `most_bytes`": "tests/core/client",
-    "Use its own number of bytes": "",
+    "Change it with `update_sequence`": "tests/core/store",
     "; or restore it from a backup": "tests/core/store",
     "Use it inside `with ResultStore(...)`": "all tests of the store",
     "Choose the modes from the lattice itself, with `lowest_modes`": "tests/core/modes",

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, LimitError
+from modalmotion.formats.parser.confinement import confine, end_with_parent
 from modalmotion.formats.parser.registry import parser_of
 from modalmotion.limits import ReadLimits
 
@@ -26,6 +27,9 @@ def main() -> int:
     # Libraries that print must not print into the answers.
     with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - a device, not a path
         os.dup2(nowhere.fileno(), 1)
+    end_with_parent()
+    # From here on it has two pipes, Python and its packages.
+    confine()
     while length := int.from_bytes(source.read(8), "little"):
         request = json.loads(source.read(length))
         data = source.read(request["bytes"])
