@@ -11,7 +11,7 @@ from modalmotion.choice.fitted_motion import Model, fit_model
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.nested_sets import Ladder
 from modalmotion.choice.ordered_sets import ENERGY_POOL, notes_on, sorted_ladder
-from modalmotion.choice.parameters import MOST_MODES, ModeOrder
+from modalmotion.choice.parameters import MOST_MODES, ErrorKind, ModeOrder
 from modalmotion.choice.reason import COMPACT, note_on_compactness
 from modalmotion.choice.set_errors import SetErrors
 from modalmotion.errors import ToleranceError
@@ -57,7 +57,9 @@ def smallest_within(fitter: Fitter, limit: float) -> Model:
                         return replace(model, notes=notes)
         if ladder.ends_because or n >= most:
             best = errors.best(known)
-            raise _unreachable(fitter, limit, best, ladder, root_mean_square(fit.motion_rms))
+            is_weighted = parameters.tolerance_of == ErrorKind.WEIGHTED_RMS
+            motion = fit.weighted_motion_rms if is_weighted else fit.motion_rms
+            raise _unreachable(fitter, limit, best, ladder, root_mean_square(motion))
         known.setdefault(int(ladder.counts[-1]), np.inf)
         n = min(2 * n, most)
 
