@@ -17,6 +17,7 @@ from modalmotion_service.contract.access import with_access
 from modalmotion_service.http import problems
 from modalmotion_service.http.admission import BodyLimits, Concurrency, WholeAnswers
 from modalmotion_service.http.api_version import API_VERSION
+from modalmotion_service.http.departure import Departure
 from modalmotion_service.http.gate import Access, Gate, require_judged
 from modalmotion_service.http.observation import Observation
 from modalmotion_service.http.request_head import RequestHeadCheck
@@ -112,6 +113,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     problems.install(app)
     # The last one added is the outermost.
+    app.add_middleware(Departure)
     app.add_middleware(
         BodyLimits,
         body_bytes=chosen.max_body_bytes,

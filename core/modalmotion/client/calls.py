@@ -38,7 +38,11 @@ class Calls:
     def _get(
         self, path: str, query: Mapping[str, Option] | None = None, accept: str = JSON
     ) -> Answer:
-        return self._connection.send(Call("GET", path, query, accept))
+        return self._awaited(Call("GET", path, query, accept), lambda answer: answer)
+
+    def _sent(self, call: Call, read: Callable[[Answer], T], progress: Progress | None) -> T:
+        """Send a file along, and wait for what is made of it."""
+        return awaited(self._connection, self._connection.send(call, progress), read, call.accept)
 
     def _awaited(
         self,

@@ -29,7 +29,7 @@ class CodecCalls(Calls):
             read the file.
         """
         call = Call("POST", "/v1/encode", options, STREAM, body_of(source), is_repeatable=True)
-        return compressed_of(self._connection.send(call, progress))
+        return self._sent(call, compressed_of, progress)
 
     def encoded(self, sequence_id: str, **options: Option) -> CompressedSequence:
         """Return a stored sequence as a compressed stream: rms, max_error or bytes; effort."""
@@ -51,4 +51,4 @@ class CodecCalls(Calls):
         """
         ends = {} if frames is None else {"first": frames.start, "stop": frames.stop}
         call = Call("POST", "/v1/decode", ends, NPZ, body_of(source), is_repeatable=True)
-        return sequence_of(self._connection.send(call, progress))
+        return self._sent(call, sequence_of, progress)

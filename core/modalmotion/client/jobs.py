@@ -190,7 +190,8 @@ class Job(Generic[T]):
                 f"The job {self.id} has succeeded but names no result.",
                 remedy="Check the version of the service.",
             )
-        return self._read(self._connection.send(Call("GET", link, accept=self._accept)))
+        answer = self._connection.send(Call("GET", link, accept=self._accept))
+        return awaited(self._connection, answer, self._read, self._accept)
 
 
 def awaited(

@@ -103,7 +103,7 @@ class ModelCalls(Calls):
             Of reading (format, grid, unit, ...), and model, coverage.
         """
         call = Call("POST", "/v1/classify", options, body=body_of(source), is_repeatable=True)
-        return value_of(ClassAnswer, self._connection.send(call, progress).json)
+        return self._sent(call, lambda answer: value_of(ClassAnswer, answer.json), progress)
 
     def classifications(self, sequence_id: str) -> list[ClassAnswer]:
         """List the models' answers for a sequence."""

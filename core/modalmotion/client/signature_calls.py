@@ -86,7 +86,7 @@ class SignatureCalls(Calls):
             Of reading (format, grid, unit, ...) and of the signature (modes, template, ...).
         """
         call = Call("POST", "/v1/signature", options, HDF5, body_of(source), is_repeatable=True)
-        return _own(self._connection.send(call, progress))
+        return self._sent(call, _own, progress)
 
     def signatures(
         self,

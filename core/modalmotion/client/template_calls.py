@@ -36,7 +36,7 @@ class TemplateCalls(Calls):
             merge_vertices, ...
         """
         call = Call("POST", "/v1/templates", options, body=body_of(source), is_repeatable=True)
-        return value_of(TemplateInfo, self._connection.send(call, progress).json)
+        return self._sent(call, lambda answer: value_of(TemplateInfo, answer.json), progress)
 
     def templates(self) -> list[str]:
         """List the ids of all templates."""

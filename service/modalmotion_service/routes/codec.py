@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Header, Query, Response
-from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion.errors import ParameterError
 from modalmotion_service.http.negotiation import NPZ, RAW, STREAM, VTKHDF, best_type
-from modalmotion_service.routes.parts.deferral import result_or_job
+from modalmotion_service.routes.parts.deferral import reply_or_job
 from modalmotion_service.routes.parts.dependencies import (
     FileDependency,
     PreferenceDependency,
     StateDependency,
 )
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS, UPLOAD_BODY
-from modalmotion_service.routes.parts.temporary_file import temporary_file
-from modalmotion_service.schemas import EncodedAnswer, EncodingTarget, ReadingQuery, SequenceId
-from modalmotion_service.work.upload import Upload
+from modalmotion_service.schemas import EncodingTarget, SequenceId
+from modalmotion_service.schemas.request_queries import DecodeQuery, EncodeQuery
 
 router = APIRouter(prefix="/v1", tags=["codec"], responses=PROBLEMS)
 
@@ -29,34 +26,21 @@ _STREAM_ANSWER: Final = {
 }
 
 
-class EncodeQuery(ReadingQuery, EncodingTarget):
-    """How to read the file, and at what error to encode the sequence in it."""
-
-
 @router.post(
     "/encode",
     response_class=Response,
     openapi_extra=UPLOAD_BODY,
-    responses={200: _STREAM_ANSWER},
+    responses={200: _STREAM_ANSWER, **ACCEPTED},
 )
 async def encode(
-    file: FileDependency, query: Annotated[EncodeQuery, Query()], state: StateDependency
+    file: FileDependency,
+    query: Annotated[EncodeQuery, Query()],
+    state: StateDependency,
+    preference: PreferenceDependency,
 ) -> Response:
     """Compress a sequence at an error you choose; nothing is stored."""
-    target = EncodingTarget(**query.model_dump(include=set(EncodingTarget.model_fields)))
     with file:
-        sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
-        path, answer = await state.analysis.encoded(sent, target)
-    return _stream(path, answer)
-
-
-class DecodeQuery(BaseModel):
-    """Which frames of a stream to decode."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    first: int | None = Field(None, ge=0, description="First frame; the stream's own by default.")
-    stop: int | None = Field(None, ge=1, description="Frame after the last.")
+        return await reply_or_job(state, preference, "sent-encoding", {"query": query}, file)
 
 
 @router.post(
@@ -67,13 +51,15 @@ class DecodeQuery(BaseModel):
         200: {
             "description": "The sequence.",
             "content": {NPZ: BINARY, VTKHDF: BINARY, RAW: BINARY},
-        }
+        },
+        **ACCEPTED,
     },
 )
 async def decode(
     file: FileDependency,
     query: Annotated[DecodeQuery, Query()],
     state: StateDependency,
+    preference: PreferenceDependency,
     accept: Annotated[str, Header(description=f"{NPZ}, {VTKHDF} or {RAW} (float32).")] = NPZ,
 ) -> Response:
     """Decode a stream, or some of its frames; nothing is stored."""
@@ -83,12 +69,8 @@ async def decode(
             raise ParameterError(
                 "The range of frames has only one end.", remedy="Give first and stop."
             )
-        frames = None
-        if query.first is not None and query.stop is not None:
-            frames = range(query.first, query.stop)
-        limits = state.settings.read_limits
-        path = await state.analysis.decoded(file.path, limits, frames, media_type)
-    return temporary_file(path, media_type)
+        request = {"query": query, "media_type": media_type}
+        return await reply_or_job(state, preference, "decoding", request, file)
 
 
 @router.get(
@@ -104,11 +86,5 @@ async def encoded(
 ) -> Response:
     """Give a stored sequence as a compressed stream."""
     state.store.sequence_path(sequence_id)
-    request = {"sequence_id": sequence_id, "target": target.model_dump(mode="json")}
-    work = state.analysis.encoded(sequence_id, target)
-    result = await result_or_job(state, preference, "encoding", request, work)
-    return result if isinstance(result, Response) else _stream(*result)
-
-
-def _stream(path: Path, answer: EncodedAnswer) -> Response:
-    return temporary_file(path, STREAM, headers=answer.headers)
+    request = {"sequence_id": sequence_id, "target": target}
+    return await reply_or_job(state, preference, "encoding", request)

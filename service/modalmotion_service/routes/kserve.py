@@ -12,6 +12,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Request
 
 from modalmotion_service.routes import health
+from modalmotion_service.routes.parts.deferral import in_time
 from modalmotion_service.routes.parts.dependencies import StateDependency
 from modalmotion_service.routes.parts.openapi_parts import PROBLEMS
 from modalmotion_service.schemas.kserve import (
@@ -58,7 +59,7 @@ async def describe(model_name: ModelName, state: StateDependency) -> ModelMetada
 async def model_ready(model_name: ModelName, state: StateDependency) -> ModelReady:
     """Tell whether the newest version loads and gives the answers that it gave when trained."""
     model = await asyncio.to_thread(state.models.choose, model_name)
-    await state.models.require_sound(model)
+    await in_time(state, state.models.require_sound(model))
     return ModelReady(name=model.name, ready=True)
 
 

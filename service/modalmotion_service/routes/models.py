@@ -14,8 +14,9 @@ from modalmotion.store.index.cursor import from_cursor, to_cursor
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.json_bodies import JsonRoute
 from modalmotion_service.http.negotiation import HDF5, JSON, PNG, best_type
-from modalmotion_service.routes.parts.deferral import accepted
-from modalmotion_service.routes.parts.dependencies import StateDependency
+from modalmotion_service.http.preferences import Preference
+from modalmotion_service.routes.parts.deferral import accepted, reply_or_job
+from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.schemas import (
@@ -34,7 +35,8 @@ from modalmotion_service.workspace.training_set import look_up, write_cases
 router = APIRouter(prefix="/v1/models", tags=["models"], responses=PROBLEMS, route_class=JsonRoute)
 
 _DESCRIPTION: Final[dict[int | str, dict[str, object]]] = {
-    200: {"content": {PNG: BINARY, HDF5: BINARY}}
+    200: {"content": {PNG: BINARY, HDF5: BINARY}},
+    **ACCEPTED,
 }
 
 AcceptHeader = Annotated[
@@ -101,11 +103,15 @@ def list_models(query: Annotated[ListQuery, Query()], state: StateDependency) ->
 
 @router.get("/{name}", response_model=ModelAnswer, responses=_DESCRIPTION)
 async def newest(
-    name: ModelName, state: StateDependency, request: Request, accept: AcceptHeader = JSON
+    name: ModelName,
+    state: StateDependency,
+    preference: PreferenceDependency,
+    request: Request,
+    accept: AcceptHeader = JSON,
 ) -> Response:
     """Describe the newest version of a model: its card, as data or as a picture."""
     model = await asyncio.to_thread(state.models.choose, name)
-    return await _described(model, state, request, accept)
+    return await _described(model, state, preference, request, accept)
 
 
 @router.get("/{name}/versions/{version}", response_model=ModelAnswer, responses=_DESCRIPTION)
@@ -113,12 +119,13 @@ async def version(
     name: ModelName,
     version: ModelVersion,
     state: StateDependency,
+    preference: PreferenceDependency,
     request: Request,
     accept: AcceptHeader = JSON,
 ) -> Response:
     """Describe a version of a model: its card, as data or as a picture; or give its file."""
     model = await asyncio.to_thread(state.models.choose, f"{name}@{version}")
-    return await _described(model, state, request, accept)
+    return await _described(model, state, preference, request, accept)
 
 
 @router.delete("/{name}/versions/{version}", status_code=204)
@@ -127,7 +134,9 @@ async def delete(name: ModelName, version: ModelVersion, state: StateDependency)
     await asyncio.to_thread(state.models.delete, name, int(version))
 
 
-async def _described(model: ChosenModel, state: State, request: Request, accept: str) -> Response:
+async def _described(
+    model: ChosenModel, state: State, preference: Preference, request: Request, accept: str
+) -> Response:
     media_type = best_type(accept, (JSON, PNG, HDF5))
     content = await asyncio.to_thread(state.models.describe, model)
     versions = await asyncio.to_thread(state.models.versions, model.name)
@@ -136,7 +145,8 @@ async def _described(model: ChosenModel, state: State, request: Request, accept:
         return not_modified(tag)
     headers = {"ETag": tag, "Vary": "Accept"}
     if media_type == PNG:
-        return Response(await state.models.draw(content), 200, headers, PNG)
+        body = {"model": f"{model.name}@{model.version}"}
+        return await reply_or_job(state, preference, "model-view", body, headers=headers)
     if media_type == HDF5:
         headers["Content-Disposition"] = f'attachment; filename="{model.name}-{model.version}.h5"'
         return Response(await asyncio.to_thread(model_to_hdf5, content), 200, headers, HDF5)

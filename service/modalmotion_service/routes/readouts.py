@@ -8,8 +8,9 @@ from fastapi import APIRouter, Header, Query, Request, Response
 
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.negotiation import JSON, PNG, best_type
-from modalmotion_service.routes.parts.dependencies import StateDependency
-from modalmotion_service.routes.parts.openapi_parts import BINARY, PROBLEMS
+from modalmotion_service.routes.parts.deferral import reply_or_job
+from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.schemas import ReadoutsAnswer, SequenceId, SignatureQuery
 
 router = APIRouter(prefix="/v1", tags=["read-outs"], responses=PROBLEMS)
@@ -18,12 +19,13 @@ router = APIRouter(prefix="/v1", tags=["read-outs"], responses=PROBLEMS)
 @router.get(
     "/sequences/{sequence_id}/readouts",
     response_model=ReadoutsAnswer,
-    responses={200: {"content": {PNG: BINARY}}},
+    responses={200: {"content": {PNG: BINARY}}, **ACCEPTED},
 )
 async def readouts(
     sequence_id: SequenceId,
     query: Annotated[SignatureQuery, Query()],
     state: StateDependency,
+    preference: PreferenceDependency,
     request: Request,
     accept: Annotated[str, Header(description=f"{JSON}, or {PNG} for a picture.")] = JSON,
 ) -> Response:
@@ -38,5 +40,6 @@ async def readouts(
     tag = tag_of(sequence_id, parameters.key, "readouts", media_type, facts.cavity)
     if is_known(request, tag):
         return not_modified(tag)
-    body = await state.analysis.readouts(sequence_id, parameters, as_picture=media_type == PNG)
-    return Response(body, 200, {"ETag": tag, "Vary": "Accept"}, media_type)
+    body = {"sequence_id": sequence_id, "query": query, "media_type": media_type}
+    headers = {"ETag": tag, "Vary": "Accept"}
+    return await reply_or_job(state, preference, "readouts", body, headers=headers)

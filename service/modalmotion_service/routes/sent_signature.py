@@ -8,30 +8,45 @@ from fastapi import APIRouter, Depends, Request, Response
 
 from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, RAW, best_type
 from modalmotion_service.http.query import described, header, read_once
-from modalmotion_service.routes.parts.dependencies import FileDependency, StateDependency
-from modalmotion_service.routes.parts.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
-from modalmotion_service.routes.templates import TemplateQuery
+from modalmotion_service.routes.parts.deferral import reply_or_job
+from modalmotion_service.routes.parts.dependencies import (
+    FileDependency,
+    PreferenceDependency,
+    StateDependency,
+)
+from modalmotion_service.routes.parts.openapi_parts import (
+    ACCEPTED,
+    BINARY,
+    PREFER,
+    PROBLEMS,
+    UPLOAD_BODY,
+)
 from modalmotion_service.schemas import SignatureAnswer
-from modalmotion_service.work.upload import Upload
+from modalmotion_service.schemas.request_queries import TemplateQuery
 
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 
 OFFERED: Final = (JSON, HDF5, NPZ, RAW, PNG)
 """Media types of a signature; RAW is its amplitudes as little-endian float32."""
 
-_PARAMETERS: Final = [*described(TemplateQuery), header("accept", JSON, ", ".join(OFFERED))]
+_PARAMETERS: Final = [
+    *described(TemplateQuery),
+    header("accept", JSON, ", ".join(OFFERED)),
+    header("prefer", "", PREFER),
+]
 
 
 @router.post(
     "/signature",
     response_model=SignatureAnswer,
     openapi_extra={**UPLOAD_BODY, "parameters": _PARAMETERS},
-    responses={200: {"content": dict.fromkeys(OFFERED[1:], BINARY)}},
+    responses={200: {"content": dict.fromkeys(OFFERED[1:], BINARY)}, **ACCEPTED},
 )
 async def signature(
     file: FileDependency,
     query: Annotated[TemplateQuery, Depends(read_once(TemplateQuery))],
     state: StateDependency,
+    preference: PreferenceDependency,
     request: Request,
 ) -> Response:
     """Give the modal signature of a sequence that is sent with the request; nothing is stored.
@@ -41,6 +56,7 @@ async def signature(
     """
     with file:
         media_type = best_type(request.headers.get("accept", JSON), OFFERED)
-        sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
-        body = await state.analysis.signature_of_upload(sent, query.parameters(), media_type)
-    return Response(body, media_type=media_type, headers={"Vary": "Accept"})
+        body = {"query": query, "media_type": media_type}
+        return await reply_or_job(
+            *(state, preference, "sent-signature", body, file), headers={"Vary": "Accept"}
+        )

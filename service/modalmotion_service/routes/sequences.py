@@ -61,13 +61,11 @@ async def upload(
     are stated with a known one are filled in where they are unknown; where they differ from what is
     known, the answer is 409, and PATCH changes them.
     """
-    is_left_to_job = False
     # A name in the query overrides that in the form.
     query = named(query, file.names)
     form_facts = facts_as_json(file.facts)
 
     async def make() -> Response:
-        nonlocal is_left_to_job
         sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
         job = {
             "file": file.path.name,
@@ -80,13 +78,13 @@ async def upload(
         work = state.analysis.keep(sent, subject=query.subject, label=query.label)
         result = await result_or_job(state, preference, "upload", job, work)
         if isinstance(result, Response):
-            is_left_to_job = True
+            file.is_left = True
             return result
         note_facts(request, result.filled)
         status = 201 if result.is_new else 200
         return _answer(SequenceSummary.of(result.record, result.reading), status)
 
-    try:
+    with file:
         fingerprint = (
             "POST /v1/sequences",
             file.sha256,
@@ -94,9 +92,6 @@ async def upload(
             json.dumps(form_facts),
         )
         return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
-    finally:
-        if not is_left_to_job:
-            file.remove()
 
 
 def named(query: UploadQuery, names: dict[str, str]) -> UploadQuery:

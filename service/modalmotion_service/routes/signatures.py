@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Final
+from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response
-from pydantic import Field
 from starlette.responses import FileResponse
 
 from modalmotion.errors import LimitError
-from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion.facts import facts_as_json
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_ids
 from modalmotion_service.http.json_bodies import JsonRoute
-from modalmotion_service.http.negotiation import GLB, HDF5, JSON, NPZ, PNG, VTKHDF, ZIP, best_type
-from modalmotion_service.routes.parts.deferral import result_or_job
+from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, best_type
+from modalmotion_service.routes.parts.deferral import reply_or_job, result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.routes.parts.temporary_file import temporary_file
@@ -28,6 +26,8 @@ from modalmotion_service.schemas import (
     SignatureQuery,
     parse_times,
 )
+from modalmotion_service.schemas.request_queries import DistanceQuery, ReconstructionQuery
+from modalmotion_service.workspace.reply_kinds import SURFACES
 
 router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS, route_class=JsonRoute)
 
@@ -67,85 +67,48 @@ async def signature(
         return FileResponse(result, media_type=HDF5, filename=name, headers=headers)
     if media_type == HDF5:
         headers["Content-Disposition"] = f'attachment; filename="{name}"'
-    give = {
-        HDF5: state.analysis.signature_hdf5,
-        JSON: state.analysis.signature_json,
-        PNG: state.analysis.draw_signature,
-    }[media_type]
-    return Response(await give(sequence_id, parameters), media_type=media_type, headers=headers)
+    body = {"sequence_id": sequence_id, "query": query, "media_type": media_type}
+    return await reply_or_job(state, preference, "signature-view", body, headers=headers)
 
 
-SURFACES: Final = {
-    NPZ: (SurfaceFormat.NPZ, ".npz"),
-    VTKHDF: (SurfaceFormat.VTKHDF, ".vtkhdf"),
-    GLB: (SurfaceFormat.GLB, ".glb"),
-    ZIP: (SurfaceFormat.PLY, ".zip"),
-}
-"""Formats of surfaces, by media type."""
-
-
-class DistanceQuery(SignatureQuery):
-    """Which signatures are compared, and how."""
-
-    to: SequenceId = Field(description="The sequence to compare with.")
-    closed: bool = Field(
-        True, description="Both are one turn of a cycle; false for a beginning and an end."
-    )
-
-
-@router.get("/sequences/{sequence_id}/distance")
+@router.get("/sequences/{sequence_id}/distance", response_model=DistanceAnswer, responses=ACCEPTED)
 async def distance(
     sequence_id: SequenceId,
     query: Annotated[DistanceQuery, Query()],
     state: StateDependency,
+    preference: PreferenceDependency,
     request: Request,
-) -> DistanceAnswer:
+) -> Response:
     """Give the distance of a sequence's signature from another's: 0 for the same motion."""
     note_ids(request, [query.to])
-    for known in (sequence_id, query.to):
+    ids = [sequence_id, query.to]
+    for known in ids:
         state.store.sequence_record(known)
-    comparison = await state.analysis.distance(
-        sequence_id, query.to, query.parameters(), query.closed
-    )
-    return DistanceAnswer(distance=comparison.distance, uses_theta_zero=comparison.uses_theta_zero)
-
-
-class ReconstructionQuery(SignatureQuery):
-    """Query parameters of a reconstruction."""
-
-    times: str | None = Field(
-        None,
-        max_length=20_000,
-        pattern=r"^[0-9eE.+-]+(,[0-9eE.+-]+)*$",
-        description="Times in s (frame numbers where there are none), such as 0,0.1,0.25; "
-        "those of the frames by default.",
-    )
-    max_targets: int | None = Field(
-        None, ge=0, le=10_000, description="Of a GLB: most morph targets, by energy."
-    )
+    return await reply_or_job(state, preference, "distance", {"ids": ids, "query": query})
 
 
 @router.get(
     "/sequences/{sequence_id}/reconstruction",
     response_class=Response,
-    responses={200: {"description": "The surfaces.", "content": dict.fromkeys(SURFACES, BINARY)}},
+    responses={
+        200: {"description": "The surfaces.", "content": dict.fromkeys(SURFACES, BINARY)},
+        **ACCEPTED,
+    },
 )
 async def reconstruction(
     sequence_id: SequenceId,
     query: Annotated[ReconstructionQuery, Query()],
     state: StateDependency,
+    preference: PreferenceDependency,
     accept: Annotated[str, Header(description=", ".join(SURFACES))] = NPZ,
 ) -> Response:
     """Give the surfaces that a signature describes, at any of its times."""
     media_type = best_type(accept, tuple(SURFACES))
-    surface_format, suffix = SURFACES[media_type]
     state.store.sequence_record(sequence_id)
-    times = None if query.times is None else parse_times(query.times)
-    path = await state.analysis.reconstruction(
-        sequence_id, query.parameters(), surface_format, times, query.max_targets
-    )
-    name = f"{sequence_id[:12]}-reconstruction{suffix}"
-    return temporary_file(path, media_type, filename=name)
+    if query.times is not None:
+        parse_times(query.times)
+    body = {"sequence_id": sequence_id, "query": query, "media_type": media_type}
+    return await reply_or_job(state, preference, "reconstruction", body)
 
 
 @router.post(

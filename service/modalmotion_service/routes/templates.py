@@ -9,24 +9,25 @@ from fastapi import APIRouter, Header, Query, Request, Response
 
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, best_type
-from modalmotion_service.routes.parts.dependencies import FileDependency, StateDependency
-from modalmotion_service.routes.parts.openapi_parts import BINARY, PROBLEMS, UPLOAD_BODY
+from modalmotion_service.routes.parts.deferral import reply_or_job, result_or_job
+from modalmotion_service.routes.parts.dependencies import (
+    FileDependency,
+    PreferenceDependency,
+    StateDependency,
+)
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS, UPLOAD_BODY
 from modalmotion_service.schemas import (
     ModesAnswer,
     ModesQuery,
-    ReadingQuery,
     SequenceId,
-    SignatureQuery,
     TemplateAnswer,
     TemplateList,
 )
+from modalmotion_service.schemas.request_queries import TemplateQuery
 from modalmotion_service.work.upload import Upload
+from modalmotion_service.workspace.reply_kinds import as_json
 
 router = APIRouter(prefix="/v1/templates", tags=["templates"], responses=PROBLEMS)
-
-
-class TemplateQuery(ReadingQuery, SignatureQuery):
-    """How to read the file, and how to lay natural coordinates over the surface in it."""
 
 
 @router.post(
@@ -34,18 +35,30 @@ class TemplateQuery(ReadingQuery, SignatureQuery):
     status_code=201,
     response_model=TemplateAnswer,
     openapi_extra=UPLOAD_BODY,
-    responses={200: {"model": TemplateAnswer, "description": "Known already."}},
+    responses={200: {"model": TemplateAnswer, "description": "Known already."}, **ACCEPTED},
 )
 async def make(
-    file: FileDependency, query: Annotated[TemplateQuery, Query()], state: StateDependency
+    file: FileDependency,
+    query: Annotated[TemplateQuery, Query()],
+    state: StateDependency,
+    preference: PreferenceDependency,
 ) -> Response:
     """Make the template of a sequence's reference frame, and store it.
 
     A cohort whose vertices correspond names it (`?template=`) and pays for it once.
     """
+    request = {"file": file.path.name, "query": query, "facts": file.facts}
+    sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
     with file:
-        sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
-        answer, is_new = await state.analysis.template(sent, query.parameters())
+        work = state.analysis.template(sent, query.parameters())
+        result = await result_or_job(
+            *(state, preference, "template", lambda: as_json(request), work),
+            leave=lambda _: asyncio.to_thread(file.make_durable),
+        )
+        if isinstance(result, Response):
+            file.is_left = True
+            return result
+    answer, is_new = result
     return Response(
         answer.model_dump_json(),
         201 if is_new else 200,
@@ -62,11 +75,14 @@ async def list_templates(state: StateDependency) -> TemplateList:
 
 
 @router.get(
-    "/{template_id}", response_model=TemplateAnswer, responses={200: {"content": {PNG: BINARY}}}
+    "/{template_id}",
+    response_model=TemplateAnswer,
+    responses={200: {"content": {PNG: BINARY}}, **ACCEPTED},
 )
 async def describe(
     template_id: SequenceId,
     state: StateDependency,
+    preference: PreferenceDependency,
     request: Request,
     accept: Annotated[str, Header(description=f"{JSON}, or {PNG} for a picture.")] = JSON,
 ) -> Response:
@@ -76,22 +92,21 @@ async def describe(
     tag = tag_of(template_id, media_type)
     if is_known(request, tag):
         return not_modified(tag)
+    body = {"template_id": template_id, "media_type": media_type}
     headers = {"ETag": tag, "Vary": "Accept"}
-    if media_type == PNG:
-        return Response(await state.analysis.draw_template(template_id), 200, headers, PNG)
-    answer = await state.analysis.describe_template(template_id)
-    return Response(answer.model_dump_json(), 200, headers, JSON)
+    return await reply_or_job(state, preference, "template-view", body, headers=headers)
 
 
 @router.get(
     "/{template_id}/modes",
     response_model=ModesAnswer,
-    responses={200: {"content": {NPZ: BINARY, HDF5: BINARY, PNG: BINARY}}},
+    responses={200: {"content": {NPZ: BINARY, HDF5: BINARY, PNG: BINARY}}, **ACCEPTED},
 )
 async def modes(
     template_id: SequenceId,
     query: Annotated[ModesQuery, Query()],
     state: StateDependency,
+    preference: PreferenceDependency,
     request: Request,
     accept: Annotated[str, Header(description=f"{JSON}, {NPZ}, {HDF5} or {PNG}.")] = JSON,
 ) -> Response:
@@ -104,8 +119,9 @@ async def modes(
     tag = tag_of(template_id, "modes", query.model_dump_json(), media_type)
     if is_known(request, tag):
         return not_modified(tag)
-    body = await state.analysis.template_modes(template_id, query, media_type)
-    return Response(body, 200, {"ETag": tag, "Vary": "Accept"}, media_type)
+    body = {"template_id": template_id, "query": query, "media_type": media_type}
+    headers = {"ETag": tag, "Vary": "Accept"}
+    return await reply_or_job(state, preference, "template-modes", body, headers=headers)
 
 
 @router.delete("/{template_id}", status_code=204)

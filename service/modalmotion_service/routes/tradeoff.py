@@ -8,10 +8,9 @@ from fastapi import APIRouter, Header, Query, Request, Response
 
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.negotiation import JSON, PNG, best_type
-from modalmotion_service.routes.parts.deferral import result_or_job
+from modalmotion_service.routes.parts.deferral import reply_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
-from modalmotion_service.routes.parts.temporary_file import temporary_file
 from modalmotion_service.schemas import SequenceId, TradeoffAnswer
 from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
 
@@ -44,15 +43,6 @@ async def tradeoff(
     tag = tag_of(sequence_id, parameters.key, media_type, str(query.front_modes), only, *places)
     if is_known(request, tag):
         return not_modified(f"W/{tag}")
-    job_request = {
-        "sequence_id": sequence_id,
-        "query": query.model_dump(mode="json"),
-        "media_type": media_type,
-    }
-    work = state.analysis.tradeoff(
-        sequence_id, parameters, query.front_modes, query.components, media_type
-    )
-    result = await result_or_job(state, preference, "tradeoff", job_request, work)
-    if isinstance(result, Response):
-        return result
-    return temporary_file(result, media_type, headers={"ETag": f"W/{tag}", "Vary": "Accept"})
+    body = {"sequence_id": sequence_id, "query": query, "media_type": media_type}
+    headers = {"ETag": f"W/{tag}", "Vary": "Accept"}
+    return await reply_or_job(state, preference, "tradeoff", body, headers=headers)

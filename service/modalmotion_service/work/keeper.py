@@ -37,13 +37,13 @@ class Rules:
     memory_bytes : int
     explain : callable
         Says what the error of a task means to whoever sent it.
-    niceness : int
-        Of workers; the lane's own process has none.
+    is_batch : bool
+        Whether workers leave a core to what wakes up: the lane's own process, and the service.
     """
 
     memory_bytes: int
     explain: Callable[[BaseException, Task], BaseException]
-    niceness: int = 0
+    is_batch: bool = False
 
 
 class Keeper:
@@ -208,8 +208,8 @@ class Keeper:
         if self._process is not None and not self._process.is_alive:
             self._replace()
         if self._process is None:
-            niceness = 0 if self._is_lane else self._rules.niceness
-            self._process = WorkerProcess(self._rules.memory_bytes, self._waker, niceness)
+            is_batch = self._rules.is_batch and not self._is_lane
+            self._process = WorkerProcess(self._rules.memory_bytes, self._waker, is_batch=is_batch)
         return self._process
 
     def _replace(self) -> None:

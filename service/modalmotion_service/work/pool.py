@@ -29,9 +29,6 @@ from modalmotion_service.work.terms import Terms
 P = ParamSpec("P")
 T = TypeVar("T")
 
-# Of workers beside a lane: short work, and the service itself, go before them on every core.
-_NICENESS: Final = 10
-
 # In which a process that does nothing must say that it is there.
 READY_SECONDS: Final = 2.0
 
@@ -77,8 +74,7 @@ class WorkerPool(Engine):
         self._seconds_limit = seconds_limit
         self._n_workers = n_workers
         self._lanes = Lanes()
-        niceness = _NICENESS if has_lane else 0
-        self._rules = rules = Rules(memory_bytes, self._explain, niceness)
+        self._rules = rules = Rules(memory_bytes, self._explain, is_batch=has_lane)
         self._keepers = [Keeper(self._lanes, rules) for _ in range(n_workers)]
         if has_lane:
             self._keepers.append(Keeper(self._lanes, rules, is_lane=True))

@@ -75,8 +75,8 @@ class WorkerProcess:
         Its address space.
     waker : int
         File descriptor that becomes readable when whoever waits is to look up.
-    niceness : int
-        By how much it gives way to others on a core.
+    is_batch : bool
+        Whether it leaves a core to what wakes up.
 
     Raises
     ------
@@ -84,7 +84,7 @@ class WorkerProcess:
         If it cannot be begun.
     """
 
-    def __init__(self, memory_bytes: int, waker: int, niceness: int = 0) -> None:
+    def __init__(self, memory_bytes: int, waker: int, *, is_batch: bool = False) -> None:
         self._waker = waker
         self._most_clock = math.inf
         ours, theirs = socket.socketpair()
@@ -92,7 +92,7 @@ class WorkerProcess:
         self._process: Any = None
         try:
             with theirs:
-                self._process = _begun(theirs, memory_bytes, niceness)
+                self._process = _begun(theirs, memory_bytes, is_batch)
             ours.setblocking(False)
             self._receive(time.monotonic() + _START_SECONDS, wakes=False)
         except BaseException as error:
@@ -221,12 +221,12 @@ def _processor_clock(pid: int) -> float:
         return 0.0
 
 
-def _begun(theirs: socket.socket, memory_bytes: int, niceness: int) -> Any:
+def _begun(theirs: socket.socket, memory_bytes: int, is_batch: bool) -> Any:
     # A worker is forked from a process that has imported what tasks need and opened nothing: it
     # starts at once, and inherits no lock, socket or database connection.
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(_PRELOADED)
-    process = context.Process(target=_work, args=(theirs, memory_bytes, niceness), daemon=True)
+    process = context.Process(target=_work, args=(theirs, memory_bytes, is_batch), daemon=True)
     with _STARTING:
         # A fork server that is stopped answers nobody; one that is gone is begun anew.
         watch = threading.Timer(_START_SECONDS, _end_fork_server)
@@ -264,9 +264,11 @@ def _end_fork_server() -> None:
             os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)
 
 
-def _work(ours: socket.socket, memory_bytes: int, niceness: int) -> None:
+def _work(ours: socket.socket, memory_bytes: int, is_batch: bool) -> None:
     """Answer requests until the socket closes: what runs in the process."""
-    os.nice(niceness)
+    if is_batch:
+        with contextlib.suppress(OSError, AttributeError):
+            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     keep_freed_memory(_KEPT_BYTES)
     # The server decides when its workers end, not a Ctrl-C that reaches the whole group.

@@ -235,13 +235,19 @@ class Analysis:
         self, upload: Upload, parameters: SignatureParameters
     ) -> tuple[TemplateAnswer, bool]:
         """Make and store the template of an upload; tell whether it is new."""
-        with self._image() as image, stage("worker"):
-            work = self.work(templates.make_template, upload, parameters, image)
-            answer, milliseconds = await work
-            add_milliseconds(milliseconds)
-            with stage("store"):
-                is_new = await asyncio.to_thread(self._store.put_template_image, image, answer.id)
-        return answer, is_new
+
+        async def make(_: StageReport) -> tuple[TemplateAnswer, bool]:
+            with self._image() as image, stage("worker"):
+                work = self.work(templates.make_template, upload, parameters, image)
+                answer, milliseconds = await work
+                add_milliseconds(milliseconds)
+                with stage("store"):
+                    is_new = await asyncio.to_thread(
+                        self._store.put_template_image, image, answer.id
+                    )
+            return answer, is_new
+
+        return await self._shared_work.join(("template", upload.path), make)
 
     async def describe_template(self, template_id: str) -> TemplateAnswer:
         """Describe a stored template."""

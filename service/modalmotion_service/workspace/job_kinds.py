@@ -10,27 +10,28 @@ from urllib.parse import urlencode
 from modalmotion.classification import TrainingOptions
 from modalmotion.errors import LostFileError
 from modalmotion.facts import facts_from_json
-from modalmotion_service.http.negotiation import HDF5, NPZ, STREAM
+from modalmotion_service.http.negotiation import HDF5, NPZ
 from modalmotion_service.schemas import (
-    EncodingTarget,
     ManySignatures,
     SignatureQuery,
     UploadQuery,
 )
-from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
+from modalmotion_service.schemas.request_queries import TemplateQuery
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.disk import require_room
-from modalmotion_service.workspace.job_runner import JobRunner, Report
+from modalmotion_service.workspace.job_runner import Handler, JobRunner, Report
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.replies import Replies
+from modalmotion_service.workspace.reply_kinds import OF_UPLOADS
 from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.training import Trainer
 from modalmotion_service.workspace.training_set import read_cases
 
 # Kinds of jobs whose request names a file in the spool, kept until the job is finished.
-_WITH_FILES: Final = ("upload", "training")
+_WITH_FILES: Final = ("upload", "template", "training")
 
 
 def trainings_at_once(settings: Settings) -> int:
@@ -45,6 +46,7 @@ def make_runner(
     analysis: Analysis,
     models: Models,
     trainer: Trainer,
+    replies: Replies,
 ) -> JobRunner:
     """Make the runner of all kinds of jobs."""
 
@@ -67,22 +69,20 @@ def make_runner(
         path = await analysis.pack(query.ids, query.parameters(), request["as_hdf5"], report)
         return {"file": path.name, "media_type": HDF5 if request["as_hdf5"] else NPZ}
 
-    async def tradeoff(request: Any, report: Report) -> Any:
-        query, media_type = TradeoffQuery(**request["query"]), request["media_type"]
-        path = await analysis.tradeoff(
-            request["sequence_id"],
-            query.parameters(),
-            query.front_modes,
-            query.components,
-            media_type,
-            report,
-        )
-        return {"file": path.name, "media_type": media_type}
+    async def template(request: Any, _: Report) -> Any:
+        query = TemplateQuery(**request["query"])
+        facts = facts_from_json(request["facts"])
+        sent = Upload(_spooled(spool, request), query.options(settings.read_limits, facts))
+        answer, _is_new = await analysis.template(sent, query.parameters())
+        return {"link": answer.links["self"]}
 
-    async def encoding(request: Any, report: Report) -> Any:
-        target = EncodingTarget(**request["target"])
-        path, answer = await analysis.encoded(request["sequence_id"], target, report)
-        return {"file": path.name, "media_type": STREAM, "headers": answer.headers}
+    def reply(kind: str) -> Handler:
+        async def handler(request: Any, report: Report) -> Any:
+            if "file" in request:
+                _spooled(spool, request)
+            return await replies.as_job(kind, request, report)
+
+        return handler
 
     async def classification(request: Any, report: Report) -> Any:
         model = await asyncio.to_thread(models.choose, request["model"])
@@ -101,12 +101,12 @@ def make_runner(
             "upload": upload,
             "signature": signature,
             "signatures": signatures,
-            "encoding": encoding,
-            "tradeoff": tradeoff,
+            "template": template,
             "classification": classification,
             "training": training,
+            **{kind: reply(kind) for kind in replies.kinds},
         },
-        dict.fromkeys(_WITH_FILES, lambda request: spool.remove(request["file"])),
+        dict.fromkeys((*_WITH_FILES, *OF_UPLOADS), lambda request: spool.remove(request["file"])),
         n_at_once=2 * analysis.engine.n_workers,
         most_unfinished=settings.max_unfinished_jobs,
         apart={"training": trainings_at_once(settings)},

@@ -25,6 +25,7 @@ from modalmotion_service.workspace.job_kinds import make_runner
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.perseverance import for_ever
+from modalmotion_service.workspace.reply_kinds import make_replies
 from modalmotion_service.workspace.retention import Retention
 from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.state import State
@@ -179,8 +180,9 @@ class Owners:
                 settings.scheduler,
                 settings.workers,
             )
-            runner = make_runner(settings, jobs, spool, analysis, models, trainer)
-            state = State(settings, store, spool, analysis, models, jobs, runner, keys)
+            replies = make_replies(settings, spool, analysis, models)
+            runner = make_runner(settings, jobs, spool, analysis, models, trainer, replies)
+            state = State(settings, store, spool, analysis, models, jobs, runner, replies, keys)
             await runner.resume()
         except BaseException:
             await asyncio.to_thread(store.close)

@@ -21,9 +21,9 @@ from modalmotion.store.disk.atomic import (
 from modalmotion_service.workspace.disk import require_reserve
 
 
-@dataclass(frozen=True)
+@dataclass
 class SpoolFile:
-    """A file in the spool; a `with` block removes it in the end.
+    """A file in the spool; a `with` block removes it in the end, if it is not left to a job.
 
     Parameters
     ----------
@@ -34,12 +34,15 @@ class SpoolFile:
         Stated in the form of the upload.
     names : dict of str to str
         Subject and label that the form states.
+    is_left : bool
+        Whether a job has it now, and removes it.
     """
 
     path: Path
     sha256: str = ""
     facts: Facts = NO_FACTS
     names: dict[str, str] = field(default_factory=dict)
+    is_left: bool = False
 
     def make_durable(self) -> None:
         """Make the bytes survive a crash: before they are acknowledged without being read."""
@@ -59,7 +62,8 @@ class SpoolFile:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.remove()
+        if not self.is_left:
+            self.remove()
 
 
 def remove_with_beside(path: Path) -> None:

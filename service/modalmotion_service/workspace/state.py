@@ -11,6 +11,7 @@ from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.job_runner import JobRunner
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.replies import Replies
 from modalmotion_service.workspace.spool import Spool
 
 
@@ -27,6 +28,7 @@ class State:
     models : Models
     jobs : Jobs
     runner : JobRunner
+    replies : Replies
     idempotency : IdempotencyKeys
     """
 
@@ -37,4 +39,5 @@ class State:
     models: Models
     jobs: Jobs
     runner: JobRunner
+    replies: Replies
     idempotency: IdempotencyKeys

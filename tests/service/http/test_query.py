@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from modalmotion_service.app import create_app
 from modalmotion_service.http import problems
 from modalmotion_service.http.query import read_once
-from modalmotion_service.routes.templates import TemplateQuery
+from modalmotion_service.schemas.request_queries import TemplateQuery
 
 NAMES = [*TemplateQuery.model_fields, "MODES", "unknown"]
 VALUES = ["", "7", "-1", "2.5", "nan", "true", "maybe", "cup", "66,50", "0,1", "raw", "max", "é&="]

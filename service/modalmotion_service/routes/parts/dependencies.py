@@ -18,6 +18,7 @@ from modalmotion_service.access.principal import principal_of
 from modalmotion_service.http.forms import received_form
 from modalmotion_service.http.preferences import Preference, parse_preference
 from modalmotion_service.http.timing import stage
+from modalmotion_service.routes.parts.openapi_parts import PREFER
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
 
@@ -53,9 +54,7 @@ async def get_store(state: StateDependency) -> ResultStore:
 
 
 async def get_preference(
-    prefer: Annotated[
-        str, Header(max_length=200, description="respond-async for a job, or wait=SECONDS.")
-    ] = "",
+    prefer: Annotated[str, Header(max_length=200, description=PREFER)] = "",
 ) -> Preference:
     """Give how long the client wants to wait."""
     return parse_preference(prefer)

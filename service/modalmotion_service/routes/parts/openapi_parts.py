@@ -7,6 +7,9 @@ from typing import Any, Final
 from modalmotion.facts import NAMES
 from modalmotion_service.schemas import JobAnswer, Problem
 
+PREFER: Final = "respond-async for a job, or wait=SECONDS."
+"""What a header Prefer may say."""
+
 BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 
 

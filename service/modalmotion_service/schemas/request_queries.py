@@ -1,0 +1,55 @@
+"""Queries of requests whose answers nobody keeps, which a job may have to remember."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from modalmotion_service.schemas.fields import SequenceId
+from modalmotion_service.schemas.results import ClassificationRequest, EncodingTarget
+from modalmotion_service.schemas.sequences import ReadingQuery
+from modalmotion_service.schemas.signatures import SignatureQuery
+
+
+class TemplateQuery(ReadingQuery, SignatureQuery):
+    """How to read the file, and how to lay natural coordinates over the surface in it."""
+
+
+class ClassifyQuery(ReadingQuery, ClassificationRequest):
+    """How to read the file, the model, and how sure its class set must be."""
+
+
+class EncodeQuery(ReadingQuery, EncodingTarget):
+    """How to read the file, and at what error to encode the sequence in it."""
+
+
+class DecodeQuery(BaseModel):
+    """Which frames of a stream to decode."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    first: int | None = Field(None, ge=0, description="First frame; the stream's own by default.")
+    stop: int | None = Field(None, ge=1, description="Frame after the last.")
+
+
+class DistanceQuery(SignatureQuery):
+    """Which signatures are compared, and how."""
+
+    to: SequenceId = Field(description="The sequence to compare with.")
+    closed: bool = Field(
+        True, description="Both are one turn of a cycle; false for a beginning and an end."
+    )
+
+
+class ReconstructionQuery(SignatureQuery):
+    """Query parameters of a reconstruction."""
+
+    times: str | None = Field(
+        None,
+        max_length=20_000,
+        pattern=r"^[0-9eE.+-]+(,[0-9eE.+-]+)*$",
+        description="Times in s (frame numbers where there are none), such as 0,0.1,0.25; "
+        "those of the frames by default.",
+    )
+    max_targets: int | None = Field(
+        None, ge=0, le=10_000, description="Of a GLB: most morph targets, by energy."
+    )

@@ -1,0 +1,200 @@
+"""Makers of all kinds of answers that nobody keeps."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from pydantic import BaseModel
+
+from modalmotion.exports.surfaces import SurfaceFormat
+from modalmotion.facts import Facts, facts_from_json
+from modalmotion_service.http.negotiation import GLB, HDF5, JSON, NPZ, PNG, STREAM, VTKHDF, ZIP
+from modalmotion_service.schemas import (
+    ClassificationAnswer,
+    DistanceAnswer,
+    EncodingTarget,
+    ModesQuery,
+    ReadingQuery,
+    SignatureQuery,
+    UploadClassificationAnswer,
+    parse_times,
+)
+from modalmotion_service.schemas.request_queries import (
+    ClassifyQuery,
+    DecodeQuery,
+    DistanceQuery,
+    EncodeQuery,
+    ReconstructionQuery,
+    TemplateQuery,
+)
+from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
+from modalmotion_service.settings import Settings
+from modalmotion_service.work.upload import Upload
+from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.job_runner import Report
+from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.replies import Maker, Replies, Reply, Request
+from modalmotion_service.workspace.spool import Spool
+
+Query = TypeVar("Query", bound=BaseModel)
+
+SURFACES: Final = {
+    NPZ: (SurfaceFormat.NPZ, ".npz"),
+    VTKHDF: (SurfaceFormat.VTKHDF, ".vtkhdf"),
+    GLB: (SurfaceFormat.GLB, ".glb"),
+    ZIP: (SurfaceFormat.PLY, ".zip"),
+}
+"""Formats of surfaces, by media type."""
+
+OF_UPLOADS: Final = ("sent-signature", "sent-classification", "sent-encoding", "decoding")
+"""Kinds whose request names a file in the spool."""
+
+
+def query_of(request: Request, model: type[Query], name: str = "query") -> Query:
+    """Give the query of a request, be it the client's own or one that a job remembers."""
+    query = request[name]
+    return query if isinstance(query, model) else model(**query)
+
+
+def make_replies(settings: Settings, spool: Spool, analysis: Analysis, models: Models) -> Replies:
+    """Make the maker of all kinds."""
+
+    def sent(request: Request, query: ReadingQuery) -> Upload:
+        facts = request["facts"]
+        stated = facts if isinstance(facts, Facts) else facts_from_json(facts)
+        return Upload(spool.at(request["file"]), query.options(settings.read_limits, stated))
+
+    async def sent_signature(request: Request, _: Report) -> Reply:
+        query, media_type = query_of(request, TemplateQuery), request["media_type"]
+        upload = sent(request, query)
+        body = await analysis.signature_of_upload(upload, query.parameters(), media_type)
+        return Reply(body, media_type)
+
+    async def sent_classification(request: Request, _: Report) -> Reply:
+        query = query_of(request, ClassifyQuery)
+        model = await asyncio.to_thread(models.choose, query.model)
+        result, reading = await models.classify(sent(request, query), model, query.coverage)
+        named = ClassificationAnswer.of(result, model.version, None).model_dump()
+        answer = UploadClassificationAnswer(**named, reading=reading)
+        return Reply(answer.model_dump_json().encode(), JSON)
+
+    async def sent_encoding(request: Request, report: Report) -> Reply:
+        query = query_of(request, EncodeQuery)
+        target = EncodingTarget(**query.model_dump(include=set(EncodingTarget.model_fields)))
+        path, answer = await analysis.encoded(sent(request, query), target, report)
+        return Reply(path, STREAM, answer.headers)
+
+    async def decoding(request: Request, _: Report) -> Reply:
+        query, media_type = query_of(request, DecodeQuery), request["media_type"]
+        frames = None
+        if query.first is not None and query.stop is not None:
+            frames = range(query.first, query.stop)
+        stream, limits = spool.at(request["file"]), settings.read_limits
+        return Reply(await analysis.decoded(stream, limits, frames, media_type), media_type)
+
+    async def encoding(request: Request, report: Report) -> Reply:
+        target = query_of(request, EncodingTarget, "target")
+        path, answer = await analysis.encoded(request["sequence_id"], target, report)
+        return Reply(path, STREAM, answer.headers)
+
+    async def tradeoff(request: Request, report: Report) -> Reply:
+        query, media_type = query_of(request, TradeoffQuery), request["media_type"]
+        path = await analysis.tradeoff(
+            request["sequence_id"],
+            query.parameters(),
+            query.front_modes,
+            query.components,
+            media_type,
+            report,
+        )
+        return Reply(path, media_type)
+
+    async def signature_view(request: Request, _: Report) -> Reply:
+        parameters, media_type = (
+            query_of(request, SignatureQuery).parameters(),
+            request["media_type"],
+        )
+        give = {
+            HDF5: analysis.signature_hdf5,
+            JSON: analysis.signature_json,
+            PNG: analysis.draw_signature,
+        }[media_type]
+        # The landmarks are those that the facts state now.
+        resolved, _facts = analysis.resolved(request["sequence_id"], parameters)
+        return Reply(await give(request["sequence_id"], resolved), media_type)
+
+    async def distance(request: Request, _: Report) -> Reply:
+        query = query_of(request, DistanceQuery)
+        own, other = request["ids"]
+        found = await analysis.distance(own, other, query.parameters(), query.closed)
+        answer = DistanceAnswer(distance=found.distance, uses_theta_zero=found.uses_theta_zero)
+        return Reply(answer.model_dump_json().encode(), JSON)
+
+    async def readouts(request: Request, _: Report) -> Reply:
+        query, media_type = query_of(request, SignatureQuery), request["media_type"]
+        parameters, _facts = analysis.resolved(request["sequence_id"], query.parameters())
+        body = await analysis.readouts(
+            request["sequence_id"], parameters, as_picture=media_type == PNG
+        )
+        return Reply(body, media_type)
+
+    async def reconstruction(request: Request, _: Report) -> Reply:
+        query, media_type = query_of(request, ReconstructionQuery), request["media_type"]
+        surface_format, suffix = SURFACES[media_type]
+        path: Path = await analysis.reconstruction(
+            request["sequence_id"],
+            query.parameters(),
+            surface_format,
+            None if query.times is None else parse_times(query.times),
+            query.max_targets,
+        )
+        name = f"{request['sequence_id'][:12]}-reconstruction{suffix}"
+        return Reply(path, media_type, {"Content-Disposition": f'attachment; filename="{name}"'})
+
+    async def template_modes(request: Request, _: Report) -> Reply:
+        query, media_type = query_of(request, ModesQuery), request["media_type"]
+        body = await analysis.template_modes(request["template_id"], query, media_type)
+        return Reply(body, media_type)
+
+    async def template_view(request: Request, _: Report) -> Reply:
+        template_id, media_type = request["template_id"], request["media_type"]
+        if media_type == PNG:
+            return Reply(await analysis.draw_template(template_id), media_type)
+        answer = await analysis.describe_template(template_id)
+        return Reply(answer.model_dump_json().encode(), media_type)
+
+    async def model_view(request: Request, _: Report) -> Reply:
+        model = await asyncio.to_thread(models.choose, request["model"])
+        content = await asyncio.to_thread(models.describe, model)
+        return Reply(await models.draw(content), PNG)
+
+    makers: dict[str, Maker] = {
+        "sent-signature": sent_signature,
+        "sent-classification": sent_classification,
+        "sent-encoding": sent_encoding,
+        "decoding": decoding,
+        "encoding": encoding,
+        "tradeoff": tradeoff,
+        "signature-view": signature_view,
+        "distance": distance,
+        "readouts": readouts,
+        "reconstruction": reconstruction,
+        "template-modes": template_modes,
+        "template-view": template_view,
+        "model-view": model_view,
+    }
+    return Replies(makers, spool)
+
+
+def as_json(request: Request) -> dict[str, Any]:
+    """Write a request as a job remembers it."""
+    from modalmotion.facts import facts_as_json
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, BaseModel):
+            return value.model_dump(mode="json")
+        return facts_as_json(value) if isinstance(value, Facts) else value
+
+    return {name: plain(value) for name, value in request.items()}
