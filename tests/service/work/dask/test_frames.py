@@ -14,7 +14,8 @@ MANY = [Frame(kind, number, b"x" * number) for number, kind in enumerate(Kind)]
 @given(st.lists(st.integers(1, 9), min_size=1))
 def test_frames_come_out_as_they_went_in_whatever_the_pieces(sizes: list[int]) -> None:
     data = b"".join(frame.to_bytes() for frame in MANY)
-    frames, come = Frames(100), []
+    frames = Frames(100)
+    come: list[Frame] = []
     while data:
         for size in sizes:
             come += frames.add(data[:size])
