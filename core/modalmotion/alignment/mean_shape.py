@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 
 from modalmotion.alignment.displacements import Displacements
 from modalmotion.alignment.reference_shape import ReferenceShape
+from modalmotion.alignment.rigid import kabsch
 from modalmotion.mesh import lattice_faces, vertex_areas
 from modalmotion.mesh.curves import curve_weights
 from modalmotion.mesh.sequence import MeshSequence
 
 # Each brings the means from two starts a hundred times nearer.
 _N_ROUNDS: Final = 3
+
+# Rotations whose sum is smaller than this share in one direction turn all the way round.
+_UNDECIDED: Final = 1e-6
 
 
 def mean_shape(sequence: MeshSequence) -> NDArray[np.float64]:
@@ -28,8 +32,10 @@ def mean_shape(sequence: MeshSequence) -> NDArray[np.float64]:
     Returns
     -------
     (vertices, 3) float64, in the sequence's unit
-        Turned as frame 0 is; its centroid is the mean of the frames'. A sequence in which
-        nothing moves has frame 0 itself, to the last bit.
+        Turned as the frames are on the mean: by the rotation nearest to the sum of those that
+        carry it onto them, so that no frame is the first. Where the frames turn all the way round
+        this sum points nowhere, and it is turned as frame 0 is. Its centroid is the mean of the
+        frames'. A sequence in which nothing moves has frame 0 itself, to the last bit.
 
     Notes
     -----
@@ -49,7 +55,22 @@ def mean_shape(sequence: MeshSequence) -> NDArray[np.float64]:
         if not step.any():
             break
         mean = mean + step.T * (shape.scale / sequence.n_frames)
-    return mean
+    return _turned_to_the_middle(sequence, mean)
+
+
+def _turned_to_the_middle(sequence: MeshSequence, mean: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Turn a shape, about its centroid, to where the frames are turned on the mean."""
+    shape = ReferenceShape.at(sequence, _shares(sequence, mean), mean)
+    total = np.zeros((3, 3))
+    for block in Displacements(sequence, mean, shape).blocks():
+        total += block.rotations.matrices.sum(axis=0)
+    if np.array_equal(total, sequence.n_frames * np.eye(3)):
+        return mean
+    middle = kabsch(total[None], _UNDECIDED)
+    if not middle.is_determined[0]:
+        return mean
+    turned: NDArray[np.float64] = (mean - shape.centre) @ middle.matrices[0].T
+    return turned + shape.centre
 
 
 def _ends_as_it_began(sequence: MeshSequence) -> bool:

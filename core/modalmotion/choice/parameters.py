@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from dataclasses import InitVar, asdict, dataclass, field, fields, replace
 from enum import StrEnum
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Final
 
 import numpy as np
 
 from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.facts import Facts
-from modalmotion.mesh.sequence import Reference
+from modalmotion.mesh.sequence import MEAN, Reference
 from modalmotion.modes.topology import MESH, Topology
+from modalmotion.numeric.kinds import one_of, real, truth, whole, whole_numbers
 from modalmotion.representation import shown
 from modalmotion.template import GivenLandmarks, Weights
 from modalmotion.template.body_frame import Components
@@ -65,7 +67,8 @@ class SignatureParameters:
         Lattice shape, over what the sequence states.
     reference : int or "mean"
         Frame from which displacements are measured, or the mean of all frames, each turned
-        onto it: another first frame then changes nothing.
+        onto it, and turned as they are on the mean: another first frame then changes nothing,
+        unless the frames turn all the way round.
     weights : Weights
     remove_rotation : bool
     wave_speed : float, length unit per s
@@ -132,7 +135,8 @@ class SignatureParameters:
         if amplitudes is not None:
             if self.modes is not None:
                 raise _several_requests(["modes", "amplitudes"])
-            object.__setattr__(self, "modes", -(-amplitudes // 3))
+            object.__setattr__(self, "modes", -(-whole("amplitudes", amplitudes) // 3))
+        self._take_kinds()
         values = {name: getattr(self, name) for name in _WAYS}
         requests = [name for name, value in values.items() if not (value is None or value is False)]
         if len(requests) > 1:
@@ -170,6 +174,39 @@ class SignatureParameters:
             raise ParameterError(
                 f"{self.harmonics} harmonics were requested.", remedy="Use 0 or more."
             )
+
+    def _take_kinds(self) -> None:
+        """Take each value as what it should be, or refuse it by name."""
+        takes: dict[str, Callable[[str, Any], object]] = {
+            **dict.fromkeys(("modes", "most_modes", "harmonics"), whole),
+            **dict.fromkeys(("wave_speed", "tolerance", "tolerance_share"), real),
+            **dict.fromkeys(
+                ("remove_rotation", "closed_form", "merge_vertices", "auto", "split_pairs"), truth
+            ),
+            **{
+                name: partial(one_of, words=words)
+                for name, words in (
+                    ("weights", Weights),
+                    ("components", Components),
+                    ("tolerance_of", ErrorKind),
+                    ("order", ModeOrder),
+                )
+            },
+            "grid": whole_numbers,
+            "topology": _name,
+            "template": _name,
+        }
+        if self.reference != MEAN:
+            takes["reference"] = whole
+        if not isinstance(self.landmarks, GivenLandmarks):
+            raise ParameterError(
+                f"landmarks is {repr(self.landmarks)[:80]}, not places with names.",
+                remedy="Give them as GivenLandmarks(apex=..., base=...).",
+            )
+        for name, take in takes.items():
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, take(name, value))
 
     @property
     def is_adaptive(self) -> bool:
@@ -218,6 +255,15 @@ class SignatureParameters:
         """Short name of this choice of parameters, for file names and ETags."""
         text = json.dumps(self.as_plain(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _name(name: str, value: Any) -> str:
+    if not isinstance(value, str | Topology):
+        raise ParameterError(
+            f"{name} is {repr(value)[:80]}, not the name of one.",
+            remedy=f"Give its name or id as text: {name}='...'.",
+        )
+    return str(value)
 
 
 _WAYS: Final = ("modes", "tolerance", "tolerance_share", "auto")

@@ -3,12 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Final
 
 from modalmotion.choice.noise import Noise
-from modalmotion.choice.parameters import ErrorKind
+from modalmotion.choice.parameters import USUAL_MODES, ErrorKind
 from modalmotion.choice.scene import SceneError, SceneKind
 from modalmotion.representation import shown
+
+COMPACT: Final = 10
+"""Coordinates for each amplitude of a frame, from which a signature is called compact."""
+
+
+def note_on_compactness(n_modes: int, n_vertices: int) -> tuple[str, ...]:
+    """Say that so many modes are no longer compact, if they are more than the usual number."""
+    if n_modes <= USUAL_MODES or n_modes * COMPACT <= n_vertices:
+        return ()
+    return (
+        (
+            f"{n_modes} modes of {n_vertices} vertices are no longer compact: "
+            f"{n_vertices / n_modes:.1f} coordinates for each amplitude of a frame."
+        ),
+    )
 
 
 @shown("asked", "limit", "limit_of", "scene", "noise.sigma")

@@ -19,13 +19,14 @@ from modalmotion.choice.limit import (
 from modalmotion.choice.noise_level import measure_noise, modes_until_noise
 from modalmotion.choice.ordered_sets import ENERGY_POOL, notes_on, sorted_ladder
 from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureParameters
-from modalmotion.choice.reason import ModelChoice
+from modalmotion.choice.reason import COMPACT, ModelChoice, note_on_compactness
 from modalmotion.choice.scene import NUMBERS, Scene, SceneKind, scene_of
 from modalmotion.choice.smallest_set import smallest_within
 from modalmotion.errors import ModeCountError
 from modalmotion.fit.cache import TemplateCache
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes import Modes
+from modalmotion.numerals import counted
 from modalmotion.template import choose_modes
 from modalmotion.template.body_frame import Components
 
@@ -87,7 +88,7 @@ def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
             fitter.template, n, fitter.sequence.grid, split_pairs=parameters.split_pairs
         )
         model = fit_model(fitter, choice.modes, basis=basis)
-        return replace(model, notes=choice.notes)
+        return replace(model, notes=(*choice.notes, *_on_size(model, fitter.sequence)))
     ladder, _ = sorted_ladder(fitter, parameters.most_modes or max(ENERGY_POOL, n))
     if n > ladder.counts[-1]:
         raise ModeCountError(
@@ -98,7 +99,8 @@ def _with_count(fitter: Fitter, cache: TemplateCache) -> Model:
         )
     count = int(ladder.counts[np.searchsorted(ladder.counts, n)])
     model = fit_model(fitter, ladder.modes(count))
-    return replace(model, notes=notes_on(ladder, parameters))
+    notes = (*notes_on(ladder, parameters), *_on_size(model, fitter.sequence))
+    return replace(model, notes=notes)
 
 
 def _until_noise(fitter: Fitter, smallest: Modes, scene: Scene) -> Model:
@@ -118,7 +120,7 @@ def _until_noise(fitter: Fitter, smallest: Modes, scene: Scene) -> Model:
     if _may_flatten(parameters) and holds_noise(scene.planar.error.weighted_rms, noise, fitter, 1):
         normal = scene.planar.normal
     model = fit_model(fitter, ladder.modes(count), normal=normal)
-    notes = list(notes_on(ladder, parameters))
+    notes = [*notes_on(ladder, parameters), *_on_size(model, sequence)]
     if count == ladder.counts[-1]:
         reason = ladder.ends_because or "no more were allowed"
         notes.append(
@@ -126,6 +128,12 @@ def _until_noise(fitter: Fitter, smallest: Modes, scene: Scene) -> Model:
         )
     choice = replace(choice, normal=normal)
     return _noted(replace(model, notes=tuple(notes)), choice, sequence)
+
+
+def _on_size(model: Model, sequence: MeshSequence) -> tuple[str, ...]:
+    notes = note_on_compactness(len(model.modes), sequence.n_vertices)
+    most = max(sequence.n_vertices // COMPACT, 1)
+    return tuple(f"{note} Ask for at most {counted(most, 'mode')}." for note in notes)
 
 
 def _may_flatten(parameters: SignatureParameters) -> bool:

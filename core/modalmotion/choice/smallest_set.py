@@ -12,9 +12,11 @@ from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.nested_sets import Ladder
 from modalmotion.choice.ordered_sets import ENERGY_POOL, notes_on, sorted_ladder
 from modalmotion.choice.parameters import MOST_MODES, ModeOrder
+from modalmotion.choice.reason import COMPACT, note_on_compactness
 from modalmotion.choice.set_errors import SetErrors
 from modalmotion.errors import ToleranceError
 from modalmotion.mesh.sequence import MM_PER_UNIT
+from modalmotion.numerals import counted
 from modalmotion.numeric.scale import root_mean_square
 
 # The first ladder; each further one is twice as long.
@@ -51,12 +53,29 @@ def smallest_within(fitter: Fitter, limit: float) -> Model:
                 if known[count] <= limit + errors.slack(limit):
                     model = fit_model(fitter, ladder.modes(count))
                     if model.error(parameters.tolerance_of) <= limit:
-                        return replace(model, notes=notes_on(ladder, parameters))
+                        notes = (*notes_on(ladder, parameters), *_on_size(errors, count))
+                        return replace(model, notes=notes)
         if ladder.ends_because or n >= most:
             best = errors.best(known)
             raise _unreachable(fitter, limit, best, ladder, root_mean_square(fit.motion_rms))
         known.setdefault(int(ladder.counts[-1]), np.inf)
         n = min(2 * n, most)
+
+
+def _on_size(errors: SetErrors, count: int) -> tuple[str, ...]:
+    """Say that a set is no longer compact, and the tolerance at which one is."""
+    sequence, counts = errors.fitter.sequence, errors.ladder.counts
+    note = note_on_compactness(count, sequence.n_vertices)
+    compact = counts[counts * COMPACT <= sequence.n_vertices]
+    if not note or not len(compact):
+        return note
+    error = float(errors.of(compact[-1:])[0])
+    unit = sequence.unit or "length units"
+    text = (
+        f"{note[0]} {counted(int(compact[-1]), 'mode')} leave {error * (1 + 1e-6):.7g} {unit}: "
+        "ask for that tolerance, or keep the sequence itself as a stream (encode)."
+    )
+    return (text,)
 
 
 def _unreachable(

@@ -117,6 +117,7 @@ def _lines(result: Tradeoff) -> str:
     lines += price_lines(price)
     if result.chosen.signature is not None:
         lines += [f"note: {note}" for note in result.chosen.signature.notes]
+    lines += [f"note: {note}" for note in result.chosen.notes]
     return "\n".join(lines)
 
 

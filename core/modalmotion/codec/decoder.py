@@ -15,7 +15,7 @@ from modalmotion.codec.modes.modes_section import STORED, read_modes
 from modalmotion.codec.stored import restore_positions
 from modalmotion.errors import ParameterError
 from modalmotion.limits import ReadLimits
-from modalmotion.mesh.checks import FloatArray
+from modalmotion.mesh.checks import FloatArray, given_up
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
 DECODE_LIMITS = ReadLimits()
@@ -116,7 +116,7 @@ def _sequence(
     times: NDArray[np.float64] | None,
 ) -> MeshSequence:
     return mesh_sequence(
-        positions,
+        given_up(positions),
         faces,
         grid=header.grid,
         topology=header.topology,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from modalmotion.errors import ParameterError
+from modalmotion.numeric.kinds import real, whole
 
 
 class Effort(StrEnum):
@@ -55,6 +56,7 @@ def require_target(rms: float | None, max_error: float | None, n_bytes: int | No
             remedy="Ask for one of rms, max_error and bytes (in Python n_bytes).",
         )
     measure, value = targets[0]
+    value = (whole if measure == Measure.BYTES else real)(measure.value, value)
     if not (math.isfinite(value) and value > 0):
         raise ParameterError(
             f"The target {measure} = {value} is not positive and finite.",

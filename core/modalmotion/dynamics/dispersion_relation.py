@@ -154,7 +154,9 @@ def _length(vectors: Array) -> Array:
 
 def _rates(lattice: Lattice) -> Array:
     """sqrt(K / M) of each axis, (axes,) float64."""
-    return np.sqrt(np.array(lattice.stiffnesses, dtype=np.float64) / lattice.mass)
+    ratios, exponent = lattice.squared_speeds
+    speeds: Array = np.ldexp(np.sqrt(ratios), exponent // 2)
+    return speeds
 
 
 def _spacings(lattice: Lattice, spacing: Spacing) -> Array:

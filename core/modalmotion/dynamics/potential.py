@@ -15,10 +15,14 @@ from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import Topology
+from modalmotion.numeric.kinds import whole_numbers
 from modalmotion.representation import shown
 
 Array = NDArray[np.float64]
 Offset = tuple[int, ...]
+
+# Force constants up to this can be added.
+_LARGEST: Final = 1e300
 
 _TOLERANCE: Final = 1e-12
 
@@ -65,13 +69,14 @@ class HarmonicPotential:
                 f"A {self.topology} has ends, where the force constants would differ.",
                 remedy="Use closed axes only, or a Lattice, whose directions are uncoupled.",
             )
-        object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
+        object.__setattr__(self, "shape", whole_numbers("shape", self.shape))
         require_shape(self.topology, self.shape)
         if not (math.isfinite(self.mass) and self.mass > 0):
             raise ParameterError(
                 f"The mass M is {self.mass}, but only nodes with a mass oscillate.",
                 remedy="Use a value above zero.",
             )
+        _require_frequencies(self.force_constants, self.mass)
         constants = _completed(self.force_constants, self.topology.n_axes)
         object.__setattr__(self, "force_constants", constants)
 
@@ -112,6 +117,23 @@ class HarmonicPotential:
         """
         half = [self.force_constants[tuple(offset)] for offset in self.offsets.tolist()]
         return np.array(half, dtype=np.float64).reshape(len(half), 3, 3)
+
+
+def _require_frequencies(force_constants: Mapping[Offset, Array], mass: float) -> None:
+    """Refuse constants whose sums, or squared frequencies, are beyond the largest number."""
+    largest = max(
+        (float(np.abs(np.asarray(K, dtype=np.float64)).max(initial=0.0)))
+        for K in (0.0, *force_constants.values())
+    )
+    with np.errstate(over="ignore"):
+        # No w^2 exceeds the sizes of all terms of D(k), both signs of each offset.
+        bound = np.float64(largest) * (12.0 * (2 * len(force_constants) + 1)) / np.float64(mass)
+    if largest < np.inf and not (largest < _LARGEST and np.isfinite(bound)):
+        raise ParameterError(
+            f"Force constants up to {largest:.3g} with the mass {mass:.3g} make frequencies whose "
+            "squares are beyond the largest number.",
+            remedy="State them in another unit of time, which changes the constants alone.",
+        )
 
 
 def _completed(force_constants: Mapping[Offset, Array], n_axes: int) -> dict[Offset, Array]:

@@ -9,6 +9,7 @@ from modalmotion.formats.parser.answer import Answer, Parser
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.result import Reading, Source
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
+from modalmotion.mesh.checks import given_up
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
@@ -48,7 +49,7 @@ def _result(answer: Answer) -> Reading:
     if times is not None and vertices.ndim == 3:
         vertices, times, notes = in_time_order(vertices, times)
     sequence: MeshSequence = mesh_sequence(
-        vertices,
+        given_up(vertices),
         arrays["faces"],
         grid=None if info["grid"] is None else np.array(info["grid"]),
         topology=info["topology"],

@@ -24,6 +24,7 @@ from modalmotion.facts import NAMES, Facts, facts_as_json, facts_from_texts
 from modalmotion.formats.result import Reading
 from modalmotion.formats.zip_member import UNREADABLE, member_content
 from modalmotion.limits import NO_LIMITS, ReadLimits
+from modalmotion.mesh.checks import given_up
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
@@ -92,7 +93,7 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     if times is not None and vertices.ndim == 3:
         vertices, times, notes = in_time_order(vertices, times)
     sequence = mesh_sequence(
-        vertices,
+        given_up(vertices),
         arrays.get("faces"),
         grid=arrays.get("grid"),
         topology=_text(arrays, "topology"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,68 @@ from numpy.typing import NDArray
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
 
 FloatArray = NDArray[np.float32] | NDArray[np.float64]
+AnyArray = TypeVar("AnyArray", bound=NDArray[Any])
+
+
+LARGEST: Final = 1e304
+"""Largest coordinate and time, either way: sums of larger ones overflow."""
+
+SMALLEST: Final = 1e-300
+"""Largest coordinate, if not 0, is at least this: inverses of smaller ones overflow."""
+
+
+def kept(array: AnyArray, given: object) -> AnyArray:
+    """Give an array that nobody else can change: a copy, unless it is frozen or new.
+
+    Parameters
+    ----------
+    array : ndarray
+        Made from `given`, and new where that had another type or layout.
+    given : object
+        As the caller has it.
+    """
+    root: Any = array
+    while isinstance(root, np.ndarray) and root.base is not None:
+        root = root.base
+    is_new = array is not given and array.base is None
+    is_array = isinstance(root, np.ndarray)
+    is_frozen = isinstance(root, bytes) or (is_array and not root.flags.writeable)
+    if not is_new and not (is_frozen and not array.flags.writeable):
+        array = array.copy()
+    array.setflags(write=False)
+    return array
+
+
+def given_up(array: AnyArray) -> AnyArray:
+    """Freeze an array that its maker will not change, so that nothing copies it."""
+    array.setflags(write=False)
+    return array
+
+
+def _unmasked(array: Any, name: str) -> Any:
+    """Take the data of a masked array in which nothing is masked.
+
+    Raises
+    ------
+    NonFiniteError
+        Naming the first entry that is.
+    """
+    if not isinstance(array, np.ma.MaskedArray):
+        return array
+    masked = np.argwhere(np.ma.getmaskarray(array))  # type: ignore[no-untyped-call]
+    if len(masked):
+        place = [int(i) for i in masked[0]]
+        where = "".join(
+            f"{word} {i}, " for word, i in zip(("frame", "vertex"), place, strict=False)
+        ).removesuffix(", ")
+        raise NonFiniteError(
+            f"'{name}' is masked at {where}: {len(masked)} of its numbers are missing.",
+            remedy="Repair or leave out the frame; missing points are not guessed.",
+            frame=place[0],
+            vertex=place[1] if len(place) > 1 else None,
+            details={"array": name, "count": len(masked)},
+        )
+    return array.data
 
 
 def require_vertices(vertices: Any, name: str = "vertices") -> FloatArray:
@@ -24,15 +86,18 @@ def require_vertices(vertices: Any, name: str = "vertices") -> FloatArray:
     Returns
     -------
     (frames, vertices, 3) float32 or float64
-        C-contiguous; float32 stays float32, everything else becomes float64.
+        C-contiguous and frozen; float32 stays float32, everything else becomes float64.
 
     Raises
     ------
     ShapeError
         If it is not a real array of that shape with at least one frame and one vertex.
     NonFiniteError
-        Naming the first frame and vertex that are not finite.
+        Naming the first frame and vertex that are not finite, or masked.
+    ParameterError
+        If the coordinates are too large or too small for sums and inverses to be numbers.
     """
+    vertices = _unmasked(vertices, name)
     array = np.asarray(vertices)
     if array.dtype.kind not in "fiu":
         raise ShapeError(
@@ -66,7 +131,31 @@ def require_vertices(vertices: Any, name: str = "vertices") -> FloatArray:
                 vertex=vertex,
                 details={"array": name, "count": len(bad)},
             )
-    return array
+    _require_size(array, name)
+    return kept(array, vertices)
+
+
+def _require_size(array: FloatArray, name: str) -> None:
+    low, high = float(array.min()), float(array.max())
+    largest = max(-low, high)
+    if largest == 0.0 or SMALLEST <= largest <= LARGEST:
+        return
+    frame, vertex, axis = np.unravel_index(
+        int(np.argmax(array) if high == largest else np.argmin(array)), array.shape
+    )
+    is_large = largest > LARGEST
+    raise ParameterError(
+        f"Frame {frame}, vertex {vertex}: {'xyz'[int(axis)]} is {array[frame, vertex, axis]:.3g}, "
+        + (
+            f"beyond {LARGEST:g}, where sums overflow."
+            if is_large
+            else f"and no coordinate reaches {SMALLEST:g}, below which numbers lose digits."
+        ),
+        remedy=f"State lengths in a {'larger' if is_large else 'smaller'} unit.",
+        frame=int(frame),
+        vertex=int(vertex),
+        details={"array": name},
+    )
 
 
 def single_precision(values: NDArray[Any], what: str) -> NDArray[np.float32]:
@@ -117,7 +206,7 @@ def require_faces(faces: Any, n_vertices: int, n_frames: int = 0) -> NDArray[np.
     """
     from modalmotion.errors import ConnectivityError
 
-    array = np.asarray(faces)
+    array = np.asarray(_unmasked(faces, "faces"))
     if array.size == 0:
         return np.zeros((0, 3), dtype=np.int64)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iu":
@@ -137,7 +226,7 @@ def require_faces(faces: Any, n_vertices: int, n_frames: int = 0) -> NDArray[np.
             vertex=int(array[face, corner]),
             details={"face": face, "n_vertices": n_vertices, "count": len(bad)},
         )
-    return np.ascontiguousarray(array, dtype=np.int64)
+    return kept(np.ascontiguousarray(array, dtype=np.int64), faces)
 
 
 def _remedy_for(faces: NDArray[Any], n_vertices: int, n_frames: int) -> str:
@@ -166,6 +255,7 @@ def require_times(times: Any, n_frames: int) -> NDArray[np.float64]:
     NonFiniteError
         Naming the first frame whose time is not finite.
     """
+    times = _unmasked(times, "times")
     array = np.asarray(times)
     if array.dtype.kind not in "fiu" or array.shape != (n_frames,):
         raise ShapeError(
@@ -182,6 +272,15 @@ def require_times(times: Any, n_frames: int) -> NDArray[np.float64]:
             remedy="Send finite times in seconds, or none at all.",
             frame=frame,
         )
+    far = np.flatnonzero(np.abs(array) > LARGEST)
+    if far.size:
+        frame = int(far[0])
+        raise ParameterError(
+            f"Frame {frame} is timed at {array[frame]:.3g} s, beyond {LARGEST:g} s, where "
+            "differences overflow.",
+            remedy="Count the times from the first frame, in seconds.",
+            frame=frame,
+        )
     late = np.flatnonzero(np.diff(array) <= 0)
     if late.size:
         frame = int(late[0]) + 1
@@ -191,4 +290,4 @@ def require_times(times: Any, n_frames: int) -> NDArray[np.float64]:
             remedy="Sort the frames by time and drop duplicates.",
             frame=frame,
         )
-    return array
+    return kept(array, times)

@@ -9,6 +9,7 @@ from modalmotion.facts import facts_as_json, facts_from_json
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import UNKNOWN, Dataset, json_text
+from modalmotion.mesh.checks import given_up
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 
 FORM: Final = Form("sequence", 2)
@@ -70,7 +71,7 @@ def read_sequence(source: bytes | Path) -> tuple[MeshSequence, Contents]:
 def sequence_in(contents: Contents) -> MeshSequence:
     """Sequence of a file, without its facts, which files of version 1 lack."""
     return mesh_sequence(
-        contents.array("vertices", (None, None, 3)),
+        given_up(contents.array("vertices", (None, None, 3))),
         contents.array("faces", (None, 3)),
         grid=contents.attributes.get("grid"),
         topology=contents.optional_text("topology"),

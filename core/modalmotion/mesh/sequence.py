@@ -142,7 +142,9 @@ class MeshSequence:
         if isinstance(reference, str):
             is_there = reference == MEAN
         else:
-            is_there = 0 <= reference < self.n_frames
+            # True is 1, and 1.5 lies between two frames.
+            is_whole = type(reference) is int or isinstance(reference, np.integer)
+            is_there = is_whole and 0 <= reference < self.n_frames
         if not is_there:
             raise ParameterError(
                 f"The reference is frame {reference!r}, but there are {self.n_frames} frames "
@@ -199,7 +201,7 @@ def mesh_sequence(
     Parameters
     ----------
     vertices : (frames, vertices, 3) array_like, in `unit`
-        Copied only where its type or layout asks for it.
+        Copied, unless it is read-only and owns its numbers.
     faces : (faces, 3) array_like of int, optional
     grid : sequence of int, optional
         Nodes along each axis of a lattice.

@@ -26,6 +26,7 @@ from modalmotion.modes.order import (
 from modalmotion.modes.spectrum_places import Places, places
 from modalmotion.modes.topology import CLOSED, Topology
 from modalmotion.modes.trigonometry import sin_pi
+from modalmotion.numeric.kinds import real, whole_numbers
 from modalmotion.representation import shown
 
 
@@ -64,8 +65,14 @@ class Lattice:
     mass: float = 1.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
+        object.__setattr__(self, "shape", whole_numbers("shape", self.shape))
         require_shape(self.topology, self.shape)
+        if isinstance(self.stiffness, tuple):
+            for K in self.stiffness:
+                real("A stiffness", K)
+        else:
+            real("stiffness, one number or a tuple of one for each axis,", self.stiffness)
+        real("mass", self.mass)
         for name, value in (("stiffness K", self.stiffnesses), ("mass M", (self.mass,))):
             if not all(math.isfinite(v) and v > 0 for v in value):
                 raise ParameterError(
@@ -78,6 +85,16 @@ class Lattice:
                 f"{len(self.stiffnesses)} stiffnesses for {self.topology.n_axes} axes.",
                 remedy="Give one stiffness, or one for each axis.",
             )
+        # No mode is faster than all springs stretched together.
+        ratios, exponent = self.squared_speeds
+        with np.errstate(over="ignore"):
+            fastest = np.ldexp(np.sqrt(4.0 * ratios.sum()), exponent // 2)
+        if not np.isfinite(fastest):
+            raise ParameterError(
+                f"Stiffnesses {self.stiffnesses} with the mass {self.mass} make frequencies beyond "
+                "the largest number.",
+                remedy="State them in another unit of time, which changes the stiffness alone.",
+            )
 
     @property
     def stiffnesses(self) -> tuple[float, ...]:
@@ -85,6 +102,17 @@ class Lattice:
         if isinstance(self.stiffness, tuple):
             return self.stiffness
         return (float(self.stiffness),) * self.topology.n_axes
+
+    @cached_property
+    def squared_speeds(self) -> tuple[NDArray[np.float64], int]:
+        """K / M of each axis times 2^-exponent, and the exponent, which is even.
+
+        Neither overflows where the frequencies, their roots, do not; powers of two are exact.
+        """
+        K, of_K = np.frexp(np.array(self.stiffnesses, dtype=np.float64))
+        M, of_M = np.frexp(float(self.mass))
+        exponent = 2 * (int(of_K.max() - of_M) // 2)
+        return np.ldexp(K / M, of_K - of_M - exponent), exponent
 
     @property
     def n_nodes(self) -> int:
@@ -142,15 +170,17 @@ class Lattice:
         """
         self._require(modes)
         omega_squared = np.zeros(len(modes))
-        for axis, (ends, n, K) in enumerate(
-            zip(self.topology.ends, self.shape, self.stiffnesses, strict=True)
+        ratios, exponent = self.squared_speeds
+        for axis, (ends, n, ratio) in enumerate(
+            zip(self.topology.ends, self.shape, ratios.tolist(), strict=True)
         ):
             # (7) w^2 = (4 K / M) sin^2(k a / 2), and k a / 2 = p pi / N closed, h pi / 4N else.
             # Never 2 - 2 cos(k a): at N = 1e8 that is wrong by a tenth.
             h = modes.half_periods[:, axis]
             half_angle = sin_pi(h, n if ends == CLOSED else 4 * n)
-            omega_squared += (4.0 * K / self.mass) * half_angle**2
-        return np.sqrt(omega_squared)
+            omega_squared += (4.0 * ratio) * half_angle**2
+        frequencies: NDArray[np.float64] = np.ldexp(np.sqrt(omega_squared), exponent // 2)
+        return frequencies
 
     def factors(self, modes: ModeSet) -> Factors:
         """Evaluate mode shapes as sums of products of one function per axis.

@@ -17,6 +17,7 @@ from modalmotion.errors import LimitError, ModeCountError, ParameterError, Shape
 from modalmotion.modes.label import half_periods
 from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.topology import CLOSED, End, Topology
+from modalmotion.numeric.kinds import whole
 
 # Squared reciprocal reference lengths times 121, as integers: axis 11/20, circumference 1,
 # and 1/10 for a third axis (the thickness of a wall).
@@ -49,6 +50,7 @@ def lowest_modes(topology: Topology, n_modes: int, shape: tuple[int, ...] | None
         If `n_modes` is below 1, above ten million, or above the number of modes of the
         lattice.
     """
+    n_modes = whole("n_modes", n_modes)
     n_total = None if shape is None else _n_modes_of(topology, shape)
     if n_modes < 1 or n_modes > _LARGEST_COUNT or (n_total is not None and n_modes > n_total):
         most = _LARGEST_COUNT if n_total is None else min(n_total, _LARGEST_COUNT)

@@ -7,6 +7,7 @@ from functools import lru_cache
 from importlib.metadata import version
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.choice.fitter import Fitter
@@ -92,6 +93,8 @@ def modal_signature(
         fitter = Fitter.of(sequence, own_template, parameters)
         model = select_model(fitter, cache or TemplateCache())
     modes, fit = model.modes, model.fit
+    frequencies = modes.frequencies_on(own_template, parameters.wave_speed)
+    _require_frequencies(frequencies, own_template, parameters.wave_speed)
     notes = [*_notes_on_sequence(sequence, parameters.reference), *own_template.notes, *model.notes]
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
     if undetermined.size:
@@ -109,7 +112,7 @@ def modal_signature(
     return ModalSignature(
         modes=modes.names,
         amplitudes=fit.amplitudes,
-        angular_frequencies=modes.frequencies_on(own_template, parameters.wave_speed),
+        angular_frequencies=frequencies,
         rotations=fit.rotations,
         translations=fit.translations,
         rms_errors=fit.errors.rms,
@@ -189,6 +192,18 @@ def provenance() -> dict[str, str]:
 def _versions() -> dict[str, str]:
     # Each is read from a file of the installation: 6 ms for all, more than the fit itself.
     return {name: version(name) for name in ("modalmotion", "numpy", "scipy", "h5py")}
+
+
+def _require_frequencies(
+    frequencies: NDArray[np.float64], template: Template, wave_speed: float
+) -> None:
+    if not np.isfinite(frequencies).all():
+        raise ParameterError(
+            f"Waves of {wave_speed:g} length units per s on a surface of the lengths "
+            f"{', '.join(f'{length:.3g}' for length in template.lengths)} have frequencies beyond "
+            "the largest number.",
+            remedy="State lengths in a smaller unit, or a smaller wave speed.",
+        )
 
 
 def _note_on_loose_vertices(fit: Fit, unit: str | None) -> list[str]:

@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import Any, Final
 
 from modalmotion.errors import ParameterError
+from modalmotion.numeric.kinds import real
 from modalmotion.representation import shown
 from modalmotion.simulate.beat import Beat
 
@@ -127,7 +128,7 @@ class VentricleParameters:
 
     def __post_init__(self) -> None:
         for parameter in fields(self):
-            value = getattr(self, parameter.name)
+            value = real(parameter.name, getattr(self, parameter.name))
             low, high = parameter.metadata["range"]
             if not (math.isfinite(value) and low <= value <= high):
                 raise ParameterError(

@@ -13,6 +13,7 @@ from modalmotion.facts import Facts
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
+from modalmotion.numeric.kinds import real, whole, whole_numbers
 from modalmotion.representation import shown
 from modalmotion.simulate.motion import MaterialPoints
 from modalmotion.simulate.parameters import VentricleParameters
@@ -63,6 +64,9 @@ class Acquisition:
     pose: Pose = field(default_factory=Pose)
 
     def __post_init__(self) -> None:
+        whole("n_frames", self.n_frames)
+        for name in ("start_phase", "noise"):
+            real(name, getattr(self, name))
         if not 1 <= self.n_frames <= 10_000:
             raise ParameterError(
                 f"{self.n_frames} frames were requested.", remedy="Use 1 to 10,000 frames."
@@ -123,6 +127,9 @@ def simulate_ventricle(
     """
     p = VentricleParameters() if parameters is None else parameters
     recorded = Acquisition() if acquisition is None else acquisition
+    grid = whole_numbers("grid", grid)  # type: ignore[assignment]
+    if n_vertices is not None:
+        n_vertices = whole("n_vertices", n_vertices)
     is_random = n_vertices is not None or recorded.noise > 0
     if rng is None:
         if is_random or p.shape_variation > 0 or p.motion_variation > 0:

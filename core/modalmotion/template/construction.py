@@ -14,6 +14,7 @@ from modalmotion.mesh.curves import curve_weights
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+from modalmotion.numeric.kinds import one_of
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.template.coordinates.axis import degree
 from modalmotion.template.coordinates.cup import cup_coordinates
@@ -90,6 +91,7 @@ def make_template(
         nor a stated topology.
     """
     sequence.require_reference(reference)
+    weights = one_of("weights", weights, Weights)
     is_stated = sequence.topology is not None or sequence.grid is not None
     if reference == MEAN and not is_stated and closed_form:
         return _recognised_in_frame_0(sequence, weights, landmarks, merge_vertices)

@@ -13,6 +13,7 @@ from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureParamet
 from modalmotion.choice.scene import NUMBERS, LinearMotion, Scene, SceneKind
 from modalmotion.errors import ToleranceError
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.numerals import counted, with_article
 from modalmotion.representation import shown
 from modalmotion.signature.making import modal_signature
 from modalmotion.signature.value import ModalSignature
@@ -38,12 +39,15 @@ class Chosen:
     motion : LinearMotion or None
         The static, rigid or affine motion that was chosen in place of modes.
     price : Price
+    notes : tuple of str
+        How it differs from the signature of the same request, if it does.
     """
 
     kind: SceneKind
     signature: ModalSignature | None
     motion: LinearMotion | None
     price: Price
+    notes: tuple[str, ...] = ()
 
 
 def fewest_numbers(
@@ -73,6 +77,60 @@ def fewest_numbers(
     ToleranceError
         If nothing holds it.
     """
+    chosen = _fewest(sequence, parameters, front, scene, limit, template)
+    return replace(chosen, notes=_notes_on(chosen, parameters, front, limit))
+
+
+def _notes_on(
+    chosen: Chosen, parameters: SignatureParameters, front: Front, limit: float
+) -> tuple[str, ...]:
+    """Say why a signature of the same tolerance is another model, if it is."""
+    own, signature = front.branches[0], chosen.signature
+    asked = f"the {own.topology}, {parameters.components} components"
+    asked += "" if parameters.harmonics is not None else " and the path over time as it is"
+    if signature is None:
+        return (
+            (
+                f"A signature with this tolerance takes modes of {asked}. As "
+                f"{with_article(chosen.kind)} motion, which is given here, it takes fewer numbers."
+            ),
+        )
+    found = signature.parameters
+    same = (
+        signature.surface == own.topology
+        and found.components == parameters.components
+        and found.harmonics == parameters.harmonics
+    )
+    if same:
+        return ()
+    ways = [f"modes={len(signature.modes)}", f"components={found.components}"]
+    if signature.surface != own.topology:
+        ways.append(f"topology={signature.surface}")
+    if found.harmonics is not None:
+        ways.append(f"harmonics={found.harmonics}")
+    count = ""
+    if parameters.tolerance_of != ErrorKind.MAX:
+        is_plain = parameters.tolerance_of == ErrorKind.RMS
+        held = own.counts[(own.rms if is_plain else own.weighted_rms) <= limit]
+        if len(held) and parameters.harmonics is None:
+            n = int(held[0])
+            count = f": {counted(n, 'mode')}, {front.numbers(n)} numbers"
+    return (
+        (
+            f"A signature with this tolerance keeps {asked}{count}. This one takes fewer, "
+            f"{chosen.price.numbers}; ask for it by {', '.join(ways)}."
+        ),
+    )
+
+
+def _fewest(
+    sequence: MeshSequence,
+    parameters: SignatureParameters,
+    front: Front,
+    scene: Scene,
+    limit: float,
+    template: Template | None,
+) -> Chosen:
     kind = simplest(scene, limit, parameters.tolerance_of)
     linear = _of_motion(getattr(scene, kind.value), front) if kind in NUMBERS else None
     try:

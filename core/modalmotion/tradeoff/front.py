@@ -17,6 +17,7 @@ from modalmotion.choice.plain_energies import plain_energies_of
 from modalmotion.errors import InputError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, CYLINDER, MESH, PLANE, Topology
+from modalmotion.numeric.kinds import whole
 from modalmotion.numeric.scale import root_mean_square
 from modalmotion.representation import shown
 from modalmotion.signature.making import resolve_parameters, resolve_sequence, resolve_template
@@ -124,6 +125,7 @@ def measure_front(
         If not even the sequence's own topology can be measured.
     """
     parameters = SignatureParameters() if parameters is None else parameters
+    most_modes = whole("most_modes", most_modes)
     own = resolve_sequence(sequence, parameters)
     used = resolve_template(own, resolve_parameters(own, parameters), template)
     branches, *motion = _branches(Fitter.of(own, used, parameters), most_modes, components)

@@ -60,7 +60,11 @@ def _branch(branch: Branch, front: Front) -> dict[str, Any]:
 
 def _chosen(chosen: Chosen) -> dict[str, Any]:
     signature, motion = chosen.signature, chosen.motion
-    plain: dict[str, Any] = {"kind": chosen.kind.value, "price": asdict(chosen.price)}
+    plain: dict[str, Any] = {
+        "kind": chosen.kind.value,
+        "price": asdict(chosen.price),
+        "notes": list(chosen.notes),
+    }
     if signature is not None:
         parameters = signature.parameters
         plain |= {
@@ -69,7 +73,7 @@ def _chosen(chosen: Chosen) -> dict[str, Any]:
             "modes": len(signature.modes),
             "labels": [str(label) for label in signature.modes.labels],
             "harmonics": parameters.harmonics,
-            "notes": list(signature.notes),
+            "notes": [*signature.notes, *chosen.notes],
         }
     if motion is not None:
         plain |= {"matrices": motion.matrices.tolist(), "shifts": motion.shifts.tolist()}

@@ -158,3 +158,10 @@ def test_what_does_not_fit_is_refused() -> None:
     for spacing in (0.0, -1.0, np.inf, (1.0,), (1.0, 0.0)):
         with pytest.raises(ParameterError):
             dispersion(lattice, np.zeros((1, 2)), spacing)
+
+
+def test_speeds_are_numbers_where_stiffness_over_mass_is_none() -> None:
+    usual = Lattice(PLANE, (4, 4), stiffness=(1.0, 3.0), mass=0.7)
+    far = Lattice(PLANE, (4, 4), stiffness=(2.0**600, 3.0 * 2.0**600), mass=0.7 / 2.0**600)
+    k = np.array([[0.3, 0.7], [1.0, 2.0]])
+    assert (dispersion(far, k) == dispersion(usual, k) * 2.0**600).all()

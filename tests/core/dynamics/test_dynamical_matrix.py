@@ -228,3 +228,14 @@ def test_other_wrong_input_is_refused() -> None:
     for wavenumbers in wrong:
         with pytest.raises(ShapeError):
             dynamical_matrices(POTENTIALS[0], wavenumbers)
+
+
+@pytest.mark.parametrize(
+    ("constant", "mass"), [(1e308, 1.0), (1e299, 1e-10), (1.0, 1e-310), (1e200, 1e-200)]
+)
+def test_constants_whose_frequencies_are_no_numbers_are_refused(
+    constant: float, mass: float
+) -> None:
+    K = -constant * np.eye(3)
+    with pytest.raises(ParameterError, match="beyond the largest number"):
+        HarmonicPotential(TORUS, (4, 4), {(1, 0): K, (0, 1): K}, mass)

@@ -223,3 +223,27 @@ def test_the_longest_axis() -> None:
         Lattice(CUP, (2**56 + 1, 2))
     with pytest.raises(LimitError, match="64 bits"):
         Lattice(PLANE, (2**56, 2**8)).shapes(lowest_modes(PLANE, 1), nodes=[0])
+
+
+@pytest.mark.parametrize("power", [-1000, -600, 600, 1000])
+def test_frequencies_are_right_where_stiffness_over_mass_is_no_number(power: int) -> None:
+    usual = Lattice(PLANE, (4, 4), stiffness=(1.0, 3.0), mass=0.7)
+    modes, scale = usual.all_modes(), 2.0**power
+    far = Lattice(PLANE, (4, 4), stiffness=(scale, 3.0 * scale), mass=0.7 / scale)
+    expected = usual.angular_frequencies(modes) * scale
+    assert (far.angular_frequencies(modes) == expected).all()
+
+
+def test_frequencies_of_very_different_springs() -> None:
+    lattice = Lattice(PLANE, (4, 4), stiffness=(1e-300, 1e300), mass=1e-300)
+    found = lattice.angular_frequencies(lattice.all_modes())
+    assert np.isfinite(found).all()
+    assert found.max() == pytest.approx(2e300 * np.sin(3 * np.pi / 8), rel=1e-14)
+    # What the weak springs alone make is far below the last place of the strong ones.
+    stiff = Lattice(PLANE, (4, 4), stiffness=1e308)
+    assert np.isfinite(stiff.angular_frequencies(stiff.all_modes())).all()
+
+
+def test_frequencies_beyond_the_largest_number_are_refused() -> None:
+    with pytest.raises(ParameterError, match="beyond the largest number"):
+        Lattice(PLANE, (4, 4), stiffness=1e308, mass=1e-308)

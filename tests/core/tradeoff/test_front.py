@@ -206,3 +206,28 @@ def test_a_static_scene_can_be_drawn() -> None:
     found = measure_tradeoff(still, SignatureParameters(tolerance_share=0.1))
     tradeoff_figure(found).savefig("/dev/null", format="png")
     assert found.chosen.kind == "static"
+
+
+def test_another_model_than_the_signatures_says_why(beat: MeshSequence) -> None:
+    asked = SignatureParameters(tolerance=0.8)
+    chosen = measure_tradeoff(beat, asked, with_times=False).chosen
+    own = modal_signature(beat, asked)
+    assert chosen.signature is not None
+    assert chosen.price.numbers < price_of(own).numbers
+    (note,) = chosen.notes
+    assert f"{len(own.modes)} modes, {price_of(own).numbers} numbers" in note
+    # The way that it names leads to the model.
+    ways = dict(way.split("=") for way in note.rsplit("ask for it by ", 1)[1][:-1].split(", "))
+    counts = {name: int(value) for name, value in ways.items() if value.isdigit()}
+    again = modal_signature(beat, SignatureParameters(**{**ways, **counts}))  # type: ignore[arg-type]
+    assert (again.amplitudes == chosen.signature.amplitudes).all()
+    assert note in as_plain(measure_tradeoff(beat, asked, with_times=False))["chosen"]["notes"]
+
+
+def test_the_same_model_says_nothing(beat: MeshSequence) -> None:
+    asked = SignatureParameters(tolerance=0.8, topology="cup", harmonics=3)
+    found = measure_tradeoff(beat, asked, components=(asked.components,), with_times=False)
+    assert found.chosen.notes == ()
+    assert found.chosen.signature is not None
+    own = modal_signature(beat, asked)
+    assert (own.amplitudes == found.chosen.signature.amplitudes).all()

@@ -18,7 +18,7 @@ from modalmotion.formats.frames.frame import Frame
 from modalmotion.formats.frames.merge import MergeMap, merge_corners
 from modalmotion.formats.result import Reading
 from modalmotion.limits import ReadLimits
-from modalmotion.mesh.checks import FloatArray
+from modalmotion.mesh.checks import FloatArray, given_up
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.mesh.sequence import mesh_sequence
 
@@ -101,7 +101,7 @@ class FrameStack:
             vertices, ordered, done = in_time_order(self._vertices, list(times))
             notes += done
         sequence = mesh_sequence(
-            vertices,
+            given_up(vertices),
             self._faces,
             grid=_grid(first.stated("grid")),
             topology=first.stated("topology"),

@@ -18,6 +18,7 @@ from modalmotion.formats.gltf.meshes import MorphMesh, read_morph_mesh
 from modalmotion.formats.gltf.scene import Chain, MeshNode, mesh_nodes, transforms_at
 from modalmotion.formats.result import Reading, Source
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
+from modalmotion.mesh.checks import given_up
 from modalmotion.mesh.sequence import mesh_sequence
 
 OURS: Final = "modalmotion"
@@ -107,7 +108,7 @@ def _read(container: Container, animation: str | None, limits: ReadLimits) -> Re
     is_timed = bool(channels) and "times_unknown" not in ours
     start = ours.get("start_time", 0.0)
     sequence = mesh_sequence(
-        np.concatenate(pieces, axis=1),
+        given_up(np.concatenate(pieces, axis=1)),
         np.concatenate(faces),
         grid=ours.get("grid"),
         topology=_text(ours, "topology"),
