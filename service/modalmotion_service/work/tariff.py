@@ -12,7 +12,12 @@ from modalmotion.errors import InputError
 from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion.formats.detect import Format, detect_format
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.tradeoff.predicted_time import reading_seconds, signature_seconds
+from modalmotion.tradeoff.predicted_time import (
+    most_modes,
+    reading_seconds,
+    signature_seconds,
+    spring_seconds,
+)
 from modalmotion_service.http.negotiation import PNG
 from modalmotion_service.schemas import EncodingTarget, ModesQuery
 from modalmotion_service.work.tasks import (
@@ -66,7 +71,9 @@ class Tariff:
         """Give the terms of a task with these arguments."""
         rule = _RULES.get(task)
         price = math.inf if rule is None else rule(args)
-        return Terms(self._owner, price, max(self._least_seconds, self._factor * price))
+        # Of a surface that turns out to have no natural coordinates.
+        dear = price + spring_seconds(_bytes(args), _modes_of(args))
+        return Terms(self._owner, price, max(self._least_seconds, self._factor * dear))
 
 
 def _bytes(args: Iterable[Any]) -> int:
@@ -78,6 +85,17 @@ def _bytes(args: Iterable[Any]) -> int:
             with contextlib.suppress(OSError):
                 size += path.stat().st_size
     return size
+
+
+def _modes_of(args: Iterable[Any]) -> int:
+    """Most modes that are fitted; 0 where there is no fit."""
+    modes = 0
+    for one in args:
+        if isinstance(one, SignatureParameters):
+            modes = max(modes, most_modes(one))
+        elif isinstance(one, ModesQuery):
+            modes = max(modes, one.modes)
+    return modes
 
 
 def _format(upload: Upload) -> Format | None:
