@@ -77,6 +77,7 @@ def costly_requests(service: RunningService, key: str, n: int) -> Iterator[None]
             with contextlib.suppress(OSError, http.client.HTTPException, ValueError):
                 connection.request("POST", COSTLY, body, {"X-API-Key": key})
                 connection.getresponse().read()
+            connection.close()
 
     threads = [threading.Thread(target=send, daemon=True) for _ in range(n)]
     for thread in threads:

@@ -42,6 +42,9 @@ _LEAST_LOOK_SECONDS: Final = 0.02
 # Freed memory that a worker keeps: a signature of 1 MB needs 4 MB for a moment.
 _KEPT_BYTES: Final = 8 << 20
 
+# A third of a core's share beside what is as usual: less starves workers on a machine with others.
+_NICENESS: Final = 5
+
 _PREFIX: Final = 8
 _PIECE: Final = 1 << 20
 _READY: Final = b"ready"
@@ -269,6 +272,7 @@ def _work(ours: socket.socket, memory_bytes: int, is_batch: bool) -> None:
     if is_batch:
         with contextlib.suppress(OSError, AttributeError):
             os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+        os.nice(_NICENESS)
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     keep_freed_memory(_KEPT_BYTES)
     # The server decides when its workers end, not a Ctrl-C that reaches the whole group.
