@@ -185,7 +185,7 @@ class _Run:
             names = [entry.path, entry.subject or "", entry.label or ""]
             done = self._done.get(entry.path)
             if done is None:
-                writer.writerow([*names, "", "", "", "", self.failures.get(entry.path, "")])
+                writer.writerow([*names, "", "", "", "", "", self.failures.get(entry.path, "")])
                 continue
             signature = self._store.signature_path(done.sequence_id, self._keys[entry.path])
             file = signature.relative_to(self._store.root).as_posix()

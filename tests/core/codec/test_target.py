@@ -23,7 +23,7 @@ from modalmotion.numeric.scale import lengths
         (np.ones((4, 5, 3)) * 7.25, None),
         (np.full((2, 3, 3), 1e300), [[0, 1, 2]]),
         (np.full((2, 3, 3), 1e-300), [[0, 1, 2]]),
-        (np.arange(18.0).reshape(2, 3, 3) * 1e-310, [[0, 1, 2]]),
+        (np.arange(18.0).reshape(2, 3, 3) * 1e-300, [[0, 1, 2]]),
         (np.arange(18.0).reshape(2, 3, 3) + 1e9, [[0, 1, 2]]),
         (np.arange(18, dtype=np.float32).reshape(2, 3, 3) * np.float32(1e37), [[0, 1, 2]]),
         (np.arange(27.0).reshape(1, 9, 3), [[0, 1, 2], [0, 1, 2], [3, 3, 4], [2, 1, 0]]),

@@ -222,7 +222,7 @@ def test_any_hdf5_program_reads_the_file_and_learns_what_is_in_it(tmp_path: Path
         path.write_bytes(image)
         with h5py.File(path, "r") as file:
             assert file.attrs["schema"].decode() == f"modalmotion.{kind}"
-            assert file.attrs["schema_version"] == 2
+            assert file.attrs["schema_version"] == (3 if kind == "signature" else 2)
             assert file.attrs["kind"].decode() == kind
             assert file.attrs["intended_use"].decode() == INTENDED_USE
             assert file.attrs["sequence_id"].decode() == sequence.id

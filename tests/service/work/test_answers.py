@@ -229,7 +229,7 @@ def test_a_hostile_worker_runs_nothing_here(
 ) -> None:
     payload = pickle.dumps(Hostile(tmp_path / "mark"))
 
-    def begun(theirs: socket.socket, memory_bytes: int) -> HostileWorker:
+    def begun(theirs: socket.socket, memory_bytes: int, is_batch: bool) -> HostileWorker:
         worker = HostileWorker(payload)
         worker.serve(theirs.dup())
         return worker

@@ -49,8 +49,10 @@ def open_engine(
     from modalmotion_service.work.dask.executor import DaskExecutor
 
     cluster: DaskCluster = request.getfixturevalue("dask_cluster")
-    folder = tmp_path_factory.mktemp("shared")
-    return lambda task_seconds: DaskExecutor(cluster.address, folder, task_seconds, MEMORY)
+    # Each has a folder of its own, as each service has.
+    return lambda task_seconds: DaskExecutor(
+        cluster.address, tmp_path_factory.mktemp("shared"), task_seconds, MEMORY
+    )
 
 
 @pytest.fixture(scope="module")

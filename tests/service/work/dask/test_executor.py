@@ -257,7 +257,7 @@ class BadError(Exception):
     def __reduce__(self):
         return Bomb().__reduce__()
 
-def answer(payload, limits, mark):
+def answer(payload, limits, mark, terms):
     if b"getpid" in payload:
         raise BadError
     return Bomb()

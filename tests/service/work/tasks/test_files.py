@@ -12,6 +12,7 @@ from access_parts import guarded
 
 from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.work.tasks.files import whole_file, write_whole
+from modalmotion_service.work.terms import Terms
 
 
 def test_a_file_is_whole_or_not_there(tmp_path: Path) -> None:
@@ -39,16 +40,16 @@ def die_while_writing(path: Path) -> None:
 def test_nothing_stays_of_a_worker_that_died(
     tmp_path: Path, call: str, beat: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    submit = WorkerPool.submit
+    submit = WorkerPool.submit_for
 
-    def dying(pool: WorkerPool, task: Any, *args: Any) -> Future[Any]:
+    def dying(pool: WorkerPool, terms: Terms, task: Any, *args: Any) -> Future[Any]:
         (path,) = [arg for arg in args if isinstance(arg, Path) and not arg.exists()][:1]
-        return submit(pool, die_while_writing, path)
+        return submit(pool, terms, die_while_writing, path)
 
     with guarded(tmp_path) as service:
         made = service.ask("lab", "POST", "/v1/sequences", content=beat).headers["location"]
         with monkeypatch.context() as patch:
-            patch.setattr(WorkerPool, "submit", dying)
+            patch.setattr(WorkerPool, "submit_for", dying)
             what = "signature" if call == "image" else "encoded?rms=0.5"
             answer = service.ask("lab", "GET", f"{made}/{what}")
             assert answer.json()["code"] == "worker_died"
