@@ -40,7 +40,9 @@ def test_other_parameters_are_as_if_asked_at_first(
     assert (other.fit(basis).rotations.matrices == one.rotations.matrices).all()
 
 
-@pytest.mark.parametrize("way", [{}, {"auto": True}, {"tolerance_share": 0.1}])
+@pytest.mark.parametrize(
+    "way", [{}, pytest.param({"auto": True}, marks=pytest.mark.soak), {"tolerance_share": 0.1}]
+)
 def test_a_signature_centres_its_sequence_once(
     heart: Moving, way: dict[str, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:

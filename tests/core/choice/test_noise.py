@@ -81,7 +81,7 @@ def test_rounding_is_the_least_noise_there_is() -> None:
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("noise", [0.2, 1.0])
+@pytest.mark.parametrize("noise", [0.2, pytest.param(1.0, marks=pytest.mark.soak)])
 def test_the_choice_is_near_the_best_count(size: dict[str, Any], noise: float) -> None:
     noisy, clean = pair(size, noise, seed=9)
     by_position, by_displacement = ratios(noisy, clean)
@@ -130,7 +130,9 @@ def is_right(noise: Noise, sigma: float) -> bool:
 
 
 @pytest.mark.parametrize(("mixed", "correlation"), KINDS)
-@pytest.mark.parametrize("size", SURFACES)
+@pytest.mark.parametrize(
+    "size", [SURFACES[0], *(pytest.param(one, marks=pytest.mark.soak) for one in SURFACES[1:])]
+)
 def test_level_and_correlation_are_found_together(
     size: dict[str, Any], mixed: int, correlation: float
 ) -> None:
@@ -142,7 +144,10 @@ def test_level_and_correlation_are_found_together(
     assert noise.between_neighbours == pytest.approx(beside, abs=0.08)
 
 
-@pytest.mark.parametrize(("mixed", "correlation"), KINDS)
+@pytest.mark.parametrize(
+    ("mixed", "correlation"),
+    [one if one == (5, 0.0) else pytest.param(*one, marks=pytest.mark.soak) for one in KINDS],
+)
 def test_smooth_noise_is_not_modelled(mixed: int, correlation: float) -> None:
     rng = np.random.default_rng(5)
     n_kept = n_best = 0

@@ -81,7 +81,9 @@ def square_modes(n: int) -> ModeSet:
     return ModeSet.of(CUP, labels)
 
 
-@pytest.mark.parametrize("n", [8, 12, 16, 20, 24, 28])
+@pytest.mark.parametrize(
+    "n", [8, 12, 16, 20, *(pytest.param(n, marks=pytest.mark.soak) for n in (24, 28))]
+)
 def test_number_of_modes_towards_number_of_vertices(n: int) -> None:
     rng = np.random.default_rng(0)
     coordinates = np.stack([np.sqrt(rng.random(1572)), rng.random(1572)], axis=1)

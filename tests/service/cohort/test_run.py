@@ -258,6 +258,7 @@ def test_500_sequences_survive_the_end_of_the_command(tmp_path: Path) -> None:
     kill_and_go_on(tmp_path, 500)
 
 
+@pytest.mark.soak
 def test_a_scheduler_that_stays_away_ends_the_cohort_and_it_resumes(
     own_cluster: DaskCluster, tmp_path: Path
 ) -> None:

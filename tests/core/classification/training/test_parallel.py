@@ -134,6 +134,7 @@ def test_a_task_of_training_says_that_the_scheduler_is_lost(tmp_path: Path) -> N
         _on_workers(lambda: pytest.fail("not reached"), address, connect_seconds=0.5)
 
 
+@pytest.mark.soak
 def test_a_scheduler_lost_in_the_middle_of_a_training_is_told(
     cases: list[CaseFile], tmp_path: Path
 ) -> None:

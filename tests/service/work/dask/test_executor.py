@@ -228,19 +228,24 @@ def test_a_stopped_worker_is_not_ready_and_its_work_goes_to_others(
             own_cluster.workers[1].send_signal(signal.SIGCONT)
 
 
+@pytest.mark.parametrize(
+    "number", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.soak)]
+)
 def test_a_bridge_that_ends_or_stops_is_replaced(
-    dask_cluster: DaskCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    number: signal.Signals,
+    dask_cluster: DaskCluster,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("modalmotion_service.work.dask.executor._SILENT_SECONDS", 10.0)
     with DaskExecutor(dask_cluster.address, tmp_path, 60.0, MEMORY) as engine:
-        for number in (signal.SIGKILL, signal.SIGSTOP):
-            stuck = engine.submit(hang)
-            assert engine.bridge is not None
-            engine.bridge.send_signal(number)
-            assert isinstance(stuck.exception(timeout=60), ClusterError)
-            assert isinstance(engine.submit(abs, -1).exception(timeout=60), ClusterError)
-            until(lambda: is_ready(engine))
-            assert engine.submit(abs, -1).result(timeout=60) == 1
+        stuck = engine.submit(hang)
+        assert engine.bridge is not None
+        engine.bridge.send_signal(number)
+        assert isinstance(stuck.exception(timeout=60), ClusterError)
+        assert isinstance(engine.submit(abs, -1).exception(timeout=60), ClusterError)
+        until(lambda: is_ready(engine))
+        assert engine.submit(abs, -1).result(timeout=60) == 1
 
 
 HOSTILE = """
@@ -287,6 +292,7 @@ def test_a_hostile_worker_runs_no_code_in_the_service(
     assert str(os.getpid()) not in pids.read_text().split()
 
 
+@pytest.mark.soak
 def test_the_service_waits_for_a_scheduler_that_returns(
     own_cluster: DaskCluster, tmp_path: Path, beat: bytes
 ) -> None:
