@@ -32,8 +32,9 @@ demo: $(VENV)/.run
 serve: $(VENV)/.run
 	$(BIN)/modalmotion serve
 
+# One thread for each of the two: threads of both would wait for one another.
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not soak"
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup -m "not soak"
 
 check: $(VENV)/.dev
 	$(BIN)/ruff format --check .
