@@ -75,6 +75,8 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         Log loss of the cases left out, nats; NaN for "svm" and "forest".
     losses_ : (cases,) float64
         The same of each case, with its weight.
+    held_out_ : (cases, classes) float64
+        Log probabilities, up to a constant, of the cases left out; NaN for "svm" and "forest".
     blend_ : Blend or None
         All of it as plain arrays; None for "svm" and "forest".
     """
@@ -121,6 +123,7 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.blend_: Blend | None = None
         self.loss_ = float("nan")
         self.losses_ = np.full(len(y), np.nan)
+        self.held_out_ = np.full((len(y), len(self.classes_)), np.nan)
         if self.kind in ("svm", "forest"):
             self.kind_ = self.kind
             self._fit_machine(z, place, dict(enumerate(per_class.tolist())))
@@ -166,15 +169,16 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             choices = {}
         if len(fitted) == 2:
             choices["blend"] = list(fitted.values())
-        candidates: list[tuple[float, str, float, Array]] = []
+        candidates: list[tuple[float, str, float, Array, Array]] = []
         for kind, parts in choices.items():
             shares = [softmax(part.held_out / part.scorer.temperature) for part in parts]
             logs = blended(shares)
             temperature = fit_temperature(logs, y, weights)
             losses = case_losses(logs / temperature, y) * weights / weights.mean()
-            candidates.append((float(losses.mean()), kind, temperature, losses))
+            held_out = logs / temperature
+            candidates.append((float(losses.mean()), kind, temperature, losses, held_out))
         # A loss may be infinite where a held-out class has no share left.
-        self.loss_, self.kind_, temperature, self.losses_ = min(
+        self.loss_, self.kind_, temperature, self.losses_, self.held_out_ = min(
             candidates, key=lambda candidate: candidate[0]
         )
         scorers = tuple(part.scorer for part in choices[self.kind_])
