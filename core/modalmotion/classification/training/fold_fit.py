@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,17 +118,36 @@ def _fit(
     return FoldFit(reader, values, X, estimator, estimator.classes_, centre, scale)
 
 
+class HeldOut(NamedTuple):
+    """Answers of one fold to the cases that took no part in its fit.
+
+    Parameters
+    ----------
+    probabilities : (cases, classes) float64
+    distances : (cases,) float64
+        From the nearest class.
+    choices : tuple of (str, float)
+        The choices of features that the fold made, in words, and their weights; these sum to 1.
+    """
+
+    probabilities: NDArray[np.float64]
+    distances: NDArray[np.float64]
+    choices: tuple[tuple[str, float], ...]
+
+
 def predict_fold(
     table: CaseTable,
     inner: NDArray[np.int64],
     outer: NDArray[np.int64],
     options: TrainingOptions,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Probabilities of cases that took no part in a fit, and their distances from it."""
+) -> HeldOut:
+    """Fit to some cases and predict others."""
     fold = fit_rows(table, inner, options)
     readings, distances = fit_domain(table, inner).nearest(outer)
     X = fold.read_as(outer, readings)
-    return fold.probabilities(X, len(table.classes)), distances
+    return HeldOut(
+        fold.probabilities(X, len(table.classes)), distances, ((fold.reader.description, 1.0),)
+    )
 
 
 def _standards(X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

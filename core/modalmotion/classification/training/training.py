@@ -92,7 +92,8 @@ def train(
     results = Parallel(return_as="generator", batch_size=1)(works)
     for k, (_, outer) in enumerate(splits.folds):
         report(0.4 + 0.5 * k / (len(splits.folds) + 1), f"fold {k + 1} of {len(splits.folds)}")
-        probabilities[outer], distances[outer] = next(results)
+        held_out = next(results)
+        probabilities[outer], distances[outer] = held_out.probabilities, held_out.distances
     report(0.4 + 0.5 * len(splits.folds) / (len(splits.folds) + 1), "all cases")
     fitted = next(results)
     model = _model(table, fitted, name, probabilities, distances, bool(splits.folds), options)
