@@ -207,14 +207,15 @@ def _zero_is_known(signature: ModalSignature) -> bool:
 
 def _read(signature: ModalSignature, model: Model) -> _Reading:
     """Features in the reading that is nearest to what the model knows."""
-    features = model.reader.read(signature)
-    distances = model.distance(features.kinds)
+    seen = model.domain.reader.read(signature)
+    distances = model.distance(seen.kinds)
     nearest = int(distances.argmin())
+    features = model.reader.read(signature)
     return _Reading(
-        values=features.values[nearest],
+        values=features.values[nearest if len(features.values) > 1 else 0],
         columns=features.columns,
-        is_mirrored=len(features.values) > 1 and READINGS[nearest].is_mirrored,
-        refusal=_refusal(features, float(distances[nearest]), model),
+        is_mirrored=len(seen.values) > 1 and READINGS[nearest].is_mirrored,
+        refusal=_refusal(seen, float(distances[nearest]), model),
     )
 
 

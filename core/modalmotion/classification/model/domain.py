@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.classification.features import FeatureReader
 from modalmotion.representation import shown
 
 # Shares of the least motion and smoothness in training that a case must reach; and the highest
@@ -29,8 +30,12 @@ _MARGIN: Final = 1.5
 class Domain:
     """Where the training cases lie.
 
+    It has a reader of its own, so that it does not depend on the features that tell classes apart.
+
     Parameters
     ----------
+    reader : FeatureReader
+        Of its columns; without a typical motion.
     means : (classes, columns) float64
         Of what motions are like and how large they are: see `kind_of`.
     whitening : (columns, columns) float64
@@ -44,6 +49,7 @@ class Domain:
         Smooth share below which a motion is noise.
     """
 
+    reader: FeatureReader
     means: NDArray[np.float64]
     whitening: NDArray[np.float64]
     limit: float

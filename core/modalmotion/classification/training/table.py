@@ -25,7 +25,11 @@ from modalmotion.classification.training.case_groups import group_cases
 from modalmotion.classification.training.case_reading import ReadCase, read_cases, require_alike
 from modalmotion.classification.training.case_row import CaseRow
 from modalmotion.classification.training.cases import AnyCase
-from modalmotion.classification.training.feature_choices import feature_choices, tells_walls
+from modalmotion.classification.training.feature_choices import (
+    domain_reader,
+    feature_choices,
+    tells_walls,
+)
 from modalmotion.errors import ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.signature.making import ModalSignature, SignatureParameters
@@ -44,6 +48,8 @@ class CaseTable:
     example : ModalSignature
         One of them, for its modes.
     readable : Readable
+    domain_reader : FeatureReader
+        Of the domain, whichever choice of features is made.
     readers : tuple of FeatureReader
         Choices of features that may be tried, without a typical motion yet.
     classes : tuple of str
@@ -66,6 +72,7 @@ class CaseTable:
 
     example: ModalSignature
     readable: Readable
+    domain_reader: FeatureReader
     readers: tuple[FeatureReader, ...]
     classes: tuple[str, ...]
     y: NDArray[np.int64]
@@ -247,6 +254,7 @@ def _table(
             connectivity_id=example.modes.connectivity_id,
             parameters=parameters,
         ),
+        domain_reader=domain_reader(readers),
         readers=readers,
         classes=classes,
         y=np.array([classes.index(row.label) for row in rows]),

@@ -202,7 +202,8 @@ def test_an_explanation_names_the_modes_that_move_the_answer() -> None:
     # features of several modes, which belong to none.
     linear = model.blend.scorers[0]
     read = model.reader.read(signature)
-    z = model.blend.standardised(read.values[model.distance(read.kinds).argmin()])
+    nearest = model.distance(model.domain.reader.read(signature).kinds).argmin()
+    z = model.blend.standardised(read.values[nearest])
     first, second = np.argsort(-found.probabilities)[:2]
     parts = [{place[label] for label in part.modes} for part in found.explanation]
     told = np.array([any(set(c.modes) <= part for part in parts) for c in model.columns])
