@@ -22,7 +22,7 @@ def test_further_columns_are_covariates_beside_the_facts() -> None:
         "sex": "f",
         "bsa (m^2)": "1.9",
     }
-    covariates = {"Pulse": 61, "age": 61.5, "sex": "f", "bsa (m^2)": 1.9}
+    covariates: dict[str, float | str] = {"Pulse": 61, "age": 61.5, "sex": "f", "bsa (m^2)": 1.9}
     assert facts_in(row) == Facts(tracking="offset", covariates=covariates)
 
 
