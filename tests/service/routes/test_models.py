@@ -367,3 +367,10 @@ def test_covariates_of_a_training_are_the_sequences_own_and_those_stated(
     write_cases(file, cases)
     assert read_cases(file.path) == cases
     file.remove()
+
+
+def test_weights_of_a_class_that_no_sequence_has_are_refused_at_once(trained: Trained) -> None:
+    request = {"name": "weights", "sequences": trained.ids, "options": {"class_weights": {"no": 1}}}
+    answer = trained.client.post("/v1/models", json=request)
+    assert (answer.status_code, answer.json()["code"]) == (422, "bad_parameter")
+    assert "normal" in answer.json()["remedy"]

@@ -199,6 +199,7 @@ def collect(
             remedy="Give cases of at least two classes.",
             details={"classes": list(classes)},
         )
+    options.require_classes(classes)
     notes = [f"{n_same} cases came twice and counted once."] if n_same else []
     return _table(rows, classes, example, topologies, options, notes)
 
