@@ -46,7 +46,8 @@ def shrunk_solution(
     floor = (share + _LEAST) * mean
     scale = (1.0 - share) / n
     if scale == 0.0:
-        return right / floor
+        nearest: NDArray[np.float64] = right / floor
+        return nearest
     if d <= n:
         S = scale * (residuals.T @ residuals)
         S[np.diag_indices_from(S)] += floor

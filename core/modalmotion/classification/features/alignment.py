@@ -20,7 +20,8 @@ Coefficients = NDArray[np.complex128]
 
 def align(motion: Coefficients, onto: Coefficients, *, is_cycle: bool) -> Coefficients:
     """Turn a motion, and start it, so that it is nearest to another: see `align_all`."""
-    return align_all(motion[None], onto, is_cycle=is_cycle)[0]
+    turned: Coefficients = align_all(motion[None], onto, is_cycle=is_cycle)[0]
+    return turned
 
 
 def align_all(motions: Coefficients, onto: Coefficients, *, is_cycle: bool) -> Coefficients:
@@ -78,7 +79,7 @@ def mean_motion(motions: list[Coefficients], *, is_cycle: bool) -> Coefficients:
     """
     sizes = np.array([np.linalg.norm(m) for m in motions])
     units = np.stack(motions) / np.where(sizes > 0, sizes, 1.0)[:, None, None, None]
-    mean = units[int(np.argsort(sizes, kind="stable")[len(sizes) // 2])]
+    mean: Coefficients = units[int(np.argsort(sizes, kind="stable")[len(sizes) // 2])]
     for _ in range(_N_ROUNDS):
         mean = align_all(units, mean, is_cycle=is_cycle).mean(axis=0)
     return mean
