@@ -258,7 +258,7 @@ def _have_a_fork_server() -> None:
             socket.send_fds(ours, [message], names)
         return ready.pop()
 
-    util.spawnv_passfds = spawn
+    util.spawnv_passfds = spawn  # type: ignore[assignment]
 
 
 def _become_fork_server(link: socket.socket) -> None:
