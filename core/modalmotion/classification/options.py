@@ -19,6 +19,12 @@ from modalmotion.signature.making import MOST_MODES, SignatureParameters
 MOST_FOLDS: Final = 20
 MOST_HARMONICS: Final = 8
 
+MODE_COUNTS: Final = (7, 12, 18)
+"""Numbers of modes that training weighs, where none is stated."""
+
+FEWER_MODES: Final = (12, 10, 7, 4, 2, 1)
+"""Numbers of modes that are tried where a recording has too few vertices for the largest."""
+
 
 class Estimator(StrEnum):
     """Kind of estimator of scores from features; `AUTO` chooses inside the training folds."""
@@ -68,8 +74,9 @@ class TrainingOptions:
 
     Parameters
     ----------
-    modes : int
-        Of the signatures; see `SignatureParameters`.
+    modes : int or None
+        Of the signatures; see `SignatureParameters`. Features of the first 7 and 12 of them are
+        weighed, too. None for 18, or as many as every recording can tell apart.
     topology : str or None
         Of the signatures: None lets the cases decide, all together. "mesh" for spring modes.
     harmonics : int
@@ -86,6 +93,9 @@ class TrainingOptions:
         Level that the card reports class sets at; every answer may ask for another.
     known_share : float
         Share of cases like the training ones that the domain is to hold.
+    further : bool
+        Whether size, rest shape, volume curve and covariates may be read beside the motion, where
+        each class has several subjects and cases left out gain by it.
     seed : int
 
     Raises
@@ -94,7 +104,7 @@ class TrainingOptions:
         If one is out of range.
     """
 
-    modes: int = 7
+    modes: int | None = None
     topology: str | None = None
     harmonics: int = 2
     timing: Timing | str = Timing.AUTO
@@ -105,6 +115,7 @@ class TrainingOptions:
     folds: int = 5
     coverage: float = 0.9
     known_share: float = 0.995
+    further: bool = True
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -122,6 +133,8 @@ class TrainingOptions:
             ("seed", 0, 2**32 - 1),
         ):
             value = getattr(self, name)
+            if name == "modes" and value is None:
+                continue
             if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
                 raise ParameterError(
                     f"The option '{name}' is {value!r}.",
@@ -174,7 +187,10 @@ class TrainingOptions:
 
         From the mean shape, for the shape of one frame depends on where a recording starts.
         """
-        return SignatureParameters(modes=self.modes, reference=MEAN, topology=self.topology)
+        modes = max(MODE_COUNTS) if self.modes is None else self.modes
+        return SignatureParameters(
+            modes=modes, reference=MEAN, topology=self.topology, volumes=self.further
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Return the options as JSON-able values."""

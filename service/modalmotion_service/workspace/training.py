@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.classification import TrainingOptions
+from modalmotion.classification.options import FEWER_MODES
 from modalmotion.errors import (
     ModalMotionError,
     ModeCountError,
@@ -128,14 +129,24 @@ class Trainer:
                 except ModalMotionError as error:
                     raise self._about(error, error.details.get("sequence_id")) from error
 
+            async def train_with_most(asked: SignatureParameters) -> None:
+                # As many modes as every recording can tell apart.
+                fewer = FEWER_MODES if options.modes is None else ()
+                for modes in fewer:
+                    try:
+                        return await train_with(asked)
+                    except ModeCountError:
+                        asked = replace(asked, modes=modes)
+                return await train_with(asked)
+
             try:
-                await train_with(parameters)
+                await train_with_most(parameters)
             except UnlikeCasesError as unlike:
                 # As `collect_in_one_basis` does it where the sequences are at hand.
                 if options.topology is not None:
                     raise
                 try:
-                    await train_with(replace(parameters, closed_form=False))
+                    await train_with_most(replace(parameters, closed_form=False))
                 except (UnlikeCasesError, TopologyError, ModeCountError):
                     raise unlike from None
             return await asyncio.to_thread(self._store.put_model_image, image)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from modalmotion.classification.options import TrainingOptions
+from modalmotion.classification.options import FEWER_MODES, TrainingOptions
 from modalmotion.classification.training.case_row import CaseRow, case_row
 from modalmotion.classification.training.cases import AnyCase, TrainingCase
 from modalmotion.errors import ParameterError, UnlikeCasesError
@@ -33,6 +33,8 @@ class ReadCase:
     modes : Modes
     signature : ModalSignature or None
         Of the first case only.
+    is_fitted : bool
+        Whether it came as a sequence.
     """
 
     row: CaseRow
@@ -41,6 +43,7 @@ class ReadCase:
     parameters: SignatureParameters
     modes: Modes
     signature: ModalSignature | None
+    is_fitted: bool
 
 
 def read_cases(
@@ -79,7 +82,7 @@ def _read_piece(
     results = []
     for number, source in piece:
         read = source if isinstance(source, TrainingCase) else source.read()
-        case = read.fitted(parameters)
+        case = read.fitted(parameters, FEWER_MODES if options.modes is None else ())
         require_usable(case, number, options)
         signature = case.signature
         results.append(
@@ -90,6 +93,7 @@ def _read_piece(
                 signature.parameters,
                 signature.modes,
                 None if number else signature,
+                read is not case,
             )
         )
     return results
@@ -117,7 +121,10 @@ def require_usable(case: TrainingCase, number: int, options: TrainingOptions) ->
             remedy="Leave it out.",
             details={"case": number, "sequence_id": signature.sequence_id},
         )
-    if options.modes not in (signature.parameters.modes, len(signature.modes)):
+    if options.modes is not None and options.modes not in (
+        signature.parameters.modes,
+        len(signature.modes),
+    ):
         raise ParameterError(
             f"{called} has {len(signature.modes)} modes, but the options say {options.modes}.",
             remedy=f"Fit the signatures with modes={options.modes}.",
@@ -134,13 +141,15 @@ def require_alike(case: ReadCase, example: ReadCase, number: int) -> None:
         Naming the case.
     """
     called = case.name or str(number)
+    # Where recordings were fitted here, as many modes are read as all of them have.
+    fits = case.is_fitted and example.is_fitted
     a, b = case.parameters, example.parameters
     same = (
         a.weights == b.weights
         and a.remove_rotation == b.remove_rotation
         and a.components == b.components
         and (a.reference == MEAN) == (b.reference == MEAN)
-        and len(case.modes) == len(example.modes)
+        and (fits or len(case.modes) == len(example.modes))
         and (case.modes.topology is None) == (example.modes.topology is None)
     )
     if same and case.modes.connectivity_id != example.modes.connectivity_id:

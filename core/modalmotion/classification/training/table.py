@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from modalmotion.classification.features import (
     Column,
     FeatureReader,
-    MotionTerms,
+    Further,
+    covariate_columns,
     kind_of,
     mean_motion,
     powers_of,
@@ -23,7 +24,7 @@ from modalmotion.classification.model.model import Readable
 from modalmotion.classification.options import PoseOf, TrainingOptions
 from modalmotion.classification.training.case_groups import group_cases
 from modalmotion.classification.training.case_reading import ReadCase, read_cases, require_alike
-from modalmotion.classification.training.case_row import CaseRow
+from modalmotion.classification.training.case_row import CaseRow, FurtherKey, TermsKey
 from modalmotion.classification.training.cases import AnyCase
 from modalmotion.classification.training.feature_choices import (
     domain_reader,
@@ -32,6 +33,7 @@ from modalmotion.classification.training.feature_choices import (
 )
 from modalmotion.errors import ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MEAN
+from modalmotion.signature.first_modes import first_modes
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.template import GivenLandmarks
 
@@ -59,14 +61,8 @@ class CaseTable:
     subjects : tuple of str
     hash : str
         sha256 in hex of ids, labels and subjects, in any order.
-    values : (cases, readings, features) float64
-        About an axis; else empty.
-    motions : mapping of bool to tuple of MotionTerms
-        Where modes are read as they are: as cycles, under True, and as courses.
-    about_axis : (cases, 2) float64
-        Size and smooth share of each motion, about an axis; else empty.
-    covariates : tuple of mapping of str to (float or str)
-        Of each case, as its sender states them; what is unknown is missing.
+    rows : tuple of CaseRow
+        What was read of each case.
     notes : tuple of str
     """
 
@@ -79,12 +75,9 @@ class CaseTable:
     groups: NDArray[np.int64]
     subjects: tuple[str, ...]
     hash: str
-    values: NDArray[np.float64]
-    about_axis: NDArray[np.float64]
-    motions: Mapping[bool, tuple[MotionTerms, ...]]
-    covariates: tuple[Mapping[str, float | str], ...]
+    rows: tuple[CaseRow, ...]
     notes: tuple[str, ...]
-    _cache: dict[FeatureReader, NDArray[np.float64]] = field(default_factory=dict, repr=False)
+    _cache: dict[tuple[object, ...], NDArray[np.float64]] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return len(self.y)
@@ -92,37 +85,54 @@ class CaseTable:
     def fitted(
         self, reader: FeatureReader, rows: NDArray[np.int64], pose: PoseOf | str
     ) -> FeatureReader:
-        """Give the reader the typical motion of some cases."""
+        """Give the reader what it learns from some cases: typical motion and covariates."""
+        if Further.COVARIATES in reader.further:
+            learnt = covariate_columns([self.rows[i].covariates for i in rows])
+            reader = replace(reader, covariates=learnt)
         if reader.typical is None or pose == PoseOf.FIXED:
             return reader
         sample = rows[:: -(-len(rows) // _MOST_TYPICAL)]
-        motions = [self.motions[reader.is_cycle][i].terms for i in sample]
+        motions = [self.rows[i].terms[_terms_key(reader)].terms for i in sample]
         return replace(reader, typical=mean_motion(motions, is_cycle=reader.is_cycle))
 
     def features(self, reader: FeatureReader) -> NDArray[np.float64]:
         """Features of all cases, (cases, readings, features) float64."""
-        if reader.has_axis and not reader.adds_modes:
-            return self.values
+        parts = []
+        if reader.reads_motion:
+            parts.append(self._motion(reader))
+        for kind in reader.further:
+            if kind == Further.COVARIATES:
+                values = [reader.covariate_values(row.covariates) for row in self.rows]
+            else:
+                key = FurtherKey(kind, reader.n_modes, reader.is_cycle, reader.walls)
+                values = [row.further[key] for row in self.rows]
+            parts.append(np.array(values)[:, None])
+        n_readings = max(part.shape[1] for part in parts)
+        return np.concatenate(
+            [np.broadcast_to(p, (len(p), n_readings, p.shape[2])) for p in parts], axis=2
+        )
+
+    def _motion(self, reader: FeatureReader) -> NDArray[np.float64]:
+        if reader.has_axis:
+            return np.array([row.axis[reader.n_modes, reader.walls].values for row in self.rows])
         if reader.typical is not None:
             return self._modes(reader)
         # The same in all folds.
-        if reader not in self._cache:
-            modes = self._modes(reader)
-            if reader.has_axis:
-                repeated = np.repeat(modes, self.values.shape[1], axis=1)
-                modes = np.concatenate([self.values, repeated], axis=2)
-            self._cache[reader] = modes
-        return self._cache[reader]
+        key = (reader.n_modes, reader.is_cycle, reader.n_harmonics, reader.walls, reader.is_brief)
+        if key not in self._cache:
+            self._cache[key] = self._modes(reader)
+        return self._cache[key]
 
     def _modes(self, reader: FeatureReader) -> NDArray[np.float64]:
-        waves = reader.waves(self.example)
-        return np.stack([reader.values(waves, m) for m in self.motions[reader.is_cycle]])[:, None]
+        waves = reader.waves(first_modes(self.example, reader.n_modes))
+        motions = [row.terms[_terms_key(reader)] for row in self.rows]
+        return np.stack(reader.all_values(waves, motions))[:, None]
 
     def sizes(self, reader: FeatureReader) -> NDArray[np.float64]:
         """Size and smooth share of each motion, (cases, 2) float64."""
         if reader.has_axis:
-            return self.about_axis
-        motions = self.motions[reader.is_cycle]
+            return np.array([row.axis[reader.n_modes, reader.walls][1:] for row in self.rows])
+        motions = [row.terms[_terms_key(reader)] for row in self.rows]
         return np.array([(motion.size, motion.smooth_share) for motion in motions])
 
     def kinds(
@@ -135,6 +145,10 @@ class CaseTable:
     def columns(self, reader: FeatureReader) -> tuple[Column, ...]:
         """Names of the features."""
         return reader.read(self.example).columns
+
+
+def _terms_key(reader: FeatureReader) -> TermsKey:
+    return TermsKey(reader.n_modes, reader.is_cycle, reader.n_harmonics)
 
 
 def collect(
@@ -184,7 +198,7 @@ def collect(
         topologies.setdefault(case.surface, []).append((row.sequence_id, case.name))
         # The same recording with the same modes says nothing new; as another topology it does.
         same = by_id.setdefault(row.sequence_id, [])
-        if any(np.array_equal(r.cycle.terms, row.cycle.terms) for r in same):
+        if any(_is_same(r, row) for r in same):
             n_same += 1
         else:
             rows.append(row)
@@ -192,6 +206,10 @@ def collect(
         if progress is not None:
             progress(number + 1)
     example = None if first is None else first.signature
+    if example is not None:
+        # Some recordings may have too few vertices for as many modes as others.
+        n = min(row.counts[-1] for row in rows)
+        example = first_modes(replace(example, parameters=replace(example.parameters, modes=n)), n)
     classes = tuple(sorted({row.label for row in rows}))
     if example is None or len(classes) < 2:
         raise ParameterError(
@@ -202,6 +220,13 @@ def collect(
     options.require_classes(classes)
     notes = [f"{n_same} cases came twice and counted once."] if n_same else []
     return _table(rows, classes, example, topologies, options, notes)
+
+
+def _is_same(a: CaseRow, b: CaseRow) -> bool:
+    """Whether two readings of one recording are the same."""
+    return a.terms.keys() == b.terms.keys() and all(
+        np.array_equal(terms.terms, b.terms[key].terms) for key, terms in a.terms.items()
+    )
 
 
 def class_counts(labels: Iterable[str]) -> dict[str, int]:
@@ -230,11 +255,6 @@ def _table(
             "cylinders over a cycle mix.",
             details={"sequence_ids": [id_ for id_, _ in rarely[:20]], "n_sequences": len(rarely)},
         )
-    values, about_axis = np.zeros((0, 0, 0)), np.zeros((0, 2))
-    if readers[0].has_axis:
-        features = [row.walls if walls else row.axis for row in rows]
-        values = np.array([one.values for one in features if one is not None])
-        about_axis = np.array([one[1:] for one in features if one is not None])
     subjects, groups, mixed = group_cases(rows)
     if mixed:
         notes = [*notes, f"{mixed} recordings are of two subjects each; these are kept together."]
@@ -262,12 +282,6 @@ def _table(
         groups=groups,
         subjects=subjects,
         hash=hashlib.sha256("\n".join(lines).encode()).hexdigest(),
-        values=values,
-        about_axis=about_axis,
-        motions={
-            True: tuple(row.cycle for row in rows),
-            False: tuple(row.course for row in rows),
-        },
-        covariates=tuple(row.covariates for row in rows),
+        rows=tuple(rows),
         notes=tuple(notes),
     )

@@ -29,6 +29,7 @@ from modalmotion.classification.model.hdf5 import (
     numbered,
     stored_model_in,
 )
+from modalmotion.classification.model.member import Member
 from modalmotion.classification.model.model import Model, Readable
 from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
 from modalmotion.hdf5.contents import Contents
@@ -213,14 +214,23 @@ def _model(contents: Contents, _: Folder) -> bytes:
             connectivity_id=stored["connectivity_id"],
             parameters=parameters_from_json(contents.json("parameters", dict)),
         ),
-        reader=FeatureReader(**reader),
-        columns=tuple(
-            Column(name, tuple(modes), power) for name, modes, power in stored["columns"]
+        members=(
+            Member(
+                reader=FeatureReader(**reader),
+                columns=tuple(
+                    Column(name, tuple(modes), power) for name, modes, power in stored["columns"]
+                ),
+                blend=Blend(
+                    _array(stored["centre"]),
+                    _array(stored["scale"]),
+                    scorers,
+                    stored["temperature"],
+                ),
+                machine=b"",
+                weight=1.0,
+            ),
         ),
-        blend=Blend(
-            _array(stored["centre"]), _array(stored["scale"]), scorers, stored["temperature"]
-        ),
-        machine=b"",
+        temperature=1.0,
         domain=Domain(
             reader=FeatureReader(**reader),
             **{
