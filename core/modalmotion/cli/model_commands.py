@@ -42,6 +42,8 @@ _HELP: Final = {
     "estimator": "Turns features into scores; auto chooses by cross-validation.",
     "class_weights": "balanced: rare classes count as much as frequent ones.",
     "folds": "Folds of the grouped cross-validation.",
+    "fold": "Column of the manifest whose values are the folds, in place of drawn ones.",
+    "groups": "Column of the manifest, such as site, whose cases stay on one side of each split.",
     "coverage": "Level of the card's class sets.",
     "known_share": "Share of cases like the training ones that the model accepts as known.",
     "seed": "Seed of all random numbers.",
@@ -61,6 +63,8 @@ def _training_options(command: Callable[..., None]) -> Callable[..., None]:
     from modalmotion.classification import TrainingOptions
 
     for name, value in reversed(TrainingOptions().as_json().items()):
+        if name == "on_error":
+            continue
         command = click.option(
             f"--{name.replace('_', '-')}",
             name,
@@ -81,6 +85,12 @@ _labelled_files = several(
         type=click.Path(path_type=Path),
     ),
     click.option("--unit", help="Length unit of all files; overrides their own."),
+    click.option(
+        "--skip-unreadable",
+        is_flag=True,
+        help="Go on without files that are missing, cannot be read or do not fit the others; the "
+        "summary names them.",
+    ),
 )
 
 
@@ -96,21 +106,25 @@ def train(
     out: Path,
     plot: Path | None,
     unit: str | None,
+    skip_unreadable: bool,
     **options: Any,
 ) -> None:
     """Train a model on labelled sequences.
 
     MANIFEST is a table (.csv) with the columns path, label and, where it is known, subject:
-    sequences of one subject are never on both sides of a split. In its place you may
-    name files, each in a folder named after its class: normal/*.npz akinesia/*.npz
+    sequences of one subject are never on both sides of a split. Further columns (age, sex, ...)
+    are covariates. In its place you may name files, each in a folder named after its class:
+    normal/*.npz akinesia/*.npz
     """
     from modalmotion.classification import TrainingOptions
     from modalmotion.classification import train as fit
+    from modalmotion.classification.options import OnError
     from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
 
     require_model_name(name)
-    training_options = TrainingOptions.from_json(options)
-    files = labelled_files(sources)
+    on_error = OnError.LEAVE_OUT if skip_unreadable else OnError.RAISE
+    training_options = TrainingOptions.from_json({**options, "on_error": on_error})
+    files = labelled_files(sources, skip_unreadable=skip_unreadable)
     with _TrainingBar() as bar:
         cases = [LabelledSequence(file, {"unit": unit}) for file in files]
         model = fit(cases, name, training_options, bar)
