@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -30,7 +30,8 @@ from modalmotion.cli.options import (
 from modalmotion.cli.outputs import OutputFile, write_picture
 
 if TYPE_CHECKING:
-    from modalmotion.classification import Model
+    from modalmotion.classification import Model, TrainingCase
+    from modalmotion.classification.training.left_out import LeftOut
 
 _HELP: Final = {
     "modes": "Modes of the signatures; 3 amplitudes a frame each.",
@@ -150,6 +151,7 @@ def evaluate(
     plot: Path | None,
     as_json: bool,
     unit: str | None,
+    skip_unreadable: bool,
 ) -> None:
     """Test MODEL, a file or a name, on labelled sequences that it was not trained on.
 
@@ -157,12 +159,18 @@ def evaluate(
     subject as fewer than they are.
     """
     from modalmotion.classification import evaluate as test
+    from modalmotion.classification.training.left_out import left_out_notes
+    from modalmotion.classification.usable_cases import usable_cases
 
     stored_model = model_named(model)
-    files = labelled_files(sources)
+    files = labelled_files(sources, skip_unreadable=skip_unreadable)
     sources_ = [LabelledSequence(file, {"unit": unit}) for file in files]
+    left_out: list[LeftOut] = []
     with click.progressbar(sources_, label="cases", file=sys.stderr) as bar:
-        result = test(stored_model, (source.read() for source in bar), coverage)
+        cases: Iterator[TrainingCase] = (source.read() for source in bar)
+        if skip_unreadable:
+            cases = usable_cases(stored_model, bar, left_out)
+        result = test(stored_model, cases, coverage)
     if plot is not None:
         from modalmotion.pictures.model_card import measured_figure
 
@@ -176,6 +184,8 @@ def evaluate(
         )
         write_picture(figure, plot)
     click.echo(json.dumps(result.as_json(), indent=2) if as_json else evaluation_lines(result))
+    for note in left_out_notes(left_out):
+        click.echo(note, err=as_json)
     list_written(plot, as_json=as_json)
 
 

@@ -226,6 +226,14 @@ def test_files_that_do_not_fit_are_left_out_on_request_and_named(
     for name in ("broken.npz", "missing.npz"):
         assert f"{folder / name}: " in said
     assert model_from_hdf5(out).id == model_from_hdf5(folder / "wall.h5").id
+    # A test goes on in the same way.
+    tested = ("evaluate", out, manifest)
+    assert run(*tested).exit_code == 1
+    said = succeed(*tested, "--skip-unreadable").output
+    assert f"on {2 * N_PER_CLASS} sequences" in said
+    assert "Cases left out: 2." in said
+    answer = json.loads(succeed(*tested, "--skip-unreadable", "--json").stdout)
+    assert answer["n_cases"] == 2 * N_PER_CLASS
 
 
 def test_columns_of_the_manifest_are_folds_and_groups(folder: Path, tmp_path: Path) -> None:

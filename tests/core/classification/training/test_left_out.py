@@ -11,6 +11,7 @@ from bent_surfaces import bent_beat, bent_cohort
 from classify_samples import cohort
 
 from modalmotion.classification import TrainingCase, TrainingOptions, train
+from modalmotion.classification.training.cases import AnyCase
 from modalmotion.classification.training.left_out import LeftOut, left_out_notes
 from modalmotion.errors import MalformedFileError, ParameterError, StoreError, UnlikeCasesError
 from modalmotion.mesh.sequence import mesh_sequence
@@ -41,7 +42,7 @@ def spheres(n: int = 3) -> list[TrainingCase]:
 @pytest.mark.parametrize("place", [0, 3])
 def test_a_case_that_cannot_be_read_is_left_out_by_its_name(place: int) -> None:
     whole = cohort(3)
-    some = [*whole[:place], Broken(), *whole[place:]]
+    some: list[AnyCase] = [*whole[:place], Broken(), *whole[place:]]
     with pytest.raises(MalformedFileError, match="broken"):
         train(some, "small", RAISES)
     model = train(some, "small", GOES_ON)
@@ -84,7 +85,7 @@ def test_one_of_another_mesh_is_left_out_wherever_it_stands(place: int) -> None:
 
 
 def test_a_class_that_is_left_out_whole_is_told() -> None:
-    some = [*(case for case in cohort(3) if case.label == "normal"), Broken()]
+    some: list[AnyCase] = [*(case for case in cohort(3) if case.label == "normal"), Broken()]
     with pytest.raises(ParameterError, match=r"1 class\(es\), without the 1 that were left out"):
         train(some, "small", GOES_ON)
 

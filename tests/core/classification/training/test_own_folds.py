@@ -121,7 +121,7 @@ def test_folds_that_tear_subjects_say_so() -> None:
 def test_a_case_that_came_twice_is_in_the_folds_once() -> None:
     some = [*cases(), cases()[3]]
     halves = (np.arange(0, 12, 2), np.arange(1, 13, 2))
-    first = [np.append(halves[0], 12), halves[1]]
+    first = (np.append(halves[0], 12), halves[1])
     found = collect(some, options())
     assert found.numbers.tolist() == list(range(12))
     folds = folds_of([first, first[::-1]], found.numbers, 13, ["a"] * 12, found.groups)
