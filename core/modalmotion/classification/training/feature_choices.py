@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -61,7 +61,10 @@ def feature_choices(
 
 
 def further_kinds(
-    rows: Sequence[CaseRow], reader: FeatureReader, n_topologies: int
+    rows: Sequence[CaseRow],
+    covariates: Sequence[Mapping[str, float | str]],
+    reader: FeatureReader,
+    n_topologies: int,
 ) -> tuple[Further, ...]:
     """Kinds of features beside the motion that all cases have, and that compare."""
     kinds = [
@@ -73,7 +76,7 @@ def further_kinds(
             for row in rows
         )
     ]
-    if covariate_columns([row.covariates for row in rows]):
+    if covariate_columns(covariates):
         kinds.append(Further.COVARIATES)
     return tuple(kinds)
 

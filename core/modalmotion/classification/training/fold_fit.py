@@ -147,9 +147,9 @@ def _further(
     if not options.further:
         return []
     n_topologies = len(table.readable.topologies)
-    known = [table.rows[i] for i in rows]
     first = replace(table.readers[0], typical=None, reads_motion=False)
-    kinds = further_kinds(known, first, n_topologies)
+    covariates = [table.covariates[i] for i in rows]
+    kinds = further_kinds(table.rows, covariates, first, n_topologies)
     alone = [kind for kind in kinds if kind == Further.VOLUME]
     choices = [replace(first, further=(kind,)) for kind in alone]
     y, groups = table.y[rows], table.groups[rows]
