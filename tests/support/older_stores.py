@@ -85,9 +85,13 @@ def old_signature(sequence_id: str, parameters: SignatureParameters) -> bytes:
     return old_file(attributes, {"parameters": parameters_as_json(parameters)})
 
 
+OLD_READER = ("has_axis", "is_cycle", "n_harmonics", "walls", "adds_modes", "is_brief")
+
+
 def old_model(model: Model, version: int, *, machine: bytes = b"", training: str = "t") -> bytes:
     """Version 1: JSON text, with arrays in base64, in a dataset of bytes."""
-    blend, domain, reader = model.blend, model.domain, model.reader
+    (member,) = model.members
+    blend, domain, reader = member.blend, model.domain, member.reader
     stored = {
         "schema": 4,
         "id": model.id,
@@ -98,7 +102,7 @@ def old_model(model: Model, version: int, *, machine: bytes = b"", training: str
         "connectivity_id": model.readable.connectivity_id,
         "parameters": model.signature_parameters.as_plain(),
         "reader": {
-            **{name: getattr(reader, name) for name in reader.__dataclass_fields__},
+            **{name: getattr(reader, name) for name in OLD_READER},
             "typical": None
             if reader.typical is None
             else _packed(np.stack([reader.typical.real, reader.typical.imag])),

@@ -45,6 +45,17 @@ TERMS_PER_HARMONIC = 2
 _LEAST_TOTAL = 1e-2
 
 
+# Fields that the features of the motion depend on, beside the typical one.
+_OF_MOTION: Final = (
+    "has_axis",
+    "is_cycle",
+    "n_harmonics",
+    "walls",
+    "adds_modes",
+    "is_brief",
+    "n_modes",
+)
+
 _NOTHING: Final = MotionFeatures((), np.zeros((1, 0)), 0.0, 1.0)
 
 
@@ -111,19 +122,28 @@ class FeatureReader:
             how = f"{what}{count}; {TERMS_PER_HARMONIC * self.n_harmonics} terms of a course"
         return f"{how}; {beside}" if beside else how
 
-    def read(self, signature: ModalSignature) -> MotionFeatures:
+    def read(
+        self,
+        signature: ModalSignature,
+        known: dict[tuple[object, ...], MotionFeatures] | None = None,
+    ) -> MotionFeatures:
         """Features of one sequence, one row for each way to read it.
 
         Parameters
         ----------
         signature : ModalSignature
             Of at least two frames.
+        known : dict, optional
+            Features of its motion that other readers have read, and this one leaves for others.
         """
         if self.n_modes:
             signature = first_modes(signature, self.n_modes)
         features = _NOTHING
         if self.reads_motion:
-            features = self._motion(signature)
+            key = (*(getattr(self, name) for name in _OF_MOTION), id(self.typical))
+            features = (known or {}).get(key) or self._motion(signature)
+            if known is not None:
+                known[key] = features
         if not self.further:
             return features
         waves = self.waves(signature)

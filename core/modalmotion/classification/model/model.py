@@ -140,7 +140,8 @@ class Model(FrozenArrays):
 
     def read(self, signature: ModalSignature) -> MotionFeatures:
         """Features of a signature, of all members, one row for each way to read it."""
-        parts = [member.reader.read(signature) for member in self.members]
+        known: dict[tuple[object, ...], MotionFeatures] = {}
+        parts = [member.reader.read(signature, known) for member in self.members]
         n_readings = max(len(part.values) for part in parts)
         values = [
             np.broadcast_to(part.values, (n_readings, part.values.shape[1])) for part in parts

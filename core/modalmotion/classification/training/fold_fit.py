@@ -130,6 +130,9 @@ def fit_rows(table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions
     members = tuple(
         replace(fit, weight=weight) for fit, weight in zip(kept, shares.tolist(), strict=True)
     )
+    if len(members) == 1:
+        # Its own probabilities are reliable already.
+        return FoldFit(members, 1.0, members[0].estimator.classes_)
     y = np.searchsorted(members[0].estimator.classes_, table.y[rows])
     held_out = pooled([m.estimator.held_out_ for m in members], [m.weight for m in members])
     per_class = _case_weights(table, rows, options)
