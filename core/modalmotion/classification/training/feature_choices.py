@@ -26,6 +26,9 @@ _CLOSED: Final = 2.5
 # Factor of the prior for each step that makes a choice less simple.
 _PRIOR: Final = 0.7
 
+# Prior of the volume over that of all others together.
+_PRIOR_OF_VOLUME: Final = 1.0
+
 
 def feature_choices(
     rows: list[CaseRow],
@@ -108,7 +111,7 @@ def tells_walls(rows: list[CaseRow], options: TrainingOptions) -> bool:
 
 
 def prior_weights(readers: Sequence[FeatureReader]) -> NDArray[np.float64]:
-    """Weights of choices before any case is seen: the volume and the simplest first.
+    """Weights of choices before any case is seen: the volume first, then the simplest.
 
     Parameters
     ----------
@@ -119,16 +122,18 @@ def prior_weights(readers: Sequence[FeatureReader]) -> NDArray[np.float64]:
     (choices,) float64
         They add up to 1.
     """
+    is_volume = np.array([r.further == (Further.VOLUME,) and not r.reads_motion for r in readers])
     weights = np.array([_PRIOR ** _complexity(reader) for reader in readers])
+    others = float(weights[~is_volume].sum())
+    weights[is_volume] = _PRIOR_OF_VOLUME * others if others else 1.0
     total: NDArray[np.float64] = weights / weights.sum()
     return total
 
 
 def _complexity(reader: FeatureReader) -> float:
-    """Count the steps by which a choice is less simple than the volume alone."""
+    """Count the steps by which a choice is less simple than another."""
     steps = float(len(reader.further))
-    if not reader.reads_motion:
-        return steps - 1.0 if Further.VOLUME in reader.further else steps
-    steps += 1.0 if reader.has_axis or reader.is_brief else 2.0
-    steps += reader.typical is not None
+    if reader.reads_motion:
+        steps += 0.0 if reader.has_axis or reader.is_brief else 1.0
+        steps += reader.typical is not None
     return steps + sum(reader.n_modes > n for n in MODE_COUNTS[:-1]) / 2.0

@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.estimators.choice_weights import choice_weights
 from modalmotion.classification.estimators.scorer import pooled
-from modalmotion.classification.estimators.temperature import fit_temperature, softmax
+from modalmotion.classification.estimators.temperature import (
+    case_losses,
+    fit_temperature,
+    softmax,
+)
 from modalmotion.classification.features import FeatureReader, Further
 from modalmotion.classification.options import ClassWeights, Estimator, TrainingOptions
 from modalmotion.classification.training.case_groups import inner_groups
@@ -28,6 +32,9 @@ _FEWEST_COMPARED: Final = 20
 
 # Subjects of each class below which nothing beside the motion and the volume is read.
 _FEWEST_SUBJECTS: Final = 5
+
+# Standard errors by which others must lower the loss of cases left out.
+_SURE: Final = 2.0
 
 # Choices of the motion that others are added to, and the least weight of one that is kept.
 _N_EXTENDED: Final = 2
@@ -104,8 +111,9 @@ def fit_rows(table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions
     """Fit to some cases with the table's choices of features, weighed.
 
     Each choice is weighed by how well it predicts cases that are left out with their group: see
-    `choice_weights`. Size, rest shape, volume curve and covariates are added to the weightiest
-    choices of the motion, where each class has several subjects.
+    `choice_weights`. The volume stands among those of the motion from few cases on. Size, rest
+    shape, volume curve and covariates are added to the weightiest choices where each class has
+    several subjects, and kept where cases left out surely gain.
     """
     compared = _compared(table, rows, options.seed)
     quick = options
@@ -114,55 +122,95 @@ def fit_rows(table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions
     fits = [_fit(table, choice, compared, quick) for choice in table.readers]
     if np.isnan(fits[0].estimator.held_out_).any():
         # Nothing says which is better.
-        fits = (
-            fits[:1] if len(compared) == len(rows) else [_fit(table, fits[0].reader, rows, options)]
-        )
-        return FoldFit((replace(fits[0], weight=1.0),), 1.0, fits[0].estimator.classes_)
-    fits += [
-        _fit(table, choice, compared, quick) for choice in _further(table, fits, compared, options)
-    ]
-    weights = _weights_of(table, fits, compared, options.seed)
-    order = [k for k in np.argsort(-weights, kind="stable") if weights[k] >= _LEAST_WEIGHT]
-    kept = [fits[k] for k in order]
+        only = fits[0] if len(compared) == len(rows) else _fit(table, fits[0].reader, rows, options)
+        return FoldFit((replace(only, weight=1.0),), 1.0, only.estimator.classes_)
+    kinds = _kinds(table, compared, options)
+    if Further.VOLUME in kinds:
+        volume = replace(_beside_motion(table), further=(Further.VOLUME,))
+        fits.append(_fit(table, volume, compared, quick))
+    pool = _pool(table, fits, compared, options)
+    if _has_subjects(table, compared):
+        more = [_fit(table, one, compared, quick) for one in _further(table, pool, kinds)]
+        larger = _pool(table, [*fits, *more], compared, options)
+        if _surely_gains(pool.losses, larger.losses, table.groups[compared]):
+            pool = larger
+    kept = list(pool.members)
     if len(compared) < len(rows) or quick is not options:
-        kept = [_fit(table, fit.reader, rows, options) for fit in kept]
-    shares = weights[order] / weights[order].sum()
-    members = tuple(
-        replace(fit, weight=weight) for fit, weight in zip(kept, shares.tolist(), strict=True)
-    )
-    if len(members) == 1:
-        # Its own probabilities are reliable already.
-        return FoldFit(members, 1.0, members[0].estimator.classes_)
-    y = np.searchsorted(members[0].estimator.classes_, table.y[rows])
-    held_out = pooled([m.estimator.held_out_ for m in members], [m.weight for m in members])
-    per_class = _case_weights(table, rows, options)
-    temperature = fit_temperature(held_out, y, per_class)
-    return FoldFit(members, temperature, members[0].estimator.classes_)
+        kept = [replace(_fit(table, fit.reader, rows, options), weight=fit.weight) for fit in kept]
+        pool = _pool(table, kept, rows, options, [fit.weight for fit in kept])
+    return FoldFit(pool.members, pool.temperature, pool.members[0].estimator.classes_)
 
 
-def _further(
+@dataclass(frozen=True, eq=False)
+class _Pool:
+    """Members that are kept, their temperature, and the losses of cases left out."""
+
+    members: tuple[MemberFit, ...]
+    temperature: float
+    losses: NDArray[np.float64]
+
+
+def _pool(
     table: CaseTable,
     fits: list[MemberFit],
     rows: NDArray[np.int64],
     options: TrainingOptions,
-) -> list[FeatureReader]:
-    """List choices that read more than the motion, or other than it."""
+    weights: list[float] | None = None,
+) -> _Pool:
+    """Weigh choices, or take them by weights that are known."""
+    known = np.array(_weights_of(table, fits, rows, options.seed) if weights is None else weights)
+    order = [k for k in np.argsort(-known, kind="stable") if known[k] >= _LEAST_WEIGHT]
+    shares = (known[order] / known[order].sum()).tolist()
+    members = tuple(replace(fits[k], weight=w) for k, w in zip(order, shares, strict=True))
+    y = np.searchsorted(members[0].estimator.classes_, table.y[rows])
+    held_out = pooled([m.estimator.held_out_ for m in members], shares)
+    temperature = 1.0
+    # The probabilities of one alone are reliable already.
+    if len(members) > 1:
+        temperature = fit_temperature(held_out, y, _case_weights(table, rows, options))
+    return _Pool(members, temperature, case_losses(held_out / temperature, y))
+
+
+def _surely_gains(
+    losses: NDArray[np.float64], others: NDArray[np.float64], groups: NDArray[np.int64]
+) -> bool:
+    """Whether other losses are lower by more than chance, groups counted as one."""
+    _, place = np.unique(groups, return_inverse=True)
+    gains = np.zeros(int(place.max()) + 1)
+    np.add.at(gains, place, losses - others)
+    return bool(gains.sum() > _SURE * gains.std() * np.sqrt(len(gains)))
+
+
+def _kinds(
+    table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions
+) -> tuple[Further, ...]:
+    """Kinds of features beside the motion that the cases have."""
     if not options.further:
-        return []
-    n_topologies = len(table.readable.topologies)
-    first = replace(table.readers[0], typical=None, reads_motion=False)
+        return ()
     covariates = [table.covariates[i] for i in rows]
-    kinds = further_kinds(table.rows, covariates, first, n_topologies)
-    alone = [kind for kind in kinds if kind == Further.VOLUME]
-    choices = [replace(first, further=(kind,)) for kind in alone]
+    n_topologies = len(table.readable.topologies)
+    return further_kinds(table.rows, covariates, _beside_motion(table), n_topologies)
+
+
+def _beside_motion(table: CaseTable) -> FeatureReader:
+    """Reader of what is beside the motion alone."""
+    return replace(table.readers[0], typical=None, reads_motion=False)
+
+
+def _has_subjects(table: CaseTable, rows: NDArray[np.int64]) -> bool:
+    """Whether each class has several subjects."""
     y, groups = table.y[rows], table.groups[rows]
-    if min(len(np.unique(groups[y == k])) for k in np.unique(y)) < _FEWEST_SUBJECTS:
-        return choices
-    weights = _weights_of(table, fits, rows, options.seed)
-    best = [fits[k].reader for k in np.argsort(-weights, kind="stable")[:_N_EXTENDED]]
+    return min(len(np.unique(groups[y == k])) for k in np.unique(y)) >= _FEWEST_SUBJECTS
+
+
+def _further(table: CaseTable, pool: _Pool, kinds: tuple[Further, ...]) -> list[FeatureReader]:
+    """List choices that read more than the motion, or other than it."""
     sets = _beside(kinds)
-    choices += [replace(base, further=beside) for base in best for beside in sets]
-    apart = replace(first, n_modes=best[0].n_modes)
+    best = [m.reader for m in pool.members if m.reader.reads_motion][:_N_EXTENDED]
+    choices = [replace(base, further=beside) for base in best for beside in sets]
+    apart = _beside_motion(table)
+    if best:
+        apart = replace(apart, n_modes=best[0].n_modes)
     return choices + [
         replace(apart, further=beside) for beside in sets if beside != (Further.VOLUME,)
     ]
