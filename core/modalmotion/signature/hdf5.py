@@ -21,7 +21,7 @@ from modalmotion.modes.topology import MESH, Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 
-FORM: Final = Form("signature", 3)
+FORM: Final = Form("signature", 4)
 
 # Unit and axes of what names modes.
 _OF_MODES: Final = {
@@ -121,11 +121,13 @@ def signature_from_hdf5(source: bytes | Path) -> ModalSignature:
 def read_signature(source: bytes | Path) -> tuple[ModalSignature, Contents]:
     """Read a signature together with the contents of its file."""
     with FORM.read(source) as contents:
-        return _signature(contents), contents
+        return signature_in(contents), contents
 
 
-def _signature(contents: Contents) -> ModalSignature:
-    amplitudes = contents.array("amplitudes", (None, None, 3))
+def signature_in(contents: Contents) -> ModalSignature:
+    """Read a signature from the contents of a file, of this schema or the last one."""
+    parameters = parameters_from_json(contents.json("parameters", dict))
+    amplitudes = contents.array("amplitudes", (None, None, parameters.n_directions))
     n_frames, n_modes, _ = amplitudes.shape
 
     def per_frame(name: str) -> Any:
@@ -147,7 +149,7 @@ def _signature(contents: Contents) -> ModalSignature:
         lengths=tuple(contents.array("lengths", (None,)).tolist()),
         landmarks=landmarks_from(contents),
         condition=contents.number("condition"),
-        parameters=parameters_from_json(contents.json("parameters", dict)),
+        parameters=parameters,
         sequence_id=contents.text("sequence_id"),
         template_id=contents.text("template_id"),
         notes=tuple(contents.json("notes", list)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import version
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.choice.fitter import Fitter
-from modalmotion.choice.parameters import MOST_MODES, SignatureParameters
+from modalmotion.choice.parameters import MOST_MODES, SignatureKind, SignatureParameters
 from modalmotion.choice.selection import select_model
 from modalmotion.errors import ParameterError
 from modalmotion.facts import NO_FACTS
@@ -34,6 +35,7 @@ __all__ = [
     "INTENDED_USE",
     "MOST_MODES",
     "ModalSignature",
+    "SignatureKind",
     "SignatureParameters",
     "modal_signature",
     "provenance",
@@ -93,6 +95,9 @@ def modal_signature(
         fitter = Fitter.of(sequence, own_template, parameters)
         model = select_model(fitter, cache or TemplateCache())
     modes, fit = model.modes, model.fit
+    if fitter.offsets is not None:
+        rotations, translations = fitter.offsets.rotations, fitter.offsets.translations
+        fit = replace(fit, rotations=rotations, translations=translations)
     frequencies = modes.frequencies_on(own_template, parameters.wave_speed)
     _require_frequencies(frequencies, own_template, parameters.wave_speed)
     notes = [*_notes_on_sequence(sequence, parameters.reference), *own_template.notes, *model.notes]
@@ -105,6 +110,7 @@ def modal_signature(
     with watch.stage("notes"):
         notes += notes_on_strays(sequence, own_template, fit)
         notes += _note_on_loose_vertices(fit, sequence.unit)
+        notes += _note_on_kind(parameters, sequence)
     if parameters.template is not None:
         notes += _notes_on_parting(sequence, own_template)
     if not fit.motion_rms.any():
@@ -204,6 +210,16 @@ def _require_frequencies(
             "the largest number.",
             remedy="State lengths in a smaller unit, or a smaller wave speed.",
         )
+
+
+def _note_on_kind(parameters: SignatureParameters, sequence: MeshSequence) -> list[str]:
+    if parameters.kind == SignatureKind.OFFSET or sequence.facts.tracking != "offset":
+        return []
+    return [
+        "The amplitudes follow the vertices, which slide over the tissue (tracking=offset): what "
+        "they say of motion within the surface, such as twist, is not the tissue's. Ask for "
+        "kind=offset to leave it out."
+    ]
 
 
 def _note_on_loose_vertices(fit: Fit, unit: str | None) -> list[str]:
