@@ -18,6 +18,7 @@ from modalmotion.classification.model.model import Model
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.basis import collect_in_one_basis
 from modalmotion.classification.training.cases import AnyCase
+from modalmotion.classification.training.domain_fit import fit_domain
 from modalmotion.classification.training.fold_fit import FoldFit, fit_rows, predict_fold
 from modalmotion.classification.training.splits import split_cases
 from modalmotion.classification.training.table import CaseTable
@@ -91,7 +92,8 @@ def train(
     results = Parallel(return_as="generator", batch_size=1)(works)
     for k, (_, outer) in enumerate(splits.folds):
         report(0.4 + 0.5 * k / (len(splits.folds) + 1), f"fold {k + 1} of {len(splits.folds)}")
-        probabilities[outer], distances[outer] = next(results)
+        held_out = next(results)
+        probabilities[outer], distances[outer] = held_out.probabilities, held_out.distances
     report(0.4 + 0.5 * len(splits.folds) / (len(splits.folds) + 1), "all cases")
     fitted = next(results)
     model = _model(table, fitted, name, probabilities, distances, bool(splits.folds), options)
@@ -118,7 +120,8 @@ def _model(
     blend, machine = _rounded_blend(estimator, fitted), b""
     if estimator.blend_ is None:
         machine = machine_to_bytes(estimator)
-    least_motion, least_smooth = motion_limits(*table.sizes(fitted.reader).T)
+    domain = fit_domain(table, np.arange(len(table))).domain
+    least_motion, least_smooth = motion_limits(*table.sizes(domain.reader).T)
     limit = np.inf
     calibration = Calibration(tuple(np.zeros(0) for _ in table.classes))
     if is_validated:
@@ -140,8 +143,9 @@ def _model(
         blend=blend,
         machine=machine,
         domain=Domain(
-            rounded(fitted.means),
-            rounded(fitted.whitening),
+            domain.reader,
+            rounded(domain.means),
+            rounded(domain.whitening),
             float(rounded(np.array(limit))),
             float(rounded(np.array(least_motion))),
             float(rounded(np.array(least_smooth))),
