@@ -31,7 +31,7 @@ from modalmotion.template.loose_vertices import nearest_in_use
 _FLAT: Final = 0.1
 
 # Lines that a rotation is fitted to, and how often: the third turn moves nothing by 0.1 degrees.
-_N_TURNING: Final = 512
+_N_TURNING: Final = 256
 _N_TURNS: Final = 2
 
 # Of the mean square radius: draws a rotation that the shape hardly determines to that of the
