@@ -120,6 +120,9 @@ class SignatureParameters:
         MATERIAL follows the vertices. OFFSET has one amplitude a mode, of how far the surface
         lies from the reference along its normals, and does not see where on it the vertices are:
         see `modalmotion.fit.offsets`.
+    volumes : bool
+        Whether the signature holds the volume that the surface encloses in each frame, which
+        models may read.
     amplitudes : int, optional
         In place of `modes`: amplitudes a frame, three of a mode, or one of offsets.
     """
@@ -145,6 +148,7 @@ class SignatureParameters:
     harmonics: int | None = None
     split_pairs: bool = False
     kind: SignatureKind = SignatureKind.MATERIAL
+    volumes: bool = False
     amplitudes: InitVar[int | None] = None
 
     def __post_init__(self, amplitudes: int | None) -> None:
@@ -219,7 +223,15 @@ class SignatureParameters:
             **dict.fromkeys(("modes", "most_modes", "harmonics"), whole),
             **dict.fromkeys(("wave_speed", "tolerance", "tolerance_share"), real),
             **dict.fromkeys(
-                ("remove_rotation", "closed_form", "merge_vertices", "auto", "split_pairs"), truth
+                (
+                    "remove_rotation",
+                    "closed_form",
+                    "merge_vertices",
+                    "auto",
+                    "split_pairs",
+                    "volumes",
+                ),
+                truth,
             ),
             **{
                 name: partial(one_of, words=words)
@@ -323,6 +335,7 @@ _LEFT_OUT: Final = (
     "split_pairs",
     "merge_vertices",
     "kind",
+    "volumes",
 )
 
 

@@ -39,8 +39,8 @@ def compare(a: ModalSignature, b: ModalSignature, *, closed: bool = True) -> Com
     Parameters
     ----------
     a, b : ModalSignature
-        Of the same kind, with the same modes and components. Their units are taken into account where both are
-        known.
+        Of the same kind, with the same modes and components. Their units are taken into account
+        where both are known.
     closed : bool
         Whether the trajectories are one turn of a cycle, whose frame after the last would be
         the first; False for a movement with a beginning and an end.

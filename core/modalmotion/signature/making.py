@@ -24,6 +24,7 @@ from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import Topology
 from modalmotion.numerals import counted, numeral
 from modalmotion.signature.value import ModalSignature
+from modalmotion.signature.volumes import enclosed_volumes
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.template import (
     Template,
@@ -96,6 +97,7 @@ def modal_signature(
         model = select_model(fitter, cache or TemplateCache())
     modes, fit = model.modes, model.fit
     if fitter.offsets is not None:
+        # They were taken out before the fit.
         rotations, translations = fitter.offsets.rotations, fitter.offsets.translations
         fit = replace(fit, rotations=rotations, translations=translations)
     frequencies = modes.frequencies_on(own_template, parameters.wave_speed)
@@ -110,7 +112,6 @@ def modal_signature(
     with watch.stage("notes"):
         notes += notes_on_strays(sequence, own_template, fit)
         notes += _note_on_loose_vertices(fit, sequence.unit)
-        notes += _note_on_kind(parameters, sequence)
     if parameters.template is not None:
         notes += _notes_on_parting(sequence, own_template)
     if not fit.motion_rms.any():
@@ -120,6 +121,8 @@ def modal_signature(
         amplitudes=fit.amplitudes,
         angular_frequencies=frequencies,
         rotations=fit.rotations,
+        reference_amplitudes=fit.reference_amplitudes,
+        volumes=enclosed_volumes(sequence, own_template) if parameters.volumes else None,
         translations=fit.translations,
         rms_errors=fit.errors.rms,
         weighted_rms_errors=fit.errors.weighted_rms,
@@ -210,16 +213,6 @@ def _require_frequencies(
             "the largest number.",
             remedy="State lengths in a smaller unit, or a smaller wave speed.",
         )
-
-
-def _note_on_kind(parameters: SignatureParameters, sequence: MeshSequence) -> list[str]:
-    if parameters.kind == SignatureKind.OFFSET or sequence.facts.tracking != "offset":
-        return []
-    return [
-        "The amplitudes follow the vertices, which slide over the tissue (tracking=offset): what "
-        "they say of motion within the surface, such as twist, is not the tissue's. Ask for "
-        "kind=offset to leave it out."
-    ]
 
 
 def _note_on_loose_vertices(fit: Fit, unit: str | None) -> list[str]:

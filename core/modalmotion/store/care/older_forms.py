@@ -34,7 +34,7 @@ from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form, form_of
 from modalmotion.mesh.hdf5 import sequence_from_hdf5, sequence_in, sequence_to_hdf5
-from modalmotion.signature.hdf5 import signature_in, signature_to_hdf5
+from modalmotion.signature.hdf5 import signature_to_hdf5
 from modalmotion.signature.making import modal_signature
 from modalmotion.store.disk.atomic import write_atomic
 from modalmotion.store.disk.sealed_json import JsonForm
@@ -154,16 +154,11 @@ def _classification(contents: Contents, _: Folder) -> bytes:
     )
 
 
-def _material_signature(contents: Contents, _: Folder) -> bytes:
-    """Version 3 knew no offsets: its signatures are of vertices."""
-    return signature_to_hdf5(signature_in(contents))
-
-
 def _signature(contents: Contents, folder: Folder) -> bytes:
     """Make the signature again.
 
     Version 1 knew the error by weight alone, and tolerances held it; version 2 took all noise
-    for independent.
+    for independent; version 3 had no amplitudes of the reference.
 
     Raises
     ------
@@ -273,7 +268,7 @@ OLDER: Final[dict[Form, Callable[[Contents, Folder], bytes]]] = {
     Form("model", 2): _shared_reader,
     Form("signature", 1): _signature,
     Form("signature", 2): _signature,
-    Form("signature", 3): _material_signature,
+    Form("signature", 3): _signature,
 }
 """How each older form is rewritten."""
 
