@@ -17,6 +17,7 @@ from modalmotion.fit.fit import Fit, fit_displacements
 from modalmotion.fit.offsets import Offsets, offsets_of
 from modalmotion.fit.superposition import Superposition
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.numeric.products import product
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, local_frames, to_local
 
@@ -88,7 +89,13 @@ class Fitter:
 
     def fit(self, basis: Basis) -> Fit:
         """Fit factored modes to every frame; errors as `fit_displacements`."""
-        return fit_displacements(self.displacements, basis, self.frames)
+        fit = fit_displacements(self.displacements, basis, self.frames)
+        if self.offsets is None:
+            return fit
+        # Offsets are scalars, and the reference's own shape is none of them.
+        shape, n_modes = self.displacements.shape, len(basis.modes)
+        own = product(shape.rest, basis.columns)[:, :n_modes].T * shape.scale
+        return replace(fit, reference_amplitudes=own)
 
     def in_components(
         self, block: DisplacementBlock

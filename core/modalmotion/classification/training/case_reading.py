@@ -135,6 +135,14 @@ def require_alike(case: ReadCase, example: ReadCase, number: int) -> None:
     """
     called = case.name or str(number)
     a, b = case.parameters, example.parameters
+    if a.kind != b.kind:
+        raise UnlikeCasesError(
+            f"The training case {called} has a signature of the kind {a.kind}, the first one of "
+            f"the kind {b.kind}: displacements of points and offsets of a surface do not compare.",
+            remedy="Give the sequences themselves, with the option kind, or signatures of one "
+            "kind.",
+            details={"case": number, "sequence_id": case.row.sequence_id},
+        )
     same = (
         a.weights == b.weights
         and a.remove_rotation == b.remove_rotation

@@ -96,7 +96,7 @@ def test_every_value_has_a_name_of_its_own(
 
 
 def named(terms: Terms, waves: Waves, *, is_cycle: bool) -> dict[str, float]:
-    columns = invariant_columns(waves, len(terms), is_cycle=is_cycle)
+    columns = invariant_columns(waves, len(terms), 3, is_cycle=is_cycle)
     values = invariants(terms, waves, is_cycle=is_cycle)
     return dict(zip((column.name for column in columns), values.tolist(), strict=True))
 
