@@ -38,7 +38,8 @@ def plain_energies_of(fitter: Fitter, basis: Basis, fit: Fit) -> Energies:
         c = c * (weighted.scale / block.shape.scale)
         # r = u - sum_j c_j psi_j
         rows = u.reshape(n_directions * f, n)
-        rows -= product(np.ascontiguousarray(c.transpose(0, 2, 1)).reshape(n_directions * f, m), psi)
+        flat = np.ascontiguousarray(c.transpose(0, 2, 1)).reshape(n_directions * f, m)
+        rows -= product(flat, psi)
         rows *= block.shape.scale / scale
         u[:, :, block.loose] = loose_u.transpose(0, 2, 1) / scale
         dots = product(rows, columns).reshape(f, n_directions, m)

@@ -150,7 +150,7 @@ def _noted(model: Model, choice: ModelChoice, sequence: MeshSequence) -> Model:
     notes = list(model.notes)
     if choice.noise is not None:
         notes.append(choice.noise.note(sequence.unit))
-    kind, n = choice.scene, 3 * len(model.modes)
+    kind, n = choice.scene, model.fit.amplitudes[0].size
     if kind != SceneKind.DEFORMABLE:
         error = choice.errors[kind].rms
         text = f"The scene is {kind}: "

@@ -279,5 +279,6 @@ def _squared_distances(
         part = product(coefficients, shapes[:, j : j + step])
         np.subtract(rows[:, j : j + step], part, out=part)
         part *= part
-        np.add.reduce(part.reshape(len(squares), n_directions, -1), axis=1, out=squares[:, j : j + step])
+        by_frame = part.reshape(len(squares), n_directions, -1)
+        np.add.reduce(by_frame, axis=1, out=squares[:, j : j + step])
     return squares

@@ -8,6 +8,7 @@ Where vertices lie on the surface does not matter: rotation and drift are the su
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -271,4 +272,4 @@ def _slices(
     parts: list[tuple[NDArray[np.float64], Rotations, NDArray[np.float64]]],
 ) -> list[slice]:
     ends = np.cumsum([0, *(len(part[0]) for part in parts)]).tolist()
-    return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    return [slice(a, b) for a, b in pairwise(ends)]

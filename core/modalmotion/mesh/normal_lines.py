@@ -182,21 +182,17 @@ class NormalLines:
         return self.faces[:, [1, 2, 0]].ravel(), self.faces[:, [2, 0, 1]].ravel()
 
 
-def vertex_normals(
-    positions: NDArray[np.float64], faces: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Unit normals at vertices, of the triangles around each by area, (vertices, 3) float64.
+def vertex_normals(positions: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Take the mean normal of the triangles around each vertex, by area.
 
-    Zero at vertices in no triangle, or where the triangles around one cancel.
+    Returns
+    -------
+    (vertices, 3) float64
+        Of length 1. Zero at vertices in no triangle, or where the triangles around one cancel.
     """
-    of_faces = face_normals(positions, faces)
-    normals = np.stack(
-        [
-            np.bincount(faces.ravel(), np.repeat(of_faces[:, i], 3), minlength=len(positions))
-            for i in range(3)
-        ],
-        axis=1,
-    )
+    corners, of_faces = faces.ravel(), face_normals(positions, faces)
+    sums = [np.bincount(corners, np.repeat(n, 3), minlength=len(positions)) for n in of_faces.T]
+    normals = np.stack(sums, axis=1).astype(np.float64)
     size = np.linalg.norm(normals, axis=1, keepdims=True)
     normals /= np.where(size > 0, size, 1.0)
     return normals

@@ -182,13 +182,17 @@ class ModalSignature:
         return energy
 
     @property
+    def n_amplitudes(self) -> int:
+        """Number of amplitudes of one frame."""
+        return len(self.modes) * self.parameters.n_directions
+
+    @property
     def compression(self) -> float:
         """Coordinates over amplitudes of one frame, 3N / 3 modes, as in Nastar 1994."""
-        return 3 * self.n_vertices / (self.parameters.n_directions * len(self.modes))
+        return 3 * self.n_vertices / self.n_amplitudes
 
     @property
     def compression_of_sequence(self) -> float:
         """Numbers in the whole sequence over those to keep: amplitudes and the reference."""
         coordinates = 3 * self.n_vertices
-        amplitudes = self.n_frames * self.parameters.n_directions * len(self.modes)
-        return self.n_frames * coordinates / (amplitudes + coordinates)
+        return self.n_frames * coordinates / (self.n_frames * self.n_amplitudes + coordinates)

@@ -78,9 +78,8 @@ def invariants(
     """
     z = stacked(motion, waves)
     sizes = np.sqrt((np.abs(z) ** 2).sum(axis=(2, 3)))
-    spread = np.linalg.svd(
-        np.concatenate([z.real, z.imag]).reshape(-1, z.shape[3]), compute_uv=False, full_matrices=False
-    )
+    both = np.concatenate([z.real, z.imag]).reshape(-1, z.shape[3])
+    spread = np.linalg.svd(both, compute_uv=False, full_matrices=False)
     i, j = _pairs(waves)
     ahead = _cycle_lead if is_cycle else _course_lead
     parts = [sizes.T.ravel(), signed_root(_together(z[:, i], z[:, j]))]

@@ -212,9 +212,7 @@ def _columns(
     return tuple(replace(column, power=0.0) for column in columns)
 
 
-def _term_columns(
-    modes: Modes, n_terms: int, n_directions: int, *, is_cycle: bool
-) -> list[Column]:
+def _term_columns(modes: Modes, n_terms: int, n_directions: int, *, is_cycle: bool) -> list[Column]:
     parts = [f"cos {h + 1}" for h in range(n_terms)]
     if is_cycle:
         parts += [f"sin {h + 1}" for h in range(n_terms)]
