@@ -160,9 +160,7 @@ def test_an_unknown_sequence_is_not_found(client: TestClient) -> None:
     assert client.get(f"/v1/sequences/{'0' * 64}/tradeoff").status_code == 404
 
 
-def test_a_signature_of_offsets_has_one_amplitude_of_a_mode(
-    client: TestClient, here: str
-) -> None:
+def test_a_signature_of_offsets_has_one_amplitude_of_a_mode(client: TestClient, here: str) -> None:
     own = modal_signature(BEAT, SignatureParameters(kind=SignatureKind.OFFSET))
     answer = client.get(f"{here}/signature", params={"kind": "offset"}).json()
     assert answer["kind"] == "offset" == answer["parameters"]["kind"]

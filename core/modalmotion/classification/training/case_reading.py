@@ -140,7 +140,7 @@ def basis_of(case: ReadCase) -> tuple[Any, ...]:
     """Give what two cases must share so that their modes compare; last, what spring modes must."""
     p = case.parameters
     return (
-        *(p.weights, p.remove_rotation, p.components, p.reference == MEAN),
+        *(p.kind, p.weights, p.remove_rotation, p.components, p.reference == MEAN),
         *(len(case.modes), case.modes.topology is None, case.modes.connectivity_id),
     )
 
