@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -24,7 +26,7 @@ OFFSET = SignatureParameters(kind=SignatureKind.OFFSET)
 
 def test_the_kind_is_part_of_the_key_and_the_default_leaves_it_as_it_was() -> None:
     assert "kind" not in SignatureParameters().as_plain()
-    assert SignatureParameters(kind="material").key == SignatureParameters().key
+    assert SignatureParameters(kind=SignatureKind.MATERIAL).key == SignatureParameters().key
     assert OFFSET.key != SignatureParameters().key
     assert parameters_from_json(parameters_as_json(OFFSET)) == OFFSET
     older = parameters_as_json(SignatureParameters())
@@ -36,7 +38,7 @@ def test_an_offset_is_one_amplitude_of_a_mode() -> None:
     signature = modal_signature(BEAT, OFFSET)
     assert signature.kind == "offset"
     assert signature.amplitudes.shape == (8, 7, 1)
-    assert signature.n_amplitudes == SignatureParameters(amplitudes=7, kind="offset").modes == 7
+    assert signature.n_amplitudes == replace(OFFSET, modes=None, amplitudes=7).modes == 7
     assert signature.compression == 3 * BEAT.n_vertices / 7
     assert signature.body_amplitudes is signature.amplitudes
 
