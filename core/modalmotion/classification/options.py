@@ -17,6 +17,7 @@ from modalmotion.representation import shown
 from modalmotion.signature.making import MOST_MODES, SignatureParameters
 
 MOST_FOLDS: Final = 20
+MOST_REPETITIONS: Final = 20
 MOST_HARMONICS: Final = 8
 
 
@@ -44,6 +45,13 @@ class Timing(StrEnum):
     AUTO = "auto"
     CYCLE = "cycle"
     COURSE = "course"
+
+
+class CardKind(StrEnum):
+    """What a card holds: `QUICK` leaves the learning curve out."""
+
+    FULL = "full"
+    QUICK = "quick"
 
 
 class PoseOf(StrEnum):
@@ -82,6 +90,9 @@ class TrainingOptions:
     class_weights : ClassWeights or mapping of label to float
     folds : int
         Of the grouped cross-validation.
+    repetitions : int
+        Of the cross-validation, each with folds of its own.
+    card : CardKind
     coverage : float
         Level that the card reports class sets at; every answer may ask for another.
     known_share : float
@@ -103,6 +114,8 @@ class TrainingOptions:
     estimator: Estimator | str = Estimator.AUTO
     class_weights: ClassWeights | str | Mapping[str, float] = ClassWeights.NONE
     folds: int = 5
+    repetitions: int = 5
+    card: CardKind | str = CardKind.FULL
     coverage: float = 0.9
     known_share: float = 0.995
     seed: int = 0
@@ -113,12 +126,14 @@ class TrainingOptions:
             ("pose", PoseOf),
             ("walls", Walls),
             ("estimator", Estimator),
+            ("card", CardKind),
         ):
             object.__setattr__(self, name, _member(kind, name, getattr(self, name)))
         for name, least, most in (
             ("modes", 1, MOST_MODES),
             ("harmonics", 1, MOST_HARMONICS),
             ("folds", 2, MOST_FOLDS),
+            ("repetitions", 1, MOST_REPETITIONS),
             ("seed", 0, 2**32 - 1),
         ):
             value = getattr(self, name)
