@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -43,6 +44,7 @@ class CaseRow:
     axis, walls : AxisValues or None
         Read about an axis; None where there is none, or no zero of theta.
     cycle, course : MotionTerms
+    covariates : mapping of str to (float or str)
     """
 
     label: str
@@ -57,6 +59,7 @@ class CaseRow:
     walls: AxisValues | None
     cycle: MotionTerms
     course: MotionTerms
+    covariates: Mapping[str, float | str]
 
 
 def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
@@ -83,6 +86,7 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
         walls=walls,
         cycle=cycle,
         course=course,
+        covariates=case.covariates,
     )
 
 

@@ -26,7 +26,11 @@ from modalmotion.classification.training.case_reading import ReadCase, read_case
 from modalmotion.classification.training.case_row import CaseRow
 from modalmotion.classification.training.cases import AnyCase
 from modalmotion.classification.training.conditions import Conditions
-from modalmotion.classification.training.feature_choices import feature_choices, tells_walls
+from modalmotion.classification.training.feature_choices import (
+    domain_reader,
+    feature_choices,
+    tells_walls,
+)
 from modalmotion.errors import ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.signature.making import ModalSignature, SignatureParameters
@@ -45,6 +49,8 @@ class CaseTable:
     example : ModalSignature
         One of them, for its modes.
     readable : Readable
+    domain_reader : FeatureReader
+        Of the domain, whichever choice of features is made.
     readers : tuple of FeatureReader
         Choices of features that may be tried, without a typical motion yet.
     classes : tuple of str
@@ -62,11 +68,14 @@ class CaseTable:
         Where modes are read as they are: as cycles, under True, and as courses.
     about_axis : (cases, 2) float64
         Size and smooth share of each motion, about an axis; else empty.
+    covariates : tuple of mapping of str to (float or str)
+        Of each case, as its sender states them; what is unknown is missing.
     notes : tuple of str
     """
 
     example: ModalSignature
     readable: Readable
+    domain_reader: FeatureReader
     readers: tuple[FeatureReader, ...]
     classes: tuple[str, ...]
     y: NDArray[np.int64]
@@ -79,6 +88,7 @@ class CaseTable:
     values: NDArray[np.float64]
     about_axis: NDArray[np.float64]
     motions: Mapping[bool, tuple[MotionTerms, ...]]
+    covariates: tuple[Mapping[str, float | str], ...]
     notes: tuple[str, ...]
     _cache: dict[FeatureReader, NDArray[np.float64]] = field(default_factory=dict, repr=False)
 
@@ -195,6 +205,7 @@ def collect(
             remedy="Give cases of at least two classes.",
             details={"classes": list(classes)},
         )
+    options.require_classes(classes)
     notes = [f"{n_same} cases came twice and counted once."] if n_same else []
     return _table(rows, classes, example, topologies, options, notes)
 
@@ -250,6 +261,7 @@ def _table(
             connectivity_id=example.modes.connectivity_id,
             parameters=parameters,
         ),
+        domain_reader=domain_reader(readers),
         readers=readers,
         classes=classes,
         y=np.array([classes.index(row.label) for row in rows]),
@@ -265,5 +277,6 @@ def _table(
             True: tuple(row.cycle for row in rows),
             False: tuple(row.course for row in rows),
         },
+        covariates=tuple(row.covariates for row in rows),
         notes=tuple(notes),
     )

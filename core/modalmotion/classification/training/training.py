@@ -17,6 +17,7 @@ from modalmotion.classification.model.model import Model
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.basis import collect_in_one_basis
 from modalmotion.classification.training.cases import AnyCase
+from modalmotion.classification.training.domain_fit import fit_domain
 from modalmotion.classification.training.fold_fit import FoldFit, fit_rows, predict_fold
 from modalmotion.classification.training.repetitions import plan_folds
 from modalmotion.classification.training.table import CaseTable
@@ -119,7 +120,8 @@ def _model(
     blend, machine = _rounded_blend(estimator, fitted), b""
     if estimator.blend_ is None:
         machine = machine_to_bytes(estimator)
-    least_motion, least_smooth = motion_limits(*table.sizes(fitted.reader).T)
+    domain = fit_domain(table, np.arange(len(table))).domain
+    least_motion, least_smooth = motion_limits(*table.sizes(domain.reader).T)
     limit = np.inf
     calibration = Calibration(tuple(np.zeros(0) for _ in table.classes))
     if validation is not None:
@@ -143,8 +145,9 @@ def _model(
         blend=blend,
         machine=machine,
         domain=Domain(
-            rounded(fitted.means),
-            rounded(fitted.whitening),
+            domain.reader,
+            rounded(domain.means),
+            rounded(domain.whitening),
             float(rounded(np.array(limit))),
             float(rounded(np.array(least_motion))),
             float(rounded(np.array(least_smooth))),

@@ -115,7 +115,8 @@ def test_cases_of_one_subject_widen_every_interval() -> None:
 
 
 def test_a_perfect_area_has_a_width_and_one_class_has_no_area() -> None:
-    scores, is_class = np.arange(20.0), np.arange(20) >= 10
+    scores: NDArray[np.float64] = np.arange(20.0)
+    is_class = np.arange(20) >= 10
     area = auc(scores, is_class)
     assert area is not None
     low, high = auc_interval(area.value, area.influences, [(10, 10)], list("abcdefghijklmnopqrst"))
