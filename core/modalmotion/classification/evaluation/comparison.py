@@ -19,7 +19,9 @@ from modalmotion.classification.evaluation.evaluation import (
 )
 from modalmotion.classification.measures.performance import Answers
 from modalmotion.classification.model.model import Model
-from modalmotion.classification.training.cases import TrainingCase
+from modalmotion.classification.training.cases import AnyCase, TrainingCase
+from modalmotion.classification.training.left_out import LeftOut
+from modalmotion.classification.usable_cases import cases_for_models
 from modalmotion.errors import ParameterError
 from modalmotion.representation import shown
 
@@ -111,9 +113,10 @@ class Comparison:
 def compare_models(
     first: Model,
     second: Model,
-    cases: Iterable[TrainingCase],
+    cases: Iterable[AnyCase],
     coverage: float = 0.9,
     progress: Callable[[float, str], None] | None = None,
+    left_out: list[LeftOut] | None = None,
 ) -> Comparison:
     """Test two models on the same cases.
 
@@ -122,13 +125,15 @@ def compare_models(
     first, second : Model
         Of one task: both know the classes of all cases. They may know others, read other modes
         and be of other topologies.
-    cases : iterable of TrainingCase
+    cases : iterable of TrainingCase or CaseSource
         Of subjects that neither was trained on; sequences, where the two read signatures of
         different parameters. Read one by one.
     coverage : float
         Level of the class sets.
     progress : callable, optional
         Called with the number of cases that are done, as a float, and a text.
+    left_out : list of LeftOut, optional
+        Cases that cannot be used are added to it; else one of them ends the comparison.
 
     Returns
     -------
@@ -140,8 +145,13 @@ def compare_models(
         As `evaluate` says.
     """
     answers: tuple[list[CaseAnswer], list[CaseAnswer]] = ([], [])
-    for number, case in enumerate(cases):
-        for model, its in zip((first, second), answers, strict=True):
+    models = first, second
+    read: Iterable[tuple[int, tuple[TrainingCase, ...]]]
+    read = ((n, (c if isinstance(c, TrainingCase) else c.read(),) * 2) for n, c in enumerate(cases))
+    if left_out is not None:
+        read = cases_for_models(models, cases, left_out)
+    for number, pair in read:
+        for model, case, its in zip(models, pair, answers, strict=True):
             require_known(model, case.label, number)
             its.append(CaseAnswer.of(case, classify(case.motion, model, coverage)))
         if progress is not None:

@@ -111,7 +111,8 @@ def training_card(
         return card
     answers = validation.answers.answers()
     held, sizes = _cross_sets(table, plan.splits.folds, answers.probabilities[0], options.coverage)
-    tests = confounds(table.conditions, table.y, table.groups, options.seed)
+    people = np.unique(table.subjects, return_inverse=True)[1]
+    tests = confounds(table.conditions, table.y, people, options.seed)
     return replace(
         card,
         **vars(performance(answers)),
