@@ -1,5 +1,7 @@
 """Motion classes: models, their training and tests, and their answers for signatures."""
 
+from typing import TYPE_CHECKING
+
 from modalmotion.classification.answer.classification import FLAGS, Classification
 from modalmotion.classification.answer.classifier import classify
 from modalmotion.classification.answer.explanation import ModeContribution, only_modes
@@ -14,6 +16,10 @@ from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.cases import CaseFile, TrainingCase
 from modalmotion.classification.training.training import train
 
+if TYPE_CHECKING:
+    from modalmotion.classification.estimators.estimator import MotionClassifier
+    from modalmotion.classification.tables.signature_features import SignatureFeatures
+
 __all__ = [
     "DEFAULT_MODEL",
     "FLAGS",
@@ -25,6 +31,8 @@ __all__ = [
     "ModeContribution",
     "Model",
     "ModelCard",
+    "MotionClassifier",
+    "SignatureFeatures",
     "TrainingCase",
     "TrainingOptions",
     "available_models",
@@ -37,3 +45,16 @@ __all__ = [
     "only_modes",
     "train",
 ]
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name (PEP 562): these two need scikit-learn, which takes a second."""
+    if name == "MotionClassifier":
+        from modalmotion.classification.estimators.estimator import MotionClassifier
+
+        return MotionClassifier
+    if name == "SignatureFeatures":
+        from modalmotion.classification.tables.signature_features import SignatureFeatures
+
+        return SignatureFeatures
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
