@@ -14,9 +14,10 @@ from modalmotion.facts import Named
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.modes.topology import MESH, Topology
 from modalmotion.representation import shown
-from modalmotion.signature.making import MOST_MODES, SignatureParameters
+from modalmotion.signature.making import MOST_MODES, SignatureKind, SignatureParameters
 
 MOST_FOLDS: Final = 20
+MOST_REPETITIONS: Final = 20
 MOST_HARMONICS: Final = 8
 
 MODE_COUNTS: Final = (7, 12, 18)
@@ -59,6 +60,13 @@ class Timing(StrEnum):
     COURSE = "course"
 
 
+class CardKind(StrEnum):
+    """What a card holds: `QUICK` leaves the learning curve out."""
+
+    FULL = "full"
+    QUICK = "quick"
+
+
 class PoseOf(StrEnum):
     """Whether recordings share their coordinates, or may be turned any way."""
 
@@ -86,6 +94,9 @@ class TrainingOptions:
         weighed, too. None for 18, or as many as every recording can tell apart.
     topology : str or None
         Of the signatures: None lets the cases decide, all together. "mesh" for spring modes.
+    kind : SignatureKind
+        Of the signatures: MATERIAL where vertices follow the tissue, OFFSET where they may slide
+        over it.
     harmonics : int
         Of each part of the motion.
     timing : Timing
@@ -96,6 +107,9 @@ class TrainingOptions:
     class_weights : ClassWeights or mapping of label to float
     folds : int
         Of the grouped cross-validation.
+    repetitions : int
+        Of the cross-validation, each with folds of its own.
+    card : CardKind
     fold : str or None
         Covariate whose values are the folds; else they are drawn.
     groups : str or None
@@ -120,6 +134,7 @@ class TrainingOptions:
 
     modes: int | None = None
     topology: str | None = None
+    kind: SignatureKind | str = SignatureKind.MATERIAL
     harmonics: int = 2
     timing: Timing | str = Timing.AUTO
     pose: PoseOf | str = PoseOf.ANY
@@ -127,6 +142,8 @@ class TrainingOptions:
     estimator: Estimator | str = Estimator.AUTO
     class_weights: ClassWeights | str | Mapping[str, float] = ClassWeights.NONE
     folds: int = 5
+    repetitions: int = 5
+    card: CardKind | str = CardKind.FULL
     fold: str | None = None
     groups: str | None = None
     on_error: OnError | str = OnError.RAISE
@@ -137,10 +154,12 @@ class TrainingOptions:
 
     def __post_init__(self) -> None:
         for name, kind in (
+            ("kind", SignatureKind),
             ("timing", Timing),
             ("pose", PoseOf),
             ("walls", Walls),
             ("estimator", Estimator),
+            ("card", CardKind),
             ("on_error", OnError),
         ):
             object.__setattr__(self, name, _member(kind, name, getattr(self, name)))
@@ -148,6 +167,7 @@ class TrainingOptions:
             ("modes", 1, MOST_MODES),
             ("harmonics", 1, MOST_HARMONICS),
             ("folds", 2, MOST_FOLDS),
+            ("repetitions", 1, MOST_REPETITIONS),
             ("seed", 0, 2**32 - 1),
         ):
             value = getattr(self, name)
@@ -215,7 +235,11 @@ class TrainingOptions:
         """
         modes = max(MODE_COUNTS) if self.modes is None else self.modes
         return SignatureParameters(
-            modes=modes, reference=MEAN, topology=self.topology, volumes=self.further
+            modes=modes,
+            reference=MEAN,
+            topology=self.topology,
+            volumes=self.further,
+            kind=SignatureKind(self.kind),
         )
 
     def as_json(self) -> dict[str, Any]:

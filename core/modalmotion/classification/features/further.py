@@ -20,7 +20,7 @@ from modalmotion.classification.features.temporal import (
     one_turn,
 )
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.making import ModalSignature, SignatureKind
 
 Array = NDArray[np.float64]
 
@@ -119,7 +119,10 @@ def rest_shape(signature: ModalSignature, waves: Waves) -> Array:
     Roots of products of its own amplitudes over their size: see `invariants`. The first mode,
     which moves the whole, is zero.
     """
-    shape = signature.reference_amplitudes + signature.amplitudes.mean(axis=0)
+    shape = signature.reference_amplitudes.copy()
+    # Offsets are along normals, not along x, y, z: there the reference itself is read.
+    if signature.kind == SignatureKind.MATERIAL:
+        shape += signature.amplitudes.mean(axis=0)
     shape[0] = 0.0
     size = float(np.linalg.norm(shape))
     terms = (shape / size if size > 0 else shape)[None].astype(np.complex128)
@@ -134,7 +137,7 @@ def rest_shape_columns(waves: Waves) -> tuple[Column, ...]:
 
 def _still(waves: Waves) -> list[Column]:
     """Columns of one still term: nothing is ahead of anything."""
-    columns = invariant_columns(waves, 1, is_cycle=False)
+    columns = invariant_columns(waves, 1, 3, is_cycle=False)
     return [c for c in columns if c.name.startswith(("size", "together", "spread"))]
 
 

@@ -21,6 +21,7 @@ from modalmotion.classification.features import (
 )
 from modalmotion.classification.options import MODE_COUNTS, MOST_HARMONICS, TrainingOptions
 from modalmotion.classification.training.cases import TrainingCase
+from modalmotion.classification.training.conditions import Conditions, conditions_of
 from modalmotion.modes import Modes
 from modalmotion.signature.first_modes import first_modes, whole_count
 from modalmotion.signature.making import ModalSignature
@@ -75,6 +76,9 @@ class CaseRow:
     label : str
     subject : str or None
     sequence_id : str
+    name : str
+        What errors call the case; may be empty.
+    conditions : Conditions
     gap : float
         See `ModalSignature.closure_gap`.
     zero_is_given, zero_is_known : bool
@@ -93,6 +97,8 @@ class CaseRow:
     label: str
     subject: str | None
     sequence_id: str
+    name: str
+    conditions: Conditions
     gap: float
     zero_is_given: bool
     zero_is_known: bool
@@ -127,6 +133,8 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
         label=case.label,
         subject=case.subject,
         sequence_id=signature.sequence_id,
+        name=case.name,
+        conditions=conditions_of(signature),
         gap=signature.closure_gap,
         zero_is_given=landmarks is not None and "theta_zero" in landmarks.given,
         zero_is_known=zero_is_known(signature),

@@ -26,6 +26,7 @@ from modalmotion.classification.options import PoseOf, TrainingOptions
 from modalmotion.classification.training.case_groups import group_cases
 from modalmotion.classification.training.case_row import CaseRow, FurtherKey, TermsKey
 from modalmotion.classification.training.cases import AnyCase
+from modalmotion.classification.training.conditions import Conditions
 from modalmotion.classification.training.feature_choices import (
     domain_reader,
     feature_choices,
@@ -62,6 +63,8 @@ class CaseTable:
     groups : (cases,) int64
         Cases that must not be on both sides of a split.
     subjects : tuple of str
+    sequence_ids, names : tuple of str
+    conditions : tuple of Conditions
     hash : str
         sha256 in hex of ids, labels and subjects, in any order.
     rows : tuple of CaseRow
@@ -86,6 +89,9 @@ class CaseTable:
     y: NDArray[np.int64]
     groups: NDArray[np.int64]
     subjects: tuple[str, ...]
+    sequence_ids: tuple[str, ...]
+    names: tuple[str, ...]
+    conditions: tuple[Conditions, ...]
     hash: str
     rows: tuple[CaseRow, ...]
     covariates: tuple[Mapping[str, float | str], ...]
@@ -322,6 +328,9 @@ def _table(
         y=np.array([classes.index(row.label) for row in rows]),
         groups=groups,
         subjects=subjects,
+        sequence_ids=tuple(row.sequence_id for row in rows),
+        names=tuple(row.name for row in rows),
+        conditions=tuple(row.conditions for row in rows),
         hash=hashlib.sha256("\n".join(lines).encode()).hexdigest(),
         rows=tuple(rows),
         covariates=features_of([row.covariates for row in rows], options),

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from modalmotion.classification.features import (
@@ -29,12 +30,13 @@ def of(sequence: MeshSequence) -> ModalSignature:
     return modal_signature(sequence, PARAMETERS)
 
 
-def read(signature: ModalSignature, *kinds: Further, is_cycle: bool = True) -> np.ndarray:
+def read(signature: ModalSignature, *kinds: Further, is_cycle: bool = True) -> NDArray[np.float64]:
     reader = FeatureReader(False, is_cycle, 2, False, reads_motion=False, further=kinds)
     found = reader.read(signature)
     assert len(found.columns) == found.values.shape[1]
     assert len(set(found.names)) == len(found.names)
-    return found.values[0]
+    values: NDArray[np.float64] = found.values[0]
+    return values
 
 
 def moved(sequence: MeshSequence, scale: float = 1.0) -> MeshSequence:
@@ -69,7 +71,7 @@ def test_the_volume_is_read_as_lengths_and_a_share() -> None:
 
 def test_the_volume_curve_does_not_hang_on_the_start_of_a_cycle() -> None:
     curve = read(of(BEAT), Further.VOLUME_CURVE)
-    later = replace(BEAT, vertices=np.roll(BEAT.vertices, 7, axis=0))
+    later = replace(BEAT, vertices=np.roll(BEAT.vertices.astype(np.float64), 7, axis=0))
     assert read(of(later), Further.VOLUME_CURVE) == pytest.approx(curve, abs=1e-9)
     course = read(of(later), Further.VOLUME_CURVE, is_cycle=False)
     before = read(of(BEAT), Further.VOLUME_CURVE, is_cycle=False)
@@ -85,7 +87,7 @@ def test_a_volume_that_turns_inside_out_is_none() -> None:
 
 
 def test_covariates_are_numbers_words_and_gaps() -> None:
-    known = [
+    known: list[dict[str, float | str]] = [
         {"age": 50.0, "sex": "f", "site": "a"},
         {"age": 70.0, "sex": "m", "site": "a"},
         {"sex": "m", "site": "a"},
@@ -100,12 +102,13 @@ def test_covariates_are_numbers_words_and_gaps() -> None:
         covariates=columns,
     )
     signature = of(BEAT)
-    for stated, expected in (
+    cases: list[tuple[dict[str, float | str], list[float]]] = [
         ({"age": 50.0, "sex": "f"}, [50.0, 0.0, 1.0, 0.0]),
         ({"sex": "m"}, [60.0, 1.0, 0.0, 1.0]),
         # A word that was never seen is none of those.
         ({"age": 70.0, "sex": "x"}, [70.0, 0.0, 0.0, 0.0]),
-    ):
+    ]
+    for stated, expected in cases:
         found = reader.read(replace(signature, facts=Facts(covariates=stated)))
         assert found.values[0].tolist() == expected
         assert len(found.columns) == 4
