@@ -147,21 +147,20 @@ def has_volume(signature: ModalSignature) -> bool:
 
 
 def volume_values(signature: ModalSignature) -> Array:
-    """Volumes as lengths and the share that is lost, (3,) float64.
+    """Largest volume as a length, and the share of it that is lost, (2,) float64.
 
-    A third of the logarithm of the largest and the smallest volume, and 1 - smallest / largest.
+    A third of its logarithm, and 1 - smallest / largest.
     """
     volumes = signature.volumes
     assert volumes is not None  # noqa: S101 (see `has_volume`)
     largest, smallest = float(volumes.max()), float(volumes.min())
-    unit = MM_PER_UNIT.get(signature.unit or "", 1.0)
-    lengths = [math.log(volume) / 3.0 + math.log(unit) for volume in (largest, smallest)]
-    return np.array([*lengths, 1.0 - smallest / largest])
+    length = math.log(largest) / 3.0 + math.log(MM_PER_UNIT.get(signature.unit or "", 1.0))
+    return np.array([length, 1.0 - smallest / largest])
 
 
 VOLUME_COLUMNS: Final = tuple(
     Column(name, (), 0.0)
-    for name in ("log largest volume / 3", "log smallest volume / 3", "share of volume lost")
+    for name in ("log largest volume / 3", "share of volume lost")
 )
 
 

@@ -63,9 +63,8 @@ def test_the_size_is_in_mm_whatever_the_unit() -> None:
 def test_the_volume_is_read_as_lengths_and_a_share() -> None:
     signature = of(BEAT)
     assert signature.volumes is not None
-    largest, smallest, share = read(signature, Further.VOLUME)
+    largest, share = read(signature, Further.VOLUME)
     assert np.exp(3.0 * largest) == pytest.approx(signature.volumes.max())
-    assert np.exp(3.0 * smallest) == pytest.approx(signature.volumes.min())
     assert share == pytest.approx(1.0 - signature.volumes.min() / signature.volumes.max())
 
 
@@ -135,7 +134,7 @@ def test_further_features_stand_beside_the_motion() -> None:
     axis = FeatureReader(True, True, 2, False, n_modes=7)
     both = replace(axis, further=(Further.SIZE, Further.VOLUME))
     motion, found = axis.read(signature), both.read(signature)
-    assert found.values.shape == (4, motion.values.shape[1] + 4)
-    assert np.array_equal(found.values[:, :-4], motion.values)
-    assert all(column.modes == () for column in found.columns[-4:])
+    assert found.values.shape == (4, motion.values.shape[1] + 3)
+    assert np.array_equal(found.values[:, :-3], motion.values)
+    assert all(column.modes == () for column in found.columns[-3:])
     assert "size, volume" in both.description
