@@ -7,6 +7,7 @@ import contextlib
 import io
 import json
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from sealed_files import sealed
 
 from modalmotion.choice.parameters import SignatureParameters, parameters_as_json
 from modalmotion.classification import Classification, Model
+from modalmotion.classification.features import FeatureReader
 from modalmotion.mesh.sequence import MeshSequence
 
 INTENDED_USE = "Description of surface motion."
@@ -83,6 +85,24 @@ def old_signature(sequence_id: str, parameters: SignatureParameters) -> bytes:
     """Version 1, of which the rewriting reads what was asked: its errors were by weight alone."""
     attributes = header("signature", 1, sequence_id=sequence_id, parameters_key=parameters.key)
     return old_file(attributes, {"parameters": parameters_as_json(parameters)})
+
+
+def old_kind(model: Model) -> Model:
+    """Give a model as older ones were: of one choice of features, which its domain reads too."""
+    member = replace(model.members[0], weight=1.0)
+    values = {name: getattr(member.reader, name) for name in (*OLD_READER, "typical")}
+    reader = FeatureReader(**values)
+    domain = replace(model.domain, reader=reader)
+    d = len(member.columns)
+    one = replace(
+        model,
+        members=(replace(member, reader=reader),),
+        temperature=1.0,
+        domain=domain,
+        golden_features=model.golden_features[:, :d],
+        cross_validation=None,
+    )
+    return replace(one, golden_probabilities=one.probabilities(one.golden_features))
 
 
 OLD_READER = ("has_axis", "is_cycle", "n_harmonics", "walls", "adds_modes", "is_brief")

@@ -159,8 +159,7 @@ def volume_values(signature: ModalSignature) -> Array:
 
 
 VOLUME_COLUMNS: Final = tuple(
-    Column(name, (), 0.0)
-    for name in ("log largest volume / 3", "share of volume lost")
+    Column(name, (), 0.0) for name in ("log largest volume / 3", "share of volume lost")
 )
 
 

@@ -93,7 +93,7 @@ def training_card(
         options={
             **options.as_json(),
             "chosen": fitted.members[0].estimator.kind_,
-            "features": [[name, round(weight, 3)] for name, weight in fitted.choices],
+            "features": tuple((name, round(weight, 3)) for name, weight in fitted.choices),
         },
         versions={p: version(p) for p in ("modalmotion", "numpy", "scipy", "scikit-learn")},
         has_seen=(
