@@ -23,7 +23,7 @@ MOST_HARMONICS: Final = 8
 MODE_COUNTS: Final = (7, 12, 18)
 """Numbers of modes that training weighs, where none is stated."""
 
-FEWER_MODES: Final = (12, 10, 7, 4, 2, 1)
+FEWER_MODES: Final = (12, 10, 7)
 """Numbers of modes that are tried where a recording has too few vertices for the largest."""
 
 

@@ -255,6 +255,11 @@ def _collected(
     options.require_classes(classes)
     n_same = len(kept.cases) - len(rows)
     notes = [f"{n_same} cases came twice and counted once."] if n_same else []
+    most = options.signature_parameters.modes
+    if options.modes is None and any(case.is_fitted for case in kept.cases) and n < (most or 0):
+        notes.append(
+            f"Some recordings have too few vertices for {most} modes: {n} are read of all."
+        )
     table = _table(rows, classes, example, topologies, options, notes)
     own: tuple[Fold, ...] = ()
     if options.fold is not None:
