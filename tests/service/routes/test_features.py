@@ -1,0 +1,116 @@
+"""Features of stored sequences over HTTP, as JSON and as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from typing import Any
+
+import numpy as np
+import pytest
+from bent_surfaces import bent_cohort
+from services import files_of
+from training_cohort import Sent, Trained, finished, send
+
+from modalmotion.formats import write_npz
+from modalmotion.mesh.sequence import mesh_sequence
+
+CSV = {"Accept": "text/csv"}
+
+
+def ask(trained: Trained, sequences: list[Any], headers: Any = None, **options: Any) -> Any:
+    request = {"sequences": sequences, **options}
+    return trained.client.post("/v1/features", json=request, headers=headers)
+
+
+def test_a_table_has_a_line_for_each_sequence(trained: Trained) -> None:
+    answer = ask(trained, trained.ids)
+    assert answer.status_code == 200, answer.text
+    assert answer.headers["cases-left-out"] == "0"
+    table = answer.json()
+    assert [case["sequence_id"] for case in table["cases"]] == trained.ids
+    assert all(case["label"] and case["subject"] for case in table["cases"])
+    assert {len(case["values"]) for case in table["cases"]} == {len(table["columns"])}
+    text = ask(trained, trained.ids, CSV)
+    assert text.headers["content-type"].startswith("text/csv")
+    rows = list(csv.reader(io.StringIO(text.text)))
+    assert rows[0][4:] == table["columns"]
+    assert [[float(v) for v in row[4:]] for row in rows[1:]] == [
+        case["values"] for case in table["cases"]
+    ]
+
+
+def test_covariates_are_stored_or_stated_with_the_request(trained: Trained) -> None:
+    first, second, *rest = trained.ids
+    here = f"/v1/sequences/{first}"
+    trained.client.patch(here, json={"facts": {"covariates": {"age": 61, "sex": "f"}}})
+    stated = {"id": second, "label": "other", "covariates": {"age": 40}}
+    table = ask(trained, [first, stated, *rest], covariates="all").json()
+    trained.client.patch(here, json={"facts": None})
+    assert table["columns"][-2:] == ["covariate age", "covariate sex=f"]
+    assert [case["values"][-2:] for case in table["cases"][:3]] == [[61, 1], [40, None], [None] * 2]
+    assert table["cases"][1]["label"] == "other"
+
+
+def test_it_may_be_a_job_whose_result_is_the_table(trained: Trained) -> None:
+    before = files_of(trained.data_dir)
+    answer = ask(trained, trained.ids, {**CSV, "Prefer": "respond-async"})
+    assert answer.status_code == 202
+    job = finished(trained.client, answer.json())
+    assert job["state"] == "succeeded", job["error"]
+    result = trained.client.get(job["result"])
+    assert result.text == ask(trained, trained.ids, CSV).text
+    assert set(files_of(trained.data_dir)) >= set(before)
+
+
+def test_surfaces_of_one_mesh_are_read_in_one_basis(trained: Trained) -> None:
+    bent = [Sent(write_npz(s), label, f"b {k}") for k, (s, label) in enumerate(bent_cohort(2, 1))]
+    ids = send(trained.client, iter(bent))
+    answer = ask(trained, ids, modes=4)
+    assert answer.status_code == 200, answer.text
+    assert len(answer.json()["cases"]) == 4
+    for name in ids:
+        trained.client.delete(f"/v1/sequences/{name}")
+
+
+def test_what_does_not_fit_is_named_and_left_out_on_request(trained: Trained) -> None:
+    flat = mesh_sequence(np.zeros((3, 4, 3)), grid=(2, 2), topology="cup", unit="mm")
+    (odd,) = send(trained.client, iter([Sent(write_npz(flat), "normal", "flat")]))
+    some = [odd, *trained.ids]
+    refused = ask(trained, some)
+    assert refused.status_code == 422
+    assert odd[:12] in refused.json()["detail"]
+    answer = ask(trained, some, on_error="leave out")
+    assert answer.headers["cases-left-out"] == "1"
+    (left,) = answer.json()["left_out"]
+    assert left["name"] == f"Sequence {odd[:12]}"
+    assert left["reason"]
+    assert answer.json()["cases"] == ask(trained, trained.ids).json()["cases"]
+    trained.client.delete(f"/v1/sequences/{odd}")
+
+
+@pytest.mark.parametrize(
+    ("request_", "status", "code"),
+    [
+        ({"sequences": []}, 422, "invalid_request"),
+        ({"sequences": ["0" * 64]}, 404, "not_found"),
+        ({"kind": "best"}, 422, "invalid_request"),
+        ({"modes": 0}, 422, "invalid_request"),
+        ({"topology": "ball"}, 422, "topology"),
+        ({"covariates": ["weight"]}, 422, "bad_parameter"),
+        ({"nothing": 1}, 422, "invalid_request"),
+    ],
+)
+def test_a_request_that_cannot_be_met_is_refused(
+    trained: Trained, request_: dict[str, Any], status: int, code: str
+) -> None:
+    answer = trained.client.post("/v1/features", json={"sequences": trained.ids[:2], **request_})
+    assert (answer.status_code, answer.json()["code"]) == (status, code), answer.text
+
+
+def test_a_sequence_named_twice_and_too_many_are_refused(trained: Trained) -> None:
+    twice = ask(trained, [trained.ids[0]] * 2)
+    assert (twice.status_code, twice.json()["code"]) == (422, "bad_parameter")
+    many = ask(trained, [f"{k:064x}" for k in range(1001)])
+    assert (many.status_code, many.json()["code"]) == (413, "limit")
+    assert ask(trained, trained.ids, {"Accept": "image/png"}).status_code == 406
