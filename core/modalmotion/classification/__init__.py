@@ -5,14 +5,16 @@ from typing import TYPE_CHECKING
 from modalmotion.classification.answer.classification import FLAGS, Classification
 from modalmotion.classification.answer.classifier import classify
 from modalmotion.classification.answer.explanation import ModeContribution, only_modes
+from modalmotion.classification.evaluation.comparison import Comparison, compare_models
+from modalmotion.classification.evaluation.evaluation import Evaluation, evaluate
 from modalmotion.classification.model.card import ModelCard
+from modalmotion.classification.model.cross_validation import CrossValidation
 from modalmotion.classification.model.hdf5 import model_from_hdf5, model_to_hdf5
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.model.shipped import DEFAULT_MODEL, available_models, load_model
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.tables.cohort_table import FeatureTable, feature_table
 from modalmotion.classification.training.cases import CaseFile, TrainingCase
-from modalmotion.classification.training.evaluation import Evaluation, evaluate
 from modalmotion.classification.training.training import train
 
 if TYPE_CHECKING:
@@ -24,6 +26,8 @@ __all__ = [
     "FLAGS",
     "CaseFile",
     "Classification",
+    "Comparison",
+    "CrossValidation",
     "Evaluation",
     "FeatureTable",
     "ModeContribution",
@@ -35,6 +39,7 @@ __all__ = [
     "TrainingOptions",
     "available_models",
     "classify",
+    "compare_models",
     "evaluate",
     "feature_table",
     "load_model",
