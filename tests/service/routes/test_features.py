@@ -117,7 +117,7 @@ def test_what_does_not_fit_is_named_and_left_out_on_request(stored: Cohort) -> N
         ({"sequences": ["0" * 64]}, 404, "not_found"),
         ({"kind": "best"}, 422, "invalid_request"),
         ({"modes": 0}, 422, "invalid_request"),
-        ({"topology": "ball"}, 422, "topology"),
+        ({"topology": "ball"}, 422, "unsupported_topology"),
         ({"covariates": ["weight"]}, 422, "bad_parameter"),
         ({"nothing": 1}, 422, "invalid_request"),
     ],
