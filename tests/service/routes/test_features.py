@@ -133,5 +133,5 @@ def test_a_sequence_named_twice_and_too_many_are_refused(stored: Cohort) -> None
     twice = ask(stored, [stored.ids[0]] * 2)
     assert (twice.status_code, twice.json()["code"]) == (422, "bad_parameter")
     many = ask(stored, [f"{k:064x}" for k in range(1001)])
-    assert (many.status_code, many.json()["code"]) == (413, "limit")
+    assert (many.status_code, many.json()["code"]) == (413, "limit_exceeded")
     assert ask(stored, stored.ids, {"Accept": "image/png"}).status_code == 406
