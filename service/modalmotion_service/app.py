@@ -29,6 +29,7 @@ from modalmotion_service.routes import (
     classify,
     codec,
     documentation,
+    evaluations,
     health,
     jobs,
     kserve,
@@ -140,7 +141,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(Observation)
     for module in (
         *(sequences, signatures, sent_signature, tradeoff, readouts, templates, codec),
-        *(classifications, classify, models, jobs, limits),
+        *(classifications, classify, models, evaluations, jobs, limits),
         *(audit, health, kserve, prometheus, documentation),
     ):
         app.include_router(module.router)

@@ -55,11 +55,39 @@ def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int
         If some have no label or are named twice, a covariate cannot be one, or there are too few
         of a class, or of classes; it names them.
     """
+    cases = labelled_cases(store, sequences, most, "training_sequences")
+    _require_classes(cases)
+    return cases
+
+
+def labelled_cases(
+    store: ResultStore, sequences: Sequence[LabelledSequence], most: int, limit: str
+) -> list[Case]:
+    """Find what is known of each sequence.
+
+    Parameters
+    ----------
+    store : ResultStore
+    sequences : sequence of LabelledSequence
+    most : int
+        That may be named.
+    limit : str
+        Name of that limit.
+
+    Raises
+    ------
+    LimitError
+        If there are more than `most`.
+    NotFoundError
+        If some are not kept; it names them.
+    ParameterError
+        If some have no label or are named twice, or a covariate cannot be one; it names them.
+    """
     if len(sequences) > most:
         raise LimitError(
-            f"{len(sequences)} sequences are named; a model is trained on at most {most}.",
+            f"{len(sequences)} sequences are named; at most {most} may be.",
             remedy="Name fewer, or have the limit raised.",
-            limit="training_sequences",
+            limit=limit,
             details={"most": most},
         )
     repeated = [name for name, n in Counter(case.id for case in sequences).items() if n > 1]
@@ -97,7 +125,6 @@ def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int
             remedy='State it here, as {"id": ..., "label": ...}, or with PATCH /v1/sequences/{id}.',
             details=_ids(unlabelled),
         )
-    _require_classes(cases)
     return cases
 
 
