@@ -7,7 +7,7 @@ import io
 from typing import Any
 
 import pytest
-from services import N_PER_CLASS, Trained, send
+from training_cohort import N_PER_CLASS, Trained, send
 
 from modalmotion.classification import TrainingCase, evaluate
 from modalmotion.formats import read_npz
@@ -18,7 +18,7 @@ EVALUATIONS = "/v1/models/wall-motion/versions/1/evaluations"
 
 @pytest.fixture(scope="module")
 def tested(trained: Trained) -> tuple[list[str], dict[str, Any]]:
-    ids = send(trained.client, trained.test)
+    ids = send(trained.client, iter(trained.test))
     answer = trained.client.post(EVALUATIONS, json={"sequences": ids, "coverage": 0.8})
     assert answer.status_code == 200, answer.text
     return ids, answer.json()
