@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import asdict
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Request, Response
@@ -24,7 +23,7 @@ from modalmotion_service.schemas.evaluations import (
 from modalmotion_service.workspace.evaluations import require_known_classes
 from modalmotion_service.workspace.models import ChosenModel
 from modalmotion_service.workspace.state import State
-from modalmotion_service.workspace.training_set import Case, labelled_cases
+from modalmotion_service.workspace.training_set import Case, cases_as_json, labelled_cases
 
 router = APIRouter(prefix="/v1/models", tags=["models"], responses=PROBLEMS, route_class=JsonRoute)
 
@@ -49,7 +48,7 @@ async def compare(
     cases = await asyncio.to_thread(_cases, state, models, query.cases, request)
     body = {
         "models": [f"{model.name}@{model.version}" for model in models],
-        "cases": [asdict(case) for case in cases],
+        "cases": cases_as_json(cases),
         "coverage": query.coverage,
     }
     return await reply_or_job(state, preference, "comparison", body)
@@ -81,7 +80,7 @@ async def evaluate(
     cases = await asyncio.to_thread(_cases, state, [model], query.cases, request)
     body = {
         "model": f"{model.name}@{model.version}",
-        "cases": [asdict(case) for case in cases],
+        "cases": cases_as_json(cases),
         "coverage": query.coverage,
         "media_type": media_type,
     }

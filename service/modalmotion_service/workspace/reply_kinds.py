@@ -34,11 +34,12 @@ from modalmotion_service.settings import Settings
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.evaluations import Evaluations
+from modalmotion_service.workspace.feature_tables import FeatureTables
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.replies import Maker, Replies, Reply, Request
 from modalmotion_service.workspace.spool import Spool
-from modalmotion_service.workspace.training_set import Case
+from modalmotion_service.workspace.training_set import cases_from_json
 
 Query = TypeVar("Query", bound=BaseModel)
 
@@ -68,6 +69,7 @@ def make_replies(
     evaluations: Evaluations,
 ) -> Replies:
     """Make the maker of all kinds."""
+    tables = FeatureTables(analysis, spool)
 
     def sent(request: Request, query: ReadingQuery) -> Upload:
         facts = request["facts"]
@@ -175,14 +177,14 @@ def make_replies(
 
     async def evaluation(request: Request, report: Report) -> Reply:
         model = await asyncio.to_thread(models.choose, request["model"])
-        cases = [Case(**case) for case in request["cases"]]
+        cases = cases_from_json(request["cases"])
         media_type = request["media_type"]
         body = await evaluations.evaluate(model, cases, request["coverage"], media_type, report)
         return Reply(body, media_type)
 
     async def comparison(request: Request, report: Report) -> Reply:
         first, second = [await asyncio.to_thread(models.choose, name) for name in request["models"]]
-        cases = [Case(**case) for case in request["cases"]]
+        cases = cases_from_json(request["cases"])
         body = await evaluations.compare((first, second), cases, request["coverage"], report)
         return Reply(body, JSON)
 
@@ -197,7 +199,19 @@ def make_replies(
         content = await asyncio.to_thread(models.describe, model)
         return Reply(await models.draw(content), PNG)
 
+    async def features(request: Request, report: Report) -> Reply:
+        media_type = request["media_type"]
+        path, n_left_out = await tables.make(
+            cases_from_json(request["cases"]),
+            request["options"],
+            media_type,
+            report,
+            leaves_out=request["on_error"] == "leave out",
+        )
+        return Reply(path, media_type, {"Cases-Left-Out": str(n_left_out)})
+
     makers: dict[str, Maker] = {
+        "features": features,
         "sent-signature": sent_signature,
         "sent-classification": sent_classification,
         "sent-encoding": sent_encoding,
