@@ -19,6 +19,7 @@ from modalmotion.classification import TrainingCase, TrainingOptions, classify, 
 from modalmotion.classification.estimators.estimator import MotionClassifier
 from modalmotion.classification.features import axis_features
 from modalmotion.classification.model.reliability import calibration_curve, calibration_error
+from modalmotion.classification.training.domain_fit import fit_domain
 from modalmotion.classification.training.fold_fit import fit_rows
 from modalmotion.classification.training.table import collect
 from modalmotion.formats import read_sequence
@@ -172,7 +173,8 @@ def _as_trained(cohort: list[_Recorded], folds: Sequence[Any]) -> tuple[Array, f
         start = time.perf_counter()
         fitted = fit_rows(table, inner, options)
         seconds += time.perf_counter() - start
-        shares = fitted.probabilities(fitted.nearest(table, outer)[0], len(table.classes))
+        readings, _ = fit_domain(table, inner).nearest(outer)
+        shares = fitted.probabilities(fitted.read_as(outer, readings), len(table.classes))
         right[outer] = shares.argmax(axis=1) == table.y[outer]
     return right, seconds / len(folds)
 
@@ -185,7 +187,9 @@ def _costs(cohort: list[_Recorded], folds: Sequence[Any], mini: tuple[Any, float
 
     def ours() -> Array:
         found = model.reader.read(signature)
-        return model.probabilities(found.values[[model.distance(found.kinds).argmin()]])
+        return model.probabilities(
+            found.values[[model.distance(model.domain.reader.read(signature).kinds).argmin()]]
+        )
 
     calls = {
         "MiniRocket": lambda: mini[0].predict(_trajectories(signature)[None]),

@@ -88,7 +88,7 @@ def _real() -> Table:
             table.add(path.stem, said, "", "", "", "")
             continue
         found = model.reader.read(signature)
-        distances = model.distance(found.kinds)
+        distances = model.distance(model.domain.reader.read(signature).kinds)
         shares = model.probabilities(found.values[[distances.argmin()]])[0]
         table.add(
             path.stem,

@@ -109,7 +109,8 @@ def old_model(model: Model, version: int, *, machine: bytes = b"", training: str
         "scorers": [_plain(scorer) for scorer in blend.scorers],
         "temperature": blend.temperature,
         "machine": base64.b64encode(machine).decode(),
-        "domain": _plain(domain),
+        # It read what the model did.
+        "domain": {k: v for k, v in _plain(domain).items() if k != "reader"},
         "calibration": [_packed(scores) for scores in model.calibration.scores],
         "golden_features": _packed(model.golden_features),
         "golden_probabilities": _packed(model.golden_probabilities),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 from bent_surfaces import bent_cohort
 from click.testing import CliRunner, Result
 
+from modalmotion import Facts
 from modalmotion.classification import classify
 from modalmotion.cli import main
 from modalmotion.formats import read_npz, write_npz
@@ -137,15 +139,19 @@ def test_a_simulated_cohort_is_a_manifest_and_its_files(tmp_path: Path) -> None:
 def test_manifests_of_any_spreadsheet_are_read(
     folder: Path, tmp_path: Path, delimiter: str
 ) -> None:
-    from modalmotion.cli.cases import read_manifest
+    from modalmotion.cli.cases import LabelledSequence, read_manifest
 
     wanted = read_manifest(folder / "train.csv")
     manifest = folder / f"other-{ord(delimiter)}.csv"
-    lines = [["Subject", "PATH", "Label", "remark"]]
-    lines += [[row.subject or "", f"{row.label}/{row.path.name}", row.label, "x"] for row in wanted]
+    lines = [["Subject", "PATH", "Label", "Age"]]
+    age = "61.5" if delimiter == "," else "61,5"
+    lines += [[row.subject or "", f"{row.label}/{row.path.name}", row.label, age] for row in wanted]
     text = "\r\n".join(delimiter.join(line) for line in lines)
     manifest.write_bytes(b"\xef\xbb\xbf" + text.encode())
-    assert read_manifest(manifest) == wanted
+    facts = Facts(covariates={"age": 61.5})
+    assert read_manifest(manifest) == [replace(row, facts=facts) for row in wanted]
+    case = LabelledSequence(read_manifest(manifest)[0], {}).read()
+    assert case.covariates == {"age": 61.5}
 
 
 def with_manifest(folder: Path, name: str, *lines: str) -> Path:
@@ -201,6 +207,48 @@ def test_mistakes_are_told_in_one_line_and_name_what_is_wrong(folder: Path, tmp_
             assert word in result.output, (arguments, result.output)
         assert "Traceback" not in result.output
         assert not out.exists()
+
+
+def test_files_that_do_not_fit_are_left_out_on_request_and_named(
+    folder: Path, tmp_path: Path
+) -> None:
+    rows = (folder / "train.csv").read_text().splitlines()
+    (folder / "broken.npz").write_bytes(b"no archive")
+    rows[1:1] = ["broken.npz,normal,X", "missing.npz,normal,Y"]
+    manifest = with_manifest(folder, "faulty.csv", *rows)
+    out = tmp_path / "m.h5"
+    asked = ("train", manifest, "--name", "wall", "-o", out, *QUICK)
+    refused = run(*asked)
+    assert refused.exit_code == 1
+    assert "--skip-unreadable" in refused.output
+    said = succeed(*asked, "--skip-unreadable").output
+    assert "Cases left out: 2." in said
+    for name in ("broken.npz", "missing.npz"):
+        assert f"{folder / name}: " in said
+    assert model_from_hdf5(out).id == model_from_hdf5(folder / "wall.h5").id
+    # A test goes on in the same way.
+    tested = ("evaluate", out, manifest)
+    assert run(*tested).exit_code == 1
+    said = succeed(*tested, "--skip-unreadable").output
+    assert f"on {2 * N_PER_CLASS} sequences" in said
+    assert "Cases left out: 2." in said
+    answer = json.loads(succeed(*tested, "--skip-unreadable", "--json").stdout)
+    assert answer["n_cases"] == 2 * N_PER_CLASS
+
+
+def test_columns_of_the_manifest_are_folds_and_groups(folder: Path, tmp_path: Path) -> None:
+    rows = [f"{row}" for row in (folder / "train.csv").read_text().splitlines()]
+    rows = [
+        f"{rows[0]},Site,part",
+        *(f"{row},{k // 2 % 3},{k // 4}" for k, row in enumerate(rows[1:])),
+    ]
+    manifest = with_manifest(folder, "sites.csv", *rows)
+    asked = ("train", manifest, "--name", "wall", "-o", tmp_path / "m.h5", *QUICK)
+    assert "The folds are the user's own." in succeed(*asked, "--fold", "part").output
+    assert succeed(*asked, "--groups", "site").output
+    refused = run(*asked, "--groups", "scanner")
+    assert refused.exit_code == 1
+    assert "part, site" in refused.output
 
 
 def test_a_cohort_of_bent_surfaces_needs_no_option_and_its_model_none_again(

@@ -9,6 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.classification.features import FeatureReader
+from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 
 # Shares of the least motion and smoothness in training that a case must reach; and the highest
@@ -26,11 +28,15 @@ _MARGIN: Final = 1.5
 
 @shown()
 @dataclass(frozen=True, eq=False)
-class Domain:
+class Domain(FrozenArrays):
     """Where the training cases lie.
+
+    It has a reader of its own, so that it does not depend on the features that tell classes apart.
 
     Parameters
     ----------
+    reader : FeatureReader
+        Of its columns; without a typical motion.
     means : (classes, columns) float64
         Of what motions are like and how large they are: see `kind_of`.
     whitening : (columns, columns) float64
@@ -44,6 +50,7 @@ class Domain:
         Smooth share below which a motion is noise.
     """
 
+    reader: FeatureReader
     means: NDArray[np.float64]
     whitening: NDArray[np.float64]
     limit: float

@@ -24,7 +24,7 @@ from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.representation import shown
 
-FORM: Final = Form("model", 2)
+FORM: Final = Form("model", 3)
 
 # The golden batch must come out as it was stored, up to the last digits.
 _GOLDEN_TOLERANCE: Final = 1e-9
@@ -34,6 +34,7 @@ _LARGEST: Final = 512 * 2**20
 # Datasets of the model's own, with their axes; all but these and its texts say what it is.
 _AXES: Final = {
     "typical": "part, term, mode, direction",
+    "domain_typical": "part, term, mode, direction",
     "centre": "feature",
     "scale": "feature",
     "n_anchors": "scorer",
@@ -53,6 +54,7 @@ _AXES: Final = {
     "golden_probabilities": "case, class",
     "readable": "",
     "reader": "",
+    "domain_reader": "",
     "columns": "",
     "notes": "",
 }
@@ -141,7 +143,7 @@ def read_kept_model(source: bytes | Path) -> tuple[KeptModel, Contents]:
     """Read a model's file without interpreting the model in it."""
     _require_size(source)
     with FORM.read(source) as contents:
-        return _stored_model(contents), contents
+        return stored_model_in(contents), contents
 
 
 def model_from_hdf5(source: bytes | Path) -> Model:
@@ -160,7 +162,7 @@ def model_from_hdf5(source: bytes | Path) -> Model:
     """
     _require_size(source)
     with FORM.read(source) as contents:
-        stored_model = _stored_model(contents)
+        stored_model = stored_model_in(contents)
         model = _model(stored_model, contents)
     if model.id != stored_model.record.id:
         raise CorruptFileError(
@@ -183,7 +185,8 @@ def _require_size(source: bytes | Path) -> None:
         )
 
 
-def _stored_model(contents: Contents) -> KeptModel:
+def stored_model_in(contents: Contents) -> KeptModel:
+    """Take a model from the contents of its file, not interpreted."""
     origin = contents.json("origin", dict)
     number = contents.attributes["version"]
     if not isinstance(number, int):
@@ -224,19 +227,25 @@ def _arrays(model: Model) -> dict[str, NDArray[Any]]:
         "golden_features": model.golden_features,
         "golden_probabilities": model.golden_probabilities,
     }
-    if reader.typical is not None:
-        arrays["typical"] = np.stack([reader.typical.real, reader.typical.imag])
+    for prefix, one in (("", reader), ("domain_", domain.reader)):
+        if one.typical is not None:
+            arrays[f"{prefix}typical"] = np.stack([one.typical.real, one.typical.imag])
     texts = {
         "readable": {
             "topologies": model.readable.topologies,
             "n_modes": model.readable.n_modes,
             "connectivity_id": model.readable.connectivity_id,
         },
-        "reader": {name: getattr(reader, name) for name in (*_FLAGS, "n_harmonics")},
+        "reader": _reader_texts(reader),
+        "domain_reader": _reader_texts(domain.reader),
         "columns": [[c.name, c.modes, c.power] for c in model.columns],
         "notes": model.notes,
     }
     return {**arrays, **{name: json_text(name, text).values for name, text in texts.items()}}
+
+
+def _reader_texts(reader: FeatureReader) -> dict[str, Any]:
+    return {name: getattr(reader, name) for name in (*_FLAGS, "n_harmonics")}
 
 
 # Of a reader.
@@ -254,6 +263,7 @@ def _model(stored_model: KeptModel, contents: Contents) -> Model:
     blend = _blend(contents, d, n)
     machine = contents.array("machine", (None,)).astype(np.uint8).tobytes()
     golden = contents.array("golden_features", (None, d))
+    means = contents.array("means", (n, None))
     limit, least_motion, least_smooth = contents.array("limits", (3,)).tolist()
     n_scores = contents.array("n_scores", (n,)).astype(np.int64)
     scores = contents.array("scores", (int(n_scores.sum()),))
@@ -274,13 +284,14 @@ def _model(stored_model: KeptModel, contents: Contents) -> Model:
             connectivity_id=str(readable["connectivity_id"]),
             parameters=record.parameters,
         ),
-        reader=_reader(contents),
+        reader=_reader(contents, ""),
         columns=columns,
         blend=blend,
         machine=machine,
         domain=Domain(
-            means=contents.array("means", (n, d + 1)),
-            whitening=contents.array("whitening", (d + 1, d + 1)),
+            reader=_reader(contents, "domain_"),
+            means=means,
+            whitening=contents.array("whitening", (means.shape[1],) * 2),
             limit=limit,
             least_motion=least_motion,
             least_smooth=least_smooth,
@@ -296,13 +307,13 @@ def _model(stored_model: KeptModel, contents: Contents) -> Model:
     )
 
 
-def _reader(contents: Contents) -> FeatureReader:
-    values = contents.json("reader", dict)
+def _reader(contents: Contents, prefix: str) -> FeatureReader:
+    values = contents.json(f"{prefix}reader", dict)
     n_harmonics, typical = int(values["n_harmonics"]), None
     if not 1 <= n_harmonics <= MOST_HARMONICS:
         raise ValueError(f"it reads {n_harmonics} harmonics")
-    if "typical" in contents.arrays:
-        real, imaginary = contents.array("typical", (2, None, None, 3))
+    if f"{prefix}typical" in contents.arrays:
+        real, imaginary = contents.array(f"{prefix}typical", (2, None, None, 3))
         typical = real + 1j * imaginary
     flags = {name: bool(values[name]) for name in _FLAGS}
     return FeatureReader(n_harmonics=n_harmonics, typical=typical, **flags)

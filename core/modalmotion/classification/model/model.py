@@ -20,6 +20,7 @@ from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
 from modalmotion.classification.model.domain import Domain
 from modalmotion.modes.topology import Topology
+from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 from modalmotion.signature.making import SignatureParameters
 
@@ -62,7 +63,7 @@ class Readable:
 
 @shown("name", "classes", "readable.topologies", "readable.n_modes", "id")
 @dataclass(frozen=True, eq=False)
-class Model:
+class Model(FrozenArrays):
     """A classifier of motions that is trained.
 
     Parameters
@@ -133,25 +134,19 @@ class Model:
 
 def _identity(model: Model) -> dict[str, Any]:
     """Everything of a model that an answer depends on, in the one form that is hashed."""
-    reader, domain, blend = model.reader, model.domain, model.blend
+    domain, blend = model.domain, model.blend
+    reader = _reader_identity(domain.reader)
+    # Nothing where the domain reads what the model does, so that older models keep their ids.
+    apart = {} if reader == _reader_identity(model.reader) else {"domain_reader": reader}
     return {
+        **apart,
         "name": model.name,
         "classes": list(model.classes),
         "topologies": list(model.readable.topologies),
         "n_modes": model.readable.n_modes,
         "connectivity_id": model.readable.connectivity_id,
         "parameters": model.readable.parameters.as_plain(),
-        "reader": {
-            "has_axis": reader.has_axis,
-            "is_cycle": reader.is_cycle,
-            "n_harmonics": reader.n_harmonics,
-            "walls": reader.walls,
-            "typical": None
-            if reader.typical is None
-            else _packed(np.stack([reader.typical.real, reader.typical.imag])),
-            "adds_modes": reader.adds_modes,
-            "is_brief": reader.is_brief,
-        },
+        "reader": _reader_identity(model.reader),
         "columns": [[c.name, list(c.modes), c.power] for c in model.columns],
         "centre": _packed(blend.centre),
         "scale": _packed(blend.scale),
@@ -178,6 +173,19 @@ def _identity(model: Model) -> dict[str, Any]:
         "golden_features": _packed(model.golden_features),
         "golden_probabilities": _packed(model.golden_probabilities),
         "notes": {label: list(texts) for label, texts in model.notes.items()},
+    }
+
+
+def _reader_identity(reader: FeatureReader) -> dict[str, Any]:
+    typical = reader.typical
+    return {
+        "has_axis": reader.has_axis,
+        "is_cycle": reader.is_cycle,
+        "n_harmonics": reader.n_harmonics,
+        "walls": reader.walls,
+        "typical": None if typical is None else _packed(np.stack([typical.real, typical.imag])),
+        "adds_modes": reader.adds_modes,
+        "is_brief": reader.is_brief,
     }
 
 

@@ -50,6 +50,11 @@ def feature_choices(
     return tuple(choices)
 
 
+def domain_reader(choices: tuple[FeatureReader, ...]) -> FeatureReader:
+    """Give what the domain reads, which does not depend on the choice that is made."""
+    return replace(choices[0], is_brief=False)
+
+
 def tells_walls(rows: list[CaseRow], options: TrainingOptions) -> bool:
     """Whether walls are told apart.
 

@@ -1,18 +1,18 @@
-"""The fit to some cases of a table: features, estimator, domain."""
+"""The fit to some cases of a table: features and estimator."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.features import FeatureReader
-from modalmotion.classification.model.domain import Domain, domain_shape
 from modalmotion.classification.options import ClassWeights, Estimator, TrainingOptions
 from modalmotion.classification.training.case_groups import inner_groups
+from modalmotion.classification.training.domain_fit import fit_domain
 from modalmotion.classification.training.readings import best_readings
 from modalmotion.classification.training.table import CaseTable
 
@@ -43,8 +43,6 @@ class FoldFit:
     classes : (seen,) int64
         Those that the estimator has seen.
     centre, scale : (features,) float64
-    means, whitening : float64
-        Of the domain, of kinds (`kind_of`).
     """
 
     reader: FeatureReader
@@ -54,20 +52,13 @@ class FoldFit:
     classes: NDArray[np.int64]
     centre: NDArray[np.float64]
     scale: NDArray[np.float64]
-    means: NDArray[np.float64]
-    whitening: NDArray[np.float64]
 
-    def nearest(
-        self, table: CaseTable, rows: NDArray[np.int64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Features in the reading that is nearest to a class, and the distance."""
+    def read_as(self, rows: NDArray[np.int64], readings: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Features of some cases, each in one of its readings."""
         values = self.values[rows]
-        n, n_readings, _ = values.shape
-        kinds = table.kinds(self.reader, values, rows)
-        domain = Domain(self.means, self.whitening, np.inf, 0.0, 0.0)
-        apart = domain.distance(kinds.reshape(n * n_readings, -1)).reshape(n, n_readings)
-        reading = apart.argmin(axis=1)
-        return values[np.arange(n), reading], apart[np.arange(n), reading]
+        if values.shape[1] == 1:
+            return values[:, 0]
+        return np.asarray(values[np.arange(len(rows)), readings])
 
     def probabilities(self, X: NDArray[np.float64], n_classes: int) -> NDArray[np.float64]:
         """Probabilities of all classes; 0 for those the fold has not seen."""
@@ -124,15 +115,24 @@ def _fit(
     estimator = MotionClassifier(str(options.estimator), _weights(table, options), options.seed)
     estimator.fit(X, y, inner_groups(y, table.groups[rows]))
     centre, scale = _standards(X)
-    kinds = table.kinds(reader, X[:, None], rows)[:, 0]
-    middle, spread = _standards(kinds)
-    means, whitening = domain_shape((kinds - middle) / spread, y, n_classes)
-    # Distances are of kinds as they are, not standardised: (k - middle) / spread - mean.
-    means = middle + means * np.where(np.isfinite(spread), spread, 0.0)
-    whitening = whitening / spread[:, None]
-    return FoldFit(
-        reader, values, X, estimator, estimator.classes_, centre, scale, means, whitening
-    )
+    return FoldFit(reader, values, X, estimator, estimator.classes_, centre, scale)
+
+
+class HeldOut(NamedTuple):
+    """Answers of one fold to the cases that took no part in its fit.
+
+    Parameters
+    ----------
+    probabilities : (cases, classes) float64
+    distances : (cases,) float64
+        From the nearest class.
+    choices : tuple of (str, float)
+        The choices of features that the fold made, in words, and their weights; these sum to 1.
+    """
+
+    probabilities: NDArray[np.float64]
+    distances: NDArray[np.float64]
+    choices: tuple[tuple[str, float], ...]
 
 
 def predict_fold(
@@ -140,11 +140,14 @@ def predict_fold(
     inner: NDArray[np.int64],
     outer: NDArray[np.int64],
     options: TrainingOptions,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Probabilities of cases that took no part in a fit, and their distances from it."""
+) -> HeldOut:
+    """Fit to some cases and predict others."""
     fold = fit_rows(table, inner, options)
-    X, distances = fold.nearest(table, outer)
-    return fold.probabilities(X, len(table.classes)), distances
+    readings, distances = fit_domain(table, inner).nearest(outer)
+    X = fold.read_as(outer, readings)
+    return HeldOut(
+        fold.probabilities(X, len(table.classes)), distances, ((fold.reader.description, 1.0),)
+    )
 
 
 def _standards(X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

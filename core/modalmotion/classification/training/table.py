@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.classification.covariates import features_of
 from modalmotion.classification.features import (
     Column,
     FeatureReader,
@@ -22,10 +23,16 @@ from modalmotion.classification.features import (
 from modalmotion.classification.model.model import Readable
 from modalmotion.classification.options import PoseOf, TrainingOptions
 from modalmotion.classification.training.case_groups import group_cases
-from modalmotion.classification.training.case_reading import ReadCase, read_cases, require_alike
 from modalmotion.classification.training.case_row import CaseRow
 from modalmotion.classification.training.cases import AnyCase
-from modalmotion.classification.training.feature_choices import feature_choices, tells_walls
+from modalmotion.classification.training.feature_choices import (
+    domain_reader,
+    feature_choices,
+    tells_walls,
+)
+from modalmotion.classification.training.kept_cases import KeptCases, keep_cases
+from modalmotion.classification.training.left_out import LeftOut, left_out_notes
+from modalmotion.classification.training.own_folds import Fold, folds_by
 from modalmotion.errors import ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.signature.making import ModalSignature, SignatureParameters
@@ -44,6 +51,8 @@ class CaseTable:
     example : ModalSignature
         One of them, for its modes.
     readable : Readable
+    domain_reader : FeatureReader
+        Of the domain, whichever choice of features is made.
     readers : tuple of FeatureReader
         Choices of features that may be tried, without a typical motion yet.
     classes : tuple of str
@@ -59,11 +68,21 @@ class CaseTable:
         Where modes are read as they are: as cycles, under True, and as courses.
     about_axis : (cases, 2) float64
         Size and smooth share of each motion, about an axis; else empty.
+    covariates : tuple of mapping of str to (float or str)
+        Of each case, as its sender states them; what is unknown is missing.
     notes : tuple of str
+    numbers : (cases,) int64
+        Of each case, as it was given.
+    n_given : int
+        Number of cases that were given.
+    left_out : tuple of LeftOut
+    own_folds : tuple of ((n,) int64, (m,) int64)
+        The user's own; none where folds are drawn.
     """
 
     example: ModalSignature
     readable: Readable
+    domain_reader: FeatureReader
     readers: tuple[FeatureReader, ...]
     classes: tuple[str, ...]
     y: NDArray[np.int64]
@@ -73,7 +92,12 @@ class CaseTable:
     values: NDArray[np.float64]
     about_axis: NDArray[np.float64]
     motions: Mapping[bool, tuple[MotionTerms, ...]]
+    covariates: tuple[Mapping[str, float | str], ...]
     notes: tuple[str, ...]
+    numbers: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    n_given: int = 0
+    left_out: tuple[LeftOut, ...] = ()
+    own_folds: tuple[Fold, ...] = ()
     _cache: dict[FeatureReader, NDArray[np.float64]] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
@@ -132,6 +156,8 @@ def collect(
     options: TrainingOptions,
     progress: Callable[[int], None] | None = None,
     parameters: SignatureParameters | None = None,
+    *,
+    drops_unlike: bool = False,
 ) -> CaseTable:
     """Read the features of labelled recordings, a few at a time, wherever joblib works.
 
@@ -143,6 +169,8 @@ def collect(
         Called with the number of cases that have been read.
     parameters : SignatureParameters, optional
         Of the signatures of sequences; those of the options by default.
+    drops_unlike : bool
+        Whether cases that do not compare with most are left out.
 
     Raises
     ------
@@ -153,16 +181,27 @@ def collect(
         others, one recording has two classes, or there are fewer than two classes.
     """
     fitting = options.signature_parameters if parameters is None else parameters
+    kept = keep_cases(cases, options, fitting, progress, drops_unlike=drops_unlike)
+    example = kept.example(cases, options, fitting)
+    try:
+        return _collected(kept, example, options)
+    except UnlikeCasesError:
+        if not drops_unlike:
+            raise
+        kept = kept.of_one_surface()
+        return _collected(kept, kept.example(cases, options, fitting), options)
+
+
+def _collected(
+    kept: KeptCases, example: ModalSignature | None, options: TrainingOptions
+) -> CaseTable:
     rows: list[CaseRow] = []
+    numbers: list[int] = []
     by_id: dict[str, list[CaseRow]] = {}
     labels: dict[str, str] = {}
-    first: ReadCase | None = None
     topologies: dict[str, list[tuple[str, str]]] = {}
-    n_same = 0
-    for number, case in enumerate(read_cases(cases, options, fitting)):
+    for number, case in zip(kept.numbers, kept.cases, strict=True):
         row = case.row
-        first = case if first is None else first
-        require_alike(case, first, number)
         known = labels.setdefault(row.sequence_id, row.label)
         if known != row.label:
             raise ParameterError(
@@ -174,23 +213,33 @@ def collect(
         topologies.setdefault(case.surface, []).append((row.sequence_id, case.name))
         # The same recording with the same modes says nothing new; as another topology it does.
         same = by_id.setdefault(row.sequence_id, [])
-        if any(np.array_equal(r.cycle.terms, row.cycle.terms) for r in same):
-            n_same += 1
-        else:
+        if not any(np.array_equal(r.cycle.terms, row.cycle.terms) for r in same):
             rows.append(row)
+            numbers.append(number)
             same.append(row)
-        if progress is not None:
-            progress(number + 1)
-    example = None if first is None else first.signature
     classes = tuple(sorted({row.label for row in rows}))
     if example is None or len(classes) < 2:
+        without = f", without the {len(kept.left_out)} that were left out" if kept.left_out else ""
         raise ParameterError(
-            f"The training cases have {len(classes)} class(es).",
+            f"The training cases have {len(classes)} class(es){without}.",
             remedy="Give cases of at least two classes.",
-            details={"classes": list(classes)},
+            details={"classes": list(classes), "left_out": [str(c) for c in kept.left_out[:20]]},
         )
+    options.require_classes(classes)
+    n_same = len(kept.cases) - len(rows)
     notes = [f"{n_same} cases came twice and counted once."] if n_same else []
-    return _table(rows, classes, example, topologies, options, notes)
+    table = _table(rows, classes, example, topologies, options, notes)
+    own: tuple[Fold, ...] = ()
+    if options.fold is not None:
+        own = folds_by(options.fold, [row.covariates for row in rows], numbers)
+    return replace(
+        table,
+        numbers=np.array(numbers),
+        own_folds=own,
+        n_given=len(kept.cases) + len(kept.left_out),
+        left_out=kept.left_out,
+        notes=(*left_out_notes(kept.left_out), *table.notes),
+    )
 
 
 def class_counts(labels: Iterable[str]) -> dict[str, int]:
@@ -224,7 +273,7 @@ def _table(
         features = [row.walls if walls else row.axis for row in rows]
         values = np.array([one.values for one in features if one is not None])
         about_axis = np.array([one[1:] for one in features if one is not None])
-    subjects, groups, mixed = group_cases(rows)
+    subjects, groups, mixed = group_cases(rows, options.groups)
     if mixed:
         notes = [*notes, f"{mixed} recordings are of two subjects each; these are kept together."]
     lines = sorted(f"{r.sequence_id} {r.label} {s}" for r, s in zip(rows, subjects, strict=True))
@@ -244,6 +293,7 @@ def _table(
             connectivity_id=example.modes.connectivity_id,
             parameters=parameters,
         ),
+        domain_reader=domain_reader(readers),
         readers=readers,
         classes=classes,
         y=np.array([classes.index(row.label) for row in rows]),
@@ -256,5 +306,6 @@ def _table(
             True: tuple(row.cycle for row in rows),
             False: tuple(row.course for row in rows),
         },
+        covariates=features_of([row.covariates for row in rows], options),
         notes=tuple(notes),
     )

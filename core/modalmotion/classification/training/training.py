@@ -18,7 +18,9 @@ from modalmotion.classification.model.model import Model
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.basis import collect_in_one_basis
 from modalmotion.classification.training.cases import AnyCase
+from modalmotion.classification.training.domain_fit import fit_domain
 from modalmotion.classification.training.fold_fit import FoldFit, fit_rows, predict_fold
+from modalmotion.classification.training.own_folds import Folds, folds_of
 from modalmotion.classification.training.splits import split_cases
 from modalmotion.classification.training.table import CaseTable
 from modalmotion.classification.training.training_card import empty_card, training_card
@@ -36,6 +38,7 @@ def train(
     name: str,
     options: TrainingOptions | None = None,
     progress: Callable[[float, str], None] | None = None,
+    cv: Folds | None = None,
 ) -> Model:
     """Train a model on labelled recordings.
 
@@ -48,6 +51,9 @@ def train(
     options : TrainingOptions, optional
     progress : callable, optional
         Called with the share that is done, 0 to 1, and the current step.
+    cv : splitter of scikit-learn or iterable of (indices, indices), optional
+        Folds of your own that predict each case once; indices count the cases from 0. See also
+        the options `fold` and `groups`.
 
     Returns
     -------
@@ -81,6 +87,10 @@ def train(
         report(share, f"reading case {number}")
 
     table = collect_in_one_basis(cases, options, reading)
+    if cv is not None:
+        labels = [table.classes[k] for k in table.y]
+        own = folds_of(cv, table.numbers, table.n_given, labels, table.groups)
+        table = replace(table, own_folds=own)
     splits = split_cases(table, options)
     n, n_classes = len(table), len(table.classes)
     probabilities = np.full((n, n_classes), 1.0 / n_classes)
@@ -91,7 +101,8 @@ def train(
     results = Parallel(return_as="generator", batch_size=1)(works)
     for k, (_, outer) in enumerate(splits.folds):
         report(0.4 + 0.5 * k / (len(splits.folds) + 1), f"fold {k + 1} of {len(splits.folds)}")
-        probabilities[outer], distances[outer] = next(results)
+        held_out = next(results)
+        probabilities[outer], distances[outer] = held_out.probabilities, held_out.distances
     report(0.4 + 0.5 * len(splits.folds) / (len(splits.folds) + 1), "all cases")
     fitted = next(results)
     model = _model(table, fitted, name, probabilities, distances, bool(splits.folds), options)
@@ -118,7 +129,8 @@ def _model(
     blend, machine = _rounded_blend(estimator, fitted), b""
     if estimator.blend_ is None:
         machine = machine_to_bytes(estimator)
-    least_motion, least_smooth = motion_limits(*table.sizes(fitted.reader).T)
+    domain = fit_domain(table, np.arange(len(table))).domain
+    least_motion, least_smooth = motion_limits(*table.sizes(domain.reader).T)
     limit = np.inf
     calibration = Calibration(tuple(np.zeros(0) for _ in table.classes))
     if is_validated:
@@ -140,8 +152,9 @@ def _model(
         blend=blend,
         machine=machine,
         domain=Domain(
-            rounded(fitted.means),
-            rounded(fitted.whitening),
+            domain.reader,
+            rounded(domain.means),
+            rounded(domain.whitening),
             float(rounded(np.array(limit))),
             float(rounded(np.array(least_motion))),
             float(rounded(np.array(least_smooth))),

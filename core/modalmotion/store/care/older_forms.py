@@ -27,6 +27,7 @@ from modalmotion.classification.model.hdf5 import (
     model_from_hdf5,
     model_to_hdf5,
     numbered,
+    stored_model_in,
 )
 from modalmotion.classification.model.model import Model, Readable
 from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
@@ -157,7 +158,7 @@ def _signature(contents: Contents, folder: Folder) -> bytes:
     """Make the signature again.
 
     Version 1 knew the error by weight alone, and tolerances held it; version 2 took all noise
-    for independent.
+    for independent; version 3 had no amplitudes of the reference.
 
     Raises
     ------
@@ -221,7 +222,12 @@ def _model(contents: Contents, _: Folder) -> bytes:
         ),
         machine=b"",
         domain=Domain(
-            **{**domain, "means": _array(domain["means"]), "whitening": _array(domain["whitening"])}
+            reader=FeatureReader(**reader),
+            **{
+                **domain,
+                "means": _array(domain["means"]),
+                "whitening": _array(domain["whitening"]),
+            },
         ),
         calibration=Calibration(tuple(map(_array, stored["calibration"]))),
         golden_features=_array(stored["golden_features"]),
@@ -238,6 +244,18 @@ def _model(contents: Contents, _: Folder) -> bytes:
     return image
 
 
+def _shared_reader(contents: Contents, _: Folder) -> bytes:
+    """Give the domain the reader that it shared with the model in version 2."""
+    stored_model = stored_model_in(contents)
+    arrays = dict(stored_model.arrays)
+    arrays["domain_reader"] = arrays["reader"]
+    if "typical" in arrays:
+        arrays["domain_typical"] = arrays["typical"]
+    image = model_to_hdf5(replace(stored_model, arrays=arrays))
+    model_from_hdf5(image)
+    return image
+
+
 def _array(stored: dict[str, Any]) -> NDArray[np.float64]:
     data = base64.b64decode(stored["float64"], validate=True)
     return np.frombuffer(data, dtype="<f8").astype(np.float64).reshape(stored["shape"])
@@ -247,8 +265,10 @@ OLDER: Final[dict[Form, Callable[[Contents, Folder], bytes]]] = {
     Form("classification", 1): _classification,
     Form("sequence", 1): _sequence,
     Form("model", 1): _model,
+    Form("model", 2): _shared_reader,
     Form("signature", 1): _signature,
     Form("signature", 2): _signature,
+    Form("signature", 3): _signature,
 }
 """How each older form is rewritten."""
 

@@ -167,6 +167,13 @@ def test_progress_rises_to_one() -> None:
     assert heard[-1] == 1.0
 
 
+def test_weights_of_a_class_that_no_case_has_are_refused_with_the_names_that_there_are() -> None:
+    options = TrainingOptions(class_weights={"normal": 2.0, "hypokinesis": 1.0}, estimator="linear")
+    with pytest.raises(ParameterError, match="'hypokinesis'") as caught:
+        train(cohort(2), "weights", options)
+    assert caught.value.remedy.endswith("global hypokinesia, normal.")
+
+
 def test_class_weights_pull_towards_a_class() -> None:
     cases = cohort(6)
     plain, pulled = (
@@ -202,7 +209,8 @@ def test_an_explanation_names_the_modes_that_move_the_answer() -> None:
     # features of several modes, which belong to none.
     linear = model.blend.scorers[0]
     read = model.reader.read(signature)
-    z = model.blend.standardised(read.values[model.distance(read.kinds).argmin()])
+    nearest = model.distance(model.domain.reader.read(signature).kinds).argmin()
+    z = model.blend.standardised(read.values[nearest])
     first, second = np.argsort(-found.probabilities)[:2]
     parts = [{place[label] for label in part.modes} for part in found.explanation]
     told = np.array([any(set(c.modes) <= part for part in parts) for c in model.columns])
