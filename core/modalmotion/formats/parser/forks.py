@@ -87,9 +87,10 @@ class ParserForks:
         if self._parser is None:
             self._parser = self._begun(task)
         try:
-            with self._parser.makefile("rwb") as stream:
-                send(stream, task, data, limits)
-                answer = receive(stream, limits)
+            with self._parser.makefile("wb") as sink:
+                send(sink, task, data, limits)
+            with self._parser.makefile("rb") as source:
+                answer = receive(source, limits)
         except BROKEN as error:
             self.end_parser()
             raise (error if isinstance(error, InputError) else broke_down()) from None
@@ -167,8 +168,9 @@ def _parse(control: socket.socket, place: int, server: int) -> None:
     # By itself: processes that are confined together may trace one another.
     if not confine() and landlock_version():
         os._exit(_UNCONFINED)
-    with socket.socket(fileno=place) as connection, connection.makefile("rwb") as stream:
-        while answer_next(stream, stream):
+    connection = socket.socket(fileno=place)
+    with connection, connection.makefile("rb") as source, connection.makefile("wb") as sink:
+        while answer_next(source, sink):
             pass
 
 

@@ -22,7 +22,7 @@ from modalmotion.formats.parser.forks import ParserForks, ParserLostError
 @pytest.fixture
 def forks(monkeypatch: pytest.MonkeyPatch) -> Iterator[ParserForks]:
     for name, place in TASKS.items():
-        monkeypatch.setitem(registry._TASKS, name, place)  # type: ignore[arg-type]
+        monkeypatch.setitem(registry._TASKS, name, place)
     made = ParserForks()
     yield made
     made.close()
