@@ -17,6 +17,7 @@ from modalmotion.representation import shown
 from modalmotion.signature.making import MOST_MODES, SignatureParameters
 
 MOST_FOLDS: Final = 20
+MOST_REPETITIONS: Final = 20
 MOST_HARMONICS: Final = 8
 
 
@@ -51,6 +52,13 @@ class Timing(StrEnum):
     AUTO = "auto"
     CYCLE = "cycle"
     COURSE = "course"
+
+
+class CardKind(StrEnum):
+    """What a card holds: `QUICK` leaves the learning curve out."""
+
+    FULL = "full"
+    QUICK = "quick"
 
 
 class PoseOf(StrEnum):
@@ -89,6 +97,9 @@ class TrainingOptions:
     class_weights : ClassWeights or mapping of label to float
     folds : int
         Of the grouped cross-validation.
+    repetitions : int
+        Of the cross-validation, each with folds of its own.
+    card : CardKind
     fold : str or None
         Covariate whose values are the folds; else they are drawn.
     groups : str or None
@@ -117,6 +128,8 @@ class TrainingOptions:
     estimator: Estimator | str = Estimator.AUTO
     class_weights: ClassWeights | str | Mapping[str, float] = ClassWeights.NONE
     folds: int = 5
+    repetitions: int = 5
+    card: CardKind | str = CardKind.FULL
     fold: str | None = None
     groups: str | None = None
     on_error: OnError | str = OnError.RAISE
@@ -130,6 +143,7 @@ class TrainingOptions:
             ("pose", PoseOf),
             ("walls", Walls),
             ("estimator", Estimator),
+            ("card", CardKind),
             ("on_error", OnError),
         ):
             object.__setattr__(self, name, _member(kind, name, getattr(self, name)))
@@ -137,6 +151,7 @@ class TrainingOptions:
             ("modes", 1, MOST_MODES),
             ("harmonics", 1, MOST_HARMONICS),
             ("folds", 2, MOST_FOLDS),
+            ("repetitions", 1, MOST_REPETITIONS),
             ("seed", 0, 2**32 - 1),
         ):
             value = getattr(self, name)

@@ -18,7 +18,7 @@ from modalmotion.classification.answer.classification import (
 from modalmotion.classification.answer.explanation import explain
 from modalmotion.classification.covariates import with_covariates
 from modalmotion.classification.features import READINGS, Column, MotionFeatures
-from modalmotion.classification.model.model import Model
+from modalmotion.classification.model.model import Model, Readable
 from modalmotion.classification.model.shipped import load_model
 from modalmotion.classification.options import require_coverage
 from modalmotion.errors import TopologyError
@@ -115,14 +115,18 @@ def classify(
 
 
 def fitted_for(model: Model, sequence: MeshSequence) -> ModalSignature:
-    """Fit a sequence for a model: in the model's topology, if its surface allows that.
+    """Fit a sequence for a model: see `fitted_in`."""
+    return fitted_in(model.readable, sequence)
+
+
+def fitted_in(readable: Readable, sequence: MeshSequence) -> ModalSignature:
+    """Fit a sequence in modes that are readable: in their topology, if its surface allows that.
 
     One recording of a mesh may look like another topology than the rest, as where an axis
-    bends; the model's is then imposed, unless the sequence states its own.
+    bends; the readable one is then imposed, unless the sequence states its own.
     """
-    parameters = model.signature_parameters
-    signature = modal_signature(sequence, parameters)
-    imposed = model.readable.imposed_on(signature.surface, sequence.topology)
+    signature = modal_signature(sequence, readable.parameters)
+    imposed = readable.imposed_on(signature.surface, sequence.topology)
     if imposed is None:
         return signature
     try:

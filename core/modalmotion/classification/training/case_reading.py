@@ -136,7 +136,7 @@ def require_usable(case: TrainingCase, number: int, options: TrainingOptions) ->
         )
 
 
-def basis_of(case: ReadCase) -> tuple[Any, ...]:
+def basis_of(case: ReadCase | ModalSignature) -> tuple[Any, ...]:
     """Give what two cases must share so that their modes compare; last, what spring modes must."""
     p = case.parameters
     return (
