@@ -14,7 +14,7 @@ from modalmotion.facts import Named
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.modes.topology import MESH, Topology
 from modalmotion.representation import shown
-from modalmotion.signature.making import MOST_MODES, SignatureParameters
+from modalmotion.signature.making import MOST_MODES, SignatureKind, SignatureParameters
 
 MOST_FOLDS: Final = 20
 MOST_REPETITIONS: Final = 20
@@ -87,6 +87,9 @@ class TrainingOptions:
         Of the signatures; see `SignatureParameters`.
     topology : str or None
         Of the signatures: None lets the cases decide, all together. "mesh" for spring modes.
+    kind : SignatureKind
+        Of the signatures: MATERIAL where vertices follow the tissue, OFFSET where they may slide
+        over it.
     harmonics : int
         Of each part of the motion.
     timing : Timing
@@ -121,6 +124,7 @@ class TrainingOptions:
 
     modes: int = 7
     topology: str | None = None
+    kind: SignatureKind | str = SignatureKind.MATERIAL
     harmonics: int = 2
     timing: Timing | str = Timing.AUTO
     pose: PoseOf | str = PoseOf.ANY
@@ -139,6 +143,7 @@ class TrainingOptions:
 
     def __post_init__(self) -> None:
         for name, kind in (
+            ("kind", SignatureKind),
             ("timing", Timing),
             ("pose", PoseOf),
             ("walls", Walls),
@@ -215,7 +220,12 @@ class TrainingOptions:
 
         From the mean shape, for the shape of one frame depends on where a recording starts.
         """
-        return SignatureParameters(modes=self.modes, reference=MEAN, topology=self.topology)
+        return SignatureParameters(
+            modes=self.modes,
+            reference=MEAN,
+            topology=self.topology,
+            kind=SignatureKind(self.kind),
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Return the options as JSON-able values."""

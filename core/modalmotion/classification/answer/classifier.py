@@ -168,6 +168,12 @@ def _unreadable(signature: ModalSignature, model: Model) -> tuple[str, str] | No
     readable, modes = model.readable, signature.modes
     if signature.n_frames < 2:
         return UNREADABLE, "No class: one frame shows no motion."
+    if signature.kind != readable.parameters.kind:
+        return UNREADABLE, (
+            f"No class: the model reads signatures of the kind {readable.parameters.kind}, and "
+            f"this one is of the kind {signature.kind}, which do not compare. Fit it with "
+            f"kind={readable.parameters.kind}."
+        )
     if signature.surface not in readable.topologies:
         return OUT_OF_DOMAIN, (
             f"No class: the model reads signatures of the topology "
