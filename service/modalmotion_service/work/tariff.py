@@ -24,6 +24,8 @@ from modalmotion_service.work.tasks import (
     classification,
     codec,
     derived,
+    evaluation,
+    features,
     sequences,
     signatures,
     templates,
@@ -45,7 +47,12 @@ _SURFACE: Final = 1e-7
 _SURFACES_OF_SEQUENCE: Final = 100
 # s for a signature among many, and for a mode at a byte of its template.
 _PACKED: Final = 5e-3
+# scikit-learn is imported.
+_TABLE: Final = 3.0
 _MODE: Final = 1e-8
+# s for a case whose answer is measured, and compared in thousands of resamples.
+_CASE: Final = 1e-3
+_COMPARED: Final = 1e-2
 
 _HEAD_BYTES: Final = 1024
 
@@ -175,10 +182,15 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     classification.require_loads: _reading,
     classification.classify_upload: _signature,
     classification.draw_card: _picture,
+    evaluation.measure: lambda args: _picture(args) + _CASE * len(args[2]),
+    evaluation.compare: lambda args: _picture(args) + _COMPARED * len(args[2][0]),
+    evaluation.held_out_ids: _reading,
+    evaluation.held_out_table: _reading,
     codec.encode_upload: _encoding,
     codec.encode_kept: _encoding,
     codec.decode_upload: lambda args: _reading(args) + _DECODED * _bytes(args),
     derived.read_out: _read_out,
     derived.measure_trade: _trade,
     derived.superpose: _superposed,
+    features.tabulate: lambda args: _TABLE + _packing(args),
 }
