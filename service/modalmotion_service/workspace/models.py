@@ -46,6 +46,7 @@ class ChosenModel:
     name : str
     version : int
     id : str
+    classes : tuple of str
     parameters : SignatureParameters
         Of the signatures that it reads.
     source : Path or str
@@ -55,6 +56,7 @@ class ChosenModel:
     name: str
     version: int
     id: str
+    classes: tuple[str, ...]
     parameters: SignatureParameters
     source: Path | str
 
@@ -110,10 +112,14 @@ class Models:
                     remedy=f"Use {reference.name}.",
                 )
             parameters = model.signature_parameters
-            return ChosenModel(model.name, SHIPPED_VERSION, model.id, parameters, model.name)
+            return ChosenModel(
+                model.name, SHIPPED_VERSION, model.id, model.classes, parameters, model.name
+            )
         record = self._store.model_record(reference.name, reference.version)
         path = self._store.model_path(record.name, record.version)
-        return ChosenModel(record.name, record.version, record.id, record.parameters, path)
+        return ChosenModel(
+            record.name, record.version, record.id, record.classes, record.parameters, path
+        )
 
     def records(self) -> dict[str, list[ModelRecord]]:
         """All versions by name, including shipped models."""
