@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -119,6 +120,28 @@ def save(content: bytes, path: Path) -> None:
         ) from error
 
 
+def require_place(path: Path) -> None:
+    """Check that a file can be written there, before anything is asked for.
+
+    Raises
+    ------
+    StoreError
+        If there is no such folder, or a folder of that name.
+    """
+    reason = None
+    if not path.parent.is_dir():
+        reason = f"there is no folder '{path.parent}'"
+    elif path.is_dir():
+        reason = "it is a folder"
+    elif not os.access(path.parent, os.W_OK):
+        reason = f"the folder '{path.parent}' may not be written to"
+    if reason is not None:
+        raise StoreError(
+            f"'{path.name}' cannot be written: {reason}.",
+            remedy="Make the folder, or name a file in another one.",
+        )
+
+
 def require_suffix(path: Path, known: dict[str, str]) -> str:
     """Media type that a file's suffix stands for.
 
@@ -126,7 +149,10 @@ def require_suffix(path: Path, known: dict[str, str]) -> str:
     ------
     ParameterError
         If the suffix is unknown.
+    StoreError
+        If the file cannot be written there.
     """
+    require_place(path)
     media_type = known.get(path.suffix.lower())
     if media_type is None:
         raise ParameterError(

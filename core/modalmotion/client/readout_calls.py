@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from modalmotion.client.answers import Readouts, readouts_of
-from modalmotion.client.calls import JSON, PNG, Calls, save, sequence_path
+from modalmotion.client.calls import JSON, PNG, Calls, require_place, save, sequence_path
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.query import Option
 
@@ -56,8 +56,9 @@ class ReadoutCalls(Calls):
         self._save_picture(sequence_path(sequence_id, "tradeoff"), path, options)
 
     def _save_picture(self, path: str, target: str | Path, options: dict[str, Option]) -> None:
-        content = self._awaited(Call("GET", path, options, PNG), _content)
-        save(content, Path(target))
+        place = Path(target)
+        require_place(place)
+        save(self._awaited(Call("GET", path, options, PNG), _content), place)
 
 
 def _content(answer: Answer) -> bytes:

@@ -11,7 +11,7 @@ from modalmotion.client.answers import (
     value_of,
 )
 from modalmotion.client.bodies import Source, body_of
-from modalmotion.client.calls import HDF5, NPZ, PNG, Calls, require_suffix, save
+from modalmotion.client.calls import HDF5, NPZ, PNG, Calls, require_place, require_suffix, save
 from modalmotion.client.connection import Call
 from modalmotion.client.errors import understood
 from modalmotion.client.query import Option, segment
@@ -50,7 +50,9 @@ class TemplateCalls(Calls):
 
     def save_template_picture(self, template_id: str, path: str | Path) -> None:
         """Write a picture of s and theta on the surface, as PNG."""
-        save(self._get(f"/v1/templates/{segment(template_id)}", accept=PNG).content, Path(path))
+        target = Path(path)
+        require_place(target)
+        save(self._get(f"/v1/templates/{segment(template_id)}", accept=PNG).content, target)
 
     def template_modes(self, template_id: str, modes: int = 7, **options: Option) -> TemplateModes:
         """Return labels, angular frequencies and shapes of the vibration modes of a surface.

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -152,9 +154,20 @@ def export(
             sync_folder(out.parent)
         finally:
             temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise cannot_write(out, error) from error
+    except (OSError, RuntimeError) as error:
+        raise cannot_write(out, _as_oserror(error)) from error
     return report
+
+
+def _as_oserror(error: OSError | RuntimeError) -> OSError:
+    """Give what HDF5 met: closing a file that cannot be written names it in its text alone."""
+    if isinstance(error, OSError) and error.errno:
+        return error
+    number = re.search(r"errno = (\d+)", str(error))
+    if number is None and isinstance(error, RuntimeError):
+        raise error
+    code = 0 if number is None else int(number.group(1))
+    return OSError(code, os.strerror(code) if code else str(error))
 
 
 def write_pack(path: Path, signatures: Iterable[tuple[ModalSignature, SequenceRecord]]) -> None:
@@ -163,14 +176,26 @@ def write_pack(path: Path, signatures: Iterable[tuple[ModalSignature, SequenceRe
     Parameters
     ----------
     path : Path
-        Replaced if it exists.
+        Replaced if it exists; removed where it cannot be written as a whole.
     signatures : iterable of (ModalSignature, SequenceRecord)
         Consumed a batch at a time.
+
+    Raises
+    ------
+    StoreError
+        If it cannot be written.
     """
     import h5py
 
-    with h5py.File(path, "w", libver="v110") as file:
+    # HDF5 itself would lose the error of a disk that is full, and leave a file that is broken.
+    image = io.BytesIO()
+    with h5py.File(image, "w", libver="v110") as file:
         _pack(file, signatures)
+    try:
+        path.write_bytes(image.getbuffer())
+    except OSError as error:
+        path.unlink(missing_ok=True)
+        raise cannot_write(path, error) from error
 
 
 def _pack_store(store: ResultStore, file: Any, progress: Progress | None) -> PackReport:

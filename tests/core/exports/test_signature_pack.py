@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from damaged_stores import N, damage, flip_signature, four_kept
+from small_disk import small_disk
 from store_samples import sample_sequence
 
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
@@ -166,3 +167,15 @@ def spring_sequence() -> MeshSequence:
     motion = np.random.default_rng(5).normal(scale=0.1, size=(3, 5, 3))
     faces = [[0, 1, 2], [0, 1, 3], [0, 1, 4]]
     return mesh_sequence(vertices + motion, faces, unit="mm")
+
+
+def test_a_disk_that_fills_up_leaves_no_pack(root: Path, tmp_path: Path) -> None:
+    with ResultStore(root) as store:
+        names = store.all_signatures()
+        pairs = [(store.signature(*name), store.sequence_record(name[0])) for name in names]
+    write_pack(tmp_path / "whole.h5", pairs)
+    size = (tmp_path / "whole.h5").stat().st_size
+    with small_disk(tmp_path / "disk", f"{size // 2}") as disk:
+        with pytest.raises(StoreError, match="No space left"):
+            write_pack(disk.folder / "pack.h5", pairs)
+        assert list(disk.folder.iterdir()) == []

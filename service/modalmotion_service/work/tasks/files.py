@@ -29,8 +29,12 @@ def whole_file(path: Path) -> Iterator[Path]:
     dies leaves a file whose name begins as that of `path`, which the server removes.
     """
     temporary = path.with_name(f"{path.name}.{secrets.token_hex(8)}")
-    yield temporary
-    temporary.replace(path)
+    try:
+        yield temporary
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
 
 
 def write_whole(path: Path, data: bytes) -> None:
