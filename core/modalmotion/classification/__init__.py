@@ -11,7 +11,13 @@ from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.cross_validation import CrossValidation
 from modalmotion.classification.model.hdf5 import model_from_hdf5, model_to_hdf5
 from modalmotion.classification.model.model import Model
-from modalmotion.classification.model.shipped import DEFAULT_MODEL, available_models, load_model
+from modalmotion.classification.model.shipped import (
+    DEFAULT_MODEL,
+    OFFSET_MODEL,
+    available_models,
+    load_model,
+    shipped_for,
+)
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.cases import CaseFile, TrainingCase
 from modalmotion.classification.training.training import train
@@ -23,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DEFAULT_MODEL",
     "FLAGS",
+    "OFFSET_MODEL",
     "CaseFile",
     "Classification",
     "Comparison",
@@ -43,6 +50,7 @@ __all__ = [
     "model_from_hdf5",
     "model_to_hdf5",
     "only_modes",
+    "shipped_for",
     "train",
 ]
 

@@ -242,7 +242,8 @@ def compare_models(
     "--model",
     default="ventricle-simulated",
     show_default=True,
-    help="Model: the name of a shipped one, or a file.",
+    help="Model: the name of a shipped one, or a file. The default reads displacements where the "
+    "file states tracking=material, the surface's offsets otherwise.",
 )
 @_COVERAGE
 @surface_options
@@ -258,9 +259,10 @@ def classify(
 ) -> None:
     """Name the motion class of the sequence in FILE."""
     from modalmotion.classification import classify as ask
+    from modalmotion.classification import shipped_for
 
-    stored_model = model_named(model)
     sequence = read(source, **stated)
+    stored_model = model_named(shipped_for(model, sequence.facts))
     result = ask(sequence, stored_model, coverage)
     if plot is not None:
         from modalmotion.pictures.classification import answer_figure

@@ -14,7 +14,7 @@ from project import DATA
 
 from modalmotion.classification import classify, evaluate, load_model
 from modalmotion.classification.features import Column, kind_of, powers_of
-from modalmotion.classification.training.train_shipped import held_out_cases
+from modalmotion.classification.training.train_shipped import MATERIAL, training_cases
 from modalmotion.mesh.sequence import MeshSequence
 
 KINDS = sorted(FLAGGED)
