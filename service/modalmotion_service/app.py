@@ -123,6 +123,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         summary="Modal signatures and motion classes of nonrigidly moving surfaces.",
         description=INTENDED_USE,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+        # Of routes that are added to this one.
+        dependencies=[Depends(require_judged)],
         lifespan=lifespan,
     )
     problems.install(app)
