@@ -19,6 +19,7 @@ from modalmotion.classification.model.shipped import (
     shipped_for,
 )
 from modalmotion.classification.options import TrainingOptions
+from modalmotion.classification.tables.cohort_table import FeatureTable, feature_table
 from modalmotion.classification.training.cases import CaseFile, TrainingCase
 from modalmotion.classification.training.training import train
 
@@ -35,6 +36,7 @@ __all__ = [
     "Comparison",
     "CrossValidation",
     "Evaluation",
+    "FeatureTable",
     "ModeContribution",
     "Model",
     "ModelCard",
@@ -46,6 +48,7 @@ __all__ = [
     "classify",
     "compare_models",
     "evaluate",
+    "feature_table",
     "load_model",
     "model_from_hdf5",
     "model_to_hdf5",
