@@ -37,8 +37,8 @@ def read(sequence: MeshSequence, modes: int = 7, reader: FeatureReader = READER)
 
 
 def rolled(sequence: MeshSequence, columns: int) -> MeshSequence:
-    x = sequence.vertices.reshape(-1, *GRID, 3)
-    return replace(sequence, vertices=np.roll(x, columns, axis=2).reshape(sequence.vertices.shape))
+    x = np.roll(sequence.vertices.astype(np.float64).reshape(-1, *GRID, 3), columns, axis=2)
+    return replace(sequence, vertices=x.reshape(-1, GRID[0] * GRID[1], 3))
 
 
 @pytest.mark.parametrize("modes", [7, 16])
