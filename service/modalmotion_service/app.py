@@ -31,6 +31,7 @@ from modalmotion_service.routes import (
     classify,
     codec,
     documentation,
+    evaluations,
     features,
     health,
     jobs,
@@ -65,7 +66,7 @@ def judged_routes() -> list[BaseRoute]:
     router = APIRouter(dependencies=[Depends(require_judged)])
     for module in (
         *(sequences, signatures, sent_signature, tradeoff, readouts, templates, codec),
-        *(classifications, classify, models, features, jobs, limits),
+        *(classifications, classify, models, evaluations, features, jobs, limits),
         *(audit, health, kserve, prometheus, documentation),
     ):
         router.include_router(module.router)

@@ -52,6 +52,7 @@ class ChosenModel:
     name : str
     version : int
     id : str
+    classes : tuple of str
     parameters : SignatureParameters
         Of the signatures that it reads.
     source : Path or str
@@ -61,6 +62,7 @@ class ChosenModel:
     name: str
     version: int
     id: str
+    classes: tuple[str, ...]
     parameters: SignatureParameters
     source: Path | str
 
@@ -116,10 +118,14 @@ class Models:
                     remedy=f"Use {reference.name}.",
                 )
             parameters = model.signature_parameters
-            return ChosenModel(model.name, SHIPPED_VERSION, model.id, parameters, model.name)
+            return ChosenModel(
+                model.name, SHIPPED_VERSION, model.id, model.classes, parameters, model.name
+            )
         record = self._store.model_record(reference.name, reference.version)
         path = self._store.model_path(record.name, record.version)
-        return ChosenModel(record.name, record.version, record.id, record.parameters, path)
+        return ChosenModel(
+            record.name, record.version, record.id, record.classes, record.parameters, path
+        )
 
     def choose_for(self, text: str, sequence_id: str) -> ChosenModel:
         """Find the model that a request for a sequence names, by its facts: see `shipped_for`.

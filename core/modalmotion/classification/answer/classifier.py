@@ -17,7 +17,7 @@ from modalmotion.classification.answer.classification import (
 )
 from modalmotion.classification.answer.explanation import explain
 from modalmotion.classification.covariates import with_covariates
-from modalmotion.classification.features import READINGS, Column, MotionFeatures
+from modalmotion.classification.features import READINGS, Column, MotionFeatures, has_volume
 from modalmotion.classification.model.model import Model, Readable
 from modalmotion.classification.model.shipped import (
     DEFAULT_MODEL,
@@ -215,12 +215,18 @@ def _unreadable(signature: ModalSignature, model: Model) -> tuple[str, str] | No
             f"{'removed' if required.remove_rotation else 'kept'} and {required.components} "
             "components. Fit it with the model's signature parameters."
         )
-    if model.reader.walls and not _zero_is_known(signature):
+    if model.walls and not _zero_is_known(signature):
         return UNREADABLE, (
             "No class: the model tells walls apart, but the zero of theta is not determined by "
             "this shape. State the landmark theta_zero."
         )
-    if model.reader.has_axis and not min(signature.lengths) > 0:
+    if model.reads_volume and not has_volume(signature):
+        return UNREADABLE, (
+            "No class: the model reads the enclosed volume, which this signature lacks or which "
+            "turns inside out. Fit a closed or cup-shaped surface with the model's signature "
+            "parameters."
+        )
+    if model.has_axis and not min(signature.lengths) > 0:
         return UNREADABLE, "No class: the surface is collapsed in its reference frame."
     return None
 
@@ -234,7 +240,7 @@ def _read(signature: ModalSignature, model: Model) -> _Reading:
     seen = model.domain.reader.read(signature)
     distances = model.distance(seen.kinds)
     nearest = int(distances.argmin())
-    features = model.reader.read(signature)
+    features = model.read(signature)
     return _Reading(
         values=features.values[nearest if len(features.values) > 1 else 0],
         columns=features.columns,

@@ -71,14 +71,14 @@ class Recipe:
 
 MATERIAL: Final = Recipe(
     DEFAULT_MODEL,
-    TrainingOptions(modes=7, seed=TRAINING_SEED),
+    TrainingOptions(modes=7, further=False, seed=TRAINING_SEED),
     tuple(MotionClass),
     {"": (_NO_PATIENT,), MotionClass.REDUCED_TORSION: (_TORSION,)},
 )
 
 OFFSET: Final = Recipe(
     OFFSET_MODEL,
-    TrainingOptions(modes=16, kind=SignatureKind.OFFSET, seed=TRAINING_SEED),
+    TrainingOptions(modes=16, kind=SignatureKind.OFFSET, further=False, seed=TRAINING_SEED),
     tuple(one for one in MotionClass if one != MotionClass.REDUCED_TORSION),
     {"": (_NO_PATIENT, _SURFACE_ALONE), MotionClass.NORMAL: (_NO_TWIST,)},
 )
