@@ -48,6 +48,7 @@ from modalmotion_service.routes import (
 )
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.engine import open_engine
+from modalmotion_service.work.parsing import say_whether_confined
 from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.workspace.job_kinds import trainings_at_once
 from modalmotion_service.workspace.owners import Owners
@@ -89,6 +90,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         engine = MeteredExecutor(await asyncio.to_thread(open_engine, chosen), metrics)
+        if engine.are_parsers_confined is not None:
+            say_whether_confined()
         # Processes of its own, on this machine: no request waits for a training.
         training_pool = WorkerPool(
             trainings_at_once(chosen),

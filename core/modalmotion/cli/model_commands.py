@@ -200,7 +200,7 @@ def compare_models(
     unit: str | None,
     skip_unreadable: bool,
 ) -> None:
-    """Compare MODEL and OTHER on the same labelled sequences.
+    """Compare two models, on the same labelled sequences: MODEL and OTHER.
 
     Each is a file or a name. MANIFEST and FILES are as for training, of subjects that neither model
     was trained on. Subjects are resampled whole.
