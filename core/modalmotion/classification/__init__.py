@@ -6,6 +6,7 @@ from modalmotion.classification.answer.classification import FLAGS, Classificati
 from modalmotion.classification.answer.classifier import classify
 from modalmotion.classification.answer.explanation import ModeContribution, only_modes
 from modalmotion.classification.evaluation.comparison import Comparison, compare_models
+from modalmotion.classification.evaluation.deciding import decided
 from modalmotion.classification.evaluation.evaluation import Evaluation, evaluate
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.cross_validation import CrossValidation
@@ -47,6 +48,7 @@ __all__ = [
     "available_models",
     "classify",
     "compare_models",
+    "decided",
     "evaluate",
     "feature_table",
     "load_model",

@@ -96,8 +96,10 @@ def classify(
     logs = model.log_shares(reading.values[None])
     probabilities = np.exp(logs[0] - logs.max())
     probabilities /= probabilities.sum()
-    label = model.classes[int(probabilities.argmax())]
+    label = model.label(probabilities)
     notes = [*model.notes.get(label, ()), *model.notes.get("", ())]
+    if model.decision is not None:
+        notes.append(model.decision.text)
     if model.signature_parameters.reference == MEAN != signature.parameters.reference:
         notes.append(_REFERENCE_NOTE)
     if model.name == OFFSET_MODEL and signature.facts.tracking == UNKNOWN:
