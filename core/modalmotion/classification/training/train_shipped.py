@@ -139,6 +139,13 @@ def training_cases(recipe: Recipe, n_per_class: int) -> Iterator[TrainingCase]:
             yield TrainingCase(signature, str(case.label), subject)
 
 
+def held_out_cases(recipe: Recipe, n_per_class: int, seed: int) -> Iterator[TrainingCase]:
+    """Labelled signatures of a cohort of another seed, each as the cup that it is."""
+    for case in _cohort(n_per_class, seed, recipe.classes):
+        signature = modal_signature(case.sequence, recipe.options.signature_parameters)
+        yield TrainingCase(signature, str(case.label))
+
+
 def surfaces_of(case: Case) -> tuple[MeshSequence, ...]:
     """Give the case as the cup that it is and, if it is a lattice, as a cylinder."""
     if case.sequence.grid is None:

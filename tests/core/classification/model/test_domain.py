@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from project import DATA
 
-from modalmotion.classification import TrainingCase, classify, evaluate, load_model
+from modalmotion.classification import classify, evaluate, load_model
 from modalmotion.classification.features import Column, kind_of, powers_of
-from modalmotion.classification.training.train_shipped import RECIPES, Recipe, training_cases
+from modalmotion.classification.training.train_shipped import RECIPES, Recipe, held_out_cases
 from modalmotion.facts import Facts
 from modalmotion.facts.facts import Tracking
 from modalmotion.mesh.sequence import MeshSequence
@@ -68,15 +68,9 @@ def test_a_figure_gets_no_class_even_where_its_topology_is_that_of_a_ventricle(n
     assert flagged(driven) >= 0.95
 
 
-def held_out(recipe: Recipe, n_per_class: int, seed: int) -> list[TrainingCase]:
-    """Fresh ventricles, each as the cup that it is."""
-    fresh = replace(recipe, options=replace(recipe.options, seed=seed))
-    return [case for case in training_cases(fresh, n_per_class) if case.signature.surface == "cup"]
-
-
 @pytest.mark.parametrize("recipe", RECIPES.values(), ids=list(RECIPES))
 def test_held_out_ventricles_get_a_class(recipe: Recipe) -> None:
-    found = evaluate(load_model(recipe.name), held_out(recipe, 8, seed=92))
+    found = evaluate(load_model(recipe.name), held_out_cases(recipe, 8, seed=92))
     assert found.n_cases == 8 * len(recipe.classes)
     assert found.abstained <= 0.05
 
@@ -99,7 +93,7 @@ def test_hundreds_of_parts_of_figures_get_no_class(name: str) -> None:
 @pytest.mark.soak
 @pytest.mark.parametrize("recipe", RECIPES.values(), ids=list(RECIPES))
 def test_two_thousand_held_out_ventricles_get_a_class(recipe: Recipe) -> None:
-    found = evaluate(load_model(recipe.name), held_out(recipe, 400, seed=95))
+    found = evaluate(load_model(recipe.name), held_out_cases(recipe, 400, seed=95))
     assert found.n_cases == 400 * len(recipe.classes)
     assert found.abstained <= 0.05
 
