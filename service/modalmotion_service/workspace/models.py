@@ -8,9 +8,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from modalmotion.classification import Classification, available_models, load_model
+from modalmotion.classification import (
+    OFFSET_MODEL,
+    Classification,
+    available_models,
+    load_model,
+    shipped_for,
+)
 from modalmotion.errors import NotFoundError, TopologyError
-from modalmotion.facts import NO_FACTS, Facts
+from modalmotion.facts import NO_FACTS, UNKNOWN, Facts
 from modalmotion.hdf5.sealed import is_sound
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
@@ -121,6 +127,16 @@ class Models:
             record.name, record.version, record.id, record.classes, record.parameters, path
         )
 
+    def choose_for(self, text: str, sequence_id: str) -> ChosenModel:
+        """Find the model that a request for a sequence names, by its facts: see `shipped_for`.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence or no such model.
+        """
+        return self.choose(shipped_for(text, self._store.sequence_record(sequence_id).facts))
+
     def records(self) -> dict[str, list[ModelRecord]]:
         """All versions by name, including shipped models."""
         records: dict[str, list[ModelRecord]] = {}
@@ -217,7 +233,8 @@ class Models:
         """
         parameters, known = self._analysis.resolved(sequence_id, model.parameters)
         facts = stated.over(known)
-        key = classification_key(parameters, coverage, facts.covariates)
+        tracking = facts.tracking if model.name == OFFSET_MODEL else UNKNOWN
+        key = classification_key(parameters, coverage, facts.covariates, tracking)
 
         async def named(asked: SignatureParameters, tell: StageReport) -> classification.NamedClass:
             def tell_of_signature(share: float, text: str) -> None:

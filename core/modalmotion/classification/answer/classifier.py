@@ -19,9 +19,15 @@ from modalmotion.classification.answer.explanation import explain
 from modalmotion.classification.covariates import with_covariates
 from modalmotion.classification.features import READINGS, Column, MotionFeatures, has_volume
 from modalmotion.classification.model.model import Model, Readable
-from modalmotion.classification.model.shipped import load_model
+from modalmotion.classification.model.shipped import (
+    DEFAULT_MODEL,
+    OFFSET_MODEL,
+    load_model,
+    shipped_for,
+)
 from modalmotion.classification.options import require_coverage
 from modalmotion.errors import TopologyError
+from modalmotion.facts import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
 from modalmotion.signature.making import ModalSignature, modal_signature, provenance
 
@@ -29,6 +35,11 @@ _REFERENCE_NOTE = (
     "The signature is measured from one frame, so the answer depends on which it is; fitted with "
     "the model's signature parameters, which name the mean shape, it does not."
 )
+_TRACKING_NOTE = (
+    "What the points follow is not stated, so only the surface was read, which shows no twist. "
+    "If they follow the tissue (tagging, feature tracking), state tracking=material."
+)
+_OR_STATE = ", or state tracking=material if its points follow the tissue"
 _MIRRORED_NOTE = (
     "The columns run left-handed about the axis from the apex; the motion was read accordingly."
 )
@@ -48,7 +59,8 @@ def classify(
         A signature is best fitted with `model.signature_parameters`, as a sequence is here: another
         reference adds a note to the answer. Other differences are refused.
     model : Model, optional
-        The shipped one by default.
+        By default the shipped one that reads what the points follow: displacements where the facts
+        say tracking=material, offsets otherwise.
     coverage : float
         Probability with which the class set is to hold the true class.
     covariates : mapping of str to (float or str), optional
@@ -70,7 +82,7 @@ def classify(
     """
     require_coverage(coverage)
     if model is None:
-        model = load_model()
+        model = load_model(shipped_for(DEFAULT_MODEL, motion.facts))
     signature = with_covariates(motion, covariates) if covariates else motion
     if isinstance(signature, MeshSequence):
         signature = fitted_for(model, signature)
@@ -84,10 +96,14 @@ def classify(
     logs = model.log_shares(reading.values[None])
     probabilities = np.exp(logs[0] - logs.max())
     probabilities /= probabilities.sum()
-    label = model.classes[int(probabilities.argmax())]
+    label = model.label(probabilities)
     notes = [*model.notes.get(label, ()), *model.notes.get("", ())]
+    if model.decision is not None:
+        notes.append(model.decision.text)
     if model.signature_parameters.reference == MEAN != signature.parameters.reference:
         notes.append(_REFERENCE_NOTE)
+    if model.name == OFFSET_MODEL and signature.facts.tracking == UNKNOWN:
+        notes.insert(0, _TRACKING_NOTE)
     if reading.is_mirrored:
         notes.insert(0, _MIRRORED_NOTE)
     few = model.calibration.too_few(coverage)
@@ -172,7 +188,7 @@ def _unreadable(signature: ModalSignature, model: Model) -> tuple[str, str] | No
         return UNREADABLE, (
             f"No class: the model reads signatures of the kind {readable.parameters.kind}, and "
             f"this one is of the kind {signature.kind}, which do not compare. Fit it with "
-            f"kind={readable.parameters.kind}."
+            f"kind={readable.parameters.kind}{_OR_STATE if model.name == OFFSET_MODEL else ''}."
         )
     if signature.surface not in readable.topologies:
         return OUT_OF_DOMAIN, (

@@ -7,7 +7,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from modalmotion.classification import Classification, Model, ModelCard, classify, load_model
+from modalmotion.classification import (
+    Classification,
+    Model,
+    ModelCard,
+    classify,
+    load_model,
+    shipped_for,
+)
 from modalmotion.facts import Facts
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import model_from_hdf5, signature_from_hdf5
@@ -67,6 +74,8 @@ def classify_upload(
 ) -> tuple[Classification, ReadingAnswer]:
     """Read an upload, fit it, and ask a model for the class of its motion."""
     reading = upload.read()
+    if isinstance(model, str):
+        model = shipped_for(model, reading.sequence.facts)
     return classify(reading.sequence, loaded(model), coverage), ReadingAnswer.of(reading)
 
 
