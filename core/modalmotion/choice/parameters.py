@@ -102,6 +102,9 @@ class SignatureParameters:
     split_pairs : bool
         Take the stated number of modes exactly: the amplitudes of a cosine without
         its sine depend on where theta is zero, and compare only where that is the same.
+    volumes : bool
+        Whether the signature holds the volume that the surface encloses in each frame, which
+        models may read.
     amplitudes : int, optional
         In place of `modes`: amplitudes a frame, three of a mode.
     """
@@ -126,6 +129,7 @@ class SignatureParameters:
     most_modes: int | None = None
     harmonics: int | None = None
     split_pairs: bool = False
+    volumes: bool = False
     amplitudes: InitVar[int | None] = None
 
     def __post_init__(self, amplitudes: int | None) -> None:
@@ -181,7 +185,15 @@ class SignatureParameters:
             **dict.fromkeys(("modes", "most_modes", "harmonics"), whole),
             **dict.fromkeys(("wave_speed", "tolerance", "tolerance_share"), real),
             **dict.fromkeys(
-                ("remove_rotation", "closed_form", "merge_vertices", "auto", "split_pairs"), truth
+                (
+                    "remove_rotation",
+                    "closed_form",
+                    "merge_vertices",
+                    "auto",
+                    "split_pairs",
+                    "volumes",
+                ),
+                truth,
             ),
             **{
                 name: partial(one_of, words=words)
@@ -278,6 +290,7 @@ _LEFT_OUT: Final = (
     "harmonics",
     "split_pairs",
     "merge_vertices",
+    "volumes",
 )
 
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from enum import StrEnum
-from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 
 from modalmotion.errors import ParameterError
+from modalmotion.facts import Named
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.modes.topology import MESH, Topology
 from modalmotion.representation import shown
@@ -144,11 +144,29 @@ class TrainingOptions:
                         f"The weight of the class {str(label)[:80]!r} is {weight!r}.",
                         remedy="Use finite weights above 0.",
                     )
-            frozen = MappingProxyType({str(k): float(w) for k, w in weights.items()})
+            frozen = Named({str(k): float(w) for k, w in weights.items()})
             object.__setattr__(self, "class_weights", frozen)
         else:
             member = _member(ClassWeights, "class_weights", weights)
             object.__setattr__(self, "class_weights", member)
+
+    def require_classes(self, classes: Sequence[str]) -> None:
+        """Check that weights are of classes that there are.
+
+        Raises
+        ------
+        ParameterError
+            If one is of another; it names the classes.
+        """
+        weights = self.class_weights
+        unknown = [k for k in weights if k not in classes] if isinstance(weights, Mapping) else []
+        if unknown:
+            names = ", ".join(repr(name[:80]) for name in unknown[:3])
+            raise ParameterError(
+                f"The option 'class_weights' names {names}, and no case has such a class.",
+                remedy=f"Use the names of the classes: {', '.join(classes)}.",
+                details={"option": "class_weights", "classes": list(classes)},
+            )
 
     @property
     def signature_parameters(self) -> SignatureParameters:

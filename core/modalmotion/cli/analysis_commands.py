@@ -23,6 +23,7 @@ from modalmotion.cli.options import (
     rotation_option,
     signature_parameters,
     surface_options,
+    volumes_option,
     weights_option,
 )
 from modalmotion.cli.outputs import write_picture
@@ -45,6 +46,7 @@ from modalmotion.tradeoff import Price, price_of
 @merge_option
 @components_option
 @rotation_option
+@volumes_option
 @plot_option
 @json_option
 def signature(

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from modalmotion.errors import MalformedFileError, ModalMotionError, ParameterError
-from modalmotion.facts import NO_FACTS, Facts, column_of, facts_from_texts, is_fact
+from modalmotion.facts import NO_FACTS, Facts, column_of, facts_in, states_fact
 
 if TYPE_CHECKING:
     from modalmotion.classification import TrainingCase
@@ -66,7 +66,8 @@ def labelled_files(sources: Sequence[Path]) -> list[LabelledFile]:
 def read_manifest(manifest: Path) -> list[LabelledFile]:
     """Read a table of files: path, label, subject; paths are relative to the table's folder.
 
-    Further columns may state facts, by their names or as landmark:apex and covariate:age.
+    Further columns state facts, by their names or as landmark:apex and covariate:age; all others
+    are covariates.
 
     Raises
     ------
@@ -91,14 +92,15 @@ def read_manifest(manifest: Path) -> list[LabelledFile]:
             f"first line is {first[:80]!r}.",
             remedy=_HOW,
         )
-    twice = [name for name, n in Counter(names).items() if n > 1 and is_fact(name)]
+    twice = [name for name, n in Counter(names).items() if n > 1 and states_fact(name)]
     if twice:
         raise MalformedFileError(
             f"The manifest '{manifest}' has {names.count(twice[0])} columns '{twice[0][:80]}'.",
             remedy="Keep one of them.",
         )
     rows.fieldnames = names
-    return [_row(manifest, rows.line_num, row) for row in rows]
+    has_commas = delimiter != ","
+    return [_row(manifest, rows.line_num, row, has_commas) for row in rows]
 
 
 @dataclass(frozen=True)
@@ -142,7 +144,7 @@ def _by_folder(path: Path) -> LabelledFile:
     return LabelledFile(path, label, None)
 
 
-def _row(manifest: Path, line: int, row: dict[str, Any]) -> LabelledFile:
+def _row(manifest: Path, line: int, row: dict[str, Any], decimal_comma: bool) -> LabelledFile:
     values = {name: (row.get(name) or "").strip() for name in _COLUMNS}
     for name in _COLUMNS[:2]:
         if not values[name]:
@@ -160,7 +162,7 @@ def _row(manifest: Path, line: int, row: dict[str, Any]) -> LabelledFile:
             details={"line": line},
         )
     try:
-        facts = facts_from_texts({name: row[name] for name in row if name and is_fact(name)})
+        facts = facts_in(row, decimal_comma=decimal_comma)
     except ParameterError as error:
         raise MalformedFileError(
             f"Line {line} of '{manifest.name}': {error.message}",

@@ -146,6 +146,9 @@ rotation_option = click.option(
     default=True,
     help="Leave each frame's rotation in the motion.",
 )
+volumes_option = click.option(
+    "--volumes", is_flag=True, help="Keep the volume that the surface encloses in each frame."
+)
 merge_option = click.option(
     "--merge-vertices/--no-merge-vertices",
     default=True,

@@ -18,8 +18,8 @@ from modalmotion.progress import Progress
 MODEL_FILES: Final = {".h5": HDF5, ".hdf5": HDF5, ".png": PNG}
 """Media types of model files by suffix; a picture shows confusion and calibration."""
 
-Case = str | Mapping[str, str]
-"""The id of a stored sequence, or its id, label and subject."""
+Case = str | Mapping[str, Any]
+"""The id of a stored sequence, or its id, label, subject and covariates."""
 
 
 class ModelCalls(Calls):
@@ -54,8 +54,8 @@ class ModelCalls(Calls):
         ----------
         name : str
         cases : iterable of str or mapping
-            Ids of stored sequences, whose labels and subjects count; or mappings with the members
-            id, label and subject.
+            Ids of stored sequences, whose labels, subjects and covariates count; or mappings with
+            the members id, label, subject and covariates.
         progress : callable, optional
             Called with the share that is done, 0 to 1.
         **options
@@ -76,17 +76,28 @@ class ModelCalls(Calls):
         """Delete a version of a model; its number is never used again."""
         self._connection.send(Call("DELETE", _path(name, version)))
 
-    def classify(self, sequence_id: str, **options: Option) -> ClassAnswer:
+    def classify(
+        self,
+        sequence_id: str,
+        *,
+        covariates: Mapping[str, float | str] | None = None,
+        **options: Option,
+    ) -> ClassAnswer:
         """Ask a model for the class of a stored sequence's motion.
 
         Parameters
         ----------
         sequence_id : str
+        covariates : mapping of str to (float or str), optional
+            Such as an age: over those stored with the sequence.
         **options
             Members of the request, such as model: the shipped one by default.
         """
         path = sequence_path(sequence_id, "classifications")
-        call = Call("POST", path, body=json_body(plain(options)), is_keyed=True)
+        request = plain(options)
+        if covariates:
+            request["covariates"] = dict(covariates)
+        call = Call("POST", path, body=json_body(request), is_keyed=True)
         return self._awaited(call, _class)
 
     def classify_of(
@@ -100,7 +111,7 @@ class ModelCalls(Calls):
         progress : callable, optional
             Called with the bytes sent so far and those to send in all.
         **options
-            Of reading (format, grid, unit, ...), and model, coverage.
+            Of reading (format, grid, unit, ...), facts=, and model, coverage.
         """
         call = Call("POST", "/v1/classify", options, body=body_of(source), is_repeatable=True)
         return self._sent(call, lambda answer: value_of(ClassAnswer, answer.json), progress)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 
 
@@ -35,7 +36,7 @@ class State:
 
 @shown()
 @dataclass(frozen=True, eq=False)
-class Oscillators:
+class Oscillators(FrozenArrays):
     """Independent oscillators (3) u'' + c u' + w^2 u = f, one for each mode.
 
     The equations of motion (1) M U'' + C U' + K U = F in modes, U = Phi u by (2), where the

@@ -15,6 +15,7 @@ from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import Topology
+from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.numeric.kinds import whole_numbers
 from modalmotion.representation import shown
 
@@ -29,7 +30,7 @@ _TOLERANCE: Final = 1e-12
 
 @shown()
 @dataclass(frozen=True, eq=False)
-class HarmonicPotential:
+class HarmonicPotential(FrozenArrays):
     """Harmonic potential of a lattice on closed axes, Nastar (1994), (4) and (5).
 
     (4) V = 1/2 sum u_n' K(l) u_(n + l) over all nodes n and offsets l, so the force on node n is

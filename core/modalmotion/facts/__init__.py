@@ -1,5 +1,6 @@
 """Facts: statements of the sender about a sequence beside its arrays."""
 
+from modalmotion.facts.columns import facts_in, states_fact
 from modalmotion.facts.facts import NAMES, NO_FACTS, UNKNOWN, WORDS, Facts
 from modalmotion.facts.json_form import facts_as_json, facts_from_json, facts_patched
 from modalmotion.facts.named import Named
@@ -19,6 +20,8 @@ __all__ = [
     "facts_as_json",
     "facts_from_json",
     "facts_from_texts",
+    "facts_in",
     "facts_patched",
     "is_fact",
+    "states_fact",
 ]

@@ -47,6 +47,9 @@ class Fit:
         Of the weighted shapes; all the same unless vertices are missing.
     coverages : (frames,) float64
         Share of the surface present, 1 unless vertices are missing.
+    reference_amplitudes : (modes, 3) float64, length unit
+        Amplitudes of the reference itself, of its positions from its centroid; zero where
+        components are radial, tangential and axial.
     """
 
     amplitudes: NDArray[np.float64]
@@ -57,6 +60,7 @@ class Fit:
     weighted_motion_rms: NDArray[np.float64]
     conditions: NDArray[np.float64]
     coverages: NDArray[np.float64]
+    reference_amplitudes: NDArray[np.float64]
 
 
 def fit_displacements(
@@ -94,14 +98,19 @@ def fit_displacements(
     columns: dict[str, NDArray[np.float64]] = {
         column.name: np.concatenate([getattr(part, column.name) for part in parts])
         for column in fields(Fit)
-        if column.name not in ("rotations", "errors")
+        if column.name not in ("rotations", "errors", "reference_amplitudes")
     }
     rotations = Rotations(
         np.concatenate([part.rotations.matrices for part in parts]),
         np.concatenate([part.rotations.is_determined for part in parts]),
     )
     errors = FrameErrors.joined([part.errors for part in parts])
-    return Fit(rotations=rotations, errors=errors, **columns)
+    return Fit(
+        rotations=rotations,
+        errors=errors,
+        reference_amplitudes=parts[0].reference_amplitudes,
+        **columns,
+    )
 
 
 def project(basis: Basis, displacements: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -217,6 +226,7 @@ class _Products:
             weighted_motion_rms=motion.weighted_rms,
             conditions=np.full(f, self.basis.condition),
             coverages=np.full(f, shape.coverage),
+            reference_amplitudes=np.ascontiguousarray(self.of_rest.T) * shape.scale,
         )
 
     def _errors(

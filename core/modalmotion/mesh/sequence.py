@@ -17,6 +17,7 @@ from modalmotion.mesh.checks import FloatArray, require_faces, require_times, re
 from modalmotion.mesh.coincidence import representatives_of
 from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import Topology
+from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 
 MM_PER_UNIT: Final[dict[str, float]] = {
@@ -37,7 +38,7 @@ Reference: TypeAlias = int | Literal["mean"]
 
 @shown("n_frames", "n_vertices", "faces", "topology", "unit")
 @dataclass(frozen=True, eq=False)
-class MeshSequence:
+class MeshSequence(FrozenArrays):
     """A surface that moves: the same vertices and faces in every frame.
 
     Make one with `mesh_sequence`, which checks everything.

@@ -21,12 +21,13 @@ from modalmotion.mesh import connectivity_of, graph_laplacian
 from modalmotion.modes.label import ModeLabel
 from modalmotion.modes.modes import Surface
 from modalmotion.numeric.eigenpairs import MOST_EQUAL, lowest_eigenpairs
+from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 
 
 @shown()
 @dataclass(frozen=True, eq=False)
-class SpringModes:
+class SpringModes(FrozenArrays):
     """Lowest modes of equal masses at the vertices and equal springs along the edges, by name.
 
     Parameters

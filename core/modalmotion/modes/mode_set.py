@@ -17,12 +17,13 @@ from modalmotion.modes.label import ModeLabel, half_periods, odd_at_pole, scales
 from modalmotion.modes.modes import Surface
 from modalmotion.modes.separable import Separable, separate
 from modalmotion.modes.topology import CLOSED, End, Topology
+from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 
 
 @shown("topology", "wavenumbers")
 @dataclass(frozen=True, eq=False)
-class ModeSet:
+class ModeSet(FrozenArrays):
     """Modes of one topology, in order.
 
     Parameters

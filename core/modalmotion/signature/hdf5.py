@@ -21,7 +21,7 @@ from modalmotion.modes.topology import MESH, Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 
-FORM: Final = Form("signature", 3)
+FORM: Final = Form("signature", 4)
 
 # Unit and axes of what names modes.
 _OF_MODES: Final = {
@@ -80,6 +80,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
             "1",
             "frame",
         ),
+        Dataset("reference_amplitudes", signature.reference_amplitudes, unit, "mode, direction"),
         Dataset("translations", signature.translations, unit, "frame, direction"),
         *(Dataset(name, getattr(signature, name), unit, "frame") for name in _OF_FRAMES),
         Dataset("lengths", np.array(signature.lengths, dtype=np.float64), unit, "axis"),
@@ -98,6 +99,8 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
         datasets.append(json_text("choice", signature.choice.as_json()))
     if signature.landmarks is not None:
         datasets += landmark_datasets(signature.landmarks, unit)
+    if signature.volumes is not None:
+        datasets.append(Dataset("volumes", signature.volumes, f"{unit}^3", "frame"))
     if signature.times is not None:
         datasets.append(Dataset("times", signature.times, "s", "frame"))
     return FORM.image(ids, datasets, topology=signature.surface, unit=unit)
@@ -139,6 +142,8 @@ def _signature(contents: Contents) -> ModalSignature:
             contents.array("rotations", (n_frames, 3, 3)),
             per_frame("rotation_is_determined").astype(np.bool_),
         ),
+        reference_amplitudes=contents.array("reference_amplitudes", (n_modes, 3)),
+        volumes=per_frame("volumes") if "volumes" in contents.arrays else None,
         translations=contents.array("translations", (n_frames, 3)),
         **{name: per_frame(name) for name in _OF_FRAMES},
         times=per_frame("times") if "times" in contents.arrays else None,

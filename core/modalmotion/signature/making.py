@@ -23,6 +23,7 @@ from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import Topology
 from modalmotion.numerals import counted, numeral
 from modalmotion.signature.value import ModalSignature
+from modalmotion.signature.volumes import enclosed_volumes
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.template import (
     Template,
@@ -114,6 +115,8 @@ def modal_signature(
         amplitudes=fit.amplitudes,
         angular_frequencies=frequencies,
         rotations=fit.rotations,
+        reference_amplitudes=fit.reference_amplitudes,
+        volumes=enclosed_volumes(sequence, own_template) if parameters.volumes else None,
         translations=fit.translations,
         rms_errors=fit.errors.rms,
         weighted_rms_errors=fit.errors.weighted_rms,

@@ -35,6 +35,12 @@ class ModalSignature:
         Continuum limit w = c k on `lengths`, with c = `wave_speed`.
     rotations : Rotations
         The rotation trajectory, removed before the fit.
+    reference_amplitudes : (modes, 3) float64, `unit`
+        Amplitudes of the reference itself, of its positions from its centroid; zero where the
+        components are cylindrical.
+    volumes : (frames,) float64, `unit` cubed, or None
+        Volume that the vertices enclose in each frame, openings closed, where it was requested
+        (`parameters.volumes`) and the surface encloses one: see `Cavity.volume`.
     translations : (frames, 3) float64, `unit`
         Path of the weighted centroid from the reference's. It is part of the amplitudes too,
         and needed beside them where they are not along x, y, z.
@@ -71,6 +77,8 @@ class ModalSignature:
     amplitudes: NDArray[np.float64]
     angular_frequencies: NDArray[np.float64]
     rotations: Rotations
+    reference_amplitudes: NDArray[np.float64]
+    volumes: NDArray[np.float64] | None
     translations: NDArray[np.float64]
     rms_errors: NDArray[np.float64]
     weighted_rms_errors: NDArray[np.float64]

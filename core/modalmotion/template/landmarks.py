@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
-from modalmotion.facts import Corners, Facts, Place
+from modalmotion.facts import Corners, Facts, Named, Place
 from modalmotion.modes.topology import Topology
 from modalmotion.representation import shown
 
@@ -125,7 +124,7 @@ class Landmarks:
     given: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "strengths", MappingProxyType(dict(self.strengths)))
+        object.__setattr__(self, "strengths", Named(self.strengths))
 
     @property
     def theta_zero_strength(self) -> float:

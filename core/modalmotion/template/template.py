@@ -14,6 +14,7 @@ from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import Topology
+from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks, landmarks_in
 
@@ -30,7 +31,7 @@ class Weights(StrEnum):
 
 @shown("topology", "n_vertices", "lengths", "reason", "id")
 @dataclass(frozen=True, eq=False)
-class Template:
+class Template(FrozenArrays):
     """Natural coordinates, weights and lengths of one surface.
 
     Parameters

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.errors import MalformedFileError, ParameterError
-from modalmotion.facts import NO_FACTS, Facts, column_of, facts_from_texts, is_fact
+from modalmotion.facts import NO_FACTS, Facts, column_of, facts_in, states_fact
 from modalmotion.store.record import require_name
 
 _COLUMNS: Final = ("path", "subject", "label")
@@ -53,10 +53,10 @@ def read_manifest(source: Path) -> tuple[Entry, ...]:
     Parameters
     ----------
     source : Path
-        A .csv file with a heading (path; subject, label and facts if there are any), its columns
-        separated by commas, semicolons or tabs, or a .jsonl file with an object a line, both with
-        paths from the manifest's own folder; or a folder, or a pattern of names: then each file
-        and each folder of frames in it is a sequence.
+        A .csv file with a heading (path; subject, label and facts if there are any; further ones
+        are covariates), its columns separated by commas, semicolons or tabs, or a .jsonl file
+        with an object a line, both with paths from the manifest's own folder; or a folder, or a
+        pattern of names: then each file and each folder of frames in it is a sequence.
 
     Raises
     ------
@@ -93,7 +93,9 @@ def _read(source: Path) -> tuple[Entry, ...]:
         text = source.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise _unreadable(source, error) from error
-    rows = _csv_rows(text, source) if source.suffix.lower() == ".csv" else _json_rows(text, source)
+    is_table = source.suffix.lower() == ".csv"
+    rows = _csv_rows(text, source) if is_table else _json_rows(text, source)
+    has_commas = is_table and _separator(text) != ","
     lines: dict[Path, int] = {}
     entries = []
     for line, row in rows:
@@ -105,21 +107,22 @@ def _read(source: Path) -> tuple[Entry, ...]:
             raise _wrong(source, line, f"'{name}' stands in line {lines[path]} already")
         lines[path] = line
         names = {key: _name(row.get(key), key, source, line) for key in ("subject", "label")}
-        entries.append(Entry(path, **names, facts=_facts(row, source, line)))
+        facts = _facts(row, source, line, decimal_comma=has_commas)
+        entries.append(Entry(path, **names, facts=facts))
     return tuple(entries)
 
 
 def _csv_rows(text: str, source: Path) -> Iterator[tuple[int, dict[str, Any]]]:
     stated = _STATED_SEPARATOR.match(text)
     first = stated.end() if stated else 0
-    separator = stated[1] if stated else _separator(text)
-    rows = csv.reader(io.StringIO(text[first:], newline=""), delimiter=separator, strict=True)
+    content = io.StringIO(text[first:], newline="")
+    rows = csv.reader(content, delimiter=_separator(text), strict=True)
     n_before = 1 if stated else 0
     try:
         heading = [column_of(name) for name in next(rows, [])]
         if "path" not in heading:
             raise _wrong(source, n_before + 1, f"the heading {heading[:5]} has no column 'path'")
-        known = [name for name in heading if name in _COLUMNS or is_fact(name)]
+        known = [name for name in heading if name in _COLUMNS or states_fact(name)]
         twice = next((name for name in known if heading.count(name) > 1), None)
         if twice is not None:
             raise _wrong(source, n_before + 1, f"there are two columns '{twice}'")
@@ -137,6 +140,9 @@ def _csv_rows(text: str, source: Path) -> Iterator[tuple[int, dict[str, Any]]]:
 
 def _separator(text: str) -> str:
     """Find the separator of the heading; a column's name may hold one of the others."""
+    stated = _STATED_SEPARATOR.match(text)
+    if stated:
+        return stated[1]
     heading = text.partition("\n")[0]
     return max(_BETWEEN, key=lambda sign: len(heading.split(sign)))
 
@@ -163,9 +169,9 @@ def _name(value: Any, key: str, source: Path, line: int) -> str | None:
     return text or None
 
 
-def _facts(row: dict[str, Any], source: Path, line: int) -> Facts:
+def _facts(row: dict[str, Any], source: Path, line: int, *, decimal_comma: bool) -> Facts:
     try:
-        return facts_from_texts({name: row[name] for name in row if is_fact(name)})
+        return facts_in(row, decimal_comma=decimal_comma)
     except ParameterError as error:
         raise _wrong(source, line, error.message.rstrip(".")) from error
 

@@ -6,6 +6,7 @@ import asyncio
 
 from fastapi import APIRouter, Response
 
+from modalmotion.facts import Facts
 from modalmotion_service.http.json_bodies import JsonRoute
 from modalmotion_service.routes.parts.deferral import result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
@@ -47,6 +48,7 @@ async def classify(
     """
     state.store.sequence_record(sequence_id)
     parameters = request or ClassificationRequest()
+    stated = Facts(covariates=parameters.covariates or {})
 
     async def make() -> Response:
         model = await asyncio.to_thread(state.models.choose, parameters.model)
@@ -59,8 +61,9 @@ async def classify(
                 "sequence_id": sequence_id,
                 "model": f"{model.name}@{model.version}",
                 "coverage": parameters.coverage,
+                "covariates": dict(stated.covariates),
             },
-            state.models.classification(sequence_id, model, parameters.coverage),
+            state.models.classification(sequence_id, model, parameters.coverage, stated),
         )
         if isinstance(result, Response):
             return result

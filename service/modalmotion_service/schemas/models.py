@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, FailFast, Field, StringConstraints
 from modalmotion.choice.parameters import parameters_as_json
 from modalmotion.classification import ModelCard, TrainingOptions
 from modalmotion.store import NAME_PATTERN, VERSION_PATTERN, KeptModel, ModelRecord
+from modalmotion_service.schemas.facts import COVARIATES
 from modalmotion_service.schemas.fields import JsonBody, SequenceId
 
 ModelName = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
@@ -26,6 +27,10 @@ class LabelledSequence(JsonBody):
     )
     subject: str | None = Field(
         None, min_length=1, max_length=_LONGEST_NAME, description="Its own by default."
+    )
+    # Their values are checked by the library, which stops at the first fault.
+    covariates: dict[str, Any] | None = Field(
+        None, description=f"Over those stored with it. {COVARIATES}"
     )
 
 
@@ -52,7 +57,8 @@ class TrainingRequest(JsonBody):
         "gets its next version.",
     )
     sequences: Annotated[list[SequenceId | LabelledSequence], FailFast()] = Field(
-        description="Ids; label and subject are those stored with the sequence, or stated here. "
+        description="Ids; label, subject and covariates are those stored with the sequence, or "
+        "stated here. "
         "Sequences of one subject are never on both sides of a split."
     )
     options: dict[str, Any] = Field(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion_service.schemas.fields import SequenceId
-from modalmotion_service.schemas.results import ClassificationRequest, EncodingTarget
+from modalmotion_service.schemas.results import EncodingTarget, ModelQuery
 from modalmotion_service.schemas.sequences import ReadingQuery
 from modalmotion_service.schemas.signatures import SignatureQuery
 
@@ -14,7 +14,7 @@ class TemplateQuery(ReadingQuery, SignatureQuery):
     """How to read the file, and how to lay natural coordinates over the surface in it."""
 
 
-class ClassifyQuery(ReadingQuery, ClassificationRequest):
+class ClassifyQuery(ReadingQuery, ModelQuery):
     """How to read the file, the model, and how sure its class set must be."""
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion.classification import DEFAULT_MODEL, FLAGS, Classification
 from modalmotion.codec import Effort, Encoded
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion_service.schemas.facts import COVARIATES
 from modalmotion_service.schemas.fields import JsonBody
 from modalmotion_service.schemas.sequences import ReadingAnswer
 
@@ -50,7 +53,7 @@ class EncodedAnswer(BaseModel):
         }
 
 
-class ClassificationRequest(JsonBody):
+class ModelQuery(JsonBody):
     """The model, and how sure its class set must be."""
 
     model: str = Field(
@@ -63,6 +66,15 @@ class ClassificationRequest(JsonBody):
         gt=0,
         lt=1,
         description="Probability that the class set holds the true class, for every class.",
+    )
+
+
+class ClassificationRequest(ModelQuery):
+    """The model, how sure its class set must be, and what the recording does not carry."""
+
+    # Their values are checked by the library, which stops at the first fault.
+    covariates: dict[str, Any] | None = Field(
+        None, description=f"Over those stored with the sequence. {COVARIATES}"
     )
 
 

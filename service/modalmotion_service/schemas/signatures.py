@@ -71,6 +71,11 @@ class SignatureQuery(BaseModel):
         description="Take the stated number exactly: the amplitudes of a cosine without its sine "
         "depend on where theta is zero.",
     )
+    volumes: bool = Field(
+        False,
+        description="Give the volume that the surface encloses in each frame, too, openings "
+        "closed.",
+    )
     topology: str | None = TOPOLOGY
     grid: str | None = GRID
     reference: ReferenceShape = Field(
@@ -194,6 +199,14 @@ class SignatureAnswer(BaseModel):
         description="Directions of the amplitudes: x, y, z or radial, tangential, axial."
     )
     landmarks: LandmarksAnswer | None = Field(description="Null where there is no axis.")
+    reference_amplitudes: list[list[float]] = Field(
+        description="Amplitudes of the reference itself, of its positions from its centroid; 0 "
+        "where components are cylindrical."
+    )
+    volumes: list[float] | None = Field(
+        description="Volume that the surface encloses in each frame, in the cubed length unit, if "
+        "requested; null where it encloses none."
+    )
     translations: list[list[float]] = Field(description="Path of the centroid.")
     angular_frequencies: list[float] = Field(description="rad per s, at the stated wave speed.")
     wave_speed: float
@@ -255,6 +268,8 @@ class SignatureAnswer(BaseModel):
             landmarks=(
                 None if signature.landmarks is None else LandmarksAnswer.of(signature.landmarks)
             ),
+            reference_amplitudes=signature.reference_amplitudes.tolist(),
+            volumes=None if signature.volumes is None else signature.volumes.tolist(),
             translations=signature.translations.tolist(),
             angular_frequencies=signature.angular_frequencies.tolist(),
             wave_speed=parameters.wave_speed,

@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 
 from modalmotion.classification import TrainingOptions
 from modalmotion.errors import LostFileError
-from modalmotion.facts import facts_from_json
+from modalmotion.facts import Facts, facts_from_json
 from modalmotion_service.http.negotiation import HDF5, NPZ
 from modalmotion_service.schemas import (
     ManySignatures,
@@ -86,7 +86,11 @@ def make_runner(
 
     async def classification(request: Any, report: Report) -> Any:
         model = await asyncio.to_thread(models.choose, request["model"])
-        await models.classification(request["sequence_id"], model, request["coverage"], report)
+        # Jobs of an earlier version state none.
+        stated = Facts(covariates=request.get("covariates", {}))
+        await models.classification(
+            request["sequence_id"], model, request["coverage"], stated, report
+        )
         return {"link": f"/v1/sequences/{request['sequence_id']}/classifications"}
 
     async def training(request: Any, report: Report) -> Any:

@@ -10,6 +10,7 @@ from typing import Final
 
 from modalmotion.classification import Classification, available_models, load_model
 from modalmotion.errors import NotFoundError, TopologyError
+from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.hdf5.sealed import is_sound
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
@@ -189,11 +190,28 @@ class Models:
         sequence_id: str,
         model: ChosenModel,
         coverage: float,
+        stated: Facts = NO_FACTS,
         report: StageReport = unheard,
     ) -> tuple[KeptClassification, bool]:
-        """Classify a stored sequence, and tell whether the result is new."""
-        parameters, _ = self._analysis.resolved(sequence_id, model.parameters)
-        key = classification_key(parameters, coverage)
+        """Classify a stored sequence, and tell whether the result is new.
+
+        Parameters
+        ----------
+        sequence_id : str
+        model : ChosenModel
+        coverage : float
+        stated : Facts
+            Whose covariates are over those stored with the sequence.
+        report : StageReport
+
+        Raises
+        ------
+        ParameterError
+            If a covariate is stated twice, maybe in capitals once.
+        """
+        parameters, known = self._analysis.resolved(sequence_id, model.parameters)
+        facts = stated.over(known)
+        key = classification_key(parameters, coverage, facts.covariates)
 
         async def named(asked: SignatureParameters, tell: StageReport) -> classification.NamedClass:
             def tell_of_signature(share: float, text: str) -> None:
@@ -201,10 +219,15 @@ class Models:
 
             signature = await self._analysis.signature(sequence_id, asked, tell_of_signature)
             tell(_SIGNING, "class")
-            stated = self._store.sequence_record(sequence_id).topology
+            topology = self._store.sequence_record(sequence_id).topology
             with stage("worker"):
                 return await self._analysis.work(
-                    classification.name_class, signature, model.source, coverage, stated
+                    classification.name_class,
+                    signature,
+                    model.source,
+                    coverage,
+                    topology,
+                    facts,
                 )
 
         async def make(tell: StageReport) -> None:

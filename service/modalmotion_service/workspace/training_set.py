@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Final
 
 from modalmotion.errors import LimitError, NotFoundError, ParameterError
+from modalmotion.facts import Facts
 from modalmotion.store import ResultStore
 from modalmotion.store.disk.atomic import cannot_write
 from modalmotion.store.record import require_name
@@ -32,15 +33,17 @@ class Case:
     id : str
     label : str
     subject : str or None
+    covariates : mapping of str to (float or str)
     """
 
     id: str
     label: str
     subject: str | None
+    covariates: Mapping[str, float | str] = field(default_factory=dict)
 
 
 def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int) -> list[Case]:
-    """Find label and subject of each sequence, and check that a model can be trained on them.
+    """Find what is known of each sequence, and check that a model can be trained on them.
 
     Raises
     ------
@@ -49,8 +52,8 @@ def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int
     NotFoundError
         If some are not kept; it names them.
     ParameterError
-        If some have no label or are named twice, or there are too few of a class, or of
-        classes; it names them.
+        If some have no label or are named twice, a covariate cannot be one, or there are too few
+        of a class, or of classes; it names them.
     """
     if len(sequences) > most:
         raise LimitError(
@@ -78,7 +81,8 @@ def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int
             unlabelled.append(case.id)
             continue
         subject = case.subject or record.subject
-        cases.append(Case(case.id, label, subject))
+        stated = Facts(covariates=case.covariates or {}).over(record.facts)
+        cases.append(Case(case.id, label, subject, dict(stated.covariates)))
         require_name("label", label)
         require_name("subject", subject)
     if unknown:

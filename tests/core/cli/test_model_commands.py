@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 from bent_surfaces import bent_cohort
 from click.testing import CliRunner, Result
 
+from modalmotion import Facts
 from modalmotion.classification import classify
 from modalmotion.cli import main
 from modalmotion.formats import read_npz, write_npz
@@ -137,15 +139,19 @@ def test_a_simulated_cohort_is_a_manifest_and_its_files(tmp_path: Path) -> None:
 def test_manifests_of_any_spreadsheet_are_read(
     folder: Path, tmp_path: Path, delimiter: str
 ) -> None:
-    from modalmotion.cli.cases import read_manifest
+    from modalmotion.cli.cases import LabelledSequence, read_manifest
 
     wanted = read_manifest(folder / "train.csv")
     manifest = folder / f"other-{ord(delimiter)}.csv"
-    lines = [["Subject", "PATH", "Label", "remark"]]
-    lines += [[row.subject or "", f"{row.label}/{row.path.name}", row.label, "x"] for row in wanted]
+    lines = [["Subject", "PATH", "Label", "Age"]]
+    age = "61.5" if delimiter == "," else "61,5"
+    lines += [[row.subject or "", f"{row.label}/{row.path.name}", row.label, age] for row in wanted]
     text = "\r\n".join(delimiter.join(line) for line in lines)
     manifest.write_bytes(b"\xef\xbb\xbf" + text.encode())
-    assert read_manifest(manifest) == wanted
+    facts = Facts(covariates={"age": 61.5})
+    assert read_manifest(manifest) == [replace(row, facts=facts) for row in wanted]
+    case = LabelledSequence(read_manifest(manifest)[0], {}).read()
+    assert case.covariates == {"age": 61.5}
 
 
 def with_manifest(folder: Path, name: str, *lines: str) -> Path:

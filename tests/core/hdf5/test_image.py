@@ -73,6 +73,8 @@ def signatures(draw: st.DrawFn) -> ModalSignature:
         amplitudes=arrays(draw, n_frames, n_modes, 3),
         angular_frequencies=arrays(draw, n_modes),
         rotations=Rotations(arrays(draw, n_frames, 3, 3), draw(hnp.arrays(np.bool_, n_frames))),
+        reference_amplitudes=arrays(draw, n_modes, 3),
+        volumes=draw(st.none() | hnp.arrays(np.float64, n_frames, elements=NUMBERS)),
         translations=arrays(draw, n_frames, 3),
         rms_errors=arrays(draw, n_frames),
         weighted_rms_errors=arrays(draw, n_frames),
@@ -190,8 +192,8 @@ def test_a_template_comes_back_bit_for_bit(weights: Weights) -> None:
 
 def test_every_field_has_a_place_in_the_file() -> None:
     # A field that is added without one would come back as something else, or not at all.
-    assert len(fields(ModalSignature)) == 24
-    assert len(fields(SignatureParameters)) == 20
+    assert len(fields(ModalSignature)) == 26
+    assert len(fields(SignatureParameters)) == 21
     assert len(fields(Landmarks)) == 8
     assert len(fields(GivenLandmarks)) == 4
     assert len(fields(SpringModes)) == 2
@@ -222,7 +224,7 @@ def test_any_hdf5_program_reads_the_file_and_learns_what_is_in_it(tmp_path: Path
         path.write_bytes(image)
         with h5py.File(path, "r") as file:
             assert file.attrs["schema"].decode() == f"modalmotion.{kind}"
-            assert file.attrs["schema_version"] == (3 if kind == "signature" else 2)
+            assert file.attrs["schema_version"] == (4 if kind == "signature" else 2)
             assert file.attrs["kind"].decode() == kind
             assert file.attrs["intended_use"].decode() == INTENDED_USE
             assert file.attrs["sequence_id"].decode() == sequence.id

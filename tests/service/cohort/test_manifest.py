@@ -112,3 +112,16 @@ def test_a_bad_fact_names_its_line(tmp_path: Path, text: str) -> None:
     (tmp_path / "m.csv").write_text(text)
     with pytest.raises(MalformedFileError, match=r"Line [12] of"):
         read_manifest(tmp_path / "m.csv")
+
+
+def test_further_columns_are_covariates(tmp_path: Path) -> None:
+    rows, lines = tmp_path / "m.csv", tmp_path / "m.jsonl"
+    rows.write_text("path;Age;sex;remark\na.npz;61,5;f;\nb.npz;NA;m;late\n")
+    objects = [
+        {"path": "a.npz", "age": 61.5, "sex": "f", "remark": None},
+        {"path": "b.npz", "sex": "m", "remark": "late"},
+    ]
+    lines.write_text("".join(json.dumps(row) + "\n" for row in objects))
+    stated = [{"age": 61.5, "sex": "f"}, {"sex": "m", "remark": "late"}]
+    for manifest in (rows, lines):
+        assert [dict(e.facts.covariates) for e in read_manifest(manifest)] == stated

@@ -322,3 +322,55 @@ def test_a_cohort_of_bent_surfaces_is_trained_in_one_basis(trained: Trained) -> 
         )
         assert sent.status_code == 200
         assert not any("topology" in note for note in sent.json()["notes"])
+
+
+def test_covariates_travel_to_the_model_and_are_part_of_the_question(trained: Trained) -> None:
+    client, sequence_id = trained.client, trained.ids[1]
+    here = f"/v1/sequences/{sequence_id}"
+    asked = {"model": "wall-motion", "coverage": 0.77}
+
+    def status(**more: Any) -> int:
+        answer = client.post(f"{here}/classifications", json={**asked, **more})
+        return int(answer.status_code)
+
+    assert status() == 201
+    assert status() == 200
+    # What is stated with the question and what the sequence states are one thing.
+    assert status(covariates={"age": 61}) == 201
+    client.patch(here, json={"facts": {"covariates": {"age": 61}}})
+    assert status() == status(covariates={"age": 61.0}) == 200
+    assert status(covariates={"age": 62}) == 201
+    client.patch(here, json={"facts": None})
+    assert status() == 200
+    refused = client.post(f"{here}/classifications", json={"covariates": {"age": [1]}})
+    assert (refused.status_code, refused.json()["code"]) == (422, "bad_parameter")
+    assert "age" in refused.json()["detail"]
+
+
+def test_covariates_of_a_training_are_the_sequences_own_and_those_stated(
+    trained: Trained,
+) -> None:
+    from modalmotion_service.schemas import LabelledSequence
+    from modalmotion_service.workspace.spool import SpoolFile
+    from modalmotion_service.workspace.training_set import look_up, read_cases, write_cases
+
+    first = trained.ids[0]
+    here = f"/v1/sequences/{first}"
+    trained.client.patch(here, json={"facts": {"covariates": {"age": 61, "sex": "f"}}})
+    named = [LabelledSequence(id=name) for name in trained.ids[1:]]
+    named.append(LabelledSequence(id=first, covariates={"age": 62}))
+    cases = look_up(trained.store, named, 1000)
+    trained.client.patch(here, json={"facts": None})
+    assert cases[-1].covariates == {"age": 62, "sex": "f"}
+    assert cases[0].covariates == {}
+    file = SpoolFile(trained.data_dir / "spool" / "cases.json")
+    write_cases(file, cases)
+    assert read_cases(file.path) == cases
+    file.remove()
+
+
+def test_weights_of_a_class_that_no_sequence_has_are_refused_at_once(trained: Trained) -> None:
+    request = {"name": "weights", "sequences": trained.ids, "options": {"class_weights": {"no": 1}}}
+    answer = trained.client.post("/v1/models", json=request)
+    assert (answer.status_code, answer.json()["code"]) == (422, "bad_parameter")
+    assert "normal" in answer.json()["remedy"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from modalmotion.classification.answer.classification import (
     Classification,
 )
 from modalmotion.classification.answer.explanation import explain
+from modalmotion.classification.covariates import with_covariates
 from modalmotion.classification.features import READINGS, Column, MotionFeatures
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.model.shipped import load_model
@@ -33,7 +35,10 @@ _MIRRORED_NOTE = (
 
 
 def classify(
-    motion: ModalSignature | MeshSequence, model: Model | None = None, coverage: float = 0.9
+    motion: ModalSignature | MeshSequence,
+    model: Model | None = None,
+    coverage: float = 0.9,
+    covariates: Mapping[str, float | str] | None = None,
 ) -> Classification:
     """Name the class of a motion, or abstain.
 
@@ -46,6 +51,8 @@ def classify(
         The shipped one by default.
     coverage : float
         Probability with which the class set is to hold the true class.
+    covariates : mapping of str to (float or str), optional
+        Such as an age: over those of the recording's facts.
 
     Returns
     -------
@@ -58,12 +65,13 @@ def classify(
     Raises
     ------
     ParameterError
-        If the coverage is not above 0 and below 1.
+        If the coverage is not above 0 and below 1, or a covariate is neither a finite number
+        nor a short word.
     """
     require_coverage(coverage)
     if model is None:
         model = load_model()
-    signature = motion
+    signature = with_covariates(motion, covariates) if covariates else motion
     if isinstance(signature, MeshSequence):
         signature = fitted_for(model, signature)
     refusal = _unreadable(signature, model)

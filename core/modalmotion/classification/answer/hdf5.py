@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
 from modalmotion.classification.answer.classification import Classification
 from modalmotion.classification.answer.explanation import ModeContribution
+from modalmotion.facts import NO_FACTS
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
@@ -17,9 +20,26 @@ from modalmotion.signature.making import SignatureParameters
 FORM: Final = Form("classification", 2)
 
 
-def classification_key(parameters: SignatureParameters, coverage: float) -> str:
-    """Short name of a request to a model: parameters of the signature, coverage of the set."""
-    return hashlib.sha256(f"{parameters.key} {coverage!r}".encode()).hexdigest()[:16]
+def classification_key(
+    parameters: SignatureParameters,
+    coverage: float,
+    covariates: Mapping[str, float | str] = NO_FACTS.covariates,
+) -> str:
+    """Short name of a request to a model.
+
+    Parameters
+    ----------
+    parameters : SignatureParameters
+        Of the signature.
+    coverage : float
+        Of the class set.
+    covariates : mapping of str to (float or str)
+        Those that the model may read.
+    """
+    text = f"{parameters.key} {coverage!r}"
+    if covariates:
+        text += f" {json.dumps(dict(covariates), sort_keys=True)}"
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def classification_to_hdf5(

@@ -8,7 +8,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, ClassifierMixin
-from sklearn.covariance import ledoit_wolf
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.model_selection import GridSearchCV
 from sklearn.svm import SVC
@@ -18,9 +17,11 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from modalmotion.classification.estimators.ridge import INTERCEPT, Ridge, kernel_ridge, ridge
 from modalmotion.classification.estimators.scorer import Blend, Scorer, blended, kernel
+from modalmotion.classification.estimators.shrinkage import shrunk_solution
 from modalmotion.classification.estimators.temperature import (
     case_losses,
     fit_temperature,
+    fit_temperatures,
     log_loss,
     softmax,
 )
@@ -75,6 +76,8 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         Log loss of the cases left out, nats; NaN for "svm" and "forest".
     losses_ : (cases,) float64
         The same of each case, with its weight.
+    held_out_ : (cases, classes) float64
+        Log probabilities, up to a constant, of the cases left out; NaN for "svm" and "forest".
     blend_ : Blend or None
         All of it as plain arrays; None for "svm" and "forest".
     """
@@ -121,6 +124,7 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.blend_: Blend | None = None
         self.loss_ = float("nan")
         self.losses_ = np.full(len(y), np.nan)
+        self.held_out_ = np.full((len(y), len(self.classes_)), np.nan)
         if self.kind in ("svm", "forest"):
             self.kind_ = self.kind
             self._fit_machine(z, place, dict(enumerate(per_class.tolist())))
@@ -166,15 +170,16 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             choices = {}
         if len(fitted) == 2:
             choices["blend"] = list(fitted.values())
-        candidates: list[tuple[float, str, float, Array]] = []
+        candidates: list[tuple[float, str, float, Array, Array]] = []
         for kind, parts in choices.items():
             shares = [softmax(part.held_out / part.scorer.temperature) for part in parts]
             logs = blended(shares)
             temperature = fit_temperature(logs, y, weights)
             losses = case_losses(logs / temperature, y) * weights / weights.mean()
-            candidates.append((float(losses.mean()), kind, temperature, losses))
+            held_out = logs / temperature
+            candidates.append((float(losses.mean()), kind, temperature, losses, held_out))
         # A loss may be infinite where a held-out class has no share left.
-        self.loss_, self.kind_, temperature, self.losses_ = min(
+        self.loss_, self.kind_, temperature, self.losses_, self.held_out_ = min(
             candidates, key=lambda candidate: candidate[0]
         )
         scorers = tuple(part.scorer for part in choices[self.kind_])
@@ -242,11 +247,7 @@ def _discriminant(z: Array, y: NDArray[np.int64], per_class: Array) -> tuple[Arr
     sums = np.zeros((n_classes, z.shape[1]))
     np.add.at(sums, y, z)
     means = sums / np.maximum(counts, 1)[:, None]
-    S, _ = ledoit_wolf(z - means[y], assume_centered=True)
-    # What is constant has no variance, and would make it singular. Classes of one case each have
-    # none at all: the nearest mean is then the best that can be said.
-    S[np.diag_indices_from(S)] += 1e-9 * float(np.trace(S)) / len(S) or 1.0
-    W = np.linalg.solve(S, means.T)
+    W = shrunk_solution(z - means[y], means.T)
     prior = np.maximum(counts, 1e-3) * per_class
     b = np.log(prior / prior.sum()) - 0.5 * np.einsum("kd,dk->k", means, W)
     return W, b
@@ -269,9 +270,12 @@ def _kernel(
     best: _Fitted | None = None
     for width in _WIDTHS:
         fitted, B = _prepared(z, anchors, width / d, (y, n_classes, weights, groups))
-        for penalty in _PENALTIES:
-            held_out = fitted.held_out(penalty * n)
-            temperature = fit_temperature(held_out, y, weights)
+        penalties = np.array(_PENALTIES)
+        scores = fitted.held_out(penalties * n)
+        temperatures = fit_temperatures(scores, y, weights)
+        for penalty, held_out, temperature in zip(
+            penalties.tolist(), scores, temperatures.tolist(), strict=True
+        ):
             loss = log_loss(held_out / temperature, y, weights)
             if best is None or loss < best.loss:
                 W = fitted.weights(penalty * n)

@@ -42,8 +42,12 @@ class Ridge:
         )
         return solved
 
-    def held_out(self, penalty: float) -> NDArray[np.float64]:
-        """Scores of each case by the fit without its group, (cases, classes) float64.
+    def held_out(self, penalties: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Scores of each case by fits without its group, (penalties, cases, classes) float64.
+
+        Parameters
+        ----------
+        penalties : (penalties,) float64
 
         Notes
         -----
@@ -51,17 +55,20 @@ class Ridge:
         (I - H_gg)^-1 (Y_g - (H Y)_g) (Cook and Weisberg, Residuals and influence in
         regression, 1982), so nothing is fitted anew.
         """
-        shares = self.singular**2 / (self.singular**2 + penalty)
-        residuals = self.Y - self.U @ (shares[:, None] * (self.U.T @ self.Y))
+        shares = self.singular**2 / (self.singular**2 + penalties[:, None])
+        residuals = self.Y - self.U @ (shares[:, :, None] * (self.U.T @ self.Y))
         left = np.empty_like(residuals)
-        single = np.array([g[0] for g in self.groups if len(g) == 1], dtype=np.int64)
-        if len(single):
-            leverage = (self.U[single] ** 2) @ shares
-            left[single] = residuals[single] / (1.0 - leverage)[:, None]
-        for g in self.groups:
-            if len(g) > 1:
-                H = (self.U[g] * shares) @ self.U[g].T
-                left[g] = np.linalg.solve(np.eye(len(g)) - H, residuals[g])
+        # Groups of one size at once.
+        for size in np.unique([len(g) for g in self.groups]).tolist():
+            members = np.array([g for g in self.groups if len(g) == size])
+            U = self.U[members]
+            if size == 1:
+                leverage = shares @ (U[:, 0] ** 2).T
+                left[:, members[:, 0]] = residuals[:, members[:, 0]] / (1.0 - leverage)[..., None]
+                continue
+            for k in range(len(penalties)):
+                H = (U * shares[k]) @ U.transpose(0, 2, 1)
+                left[k, members] = np.linalg.solve(np.eye(size) - H, residuals[k, members])
         scores: NDArray[np.float64] = (self.Y - left) / self.roots[:, None]
         return scores
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.estimators.temperature import softmax
+from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 
 # Below this a probability is rounding.
@@ -17,7 +18,7 @@ _LEAST: float = 1e-12
 
 @shown()
 @dataclass(frozen=True, eq=False)
-class Scorer:
+class Scorer(FrozenArrays):
     """A linear or Gaussian-kernel score of each class.
 
     Parameters
@@ -56,7 +57,7 @@ class Scorer:
 
 @shown()
 @dataclass(frozen=True, eq=False)
-class Blend:
+class Blend(FrozenArrays):
     """Mean of the probabilities of scorers, made reliable.
 
     Parameters

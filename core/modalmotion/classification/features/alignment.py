@@ -19,38 +19,47 @@ Coefficients = NDArray[np.complex128]
 
 
 def align(motion: Coefficients, onto: Coefficients, *, is_cycle: bool) -> Coefficients:
-    """Turn a motion, and start it, so that it is nearest to another.
+    """Turn a motion, and start it, so that it is nearest to another: see `align_all`."""
+    turned: Coefficients = align_all(motion[None], onto, is_cycle=is_cycle)[0]
+    return turned
+
+
+def align_all(motions: Coefficients, onto: Coefficients, *, is_cycle: bool) -> Coefficients:
+    """Turn motions, and start them, so that each is nearest to another one.
 
     Parameters
     ----------
-    motion, onto : (terms, modes, 3) complex128
+    motions : (motions, terms, modes, 3) complex128
         Harmonics of a cycle; of a course cosine terms, which are real.
+    onto : (terms, modes, 3) complex128
     is_cycle : bool
         Whether the start is free, too.
 
     Returns
     -------
-    (terms, modes, 3) complex128
+    (motions, terms, modes, 3) complex128
 
     Notes
     -----
     Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst A, 1976;
     a reflection is never used. A start t later multiplies harmonic h by exp(i h t).
     """
-    starts: NDArray[np.float64] = np.zeros(1)
+    n = len(motions)
+    terms = np.arange(1, motions.shape[1] + 1)
+    starts: NDArray[np.float64] = np.zeros((n, 1))
     if is_cycle:
         step = 2 * np.pi / _N_STARTS
-        starts = np.asarray(np.arange(_N_STARTS) * step)
-    terms = np.arange(1, len(motion) + 1)
+        starts = np.tile(np.arange(_N_STARTS) * step, (n, 1))
     # B_h = onto_h^H motion_h, so each start costs one sum of 3 x 3 matrices.
-    B = np.einsum("hmi,hmj->hij", onto.conj(), motion)
+    B = np.swapaxes(onto.conj(), 1, 2) @ motions
     start, R = _best(B, starts, terms)
     if is_cycle:
         for _ in range(_N_REFINEMENTS):
-            finer = start + np.linspace(-step, step, _N_FINER)
+            finer = start[:, None] + np.linspace(-step, step, _N_FINER)
             start, R = _best(B, finer, terms)
             step *= 2.0 / (_N_FINER - 1)
-    turned: Coefficients = (motion * np.exp(1j * terms * start)[:, None, None]) @ R.T
+    phases = np.exp(1j * terms * start[:, None])
+    turned: Coefficients = (motions * phases[:, :, None, None]) @ np.swapaxes(R, 1, 2)[:, None]
     return turned
 
 
@@ -69,26 +78,38 @@ def mean_motion(motions: list[Coefficients], *, is_cycle: bool) -> Coefficients:
         Gower, Generalized Procrustes analysis, Psychometrika, 1975.
     """
     sizes = np.array([np.linalg.norm(m) for m in motions])
-    units = [m / s if s > 0 else m for m, s in zip(motions, sizes, strict=True)]
-    mean = units[int(np.argsort(sizes, kind="stable")[len(sizes) // 2])]
+    units = np.stack(motions) / np.where(sizes > 0, sizes, 1.0)[:, None, None, None]
+    mean: Coefficients = units[int(np.argsort(sizes, kind="stable")[len(sizes) // 2])]
     for _ in range(_N_ROUNDS):
-        mean = np.mean([align(unit, mean, is_cycle=is_cycle) for unit in units], axis=0)
+        mean = align_all(units, mean, is_cycle=is_cycle).mean(axis=0)
     return mean
 
 
 def _best(
     B: Coefficients, starts: NDArray[np.float64], terms: NDArray[np.int64]
-) -> tuple[float, NDArray[np.float64]]:
-    """Start, among `starts`, and rotation that give the largest overlap."""
-    phases = np.exp(1j * starts[:, None] * terms)
-    C = np.einsum("th,hij->tij", phases, B).real
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Start of each motion, among its own, and rotation that give the largest overlap.
+
+    Parameters
+    ----------
+    B : (motions, terms, 3, 3) complex128
+    starts : (motions, starts) float64
+    terms : (terms,) int64
+
+    Returns
+    -------
+    (motions,) float64, (motions, 3, 3) float64
+    """
+    phases = np.exp(1j * starts[:, :, None] * terms)
+    n, n_terms = B.shape[:2]
+    C = (phases @ B.reshape(n, n_terms, 9)).real.reshape(n, -1, 3, 3)
     # Largest trace of R C' over rotations: s1 + s2 + sign(det) s3.
     U, s, Vt = np.linalg.svd(C)
     sign = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
     sign[sign == 0] = 1.0
-    overlap = s[:, 0] + s[:, 1] + sign * s[:, 2]
-    best = int(overlap.argmax())
-    U_best = U[best].copy()
-    U_best[:, 2] *= sign[best]
-    R: NDArray[np.float64] = U_best @ Vt[best]
-    return float(starts[best]), R
+    best = (s[..., 0] + s[..., 1] + sign * s[..., 2]).argmax(axis=1)
+    each = np.arange(n)
+    U_best = U[each, best]
+    U_best[:, :, 2] *= sign[each, best, None]
+    R: NDArray[np.float64] = U_best @ Vt[each, best]
+    return starts[each, best], R

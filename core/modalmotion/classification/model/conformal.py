@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 
 # Rounding of 1 - coverage.
@@ -20,7 +21,7 @@ _ROUNDING = 1e-9
 
 @shown()
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class Calibration(FrozenArrays):
     """Strangeness of held-out cases, 1 - (probability of the true class), by class.
 
     Parameters

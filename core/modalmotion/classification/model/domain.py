@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.features import FeatureReader
+from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 
 # Shares of the least motion and smoothness in training that a case must reach; and the highest
@@ -27,7 +28,7 @@ _MARGIN: Final = 1.5
 
 @shown()
 @dataclass(frozen=True, eq=False)
-class Domain:
+class Domain(FrozenArrays):
     """Where the training cases lie.
 
     It has a reader of its own, so that it does not depend on the features that tell classes apart.

@@ -20,6 +20,7 @@ from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
 from modalmotion.classification.model.domain import Domain
 from modalmotion.modes.topology import Topology
+from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 from modalmotion.signature.making import SignatureParameters
 
@@ -62,7 +63,7 @@ class Readable:
 
 @shown("name", "classes", "readable.topologies", "readable.n_modes", "id")
 @dataclass(frozen=True, eq=False)
-class Model:
+class Model(FrozenArrays):
     """A classifier of motions that is trained.
 
     Parameters

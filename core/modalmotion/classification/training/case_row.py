@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -39,6 +40,7 @@ class CaseRow:
     axis, walls : AxisValues or None
         Read about an axis; None where there is none, or no zero of theta.
     cycle, course : MotionTerms
+    covariates : mapping of str to (float or str)
     """
 
     label: str
@@ -51,6 +53,7 @@ class CaseRow:
     walls: AxisValues | None
     cycle: MotionTerms
     course: MotionTerms
+    covariates: Mapping[str, float | str]
 
 
 def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
@@ -75,6 +78,7 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
         walls=walls,
         cycle=cycle,
         course=course,
+        covariates=case.covariates,
     )
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
+from modalmotion.classification.covariates import with_covariates
 from modalmotion.errors import ModalMotionError, ParameterError
+from modalmotion.facts import Named
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
@@ -30,12 +33,20 @@ class TrainingCase:
         subject of its own.
     name : str
         What errors call it, such as the path of its file.
+    covariates : mapping of str to (float or str)
+        Other knowledge, such as an age; over that of the recording's facts, which it becomes.
     """
 
     motion: MeshSequence | ModalSignature
     label: str
     subject: str | None = None
     name: str = ""
+    covariates: Mapping[str, float | str] = field(default_factory=Named)
+
+    def __post_init__(self) -> None:
+        if self.covariates:
+            object.__setattr__(self, "motion", with_covariates(self.motion, self.covariates))
+        object.__setattr__(self, "covariates", self.motion.facts.covariates)
 
     @property
     def sequence_id(self) -> str:
@@ -89,6 +100,7 @@ class CaseFile:
         Of the signature in it, for errors.
     label : str
     subject : str or None
+    covariates : mapping of str to (float or str)
         As in `TrainingCase`.
     """
 
@@ -96,6 +108,7 @@ class CaseFile:
     sequence_id: str
     label: str
     subject: str | None = None
+    covariates: Mapping[str, float | str] = field(default_factory=Named)
 
     def read(self) -> TrainingCase:
         """Read the signature.
@@ -112,7 +125,7 @@ class CaseFile:
             signature = signature_from_hdf5(self.path)
         except ModalMotionError as error:
             raise named(error, "", sequence_id=self.sequence_id) from error
-        return TrainingCase(signature, self.label, self.subject)
+        return TrainingCase(signature, self.label, self.subject, covariates=self.covariates)
 
 
 class CaseSource(Protocol):

@@ -65,6 +65,8 @@ class CaseTable:
         Where modes are read as they are: as cycles, under True, and as courses.
     about_axis : (cases, 2) float64
         Size and smooth share of each motion, about an axis; else empty.
+    covariates : tuple of mapping of str to (float or str)
+        Of each case, as its sender states them; what is unknown is missing.
     notes : tuple of str
     """
 
@@ -80,6 +82,7 @@ class CaseTable:
     values: NDArray[np.float64]
     about_axis: NDArray[np.float64]
     motions: Mapping[bool, tuple[MotionTerms, ...]]
+    covariates: tuple[Mapping[str, float | str], ...]
     notes: tuple[str, ...]
     _cache: dict[FeatureReader, NDArray[np.float64]] = field(default_factory=dict, repr=False)
 
@@ -196,6 +199,7 @@ def collect(
             remedy="Give cases of at least two classes.",
             details={"classes": list(classes)},
         )
+    options.require_classes(classes)
     notes = [f"{n_same} cases came twice and counted once."] if n_same else []
     return _table(rows, classes, example, topologies, options, notes)
 
@@ -264,5 +268,6 @@ def _table(
             True: tuple(row.cycle for row in rows),
             False: tuple(row.course for row in rows),
         },
+        covariates=tuple(row.covariates for row in rows),
         notes=tuple(notes),
     )

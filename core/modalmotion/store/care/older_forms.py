@@ -158,7 +158,7 @@ def _signature(contents: Contents, folder: Folder) -> bytes:
     """Make the signature again.
 
     Version 1 knew the error by weight alone, and tolerances held it; version 2 took all noise
-    for independent.
+    for independent; version 3 had no amplitudes of the reference.
 
     Raises
     ------
@@ -268,6 +268,7 @@ OLDER: Final[dict[Form, Callable[[Contents, Folder], bytes]]] = {
     Form("model", 2): _shared_reader,
     Form("signature", 1): _signature,
     Form("signature", 2): _signature,
+    Form("signature", 3): _signature,
 }
 """How each older form is rewritten."""
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from modalmotion.classification import Classification, Model, ModelCard, classify, load_model
+from modalmotion.facts import Facts
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import model_from_hdf5, signature_from_hdf5
 from modalmotion_service.schemas import ReadingAnswer
@@ -31,7 +32,7 @@ class NamedClass:
 
 
 def name_class(
-    signature: Path, model: Path | str, coverage: float, stated: str | None
+    signature: Path, model: Path | str, coverage: float, stated: str | None, facts: Facts
 ) -> NamedClass:
     """Ask a model for the class of a kept signature's motion.
 
@@ -42,9 +43,11 @@ def name_class(
     coverage : float
     stated : str or None
         Topology that the sequence states.
+    facts : Facts
+        Of the sequence; kept signatures have none.
     """
     loaded = _loaded(model)
-    kept = signature_from_hdf5(signature)
+    kept = replace(signature_from_hdf5(signature), facts=facts)
     imposed = loaded.readable.imposed_on(kept.surface, stated)
     return NamedClass(
         classify(kept, loaded, coverage), None if imposed is None else imposed.topology

@@ -11,6 +11,7 @@ from typing import Any
 from modalmotion.classification import CaseFile, Model, TrainingOptions, train
 from modalmotion.classification.training.parallel import joblib_backend
 from modalmotion.errors import ModalMotionError, ParameterError
+from modalmotion.facts import Named
 from modalmotion.store import kept_model, model_to_hdf5
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.work.task_progress import ProgressFile
@@ -31,7 +32,8 @@ def train_model(
     Parameters
     ----------
     plan : Path
-        A line of JSON for each case: `id`, `label`, `subject` and the `path` of its signature.
+        A line of JSON for each case: `id`, `label`, `subject`, `covariates` and the `path` of its
+        signature.
     name : str
     options : dict
         As `TrainingOptions.as_json` gives them.
@@ -111,4 +113,7 @@ class _Cases:
         with self._plan.open() as lines:
             for line in lines:
                 case = json.loads(line)
-                yield CaseFile(Path(case["path"]), case["id"], case["label"], case["subject"])
+                yield CaseFile(
+                    *(Path(case["path"]), case["id"], case["label"], case["subject"]),
+                    covariates=Named(case["covariates"]),
+                )

@@ -90,7 +90,7 @@ def test_leaving_a_group_out_is_fitting_without_it(seed: int, n_groups: int) -> 
     rng = np.random.default_rng(seed)
     X, y = rng.standard_normal((24, 4)), rng.integers(0, 2, 24)
     weights, groups = rng.uniform(0.5, 2.0, 24), np.arange(24) % n_groups
-    fast = ridge(X, y, 2, weights, groups).held_out(0.7)
+    fast = ridge(X, y, 2, weights, groups).held_out(np.array([0.7]))[0]
     for g in range(n_groups):
         out = groups == g
         W = ridge(X[~out], y[~out], 2, weights[~out], np.arange((~out).sum())).weights(0.7)
@@ -107,7 +107,8 @@ def test_a_regression_on_kernels_is_one_on_their_features(seed: int, n_groups: i
     new = rng.standard_normal((5, 4))
     slow = ridge(X, y, 3, weights, groups)
     fast = kernel_ridge(X @ X.T, y, 3, weights, groups)
-    assert fast.held_out(0.7) == pytest.approx(slow.held_out(0.7), abs=1e-8)
+    penalties = np.array([0.7, 7.0])
+    assert fast.held_out(penalties) == pytest.approx(slow.held_out(penalties), abs=1e-8)
     V, W = fast.weights(0.7), slow.weights(0.7)
     # Features and kernels of new cases, the constant beside both.
     expected = np.c_[new, np.full(5, 10.0)] @ W

@@ -167,6 +167,13 @@ def test_progress_rises_to_one() -> None:
     assert heard[-1] == 1.0
 
 
+def test_weights_of_a_class_that_no_case_has_are_refused_with_the_names_that_there_are() -> None:
+    options = TrainingOptions(class_weights={"normal": 2.0, "hypokinesis": 1.0}, estimator="linear")
+    with pytest.raises(ParameterError, match="'hypokinesis'") as caught:
+        train(cohort(2), "weights", options)
+    assert caught.value.remedy.endswith("global hypokinesia, normal.")
+
+
 def test_class_weights_pull_towards_a_class() -> None:
     cases = cohort(6)
     plain, pulled = (
