@@ -1,6 +1,7 @@
 """Motion classes: models, their training and tests, and their answers for signatures."""
 
-from modalmotion.classification.answer.classification import FLAGS, Classification
+from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer.flags import FLAGS
 from modalmotion.classification.answer.classifier import classify
 from modalmotion.classification.answer.explanation import ModeContribution, only_modes
 from modalmotion.classification.model.card import ModelCard

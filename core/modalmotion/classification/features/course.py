@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Final
 
 import numpy as np
@@ -14,11 +13,16 @@ from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.signature.making import ModalSignature
 
 MEASURES: Final = ("size", "elongation", "gap", "leap", "turns")
-"""log of the size, in mm where the unit is known; log of the first length over the second; log
-of the step from the last frame to the first over its neighbours, and of the largest step over
-the usual one; log of what moves several times in the recording over what moves once."""
+"""log of the size, in mm where the unit is known; log of the extent of the reference in its longest
+direction over that across it; log of the step from the last
+frame to the first over its neighbours, and of the largest step over the usual one; log of what
+moves several times in the recording over what moves once."""
 
 _N_HARMONICS: Final = 4
+
+# Modes that say what a shape is like, and the extent, over the longest, of one that is flat.
+_FEWEST_OF_SHAPE: Final = 3
+_FLAT: Final = 1e-6
 
 # Steps below this share of the usual one are rest, and noise.
 _REST: Final = 0.1
@@ -26,23 +30,33 @@ _REST: Final = 0.1
 
 def measures(signature: ModalSignature) -> NDArray[np.float64]:
     """Values of `MEASURES`, (measures,) float64; NaN for what the recording does not tell."""
-    lengths, unit = signature.lengths, signature.unit
+    unit = signature.unit
     size = signature.modes.length_of(
-        lengths, signature.angular_frequencies, signature.parameters.wave_speed
+        signature.lengths, signature.angular_frequencies, signature.parameters.wave_speed
     )
     known = 1.0 if unit is None else MM_PER_UNIT[unit]
-    elongation = math.nan
-    if len(lengths) == 2 and min(lengths) > 0:
-        elongation = math.log(lengths[0] / lengths[1])
     turn = one_turn(signature)
     a = turn.amplitudes.reshape(turn.n_frames, -1)
     return np.array(
-        [_log(size * known), elongation, *_steps(a), _turns(elapsed_share(turn), a)]
+        [
+            _log(size * known),
+            _elongation(signature.reference_amplitudes),
+            *_steps(a),
+            _turns(elapsed_share(turn), a),
+        ]
     )
 
 
+def _elongation(reference: NDArray[np.float64]) -> float:
+    """Log of the first extent of a shape over the second, however it is turned."""
+    if len(reference) < _FEWEST_OF_SHAPE:
+        return math.nan
+    first, second = np.linalg.svd(reference, compute_uv=False)[:2].tolist()
+    return math.log(first / second) if second > _FLAT * first else math.nan
+
+
 def _steps(a: NDArray[np.float64]) -> tuple[float, float]:
-    """Logs of the step that closes a cycle over its neighbours, and of the largest one."""
+    """Give logs of the step that closes a cycle over its neighbours, and of the largest one."""
     n = len(a)
     if n < 4:
         return math.nan, math.nan

@@ -10,12 +10,18 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.features.axis import READINGS
 from modalmotion.classification.features.axis_parts import has_axis, parts_of
-from modalmotion.facts import Facts
+from modalmotion.facts import UNKNOWN, Facts
+from modalmotion.facts.facts import Handedness
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template import Landmarks
 
-_OTHER: Final = {"left": "right", "right": "left"}
+_OTHER: Final[dict[Handedness, Handedness]] = {"left": "right", "right": "left"}
 _FLIP: Final = np.array([-1.0, 1.0, 1.0])
+
+
+def hand_of(facts: Facts) -> Handedness:
+    """Give the handedness that facts state; coordinates of a patient are right-handed."""
+    return "right" if facts.coordinates != UNKNOWN else facts.handedness
 
 
 def mirrored(signature: ModalSignature) -> ModalSignature:
@@ -25,15 +31,19 @@ def mirrored(signature: ModalSignature) -> ModalSignature:
     says which way theta runs it runs right-handed again; columns of a lattice stay as they are.
     """
     amplitudes = signature.amplitudes * _FLIP
+    reference = signature.reference_amplitudes * _FLIP
     if theta_is_of_the_shape(signature):
-        amplitudes[:, signature.modes.is_sine] *= -1.0
+        sines = signature.modes.is_sine
+        amplitudes[:, sines] *= -1.0
+        reference[sines] *= -1.0
     landmarks = signature.landmarks
-    facts = signature.facts
-    if facts.handedness in _OTHER:
-        facts = Facts(handedness="right" if facts.handedness == "left" else "left")
+    facts, hand = signature.facts, hand_of(signature.facts)
+    if hand != UNKNOWN:
+        facts = replace(facts, handedness=_OTHER[hand], coordinates=UNKNOWN)
     return replace(
         signature,
         amplitudes=amplitudes,
+        reference_amplitudes=reference,
         landmarks=None if landmarks is None else _image(landmarks),
         facts=facts,
     )
@@ -41,7 +51,7 @@ def mirrored(signature: ModalSignature) -> ModalSignature:
 
 def right_handed(signature: ModalSignature) -> ModalSignature:
     """Signature as it would be in right-handed coordinates, if it states left-handed ones."""
-    return mirrored(signature) if signature.facts.handedness == "left" else signature
+    return mirrored(signature) if hand_of(signature.facts) == "left" else signature
 
 
 def theta_is_of_the_shape(signature: ModalSignature) -> bool:

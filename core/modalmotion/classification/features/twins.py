@@ -61,7 +61,8 @@ def twin_signs(columns: tuple[Column, ...], *, mirror_turns_theta: bool) -> NDAr
             if has_sign and harmonic % 2 == 0:
                 signs[2, k] = -1.0
         else:
-            if mirror_turns_theta and (words[0] == "runs" or "beside" in words[:2]):
+            turned = words[0] == "runs" or "beside" in words[:2] or name.count("sin") % 2
+            if mirror_turns_theta and turned:
                 signs[0, k] = -1.0
             if words[0] in _LEADS:
                 signs[1, k] = -1.0
@@ -69,3 +70,8 @@ def twin_signs(columns: tuple[Column, ...], *, mirror_turns_theta: bool) -> NDAr
                 signs[1, k] = -1.0
     signs.setflags(write=False)
     return signs
+
+
+def of_kinds(signs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Signs of kinds (`kind_of`), whose last column, the amount of motion, a twin keeps."""
+    return np.concatenate([signs, np.ones((len(signs), 1))], axis=1)

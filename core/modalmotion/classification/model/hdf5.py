@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
 from modalmotion.classification.estimators.scorer import Blend, Scorer
 from modalmotion.classification.features import Column, FeatureReader
+from modalmotion.classification.features.twins import TWINS
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
-from modalmotion.classification.model.domain import Domain
+from modalmotion.classification.model.domain import ARRAYS, CHECKS, COURSE, PLACE, Domain
 from modalmotion.classification.model.model import Model, Readable
 from modalmotion.classification.model.record import ModelRecord, require_model_name
 from modalmotion.classification.options import MOST_HARMONICS
@@ -47,7 +48,14 @@ _AXES: Final = {
     "machine": "byte",
     "means": "class, kind",
     "whitening": "kind, direction",
-    "limits": "limit",
+    "points": "case, place",
+    "scales": "place",
+    "directions": "twin, kind",
+    "centres": "class, twin",
+    "course": "mean or deviation, measure",
+    "limits": "check",
+    "least": "limit",
+    "domain": "",
     "n_scores": "class",
     "scores": "score",
     "golden_features": "case, feature",
@@ -219,9 +227,7 @@ def _arrays(model: Model) -> dict[str, NDArray[Any]]:
         "temperatures": np.array([s.temperature for s in blend.scorers], dtype=np.float64),
         "temperature": np.array(blend.temperature, dtype=np.float64),
         "machine": np.frombuffer(model.machine, dtype=np.uint8),
-        "means": domain.means,
-        "whitening": domain.whitening,
-        "limits": np.array([domain.limit, domain.least_motion, domain.least_smooth]),
+        **domain_arrays(domain),
         "n_scores": np.array([len(of_class) for of_class in scores], dtype=np.int64),
         "scores": np.concatenate(scores),
         "golden_features": model.golden_features,
@@ -244,9 +250,22 @@ def _arrays(model: Model) -> dict[str, NDArray[Any]]:
     return {**arrays, **{name: json_text(name, text).values for name, text in texts.items()}}
 
 
+def domain_arrays(domain: Domain) -> dict[str, NDArray[Any]]:
+    """Take a domain to pieces, but for its reader."""
+    facts = {name: getattr(domain, name) for name in _DOMAIN}
+    return {
+        **{name: getattr(domain, name) for name in ARRAYS},
+        "least": np.array([domain.least_motion, domain.least_smooth]),
+        "domain": np.asarray(json_text("domain", facts).values),
+    }
+
+
 def _reader_texts(reader: FeatureReader) -> dict[str, Any]:
     return {name: getattr(reader, name) for name in (*_FLAGS, "n_harmonics")}
 
+
+# Of a domain.
+_DOMAIN: Final = ("has_unit", "hand_is_stated", "hand_temperature")
 
 # Of a reader.
 _FLAGS: Final = ("has_axis", "is_cycle", "walls", "adds_modes", "is_brief")
@@ -263,8 +282,6 @@ def _model(stored_model: KeptModel, contents: Contents) -> Model:
     blend = _blend(contents, d, n)
     machine = contents.array("machine", (None,)).astype(np.uint8).tobytes()
     golden = contents.array("golden_features", (None, d))
-    means = contents.array("means", (n, None))
-    limit, least_motion, least_smooth = contents.array("limits", (3,)).tolist()
     n_scores = contents.array("n_scores", (n,)).astype(np.int64)
     scores = contents.array("scores", (int(n_scores.sum()),))
     n_modes = int(readable["n_modes"])
@@ -288,14 +305,7 @@ def _model(stored_model: KeptModel, contents: Contents) -> Model:
         columns=columns,
         blend=blend,
         machine=machine,
-        domain=Domain(
-            reader=_reader(contents, "domain_"),
-            means=means,
-            whitening=contents.array("whitening", (means.shape[1],) * 2),
-            limit=limit,
-            least_motion=least_motion,
-            least_smooth=least_smooth,
-        ),
+        domain=_domain(contents, n),
         calibration=Calibration(tuple(np.split(scores, np.cumsum(n_scores)[:-1]))),
         golden_features=golden,
         golden_probabilities=contents.array("golden_probabilities", (len(golden), n)),
@@ -304,6 +314,29 @@ def _model(stored_model: KeptModel, contents: Contents) -> Model:
             for label, texts in contents.json("notes", dict).items()
         },
         card=ModelCard.from_json(stored_model.card),
+    )
+
+
+def _domain(contents: Contents, n: int) -> Domain:
+    means = contents.array("means", (n, None))
+    d, n_twins = means.shape[1], len(TWINS)
+    least_motion, least_smooth = contents.array("least", (2,)).tolist()
+    facts = contents.json("domain", dict)
+    return Domain(
+        reader=_reader(contents, "domain_"),
+        means=means,
+        whitening=contents.array("whitening", (d, d)),
+        points=contents.array("points", (None, len(PLACE))),
+        scales=contents.array("scales", (len(PLACE),)),
+        directions=contents.array("directions", (n_twins, d)),
+        centres=contents.array("centres", (n, n_twins)),
+        course=contents.array("course", (2, len(COURSE))),
+        limits=contents.array("limits", (len(CHECKS),)),
+        least_motion=least_motion,
+        least_smooth=least_smooth,
+        has_unit=None if facts["has_unit"] is None else bool(facts["has_unit"]),
+        hand_is_stated=bool(facts["hand_is_stated"]),
+        hand_temperature=float(facts["hand_temperature"]),
     )
 
 

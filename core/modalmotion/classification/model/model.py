@@ -18,7 +18,7 @@ from modalmotion.classification.estimators.temperature import softmax
 from modalmotion.classification.features import Column, FeatureReader
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
-from modalmotion.classification.model.domain import Domain
+from modalmotion.classification.model.domain import ARRAYS, Domain
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
@@ -168,6 +168,7 @@ def _identity(model: Model) -> dict[str, Any]:
             "limit": domain.limit,
             "least_motion": domain.least_motion,
             "least_smooth": domain.least_smooth,
+            **_checks_identity(domain),
         },
         "calibration": [_packed(scores) for scores in model.calibration.scores],
         "golden_features": _packed(model.golden_features),
@@ -186,6 +187,18 @@ def _reader_identity(reader: FeatureReader) -> dict[str, Any]:
         "typical": None if typical is None else _packed(np.stack([typical.real, typical.imag])),
         "adds_modes": reader.adds_modes,
         "is_brief": reader.is_brief,
+    }
+
+
+def _checks_identity(domain: Domain) -> dict[str, Any]:
+    # Models of 0.1.0 check the kind of motion alone, and keep their ids.
+    if not len(domain.points):
+        return {}
+    return {
+        **{name: _packed(getattr(domain, name)) for name in ARRAYS[2:]},
+        "has_unit": domain.has_unit,
+        "hand_is_stated": domain.hand_is_stated,
+        "hand_temperature": domain.hand_temperature,
     }
 
 

@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.features import FeatureReader, MotionTerms, has_axis, motion_of
+from modalmotion.classification.features.course import measures
+from modalmotion.classification.features.hand import hand_of, readings_of, right_handed
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.cases import TrainingCase
+from modalmotion.facts import UNKNOWN
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template.landmarks import WEAK
 
@@ -41,6 +44,12 @@ class CaseRow:
         Read about an axis; None where there is none, or no zero of theta.
     cycle, course : MotionTerms
     covariates : mapping of str to (float or str)
+    allowed : (readings,) bool
+        See `readings_of`.
+    measures : (measures,) float64
+        See `course.measures`.
+    has_unit, hand_is_stated : bool
+        Whether the unit and the handedness are known.
     """
 
     label: str
@@ -54,11 +63,15 @@ class CaseRow:
     cycle: MotionTerms
     course: MotionTerms
     covariates: Mapping[str, float | str]
+    allowed: NDArray[np.bool_]
+    measures: NDArray[np.float64]
+    has_unit: bool
+    hand_is_stated: bool
 
 
 def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
-    """Read the features of a case."""
-    signature = case.signature
+    """Read the features of a case, in right-handed coordinates where it states left-handed ones."""
+    signature = right_handed(case.signature)
     landmarks = signature.landmarks
     axis = walls = None
     if has_axis(signature):
@@ -79,6 +92,10 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
         cycle=cycle,
         course=course,
         covariates=case.covariates,
+        allowed=readings_of(signature),
+        measures=measures(signature),
+        has_unit=signature.unit is not None,
+        hand_is_stated=hand_of(signature.facts) != UNKNOWN,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.features import FeatureReader
+from modalmotion.classification.model.domain import Judgement
 from modalmotion.classification.options import ClassWeights, Estimator, TrainingOptions
 from modalmotion.classification.training.case_groups import inner_groups
 from modalmotion.classification.training.domain_fit import fit_domain
@@ -111,7 +112,7 @@ def _fit(
     y, n_classes = table.y[rows], len(table.classes)
     reader = table.fitted(choice, rows, options.pose)
     values = table.features(reader)
-    X = best_readings(values[rows], y, n_classes)
+    X = best_readings(values[rows], y, n_classes, table.allowed[rows])
     estimator = MotionClassifier(str(options.estimator), _weights(table, options), options.seed)
     estimator.fit(X, y, inner_groups(y, table.groups[rows]))
     centre, scale = _standards(X)
@@ -124,14 +125,14 @@ class HeldOut(NamedTuple):
     Parameters
     ----------
     probabilities : (cases, classes) float64
-    distances : (cases,) float64
-        From the nearest class.
+    judgement : Judgement
+        Of the fold's domain.
     choices : tuple of (str, float)
         The choices of features that the fold made, in words, and their weights; these sum to 1.
     """
 
     probabilities: NDArray[np.float64]
-    distances: NDArray[np.float64]
+    judgement: Judgement
     choices: tuple[tuple[str, float], ...]
 
 
@@ -143,10 +144,10 @@ def predict_fold(
 ) -> HeldOut:
     """Fit to some cases and predict others."""
     fold = fit_rows(table, inner, options)
-    readings, distances = fit_domain(table, inner).nearest(outer)
-    X = fold.read_as(outer, readings)
+    judgement = fit_domain(table, inner).judge(outer)
+    X = fold.read_as(outer, judgement.readings)
     return HeldOut(
-        fold.probabilities(X, len(table.classes)), distances, ((fold.reader.description, 1.0),)
+        fold.probabilities(X, len(table.classes)), judgement, ((fold.reader.description, 1.0),)
     )
 
 

@@ -13,12 +13,12 @@ from modalmotion.classification.estimators.machine import machine_to_bytes
 from modalmotion.classification.estimators.scorer import Blend, Scorer
 from modalmotion.classification.model.conformal import Calibration, calibrate
 from modalmotion.classification.model.digits import rounded
-from modalmotion.classification.model.domain import Domain, domain_limit, motion_limits
+from modalmotion.classification.model.domain import ARRAYS, CHECKS, Domain, motion_limits
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.basis import collect_in_one_basis
 from modalmotion.classification.training.cases import AnyCase
-from modalmotion.classification.training.domain_fit import fit_domain
+from modalmotion.classification.training.domain_fit import fit_domain, with_limits
 from modalmotion.classification.training.fold_fit import FoldFit, fit_rows, predict_fold
 from modalmotion.classification.training.splits import split_cases
 from modalmotion.classification.training.table import CaseTable
@@ -85,7 +85,7 @@ def train(
     splits = split_cases(table, options)
     n, n_classes = len(table), len(table.classes)
     probabilities = np.full((n, n_classes), 1.0 / n_classes)
-    distances = np.zeros(n)
+    scores, hand = np.zeros((n, len(CHECKS))), np.zeros(n)
     every = np.arange(n)
     works = [delayed(predict_fold)(table, *fold, options) for fold in splits.folds]
     works.append(delayed(fit_rows)(table, every, options))
@@ -93,10 +93,14 @@ def train(
     for k, (_, outer) in enumerate(splits.folds):
         report(0.4 + 0.5 * k / (len(splits.folds) + 1), f"fold {k + 1} of {len(splits.folds)}")
         held_out = next(results)
-        probabilities[outer], distances[outer] = held_out.probabilities, held_out.distances
+        probabilities[outer] = held_out.probabilities
+        scores[outer], hand[outer] = held_out.judgement.scores, held_out.judgement.hand
     report(0.4 + 0.5 * len(splits.folds) / (len(splits.folds) + 1), "all cases")
     fitted = next(results)
-    model = _model(table, fitted, name, probabilities, distances, bool(splits.folds), options)
+    domain = fit_domain(table, every).domain
+    if splits.folds:
+        domain = with_limits(domain, scores, hand, options.known_share)
+    model = _model(table, fitted, name, probabilities, domain, bool(splits.folds))
     card = training_card(table, options, splits, probabilities, fitted)
     report(1.0, "trained")
     return replace(model, card=replace(card, notes=(*table.notes, *splits.notes, *card.notes)))
@@ -112,20 +116,16 @@ def _model(
     fitted: FoldFit,
     name: str,
     probabilities: NDArray[np.float64],
-    distances: NDArray[np.float64],
+    domain: Domain,
     is_validated: bool,
-    options: TrainingOptions,
 ) -> Model:
     estimator = fitted.estimator
     blend, machine = _rounded_blend(estimator, fitted), b""
     if estimator.blend_ is None:
         machine = machine_to_bytes(estimator)
-    domain = fit_domain(table, np.arange(len(table))).domain
     least_motion, least_smooth = motion_limits(*table.sizes(domain.reader).T)
-    limit = np.inf
     calibration = Calibration(tuple(np.zeros(0) for _ in table.classes))
     if is_validated:
-        limit = domain_limit(distances, options.known_share)
         calibration = calibrate(rounded(probabilities), table.y, len(table.classes))
     golden = rounded(fitted.X[:: max(1, len(fitted.X) // _N_GOLDEN)][:_N_GOLDEN])
     always: tuple[str, ...] = ()
@@ -142,13 +142,12 @@ def _model(
         columns=table.columns(fitted.reader),
         blend=blend,
         machine=machine,
-        domain=Domain(
-            domain.reader,
-            rounded(domain.means),
-            rounded(domain.whitening),
-            float(rounded(np.array(limit))),
-            float(rounded(np.array(least_motion))),
-            float(rounded(np.array(least_smooth))),
+        domain=replace(
+            domain,
+            **{array: rounded(getattr(domain, array)) for array in ARRAYS},
+            least_motion=float(rounded(np.array(least_motion))),
+            least_smooth=float(rounded(np.array(least_smooth))),
+            hand_temperature=float(rounded(np.array(domain.hand_temperature))),
         ),
         calibration=calibration,
         golden_features=golden,

@@ -21,8 +21,9 @@ from modalmotion.classification.estimators.scorer import Blend, Scorer
 from modalmotion.classification.features import Column, FeatureReader
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
-from modalmotion.classification.model.domain import Domain
+from modalmotion.classification.model.domain import of_kind_alone
 from modalmotion.classification.model.hdf5 import (
+    domain_arrays,
     kept_model,
     model_from_hdf5,
     model_to_hdf5,
@@ -221,8 +222,8 @@ def _model(contents: Contents, _: Folder) -> bytes:
             _array(stored["centre"]), _array(stored["scale"]), scorers, stored["temperature"]
         ),
         machine=b"",
-        domain=Domain(
-            reader=FeatureReader(**reader),
+        domain=of_kind_alone(
+            FeatureReader(**reader),
             **{
                 **domain,
                 "means": _array(domain["means"]),
@@ -245,9 +246,19 @@ def _model(contents: Contents, _: Folder) -> bytes:
 
 
 def _shared_reader(contents: Contents, _: Folder) -> bytes:
-    """Give the domain the reader that it shared with the model in version 2."""
+    """Version 2 had one reader for both, and a domain that checked the kind of motion alone."""
     stored_model = stored_model_in(contents)
     arrays = dict(stored_model.arrays)
+    limit, least_motion, least_smooth = contents.array("limits", (3,)).tolist()
+    domain = of_kind_alone(
+        FeatureReader(True, True, 1, False),
+        arrays["means"],
+        arrays["whitening"],
+        limit,
+        least_motion=least_motion,
+        least_smooth=least_smooth,
+    )
+    arrays.update(domain_arrays(domain))
     arrays["domain_reader"] = arrays["reader"]
     if "typical" in arrays:
         arrays["domain_typical"] = arrays["typical"]
