@@ -1,9 +1,9 @@
 """Motion classes: models, their training and tests, and their answers for signatures."""
 
 from modalmotion.classification.answer.classification import Classification
-from modalmotion.classification.answer.flags import FLAGS
 from modalmotion.classification.answer.classifier import classify
 from modalmotion.classification.answer.explanation import ModeContribution, only_modes
+from modalmotion.classification.answer.flags import FLAGS
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.hdf5 import model_from_hdf5, model_to_hdf5
 from modalmotion.classification.model.model import Model

@@ -81,4 +81,4 @@ def few_cases(model: Model, coverage: float) -> str:
 
 
 def _held(model: Model, probabilities: NDArray[np.float64], level: float) -> NDArray[np.bool_]:
-    return model.calibration.holds(probabilities[None], level)[0]
+    return np.asarray(model.calibration.holds(probabilities[None], level)[0])

@@ -50,9 +50,9 @@ def classify(
     -------
     Classification
         Without a label, with equal probabilities and all classes in the set, where the model
-        cannot tell; flags and the first notes say why, and what to do. "No motion" is such an answer and no
-        class: it is a measurement against a limit, and amplitudes that are noise should not be
-        called a kind of motion.
+        cannot tell; flags and the first notes say why, and what to do. "No motion" is such an
+        answer and no class: it is a measurement against a limit, and amplitudes that are noise
+        should not be called a kind of motion.
 
     Raises
     ------

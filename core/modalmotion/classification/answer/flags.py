@@ -84,7 +84,7 @@ _OF_TURNS: Final = Flag(
 
 
 def flags_of(domain: Domain, judgement: Judgement, sights: Sights) -> tuple[Flag, ...]:
-    """Flags of one recording beyond the limits of a domain, by what is wrong with it.
+    """Give the flags of one recording beyond the limits of a domain, by what is wrong with it.
 
     Parameters
     ----------
@@ -143,8 +143,8 @@ def _of_place(domain: Domain, place: NDArray[np.float64]) -> Flag:
     if farthest in PLACE[2:]:
         return Flag(
             OTHER_SHAPE,
-            "its surface is longer or shorter for its width than that of any training case. Check that "
-            "it is the surface that the model is for",
+            "its surface is longer or shorter for its width than that of any training case. "
+            "Check that it is the surface that the model is for",
         )
     usual = float(np.median(domain.nearby(place[None])[0, :, 0]))
     share = f"{math.exp(place[0]):.2%} of its size, {math.exp(place[0] - usual):.2g} times"

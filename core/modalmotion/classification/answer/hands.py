@@ -55,7 +55,7 @@ class Reading:
     columns: tuple[Column, ...]
 
     def flags(self, domain: Domain) -> tuple[Flag, ...]:
-        """What speaks against an answer."""
+        """Give what speaks against an answer."""
         seen = self.seen
         if seen.motion < domain.least_motion or seen.motion == 0.0:
             words = (
@@ -100,11 +100,11 @@ class Hands:
     def probabilities(self) -> NDArray[np.float64]:
         """Of the classes, (classes,): their mean, so that none is surer than both readings."""
         if self.other is None:
-            return self.shares[0]
+            return np.asarray(self.shares[0])
         return np.asarray(self.weights @ self.shares)
 
     def notes(self, classes: tuple[str, ...]) -> tuple[str, ...]:
-        """What to say of the readings."""
+        """Say of the readings what a user needs."""
         notes = []
         both = READINGS[int(self.better.judgement.readings[0])]
         if both.is_mirrored:

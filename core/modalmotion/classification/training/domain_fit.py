@@ -14,7 +14,6 @@ from modalmotion.classification.training.domain_limits import joint_limits
 from modalmotion.classification.training.readings import best_readings, class_shape
 from modalmotion.classification.training.table import CaseTable
 
-_ARE_DISTANCES: Final = np.array([check in ("kind", "place") for check in CHECKS])
 _OF_CYCLES: Final = np.array([check in ("gap", "leap", "turns") for check in CHECKS])
 
 Array = NDArray[np.float64]
@@ -70,7 +69,9 @@ def fit_domain(table: CaseTable, rows: NDArray[np.int64]) -> DomainFit:
     return DomainFit(domain, sights)
 
 
-def with_limits(domain: Domain, scores: Array, hand: Array, known_share: float) -> Domain:
+def with_limits(
+    domain: Domain, scores: Array, hand: Array, groups: NDArray[np.int64], known_share: float
+) -> Domain:
     """Give a domain the limits that held-out cases set.
 
     Parameters
@@ -79,10 +80,12 @@ def with_limits(domain: Domain, scores: Array, hand: Array, known_share: float) 
     scores : (cases, checks) float64
         Of cases that took no part in the fit; see `Judgement`.
     hand : (cases,) float64
+    groups : (cases,) int64
+        Cases that are not independent.
     known_share : float
         Share of cases like these that are within all limits.
     """
-    limits = joint_limits(scores, known_share, _ARE_DISTANCES)
+    limits = joint_limits(scores, known_share, groups)
     if not domain.reader.is_cycle:
         limits[_OF_CYCLES] = np.inf
     temperature = 1.0
@@ -122,7 +125,7 @@ def _class_means(values: Array, y: NDArray[np.int64], n_classes: int) -> Array:
 
 
 def _within(values: Array, y: NDArray[np.int64], n_classes: int) -> Array:
-    """Give standard deviations within a class; infinite where nothing varies or some are not known."""
+    """Give deviations within a class; infinite where nothing varies or some are not known."""
     apart = values - _class_means(values, y, n_classes)[y]
     return _finite(np.sqrt((apart**2).mean(axis=0)), values)
 

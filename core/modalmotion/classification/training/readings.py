@@ -36,7 +36,7 @@ def best_readings(
     (cases, features) float64
     """
     if values.shape[1] == 1:
-        return values[:, 0]
+        return np.asarray(values[:, 0])
     every = np.arange(len(values))
     X = values[every, allowed.argmax(axis=1)]
     for _ in range(_N_ROUNDS):
@@ -45,7 +45,7 @@ def best_readings(
         apart = ((values - centre) / scale - means[y][:, None]) @ whitening
         squares = np.where(allowed, (apart**2).sum(axis=2), np.inf)
         X = values[every, squares.argmin(axis=1)]
-    return X
+    return np.asarray(X)
 
 
 def class_shape(

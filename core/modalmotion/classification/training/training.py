@@ -99,7 +99,8 @@ def train(
     fitted = next(results)
     domain = fit_domain(table, every).domain
     if splits.folds:
-        domain = with_limits(domain, scores, hand, options.known_share)
+        groups = table.groups if splits.is_grouped else every
+        domain = with_limits(domain, scores, hand, groups, options.known_share)
     model = _model(table, fitted, name, probabilities, domain, bool(splits.folds))
     card = training_card(table, options, splits, probabilities, fitted)
     report(1.0, "trained")
@@ -134,6 +135,7 @@ def _model(
     typical = fitted.reader.typical
     if typical is not None:
         typical = rounded(typical.real) + 1j * rounded(typical.imag)
+    arrays: dict[str, Any] = {array: rounded(getattr(domain, array)) for array in ARRAYS}
     model = Model(
         name=name,
         classes=table.classes,
@@ -144,7 +146,7 @@ def _model(
         machine=machine,
         domain=replace(
             domain,
-            **{array: rounded(getattr(domain, array)) for array in ARRAYS},
+            **arrays,
             least_motion=float(rounded(np.array(least_motion))),
             least_smooth=float(rounded(np.array(least_smooth))),
             hand_temperature=float(rounded(np.array(domain.hand_temperature))),

@@ -61,13 +61,11 @@ def test_covariates_reach_the_model_that_is_asked(
     monkeypatch: pytest.MonkeyPatch, is_fitted: bool
 ) -> None:
     read: list[ModalSignature] = []
-    own = classifier._unreadable
-
-    def seen(signature: ModalSignature, *rest: object) -> object:
+    def seen(signature: ModalSignature, model: Model) -> object:
         read.append(signature)
-        return own(signature, *rest)  # type: ignore[arg-type]
+        return unreadable(signature, model)
 
-    monkeypatch.setattr(classifier, "_unreadable", seen)
+    monkeypatch.setattr(classifier, "unreadable", seen)
     motion: MeshSequence | ModalSignature = BEAT
     if is_fitted:
         motion = modal_signature(BEAT)

@@ -193,7 +193,7 @@ def test_an_explanation_names_the_modes_that_move_the_answer() -> None:
     sequence = simulate_ventricle(grid=(12, 24))
     signature = modal_signature(sequence)
     model = train(cohort(12), "explained", QUICK)
-    model = replace(model, domain=replace(model.domain, limit=np.inf))
+    model = replace(model, domain=unlimited(model.domain))
     found = classify(signature, model)
     assert found.explanation
     scores = [abs(part.score) for part in found.explanation]
