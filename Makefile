@@ -32,9 +32,10 @@ demo: $(VENV)/.run
 serve: $(VENV)/.run
 	$(BIN)/modalmotion serve
 
-# One thread for each of the two: threads of both would wait for one another.
+# One thread for each of the two: threads of both would wait for one another. The tests start some
+# hundred processes, each of which would compile all modules anew where bytecode is not kept.
 test: $(VENV)/.dev
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup -m "not soak"
+	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup -m "not soak"
 
 check: $(VENV)/.dev
 	$(BIN)/ruff format --check .

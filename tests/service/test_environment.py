@@ -57,7 +57,9 @@ def test_a_misspelt_setting_is_found_and_what_is_no_setting_is_let_be() -> None:
 
 
 def test_a_started_service_is_private_warns_and_opens_many_files(tmp_path: Path) -> None:
-    service = RunningService(tmp_path / "results", {"WORKERS": "1", "REQUIRE_KEY": "true"})
+    service = RunningService(
+        tmp_path / "results", {"WORKERS": "1", "REQUIRE_KEY": "true"}, is_warm=False
+    )
     try:
         service.start()
         assert service.process is not None

@@ -12,6 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from project import ROOT
+from warm_start import WarmProcess, start_warm
+
+Started = subprocess.Popen[bytes] | WarmProcess
 
 
 def free_port() -> int:
@@ -26,8 +29,8 @@ class DaskCluster:
 
     folder: Path
     port: int = field(default_factory=free_port)
-    scheduler: subprocess.Popen[bytes] | None = None
-    workers: list[subprocess.Popen[bytes]] = field(default_factory=list)
+    scheduler: Started | None = None
+    workers: list[Started] = field(default_factory=list)
 
     @property
     def address(self) -> str:
@@ -59,13 +62,13 @@ class DaskCluster:
             time.sleep(0.05)
         raise AssertionError(f"no scheduler: {self.log}")
 
-    def start_worker(self, n_processes: int = 1) -> subprocess.Popen[bytes]:
+    def start_worker(self, n_processes: int = 1) -> Started:
         return self.start_program(
             *("-m", "modalmotion", "worker", self.address, "--host", "127.0.0.1"),
             *("--processes", str(n_processes)),
         )
 
-    def start_program(self, *arguments: str) -> subprocess.Popen[bytes]:
+    def start_program(self, *arguments: str) -> Started:
         """Start what is to be one of the workers."""
         worker = self._run(*arguments)
         self.workers.append(worker)
@@ -93,7 +96,7 @@ class DaskCluster:
         path = self.folder / "dask.log"
         return path.read_text()[-5000:] if path.exists() else ""
 
-    def _run(self, *arguments: str) -> subprocess.Popen[bytes]:
+    def _run(self, *arguments: str) -> Started:
         self.folder.mkdir(parents=True, exist_ok=True)
         # Tasks of the tests are imported by name; what Dask writes goes to a folder of ours.
         environment = {
@@ -105,6 +108,14 @@ class DaskCluster:
             "OMP_NUM_THREADS": "1",
         }
         with (self.folder / "dask.log").open("ab") as sink:
+            if arguments[0] == "-m":
+                return start_warm(
+                    "cluster",
+                    *arguments[1:],
+                    environment=environment,
+                    folder=self.folder,
+                    sink=sink,
+                )
             return subprocess.Popen(
                 [sys.executable, *arguments],
                 env=environment,

@@ -16,6 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from warm_start import WarmProcess, start_warm
+
 
 @dataclass
 class Answer:
@@ -35,10 +37,12 @@ class RunningService:
     data_dir: Path
     settings: Mapping[str, str] = field(default_factory=dict)
     port: int = 0
-    process: subprocess.Popen[bytes] | None = None
+    process: subprocess.Popen[bytes] | WarmProcess | None = None
     log: Path = Path()
     program: Sequence[str] = ()
     """In place of `modalmotion serve`: takes the port and the folder."""
+    is_warm: bool = True
+    """Whether what it imports is imported already; not where the start itself is the point."""
 
     def start(self) -> RunningService:
         with socket.socket() as probe:
@@ -47,15 +51,25 @@ class RunningService:
         environment = {**os.environ, **{f"MODALMOTION_{k}": v for k, v in self.settings.items()}}
         if self.log == Path():
             self.log = self.data_dir.parent / "service.log"
+        # Its own group, so that a test can end it with all of its workers.
         with self.log.open("ab") as sink:
-            self.process = subprocess.Popen(
-                [sys.executable, "-W", "error", *self._program()],
-                env=environment,
-                stdout=sink,
-                stderr=subprocess.STDOUT,
-                # Its own group, so that a test can end it with all of its workers.
-                start_new_session=True,
-            )
+            if self.is_warm and not self.program:
+                self.process = start_warm(
+                    "server",
+                    *self._program()[1:],
+                    environment=environment,
+                    folder=Path.cwd(),
+                    sink=sink,
+                    is_session=True,
+                )
+            else:
+                self.process = subprocess.Popen(
+                    [sys.executable, "-W", "error", *self._program()],
+                    env=environment,
+                    stdout=sink,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,
+                )
         for _ in range(300):
             try:
                 if self.request("GET", "/health/ready").status == 200:

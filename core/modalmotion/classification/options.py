@@ -31,6 +31,13 @@ class Estimator(StrEnum):
     FOREST = "forest"
 
 
+class OnError(StrEnum):
+    """What happens where a case cannot be read, fitted or compared with the others."""
+
+    RAISE = "raise"
+    LEAVE_OUT = "leave out"
+
+
 class ClassWeights(StrEnum):
     """How much a case counts."""
 
@@ -82,6 +89,13 @@ class TrainingOptions:
     class_weights : ClassWeights or mapping of label to float
     folds : int
         Of the grouped cross-validation.
+    fold : str or None
+        Covariate whose values are the folds; else they are drawn.
+    groups : str or None
+        Covariate, such as a site, whose cases are never on both sides of a split, nor are those
+        of a subject. Neither of the two is a feature.
+    on_error : OnError
+        LEAVE_OUT goes on without the cases that do not fit; the card names them.
     coverage : float
         Level that the card reports class sets at; every answer may ask for another.
     known_share : float
@@ -103,6 +117,9 @@ class TrainingOptions:
     estimator: Estimator | str = Estimator.AUTO
     class_weights: ClassWeights | str | Mapping[str, float] = ClassWeights.NONE
     folds: int = 5
+    fold: str | None = None
+    groups: str | None = None
+    on_error: OnError | str = OnError.RAISE
     coverage: float = 0.9
     known_share: float = 0.995
     seed: int = 0
@@ -113,6 +130,7 @@ class TrainingOptions:
             ("pose", PoseOf),
             ("walls", Walls),
             ("estimator", Estimator),
+            ("on_error", OnError),
         ):
             object.__setattr__(self, name, _member(kind, name, getattr(self, name)))
         for name, least, most in (
@@ -127,6 +145,14 @@ class TrainingOptions:
                     f"The option '{name}' is {value!r}.",
                     remedy=f"Use a whole number from {least} to {most:,}.",
                     details={"option": name, "least": least, "most": most},
+                )
+        for name in ("fold", "groups"):
+            value = getattr(self, name)
+            if value is not None and (not isinstance(value, str) or not value.strip()):
+                raise ParameterError(
+                    f"The option '{name}' is {str(value)[:80]!r}.",
+                    remedy="Use the name of a covariate, such as site, or leave it out.",
+                    details={"option": name},
                 )
         if self.topology not in (None, MESH):
             object.__setattr__(self, "topology", Topology.parse(str(self.topology)).name)

@@ -42,8 +42,14 @@ class LabelledFile:
     facts: Facts = NO_FACTS
 
 
-def labelled_files(sources: Sequence[Path]) -> list[LabelledFile]:
+def labelled_files(sources: Sequence[Path], *, skip_unreadable: bool = False) -> list[LabelledFile]:
     """List the labelled files: rows of one .csv manifest, or files by their folders.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+    skip_unreadable : bool
+        Whether a file may be missing: who reads it is told then.
 
     Raises
     ------
@@ -51,9 +57,9 @@ def labelled_files(sources: Sequence[Path]) -> list[LabelledFile]:
         If a row or a file is missing, has no class, or is named twice; it says which.
     """
     if len(sources) == 1 and sources[0].suffix.lower() in (".csv", ".tsv"):
-        files = read_manifest(sources[0])
+        files = read_manifest(sources[0], skip_unreadable=skip_unreadable)
     else:
-        files = [_by_folder(path) for path in sources]
+        files = [_by_folder(path, skip_unreadable) for path in sources]
     path, n = Counter(file.path for file in files).most_common(1)[0] if files else (None, 0)
     if n > 1:
         raise ParameterError(
@@ -63,7 +69,7 @@ def labelled_files(sources: Sequence[Path]) -> list[LabelledFile]:
     return files
 
 
-def read_manifest(manifest: Path) -> list[LabelledFile]:
+def read_manifest(manifest: Path, *, skip_unreadable: bool = False) -> list[LabelledFile]:
     """Read a table of files: path, label, subject; paths are relative to the table's folder.
 
     Further columns state facts, by their names or as landmark:apex and covariate:age; all others
@@ -100,7 +106,7 @@ def read_manifest(manifest: Path) -> list[LabelledFile]:
         )
     rows.fieldnames = names
     has_commas = delimiter != ","
-    return [_row(manifest, rows.line_num, row, has_commas) for row in rows]
+    return [_row(manifest, rows.line_num, row, has_commas, skip_unreadable) for row in rows]
 
 
 @dataclass(frozen=True)
@@ -116,6 +122,11 @@ class LabelledSequence:
 
     file: LabelledFile
     stated: Mapping[str, Any]
+
+    @property
+    def name(self) -> str:
+        """Path of the file."""
+        return str(self.file.path)
 
     def read(self) -> TrainingCase:
         """Read the sequence.
@@ -137,14 +148,16 @@ class LabelledSequence:
         return TrainingCase(sequence, file.label, file.subject, name=str(file.path))
 
 
-def _by_folder(path: Path) -> LabelledFile:
+def _by_folder(path: Path, skip_unreadable: bool) -> LabelledFile:
     label = path.resolve().parent.name
-    if not path.exists() or not label:
+    if not (path.exists() or skip_unreadable) or not label:
         raise ParameterError(f"There is no file '{path}'.", remedy=_HOW)
     return LabelledFile(path, label, None)
 
 
-def _row(manifest: Path, line: int, row: dict[str, Any], decimal_comma: bool) -> LabelledFile:
+def _row(
+    manifest: Path, line: int, row: dict[str, Any], decimal_comma: bool, skip_unreadable: bool
+) -> LabelledFile:
     values = {name: (row.get(name) or "").strip() for name in _COLUMNS}
     for name in _COLUMNS[:2]:
         if not values[name]:
@@ -154,11 +167,12 @@ def _row(manifest: Path, line: int, row: dict[str, Any], decimal_comma: bool) ->
                 details={"line": line},
             )
     path = manifest.parent / values["path"]
-    if not path.exists():
+    if not (path.exists() or skip_unreadable):
         raise MalformedFileError(
             f"Line {line} of '{manifest.name}' names '{values['path']}', and there is no such "
             "file.",
-            remedy="Paths are relative to the folder that the manifest lies in.",
+            remedy="Paths are relative to the folder that the manifest lies in. To go on without "
+            "such files use --skip-unreadable.",
             details={"line": line},
         )
     try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -30,7 +30,8 @@ from modalmotion.cli.options import (
 from modalmotion.cli.outputs import OutputFile, write_picture
 
 if TYPE_CHECKING:
-    from modalmotion.classification import Model
+    from modalmotion.classification import Model, TrainingCase
+    from modalmotion.classification.training.left_out import LeftOut
 
 _HELP: Final = {
     "modes": "Modes of the signatures; 3 amplitudes a frame each.",
@@ -42,6 +43,8 @@ _HELP: Final = {
     "estimator": "Turns features into scores; auto chooses by cross-validation.",
     "class_weights": "balanced: rare classes count as much as frequent ones.",
     "folds": "Folds of the grouped cross-validation.",
+    "fold": "Column of the manifest whose values are the folds, in place of drawn ones.",
+    "groups": "Column of the manifest, such as site, whose cases stay on one side of each split.",
     "coverage": "Level of the card's class sets.",
     "known_share": "Share of cases like the training ones that the model accepts as known.",
     "seed": "Seed of all random numbers.",
@@ -61,6 +64,8 @@ def _training_options(command: Callable[..., None]) -> Callable[..., None]:
     from modalmotion.classification import TrainingOptions
 
     for name, value in reversed(TrainingOptions().as_json().items()):
+        if name == "on_error":
+            continue
         command = click.option(
             f"--{name.replace('_', '-')}",
             name,
@@ -81,6 +86,12 @@ _labelled_files = several(
         type=click.Path(path_type=Path),
     ),
     click.option("--unit", help="Length unit of all files; overrides their own."),
+    click.option(
+        "--skip-unreadable",
+        is_flag=True,
+        help="Go on without files that are missing, cannot be read or do not fit the others; the "
+        "summary names them.",
+    ),
 )
 
 
@@ -96,21 +107,25 @@ def train(
     out: Path,
     plot: Path | None,
     unit: str | None,
+    skip_unreadable: bool,
     **options: Any,
 ) -> None:
     """Train a model on labelled sequences.
 
     MANIFEST is a table (.csv) with the columns path, label and, where it is known, subject:
-    sequences of one subject are never on both sides of a split. In its place you may
-    name files, each in a folder named after its class: normal/*.npz akinesia/*.npz
+    sequences of one subject are never on both sides of a split. Further columns (age, sex, ...)
+    are covariates. In its place you may name files, each in a folder named after its class:
+    normal/*.npz akinesia/*.npz
     """
     from modalmotion.classification import TrainingOptions
     from modalmotion.classification import train as fit
+    from modalmotion.classification.options import OnError
     from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
 
     require_model_name(name)
-    training_options = TrainingOptions.from_json(options)
-    files = labelled_files(sources)
+    on_error = OnError.LEAVE_OUT if skip_unreadable else OnError.RAISE
+    training_options = TrainingOptions.from_json({**options, "on_error": on_error})
+    files = labelled_files(sources, skip_unreadable=skip_unreadable)
     with _TrainingBar() as bar:
         cases = [LabelledSequence(file, {"unit": unit}) for file in files]
         model = fit(cases, name, training_options, bar)
@@ -136,6 +151,7 @@ def evaluate(
     plot: Path | None,
     as_json: bool,
     unit: str | None,
+    skip_unreadable: bool,
 ) -> None:
     """Test MODEL, a file or a name, on labelled sequences that it was not trained on.
 
@@ -143,12 +159,18 @@ def evaluate(
     subject as fewer than they are.
     """
     from modalmotion.classification import evaluate as test
+    from modalmotion.classification.training.left_out import left_out_notes
+    from modalmotion.classification.usable_cases import usable_cases
 
     stored_model = model_named(model)
-    files = labelled_files(sources)
+    files = labelled_files(sources, skip_unreadable=skip_unreadable)
     sources_ = [LabelledSequence(file, {"unit": unit}) for file in files]
+    left_out: list[LeftOut] = []
     with click.progressbar(sources_, label="cases", file=sys.stderr) as bar:
-        result = test(stored_model, (source.read() for source in bar), coverage)
+        cases: Iterator[TrainingCase] = (source.read() for source in bar)
+        if skip_unreadable:
+            cases = usable_cases(stored_model, bar, left_out)
+        result = test(stored_model, cases, coverage)
     if plot is not None:
         from modalmotion.pictures.model_card import measured_figure
 
@@ -162,6 +184,8 @@ def evaluate(
         )
         write_picture(figure, plot)
     click.echo(json.dumps(result.as_json(), indent=2) if as_json else evaluation_lines(result))
+    for note in left_out_notes(left_out):
+        click.echo(note, err=as_json)
     list_written(plot, as_json=as_json)
 
 

@@ -19,7 +19,7 @@ _LEAST_SECONDS: Final = 0.1
 
 
 class ProgressFile:
-    """A file that a worker writes over and over.
+    """A file that a worker adds lines to, and that the server reads on from where it was.
 
     Parameters
     ----------
@@ -28,9 +28,9 @@ class ProgressFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._beside = path.with_name(f"{path.name}.new")
         self._written = -_LEAST_SECONDS
         self._text = ""
+        self._n_read = 0
 
     def write(self, share: float, text: str = "") -> None:
         """Tell the share that is done, 0 to 1, and what is done now."""
@@ -39,39 +39,49 @@ class ProgressFile:
         if text == self._text and now - self._written < _LEAST_SECONDS:
             return
         self._written, self._text = now, text
-        # Renamed into place, so that it is never read half-written. No work fails because nobody
-        # can be told how far it is.
-        with contextlib.suppress(OSError):
-            self._beside.write_text(json.dumps([share, text]))
-            self._beside.replace(self._path)
+        # No work fails because nobody can be told how far it is.
+        with contextlib.suppress(OSError), self._path.open("a") as file:
+            file.write(json.dumps([share, text]) + "\n")
 
-    def read(self) -> tuple[float, str] | None:
-        """Give what was told last; None before anything was."""
+    def news(self) -> list[tuple[float, str]]:
+        """Give what was told since the last call, in its order."""
         try:
-            share, text = json.loads(self._path.read_text())
-        except (OSError, ValueError):
-            return None
-        return min(max(float(share), 0.0), 1.0), str(text)
+            with self._path.open("rb") as file:
+                file.seek(self._n_read)
+                # The last line may be half-written.
+                whole = file.read().rpartition(b"\n")[0]
+        except OSError:
+            return []
+        self._n_read += len(whole) + bool(whole)
+        told: list[tuple[float, str]] = []
+        for line in whole.splitlines():
+            # A worker that was killed may have left half a line.
+            with contextlib.suppress(ValueError):
+                share, text = json.loads(line)
+                told.append((min(max(float(share), 0.0), 1.0), str(text)))
+        return told
 
 
 async def followed(work: Awaitable[T], path: Path, report: Callable[[float, str], None]) -> T:
-    """Wait for work, and report what its worker tells meanwhile.
+    """Wait for work, and report what its worker tells: all of it, however fast the work is.
 
     Parameters
     ----------
     work : awaitable
         Cancelled with what waits for it.
     path : Path
-        Of the `ProgressFile` that the worker writes.
+        Of the `ProgressFile` that the worker writes; what others wrote to it is removed.
     report : callable
-        Called now and again with what `ProgressFile.read` gives.
+        Called now and again with what `ProgressFile.news` gives.
     """
+    path.unlink(missing_ok=True)
     task, file = asyncio.ensure_future(work), ProgressFile(path)
     try:
-        while not (await asyncio.wait([task], timeout=_POLL_SECONDS))[0]:
-            told = file.read()
-            if told is not None:
-                report(*told)
+        is_done = False
+        while not is_done:
+            is_done = bool((await asyncio.wait([task], timeout=_POLL_SECONDS))[0])
+            for share, text in file.news():
+                report(share, text)
         return await task
     except asyncio.CancelledError:
         task.cancel()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import copy
 import json
 from collections.abc import Iterator
@@ -11,16 +12,21 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.classification import TrainingOptions
+from modalmotion.classification.options import OnError
+from modalmotion.classification.training.cases import case_name
+from modalmotion.classification.training.left_out import UNUSABLE, LeftOut
 from modalmotion.errors import (
     ModalMotionError,
     ModeCountError,
     NotFoundError,
+    ParameterError,
     StoreError,
     TopologyError,
     UnlikeCasesError,
 )
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.store import ModelRecord, ResultStore
+from modalmotion.store import ModelRecord, ResultStore, model_from_hdf5
+from modalmotion_service.errors import CostError
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.owner import work_of
 from modalmotion_service.work.task_progress import followed
@@ -99,11 +105,13 @@ class Trainer:
         if known is not None:
             return known
         parameters = options.signature_parameters
-        plan, image, progress = (self._spool.new_path() for _ in range(3))
+        plan, image, other, progress = (self._spool.new_path() for _ in range(4))
+        springs = replace(parameters, closed_form=False)
+        leaves_out = options.on_error == OnError.LEAVE_OUT
         try:
 
-            async def train_with(asked: SignatureParameters) -> None:
-                paths = await self._fit(cases, asked, report)
+            async def train_with(asked: SignatureParameters, image: Path) -> None:
+                paths = await self._fit(cases, asked, report, leaves_out=leaves_out)
                 await asyncio.to_thread(_write_plan, plan, cases, paths)
                 with work_of(str(self._store.root)):
                     future = self._engine.submit_for(
@@ -129,25 +137,39 @@ class Trainer:
                     raise self._about(error, error.details.get("sequence_id")) from error
 
             try:
-                await train_with(parameters)
+                await train_with(parameters, image)
             except UnlikeCasesError as unlike:
                 # As `collect_in_one_basis` does it where the sequences are at hand.
                 if options.topology is not None:
                     raise
                 try:
-                    await train_with(replace(parameters, closed_form=False))
+                    await train_with(springs, image)
                 except (UnlikeCasesError, TopologyError, ModeCountError):
                     raise unlike from None
+            else:
+                if leaves_out and options.topology is None:
+                    n_kept = await asyncio.to_thread(_n_cases, image)
+                    if n_kept < len(cases):
+                        # Spring modes are taken where they leave fewer out.
+                        with contextlib.suppress(ParameterError):
+                            await train_with(springs, other)
+                            if await asyncio.to_thread(_n_cases, other) > n_kept:
+                                image, other = other, image
             return await asyncio.to_thread(self._store.put_model_image, image)
         finally:
-            for path in (plan, image, progress):
+            for path in (plan, image, other, progress):
                 remove_with_beside(path)
 
     async def _fit(
-        self, cases: list[Case], parameters: SignatureParameters, report: Report
-    ) -> list[Path]:
+        self,
+        cases: list[Case],
+        parameters: SignatureParameters,
+        report: Report,
+        *,
+        leaves_out: bool,
+    ) -> list[Path | LeftOut]:
         """Signatures of all cases: stored ones, and the rest made by workers."""
-        paths: list[Path] = [Path()] * len(cases)
+        paths: list[Path | LeftOut] = [Path()] * len(cases)
         failures: list[ModalMotionError] = []
         done = 0
 
@@ -158,7 +180,11 @@ class Trainer:
                 try:
                     paths[number] = await self._analysis.signature(sequence_id, parameters)
                 except ModalMotionError as error:
-                    failures.append(self._about(error, sequence_id))
+                    about = self._about(error, sequence_id)
+                    if leaves_out and isinstance(about, (*UNUSABLE, CostError)):
+                        paths[number] = LeftOut.of(about, case_name(sequence_id))
+                    else:
+                        failures.append(about)
                 # Signatures that are under way are finished, and stored for the next attempt.
                 if failures:
                     return
@@ -191,15 +217,23 @@ class Trainer:
                 details=details,
             )
         named = copy.copy(error)
-        named.message = f"Sequence {sequence_id[:12]}: {error.message}"
+        named.message = f"{case_name(sequence_id)}: {error.message}"
         named.remedy = f"{error.remedy} Or train without this sequence.".strip()
         named.details = {**error.details, **details}
         return named
 
 
-def _write_plan(plan: Path, cases: list[Case], paths: list[Path]) -> None:
+def _n_cases(image: Path) -> int:
+    return sum(model_from_hdf5(image).card.n_cases.values())
+
+
+def _write_plan(plan: Path, cases: list[Case], paths: list[Path | LeftOut]) -> None:
     # A line for each case: the worker reads them one by one.
     with plan.open("w") as file:
         for case, path in zip(cases, paths, strict=True):
-            line: dict[str, Any] = {**asdict(case), "path": str(path)}
+            line: dict[str, Any] = asdict(case)
+            if isinstance(path, LeftOut):
+                line["left_out"] = path.reason
+            else:
+                line["path"] = str(path)
             file.write(json.dumps(line) + "\n")

@@ -209,6 +209,48 @@ def test_mistakes_are_told_in_one_line_and_name_what_is_wrong(folder: Path, tmp_
         assert not out.exists()
 
 
+def test_files_that_do_not_fit_are_left_out_on_request_and_named(
+    folder: Path, tmp_path: Path
+) -> None:
+    rows = (folder / "train.csv").read_text().splitlines()
+    (folder / "broken.npz").write_bytes(b"no archive")
+    rows[1:1] = ["broken.npz,normal,X", "missing.npz,normal,Y"]
+    manifest = with_manifest(folder, "faulty.csv", *rows)
+    out = tmp_path / "m.h5"
+    asked = ("train", manifest, "--name", "wall", "-o", out, *QUICK)
+    refused = run(*asked)
+    assert refused.exit_code == 1
+    assert "--skip-unreadable" in refused.output
+    said = succeed(*asked, "--skip-unreadable").output
+    assert "Cases left out: 2." in said
+    for name in ("broken.npz", "missing.npz"):
+        assert f"{folder / name}: " in said
+    assert model_from_hdf5(out).id == model_from_hdf5(folder / "wall.h5").id
+    # A test goes on in the same way.
+    tested = ("evaluate", out, manifest)
+    assert run(*tested).exit_code == 1
+    said = succeed(*tested, "--skip-unreadable").output
+    assert f"on {2 * N_PER_CLASS} sequences" in said
+    assert "Cases left out: 2." in said
+    answer = json.loads(succeed(*tested, "--skip-unreadable", "--json").stdout)
+    assert answer["n_cases"] == 2 * N_PER_CLASS
+
+
+def test_columns_of_the_manifest_are_folds_and_groups(folder: Path, tmp_path: Path) -> None:
+    rows = [f"{row}" for row in (folder / "train.csv").read_text().splitlines()]
+    rows = [
+        f"{rows[0]},Site,part",
+        *(f"{row},{k // 2 % 3},{k // 4}" for k, row in enumerate(rows[1:])),
+    ]
+    manifest = with_manifest(folder, "sites.csv", *rows)
+    asked = ("train", manifest, "--name", "wall", "-o", tmp_path / "m.h5", *QUICK)
+    assert "The folds are the user's own." in succeed(*asked, "--fold", "part").output
+    assert succeed(*asked, "--groups", "site").output
+    refused = run(*asked, "--groups", "scanner")
+    assert refused.exit_code == 1
+    assert "part, site" in refused.output
+
+
 def test_a_cohort_of_bent_surfaces_needs_no_option_and_its_model_none_again(
     tmp_path: Path,
 ) -> None:

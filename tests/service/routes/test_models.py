@@ -23,6 +23,7 @@ from training_cohort import (
 
 from modalmotion.classification import DEFAULT_MODEL, load_model
 from modalmotion.formats import read_npz, write_npz
+from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.signature.making import modal_signature
 from modalmotion.store import model_from_hdf5
 
@@ -374,3 +375,21 @@ def test_weights_of_a_class_that_no_sequence_has_are_refused_at_once(trained: Tr
     answer = trained.client.post("/v1/models", json=request)
     assert (answer.status_code, answer.json()["code"]) == (422, "bad_parameter")
     assert "normal" in answer.json()["remedy"]
+
+
+def test_a_training_goes_on_without_a_sequence_that_does_not_fit(trained: Trained) -> None:
+    flat = mesh_sequence(np.zeros((3, 4, 3)), grid=(2, 2), topology="cup", unit="mm")
+    odd = Sent(write_npz(flat), str(CLASSES[0]), "flat")
+    (name,) = send(trained.client, iter([odd]))
+    cases = [*trained.ids, name]
+    request = {"name": "careful", "sequences": cases, "options": QUICK}
+    job = finished(trained.client, trained.client.post("/v1/models", json=request).json())
+    assert job["state"] == "failed"
+    assert name[:12] in job["error"]["detail"]
+    model = train(trained.client, "careful", cases, options={**QUICK, "on_error": "leave out"})
+    notes = model["card"]["notes"]
+    assert notes[0] == "Cases left out: 1."
+    assert notes[1].startswith(f"Left out: Sequence {name[:12]}: ")
+    assert sum(model["card"]["n_cases"].values()) == len(trained.ids)
+    trained.client.delete(f"/v1/sequences/{name}")
+    trained.client.delete(model["links"]["self"])

@@ -37,6 +37,32 @@ def test_shares_are_told_in_their_order_until_the_work_is_done(tmp_path: Path) -
     assert list(dict.fromkeys(told)) == [(0.25, "reading"), (0.5, "fitting"), (1.0, "beyond")]
 
 
+def test_all_is_told_of_work_that_is_done_at_once(tmp_path: Path) -> None:
+    told: list[tuple[float, str]] = []
+    path = tmp_path / "progress"
+    ProgressFile(path).write(0.9, "of other work")
+
+    async def work() -> None:
+        file = ProgressFile(path)
+        for share in (0.25, 0.5, 1.0):
+            file.write(share, f"{share:.0%}")
+
+    asyncio.run(followed(work(), path, lambda *said: told.append(said)))
+    assert told == [(0.25, "25%"), (0.5, "50%"), (1.0, "100%")]
+
+
+def test_half_a_line_waits_for_its_end_and_a_broken_one_is_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "progress"
+    file = ProgressFile(path)
+    assert file.news() == []
+    path.write_text('[0.25, "reading"]\n[0.5')
+    assert file.news() == [(0.25, "reading")]
+    with path.open("a") as writer:
+        writer.write(', "fitting"]\n[0.6, "wri[0.1, "again"]\n')
+    assert file.news() == [(0.5, "fitting")]
+    assert file.news() == []
+
+
 def test_who_stops_waiting_stops_the_work(tmp_path: Path) -> None:
     ended: list[str] = []
 
@@ -74,7 +100,7 @@ def test_a_file_is_not_written_more_often_than_it_is_read(
     file = ProgressFile(tmp_path / "progress")
     for share in (0.1, 0.2, 0.3):
         file.write(share)
-    assert file.read() == (0.1, "")
+    assert file.news() == [(0.1, "")]
 
 
 def test_encoding_tells_how_far_it_is(tmp_path: Path, beat: bytes) -> None:
@@ -92,4 +118,4 @@ def test_encoding_tells_how_far_it_is(tmp_path: Path, beat: bytes) -> None:
         codec.encode_kept(kept, EncodingTarget(rms=0.5), output, progress)
     assert shares == sorted(shares)
     assert any(0.0 < share < 1.0 for share in shares)
-    assert ProgressFile(progress).read() == (1.0, "")
+    assert ProgressFile(progress).news()[-1] == (1.0, "")

@@ -14,7 +14,6 @@ from job_requests import ASYNC, finished
 
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion_service.work import task_progress
 from modalmotion_service.workspace.job_runner import JobRunner, Report
 from modalmotion_service.workspace.jobs import Job
 
@@ -164,7 +163,6 @@ def test_a_finished_job_says_nothing_of_what_it_did_last(client: TestClient, bea
 def test_the_progress_of_every_kind_of_job_moves_and_never_falls(
     client: TestClient, beat: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(task_progress, "_POLL_SECONDS", 0.002)
     told: dict[str, list[tuple[float, str]]] = {}
     reporter = JobRunner._reporter
 

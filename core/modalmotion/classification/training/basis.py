@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from modalmotion.classification.options import TrainingOptions
+from modalmotion.classification.options import OnError, TrainingOptions
 from modalmotion.classification.training.cases import AnyCase
 from modalmotion.classification.training.table import CaseTable, collect
 from modalmotion.errors import (
     ModalMotionError,
     ModeCountError,
+    ParameterError,
     TopologyError,
     UnlikeCasesError,
 )
@@ -25,7 +27,8 @@ def collect_in_one_basis(
 
     Each recording is fitted as its own shape says. Where that gives modes that do not compare,
     as on closed surfaces of which some have an axis that bends, and all are of one mesh, all of
-    them are fitted again with the spring modes of that mesh.
+    them are fitted again with the spring modes of that mesh. With `on_error` "leave out" it is
+    the basis that leaves fewer out.
 
     Parameters
     ----------
@@ -45,16 +48,29 @@ def collect_in_one_basis(
     """
     # They may be read twice.
     cohort = list(cases) if iter(cases) is cases else cases
+    springs = replace(options.signature_parameters, closed_form=False)
+    if options.on_error == OnError.LEAVE_OUT:
+        table = collect(cohort, options, progress, drops_unlike=True)
+        if options.topology is not None or not table.left_out:
+            return table
+        with contextlib.suppress(ParameterError):
+            other = collect(cohort, options, progress, springs, drops_unlike=True)
+            if len(other.left_out) < len(table.left_out):
+                return _with_note(other)
+        return table
     try:
         return collect(cohort, options, progress)
     except UnlikeCasesError as unlike:
         if options.topology is not None:
             raise
-        springs = replace(options.signature_parameters, closed_form=False)
         try:
             table = collect(cohort, options, progress, springs)
         except (UnlikeCasesError, TopologyError, ModeCountError) as error:
             raise _neither(unlike, error) from error
+    return _with_note(table)
+
+
+def _with_note(table: CaseTable) -> CaseTable:
     note = (
         "The shapes of these recordings have no topology in common, and all are of one mesh: all "
         "are fitted with its spring modes. State a topology to decide otherwise."

@@ -8,12 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.training.case_row import CaseRow
+from modalmotion.classification.training.own_folds import values_of
 
 
 def group_cases(
-    rows: Sequence[CaseRow],
+    rows: Sequence[CaseRow], by: str | None = None
 ) -> tuple[tuple[str, ...], NDArray[np.int64], int]:
     """Subjects, groups of cases that share a subject or recording, number of mixed recordings.
+
+    Parameters
+    ----------
+    rows : sequence of CaseRow
+    by : str, optional
+        Covariate whose cases are together too, such as a site.
 
     Returns
     -------
@@ -21,6 +28,11 @@ def group_cases(
     groups : (cases,) int64
     n_mixed : int
         Recordings with two stated subjects.
+
+    Raises
+    ------
+    ParameterError
+        If no case has that covariate.
     """
     subjects = tuple(row.subject or f"sequence {row.sequence_id}" for row in rows)
     parent: dict[str, str] = {}
@@ -35,6 +47,11 @@ def group_cases(
         parent[root(subject)] = root(f"sequence {row.sequence_id}")
         if row.subject is not None:
             seen.setdefault(row.sequence_id, set()).add(subject)
+    if by is not None:
+        values = values_of(by, "groups", [row.covariates for row in rows])
+        for value, subject in zip(values, subjects, strict=True):
+            if value is not None:
+                parent[root(f"\0group {value}")] = root(subject)
     roots = [root(subject) for subject in subjects]
     places = {name: k for k, name in enumerate(dict.fromkeys(roots))}
     mixed = sum(len(names) > 1 for names in seen.values())

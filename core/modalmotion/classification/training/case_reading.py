@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
-from modalmotion.classification.options import TrainingOptions
+from modalmotion.classification.options import OnError, TrainingOptions
 from modalmotion.classification.training.case_row import CaseRow, case_row
 from modalmotion.classification.training.cases import AnyCase, TrainingCase
+from modalmotion.classification.training.left_out import UNUSABLE, LeftOut
 from modalmotion.errors import ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.modes import Modes
@@ -45,8 +46,8 @@ class ReadCase:
 
 def read_cases(
     cases: Iterable[AnyCase], options: TrainingOptions, parameters: SignatureParameters
-) -> Iterator[ReadCase]:
-    """Read cases, in their order.
+) -> Iterator[ReadCase | LeftOut]:
+    """Read cases, in their order; with `on_error` "leave out", go on without those that fail.
 
     Parameters
     ----------
@@ -61,6 +62,10 @@ def read_cases(
         If one of them cannot be used.
     ModalMotionError
         If one cannot be read or fitted.
+
+    Yields
+    ------
+    ReadCase or LeftOut
     """
     from joblib import Parallel, delayed
 
@@ -75,12 +80,18 @@ def _read_piece(
     piece: tuple[tuple[int, AnyCase], ...],
     options: TrainingOptions,
     parameters: SignatureParameters,
-) -> list[ReadCase]:
-    results = []
+) -> list[ReadCase | LeftOut]:
+    results: list[ReadCase | LeftOut] = []
     for number, source in piece:
-        read = source if isinstance(source, TrainingCase) else source.read()
-        case = read.fitted(parameters)
-        require_usable(case, number, options)
+        try:
+            read = source if isinstance(source, TrainingCase) else source.read()
+            case = read.fitted(parameters)
+            require_usable(case, number, options)
+        except UNUSABLE as error:
+            if options.on_error == OnError.RAISE:
+                raise
+            results.append(LeftOut.of(error, source.name or f"case {number}"))
+            continue
         signature = case.signature
         results.append(
             ReadCase(
@@ -125,6 +136,15 @@ def require_usable(case: TrainingCase, number: int, options: TrainingOptions) ->
         )
 
 
+def basis_of(case: ReadCase) -> tuple[Any, ...]:
+    """Give what two cases must share so that their modes compare; last, what spring modes must."""
+    p = case.parameters
+    return (
+        *(p.weights, p.remove_rotation, p.components, p.reference == MEAN),
+        *(len(case.modes), case.modes.topology is None, case.modes.connectivity_id),
+    )
+
+
 def require_alike(case: ReadCase, example: ReadCase, number: int) -> None:
     """Check that a case has the modes of the first.
 
@@ -135,14 +155,7 @@ def require_alike(case: ReadCase, example: ReadCase, number: int) -> None:
     """
     called = case.name or str(number)
     a, b = case.parameters, example.parameters
-    same = (
-        a.weights == b.weights
-        and a.remove_rotation == b.remove_rotation
-        and a.components == b.components
-        and (a.reference == MEAN) == (b.reference == MEAN)
-        and len(case.modes) == len(example.modes)
-        and (case.modes.topology is None) == (example.modes.topology is None)
-    )
+    same = basis_of(case)[:-1] == basis_of(example)[:-1]
     if same and case.modes.connectivity_id != example.modes.connectivity_id:
         raise UnlikeCasesError(
             f"The training case {called} is of another mesh than the first, and spring modes "

@@ -110,6 +110,11 @@ class CaseFile:
     subject: str | None = None
     covariates: Mapping[str, float | str] = field(default_factory=Named)
 
+    @property
+    def name(self) -> str:
+        """What errors call it: its sequence."""
+        return case_name(self.sequence_id)
+
     def read(self) -> TrainingCase:
         """Read the signature.
 
@@ -131,11 +136,20 @@ class CaseFile:
 class CaseSource(Protocol):
     """What gives a training case when it is read, such as a file; it must be pickled."""
 
+    @property
+    def name(self) -> str:
+        """What errors call the case, such as the path of its file; may be empty."""
+
     def read(self) -> TrainingCase:
         """Read the case."""
 
 
 AnyCase = TrainingCase | CaseSource
+
+
+def case_name(sequence_id: str) -> str:
+    """Give what errors call a case without a file."""
+    return f"Sequence {sequence_id[:12]}"
 
 
 def named(error: ModalMotionError, name: str, **details: object) -> ModalMotionError:

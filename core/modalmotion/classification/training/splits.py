@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.options import TrainingOptions
+from modalmotion.classification.training.own_folds import fold_notes
 from modalmotion.classification.training.table import CaseTable
 
 
@@ -30,8 +31,19 @@ class Splits(NamedTuple):
 
 
 def split_cases(table: CaseTable, options: TrainingOptions) -> Splits:
-    """Split the cases by subject, classes spread evenly."""
+    """Split the cases by the user's own folds; else by subject, classes spread evenly.
+
+    Raises
+    ------
+    ParameterError
+        If the user's own folds cannot be used.
+    """
     from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold
+
+    own = table.own_folds
+    if own:
+        is_grouped, notes = fold_notes(own, table.y, table.groups, table.classes)
+        return Splits(list(own), is_grouped, notes)
 
     n_classes = len(table.classes)
     subjects = [len(np.unique(table.groups[table.y == k])) for k in range(n_classes)]

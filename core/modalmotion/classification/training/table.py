@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.classification.covariates import features_of
 from modalmotion.classification.features import (
     Column,
     FeatureReader,
@@ -26,7 +27,6 @@ from modalmotion.classification.model.domain import Sights
 from modalmotion.classification.model.model import Readable
 from modalmotion.classification.options import PoseOf, TrainingOptions
 from modalmotion.classification.training.case_groups import group_cases
-from modalmotion.classification.training.case_reading import ReadCase, read_cases, require_alike
 from modalmotion.classification.training.case_row import CaseRow
 from modalmotion.classification.training.cases import AnyCase
 from modalmotion.classification.training.feature_choices import (
@@ -34,6 +34,9 @@ from modalmotion.classification.training.feature_choices import (
     feature_choices,
     tells_walls,
 )
+from modalmotion.classification.training.kept_cases import KeptCases, keep_cases
+from modalmotion.classification.training.left_out import LeftOut, left_out_notes
+from modalmotion.classification.training.own_folds import Fold, folds_by
 from modalmotion.errors import ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.signature.making import ModalSignature, SignatureParameters
@@ -80,6 +83,13 @@ class CaseTable:
         Whether lengths have a unit; None where they have in some.
     hand_is_stated : bool
         Whether all cases state their handedness.
+    numbers : (cases,) int64
+        Of each case, as it was given.
+    n_given : int
+        Number of cases that were given.
+    left_out : tuple of LeftOut
+    own_folds : tuple of ((n,) int64, (m,) int64)
+        The user's own; none where folds are drawn.
     """
 
     example: ModalSignature
@@ -100,6 +110,10 @@ class CaseTable:
     measures: NDArray[np.float64]
     has_unit: bool | None
     hand_is_stated: bool
+    numbers: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    n_given: int = 0
+    left_out: tuple[LeftOut, ...] = ()
+    own_folds: tuple[Fold, ...] = ()
     _cache: dict[FeatureReader, NDArray[np.float64]] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
@@ -167,6 +181,8 @@ def collect(
     options: TrainingOptions,
     progress: Callable[[int], None] | None = None,
     parameters: SignatureParameters | None = None,
+    *,
+    drops_unlike: bool = False,
 ) -> CaseTable:
     """Read the features of labelled recordings, a few at a time, wherever joblib works.
 
@@ -178,6 +194,8 @@ def collect(
         Called with the number of cases that have been read.
     parameters : SignatureParameters, optional
         Of the signatures of sequences; those of the options by default.
+    drops_unlike : bool
+        Whether cases that do not compare with most are left out.
 
     Raises
     ------
@@ -188,16 +206,27 @@ def collect(
         others, one recording has two classes, or there are fewer than two classes.
     """
     fitting = options.signature_parameters if parameters is None else parameters
+    kept = keep_cases(cases, options, fitting, progress, drops_unlike=drops_unlike)
+    example = kept.example(cases, options, fitting)
+    try:
+        return _collected(kept, example, options)
+    except UnlikeCasesError:
+        if not drops_unlike:
+            raise
+        kept = kept.of_one_surface()
+        return _collected(kept, kept.example(cases, options, fitting), options)
+
+
+def _collected(
+    kept: KeptCases, example: ModalSignature | None, options: TrainingOptions
+) -> CaseTable:
     rows: list[CaseRow] = []
+    numbers: list[int] = []
     by_id: dict[str, list[CaseRow]] = {}
     labels: dict[str, str] = {}
-    first: ReadCase | None = None
     topologies: dict[str, list[tuple[str, str]]] = {}
-    n_same = 0
-    for number, case in enumerate(read_cases(cases, options, fitting)):
+    for number, case in zip(kept.numbers, kept.cases, strict=True):
         row = case.row
-        first = case if first is None else first
-        require_alike(case, first, number)
         known = labels.setdefault(row.sequence_id, row.label)
         if known != row.label:
             raise ParameterError(
@@ -209,24 +238,33 @@ def collect(
         topologies.setdefault(case.surface, []).append((row.sequence_id, case.name))
         # The same recording with the same modes says nothing new; as another topology it does.
         same = by_id.setdefault(row.sequence_id, [])
-        if any(np.array_equal(r.cycle.terms, row.cycle.terms) for r in same):
-            n_same += 1
-        else:
+        if not any(np.array_equal(r.cycle.terms, row.cycle.terms) for r in same):
             rows.append(row)
+            numbers.append(number)
             same.append(row)
-        if progress is not None:
-            progress(number + 1)
-    example = None if first is None else first.signature
     classes = tuple(sorted({row.label for row in rows}))
     if example is None or len(classes) < 2:
+        without = f", without the {len(kept.left_out)} that were left out" if kept.left_out else ""
         raise ParameterError(
-            f"The training cases have {len(classes)} class(es).",
+            f"The training cases have {len(classes)} class(es){without}.",
             remedy="Give cases of at least two classes.",
-            details={"classes": list(classes)},
+            details={"classes": list(classes), "left_out": [str(c) for c in kept.left_out[:20]]},
         )
     options.require_classes(classes)
+    n_same = len(kept.cases) - len(rows)
     notes = [f"{n_same} cases came twice and counted once."] if n_same else []
-    return _table(rows, classes, example, topologies, options, notes)
+    table = _table(rows, classes, example, topologies, options, notes)
+    own: tuple[Fold, ...] = ()
+    if options.fold is not None:
+        own = folds_by(options.fold, [row.covariates for row in rows], numbers)
+    return replace(
+        table,
+        numbers=np.array(numbers),
+        own_folds=own,
+        n_given=len(kept.cases) + len(kept.left_out),
+        left_out=kept.left_out,
+        notes=(*left_out_notes(kept.left_out), *table.notes),
+    )
 
 
 def class_counts(labels: Iterable[str]) -> dict[str, int]:
@@ -260,7 +298,7 @@ def _table(
         features = [row.walls if walls else row.axis for row in rows]
         values = np.array([one.values for one in features if one is not None])
         about_axis = np.array([one[1:] for one in features if one is not None])
-    subjects, groups, mixed = group_cases(rows)
+    subjects, groups, mixed = group_cases(rows, options.groups)
     if mixed:
         notes = [*notes, f"{mixed} recordings are of two subjects each; these are kept together."]
     lines = sorted(f"{r.sequence_id} {r.label} {s}" for r, s in zip(rows, subjects, strict=True))
@@ -294,7 +332,7 @@ def _table(
             True: tuple(row.cycle for row in rows),
             False: tuple(row.course for row in rows),
         },
-        covariates=tuple(row.covariates for row in rows),
+        covariates=features_of([row.covariates for row in rows], options),
         notes=tuple(notes),
         allowed=np.stack([row.allowed for row in rows]),
         measures=np.stack([row.measures for row in rows]),

@@ -20,6 +20,7 @@ from modalmotion.classification.training.basis import collect_in_one_basis
 from modalmotion.classification.training.cases import AnyCase
 from modalmotion.classification.training.domain_fit import fit_domain, with_limits
 from modalmotion.classification.training.fold_fit import FoldFit, fit_rows, predict_fold
+from modalmotion.classification.training.own_folds import Folds, folds_of
 from modalmotion.classification.training.splits import split_cases
 from modalmotion.classification.training.table import CaseTable
 from modalmotion.classification.training.training_card import empty_card, training_card
@@ -37,6 +38,7 @@ def train(
     name: str,
     options: TrainingOptions | None = None,
     progress: Callable[[float, str], None] | None = None,
+    cv: Folds | None = None,
 ) -> Model:
     """Train a model on labelled recordings.
 
@@ -49,6 +51,9 @@ def train(
     options : TrainingOptions, optional
     progress : callable, optional
         Called with the share that is done, 0 to 1, and the current step.
+    cv : splitter of scikit-learn or iterable of (indices, indices), optional
+        Folds of your own that predict each case once; indices count the cases from 0. See also
+        the options `fold` and `groups`.
 
     Returns
     -------
@@ -82,6 +87,10 @@ def train(
         report(share, f"reading case {number}")
 
     table = collect_in_one_basis(cases, options, reading)
+    if cv is not None:
+        labels = [table.classes[k] for k in table.y]
+        own = folds_of(cv, table.numbers, table.n_given, labels, table.groups)
+        table = replace(table, own_folds=own)
     splits = split_cases(table, options)
     n, n_classes = len(table), len(table.classes)
     probabilities = np.full((n, n_classes), 1.0 / n_classes)

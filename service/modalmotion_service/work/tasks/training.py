@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from modalmotion.classification import CaseFile, Model, TrainingOptions, train
+from modalmotion.classification import CaseFile, Model, TrainingCase, TrainingOptions, train
+from modalmotion.classification.training.cases import case_name
 from modalmotion.classification.training.parallel import joblib_backend
 from modalmotion.errors import ModalMotionError, ParameterError
 from modalmotion.facts import Named
@@ -33,7 +35,7 @@ def train_model(
     ----------
     plan : Path
         A line of JSON for each case: `id`, `label`, `subject`, `covariates` and the `path` of its
-        signature.
+        signature; or `left_out`, the reason why it has none.
     name : str
     options : dict
         As `TrainingOptions.as_json` gives them.
@@ -98,6 +100,17 @@ def _is_of_dask(error: Exception) -> bool:
     return isinstance(error, (OSError, TimeoutError, CancelledError, KilledWorker))
 
 
+@dataclass(frozen=True)
+class _Unfitted:
+    """A case that the training goes on without: its signature could not be made."""
+
+    name: str
+    reason: str
+
+    def read(self) -> TrainingCase:
+        raise ParameterError(f"{self.name}: {self.reason}")
+
+
 class _Cases:
     """Cases of a plan, line by line."""
 
@@ -109,10 +122,13 @@ class _Cases:
     def __len__(self) -> int:
         return self._n_cases
 
-    def __iter__(self) -> Iterator[CaseFile]:
+    def __iter__(self) -> Iterator[CaseFile | _Unfitted]:
         with self._plan.open() as lines:
             for line in lines:
                 case = json.loads(line)
+                if "left_out" in case:
+                    yield _Unfitted(case_name(case["id"]), case["left_out"])
+                    continue
                 yield CaseFile(
                     *(Path(case["path"]), case["id"], case["label"], case["subject"]),
                     covariates=Named(case["covariates"]),

@@ -10,6 +10,8 @@ from classify_samples import cohort
 from modalmotion import Facts, SignatureParameters, modal_signature
 from modalmotion.classification import CaseFile, TrainingCase, TrainingOptions, classify
 from modalmotion.classification.answer import classifier
+from modalmotion.classification.answer.readability import unreadable
+from modalmotion.classification.model.model import Model
 from modalmotion.classification.training.table import collect
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
@@ -61,6 +63,7 @@ def test_covariates_reach_the_model_that_is_asked(
     monkeypatch: pytest.MonkeyPatch, is_fitted: bool
 ) -> None:
     read: list[ModalSignature] = []
+
     def seen(signature: ModalSignature, model: Model) -> object:
         read.append(signature)
         return unreadable(signature, model)
