@@ -193,7 +193,8 @@ def test_an_explanation_names_the_modes_that_move_the_answer() -> None:
     sequence = simulate_ventricle(grid=(12, 24))
     signature = modal_signature(sequence)
     model = train(cohort(12), "explained", QUICK)
-    model = replace(model, domain=unlimited(model.domain))
+    everything = np.full_like(model.domain.limits, np.inf)
+    model = replace(model, domain=replace(model.domain, limits=everything))
     found = classify(signature, model)
     assert found.explanation
     scores = [abs(part.score) for part in found.explanation]
