@@ -61,8 +61,9 @@ def twin_signs(columns: tuple[Column, ...], *, mirror_turns_theta: bool) -> NDAr
             if has_sign and harmonic % 2 == 0:
                 signs[2, k] = -1.0
         else:
-            turned = words[0] == "runs" or "beside" in words[:2] or name.count("sin") % 2
-            if mirror_turns_theta and turned:
+            # Where each mode stands alone, products of a sine with a cosine.
+            turned = words[0] == "runs" or "beside" in words[:2] or name.count("sin") == 1
+            if mirror_turns_theta and turned and words[0] != "size":
                 signs[0, k] = -1.0
             if words[0] in _LEADS:
                 signs[1, k] = -1.0
