@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from modalmotion.classification import TrainingCase, TrainingOptions, classify, evaluate, train
 from modalmotion.classification.estimators.estimator import MotionClassifier
 from modalmotion.classification.features import axis_features
-from modalmotion.classification.model.reliability import calibration_curve, calibration_error
+from modalmotion.classification.measures.reliability import calibration_curve, calibration_error
 from modalmotion.classification.training.domain_fit import fit_domain
 from modalmotion.classification.training.fold_fit import fit_rows
 from modalmotion.classification.training.table import collect

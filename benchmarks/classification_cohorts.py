@@ -20,7 +20,7 @@ from scipy.stats import binomtest
 from modalmotion.classification import TrainingCase, classify, train
 from modalmotion.classification.estimators.estimator import MotionClassifier
 from modalmotion.classification.features import surface_size
-from modalmotion.classification.training.intervals import accuracy_interval
+from modalmotion.classification.measures.intervals import share_interval
 from modalmotion.formats import read_sequence
 from modalmotion.signature.distance import resample_to_phase
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
@@ -221,7 +221,7 @@ def _accuracies(
         ]
         share = {kind: float(hits.mean()) for kind, hits in right.items()}
         best = max(_PEERS, key=lambda kind: share[kind])
-        low, high = accuracy_interval(right["ours"], people)
+        low, high = share_interval(right["ours"], people)
         means.append([share["ours"], *(share[kind] for kind in _OTHERS)])
         # McNemar's exact test over the cases of which one is right and the other wrong.
         won = int((right["ours"] & ~right[best]).sum())

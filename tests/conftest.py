@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 from project import DATA
 from services import (  # fixtures, which pytest finds here
     beat,
@@ -45,6 +47,16 @@ __all__ = [
     "shared_data_dir",
     "trained",
 ]
+
+
+# Other examples in each run. A machine that has others to serve is slow to make one, or to try it.
+settings.register_profile(
+    "tests",
+    max_examples=30 * int(os.environ.get("SOAK", "1")),
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.load_profile("tests")
 
 
 @pytest.fixture

@@ -139,7 +139,7 @@ def on_lattice(topology: str) -> ModalSignature:
     return modal_signature(mesh_sequence(LATTICE, grid=(6, 10), topology=topology))
 
 
-QUICK = TrainingOptions(estimator="linear")
+QUICK = TrainingOptions(estimator="linear", repetitions=1, card="quick")
 
 TRIED = (
     Try(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import resource
 import stat
 from pathlib import Path
@@ -15,7 +14,6 @@ from running import RunningService
 from modalmotion.cli.commands import main
 from modalmotion.errors import ParameterError
 from modalmotion_service.environment import read_settings, unknown_variables
-from modalmotion_service.http.observation import LOG_CONFIG, Seldom
 
 
 def test_values_that_are_none_are_all_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -73,17 +71,3 @@ def test_a_started_service_is_private_warns_and_opens_many_files(tmp_path: Path)
         assert soft >= min(hard if hard != resource.RLIM_INFINITY else 65_536, 65_536)
     finally:
         service.stop()
-
-
-def test_the_same_complaint_is_logged_seldom_and_others_all_the_same() -> None:
-    def record(line: int) -> logging.LogRecord:
-        return logging.LogRecord("asyncio", logging.ERROR, "events.py", line, "text", (), None)
-
-    seldom = Seldom(seconds=60.0)
-    assert [seldom.filter(record(line)) for line in (1, 1, 2, 1, 2)] == [
-        *(True, False, True, False, False)
-    ]
-    often = Seldom(seconds=0.0)
-    assert all(often.filter(record(1)) for _ in range(3))
-    # The one whose complaints fill disks.
-    assert LOG_CONFIG["loggers"]["asyncio"] == {"filters": ["seldom"]}  # type: ignore[index]

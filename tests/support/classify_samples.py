@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modalmotion.classification import Model, TrainingCase, train
+from modalmotion.classification import Model, TrainingCase, TrainingOptions, train
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import MotionClass, simulate_cohort
+
+QUICK_CARD = TrainingOptions(repetitions=1, card="quick")
+"""What a user gets, without what only the card is for."""
 
 TWO = (MotionClass.NORMAL, MotionClass.HYPOKINESIA)
 
@@ -29,14 +32,14 @@ def cohort(n_per_class: int, seed: int = 11, classes: tuple[str, ...] = TWO) -> 
 
 @cache
 def small_model() -> Model:
-    """Trained on `cohort(6)` with the options that a user gets."""
-    return train(cohort(6), "small")
+    """Trained on `cohort(6)`."""
+    return train(cohort(6), "small", QUICK_CARD)
 
 
 @cache
 def curves_model() -> Model:
     """Trained on `curves(12)`."""
-    return train(curves(12), "tongue")
+    return train(curves(12), "tongue", QUICK_CARD)
 
 
 def curve(label: str, rng: np.random.Generator, n_frames: int = 24) -> MeshSequence:

@@ -27,7 +27,7 @@ class Energies:
 
     Parameters
     ----------
-    coefficients : (frames, modes, 3) float64, in units of the scale
+    coefficients : (frames, modes, n) float64, in units of the scale
         c of the largest set.
     outside : (frames,) float64, in units of the scale squared
         Mean square residual of the largest set.
@@ -35,7 +35,7 @@ class Energies:
         A power of two: squares neither overflow nor vanish.
     overlaps : (modes, modes) float64 or None
         G; None by weight, where it is the unit matrix.
-    cross : (frames, modes, 3) float64, in units of the scale, or None
+    cross : (frames, modes, n) float64, in units of the scale, or None
         b; None by weight, where it is zero.
     """
 
@@ -108,7 +108,7 @@ class Energies:
 
         Parameters
         ----------
-        c, cross : (rows, modes, 3) float64
+        c, cross : (rows, modes, n) float64
 
         Returns
         -------
@@ -119,25 +119,25 @@ class Energies:
             return squares
         # sum_{i,j >= k} G_ij c_i c_j grows by c_k (G_kk c_k + 2 sum_{j > k} G_kj c_j)
         G = np.diag(np.diag(self.overlaps)) + 2.0 * np.triu(self.overlaps, 1)
-        rows, m, _ = c.shape
+        rows, m, n_directions = c.shape
         flat = np.ascontiguousarray(c.transpose(1, 0, 2).reshape(m, -1))
-        later = product(G, flat).reshape(m, rows, 3).transpose(1, 0, 2)
+        later = product(G, flat).reshape(m, rows, n_directions).transpose(1, 0, 2)
         added: NDArray[np.float64] = (c * (later + 2.0 * cross)).sum(axis=2)
         return added
 
 
 def energies_of(basis: Basis, fit: Fit) -> Energies:
     """Take the energies by weight of a motion from the fit of the largest set."""
-    f, m, _ = fit.amplitudes.shape
+    f, m, n_directions = fit.amplitudes.shape
     largest = max(
         float(fit.weighted_motion_rms.max()), float(np.abs(fit.amplitudes).max(initial=0.0))
     )
     scale = power_of_two(largest)
-    a = (fit.amplitudes / scale).transpose(0, 2, 1).reshape(3 * f, m)
+    a = (fit.amplitudes / scale).transpose(0, 2, 1).reshape(n_directions * f, m)
     # c = R a
     c = product(np.ascontiguousarray(a), np.ascontiguousarray(basis.triangle.T))
     return Energies(
-        coefficients=np.ascontiguousarray(c.reshape(f, 3, m).transpose(0, 2, 1)),
+        coefficients=np.ascontiguousarray(c.reshape(f, n_directions, m).transpose(0, 2, 1)),
         outside=(fit.errors.weighted_rms / scale) ** 2,
         scale=scale,
     )

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from modalmotion.alignment.displacements import DisplacementBlock, Displacements
 from modalmotion.alignment.reference import displacements_from
-from modalmotion.choice.parameters import SignatureParameters
+from modalmotion.choice.parameters import SignatureKind, SignatureParameters
 from modalmotion.fit.basis import Basis
 from modalmotion.fit.fit import Fit, fit_displacements
+from modalmotion.fit.offsets import Offsets, offsets_of
 from modalmotion.fit.superposition import Superposition
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.numeric.products import product
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, local_frames, to_local
 
@@ -32,12 +34,16 @@ class Fitter:
     parameters : SignatureParameters
     displacements : Displacements
         Of the sequence, from the reference that the parameters name.
+    offsets : Offsets or None
+        Where the parameters ask for them: the sequence and its displacements are then those of
+        its offsets.
     """
 
     sequence: MeshSequence
     template: Template
     parameters: SignatureParameters
     displacements: Displacements
+    offsets: Offsets | None = None
 
     @staticmethod
     def of(
@@ -52,30 +58,44 @@ class Fitter:
             template.isolated,
             remove_rotation=parameters.remove_rotation,
         )
-        return Fitter(sequence, template, parameters, displacements)
+        if parameters.kind == SignatureKind.MATERIAL:
+            return Fitter(sequence, template, parameters, displacements)
+        offsets = offsets_of(displacements, template)
+        along = offsets.displacements
+        return Fitter(along.sequence, template, parameters, along, offsets)
 
     def asking(self, **changes: Any) -> Fitter:
         """Fit otherwise, from the same reference: parameters that no template depends on."""
         parameters = replace(self.parameters, **changes)
-        displacements = replace(self.displacements, remove_rotation=parameters.remove_rotation)
+        displacements = self.displacements
+        if self.offsets is None:
+            displacements = replace(displacements, remove_rotation=parameters.remove_rotation)
         return replace(self, parameters=parameters, displacements=displacements)
 
     @cached_property
     def frames(self) -> NDArray[np.float64] | None:
-        """Local directions of the components, (vertices, 3, 3) float64; None for x, y, z.
+        """Local directions of the components, (vertices, n, 3) float64; None for x, y, z.
 
         Raises
         ------
         TopologyError
             If the surface has no axis to split components by.
         """
+        if self.offsets is not None:
+            return self.offsets.directions
         if self.parameters.components == Components.CARTESIAN:
             return None
         return local_frames(self.template)
 
     def fit(self, basis: Basis) -> Fit:
         """Fit factored modes to every frame; errors as `fit_displacements`."""
-        return fit_displacements(self.displacements, basis, self.frames)
+        fit = fit_displacements(self.displacements, basis, self.frames)
+        if self.offsets is None:
+            return fit
+        # Offsets are scalars, and the reference's own shape is none of them.
+        shape, n_modes = self.displacements.shape, len(basis.modes)
+        own = product(shape.rest, basis.columns)[:, :n_modes].T * shape.scale
+        return replace(fit, reference_amplitudes=own)
 
     def in_components(
         self, block: DisplacementBlock
@@ -84,7 +104,7 @@ class Fitter:
 
         Returns
         -------
-        u : (frames, 3, vertices) float64, in units of the shape's scale
+        u : (frames, n, vertices) float64, in units of the shape's scale
         loose_u : (frames, n, 3) float64, length unit
             Of the vertices in no triangle.
         """

@@ -41,10 +41,10 @@ def largest_errors(
         scale = block.shape.scale
         u, loose_u = fitter.in_components(block)
         loose_psi = np.ascontiguousarray(psi[:, block.loose].T)
-        f, _, n = u.shape
+        f, n_directions, n = u.shape
         c = energies.coefficients[block.frames] * (energies.scale / scale)
-        rows = u.reshape(3 * f, n)
-        flat = np.ascontiguousarray(c.transpose(0, 2, 1)).reshape(3 * f, -1)
+        rows = u.reshape(n_directions * f, n)
+        flat = np.ascontiguousarray(c.transpose(0, 2, 1)).reshape(n_directions * f, -1)
         done = 0
         for k, count in enumerate(counts.tolist()):
             rows -= product(np.ascontiguousarray(flat[:, done:count]), psi[done:count])
@@ -52,7 +52,7 @@ def largest_errors(
                 energies.coefficients[block.frames, done:count] * energies.scale
             )
             done = count
-            squares = (rows.reshape(f, 3, n) ** 2).sum(axis=1)
+            squares = (rows.reshape(f, n_directions, n) ** 2).sum(axis=1)
             squares[:, block.shape.ignored] = 0.0
             largest[k] = max(
                 largest[k],

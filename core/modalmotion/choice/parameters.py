@@ -40,6 +40,16 @@ class ErrorKind(StrEnum):
     MAX = "max"
 
 
+class SignatureKind(StrEnum):
+    """What amplitudes are of: displacements of points, or offsets of the surface.
+
+    Offsets are distances along the reference's normals; they see no motion within the surface.
+    """
+
+    MATERIAL = "material"
+    OFFSET = "offset"
+
+
 class ModeOrder(StrEnum):
     """Which modes come first: the fixed order of the topology, or those with most energy."""
 
@@ -47,7 +57,10 @@ class ModeOrder(StrEnum):
     ENERGY = "energy"
 
 
-@shown("modes", "tolerance", "tolerance_of", "auto", "topology", "reference", "components", "key")
+@shown(
+    *("modes", "tolerance", "tolerance_of", "auto", "topology", "reference", "components", "kind"),
+    "key",
+)
 @dataclass(frozen=True)
 class SignatureParameters:
     """Request for a signature.
@@ -58,7 +71,8 @@ class SignatureParameters:
     Parameters
     ----------
     modes : int or None
-        Number of modes; each has three amplitudes a frame. Rounded up where a cosine-sine pair
+        Number of modes; each has three amplitudes a frame, or one of offsets. Rounded up where a
+        cosine-sine pair
         would be split, unless `split_pairs`. None where it follows from the data.
     topology : str or None
         Name of the topology, over what the sequence states; "mesh" for the spring modes of the
@@ -102,11 +116,15 @@ class SignatureParameters:
     split_pairs : bool
         Take the stated number of modes exactly: the amplitudes of a cosine without
         its sine depend on where theta is zero, and compare only where that is the same.
+    kind : SignatureKind
+        MATERIAL follows the vertices. OFFSET has one amplitude a mode, of how far the surface
+        lies from the reference along its normals, and does not see where on it the vertices are:
+        see `modalmotion.fit.offsets`.
     volumes : bool
         Whether the signature holds the volume that the surface encloses in each frame, which
         models may read.
     amplitudes : int, optional
-        In place of `modes`: amplitudes a frame, three of a mode.
+        In place of `modes`: amplitudes a frame, three of a mode, or one of offsets.
     """
 
     modes: int | None = None
@@ -129,6 +147,7 @@ class SignatureParameters:
     most_modes: int | None = None
     harmonics: int | None = None
     split_pairs: bool = False
+    kind: SignatureKind = SignatureKind.MATERIAL
     volumes: bool = False
     amplitudes: InitVar[int | None] = None
 
@@ -139,7 +158,9 @@ class SignatureParameters:
         if amplitudes is not None:
             if self.modes is not None:
                 raise _several_requests(["modes", "amplitudes"])
-            object.__setattr__(self, "modes", -(-whole("amplitudes", amplitudes) // 3))
+            n_directions = 1 if self.kind == SignatureKind.OFFSET else 3
+            n_modes = -(-whole("amplitudes", amplitudes) // n_directions)
+            object.__setattr__(self, "modes", n_modes)
         self._take_kinds()
         values = {name: getattr(self, name) for name in _WAYS}
         requests = [name for name, value in values.items() if not (value is None or value is False)]
@@ -161,6 +182,7 @@ class SignatureParameters:
                 remedy="Leave out split_pairs, or ask by modes or amplitudes and leave the order "
                 "fixed.",
             )
+        self._require_kind()
         # Beyond it the energy, which contains its square, may overflow.
         if not 0 < self.wave_speed <= FASTEST_WAVE:
             raise ParameterError(
@@ -177,6 +199,22 @@ class SignatureParameters:
         if self.harmonics is not None and self.harmonics < 0:
             raise ParameterError(
                 f"{self.harmonics} harmonics were requested.", remedy="Use 0 or more."
+            )
+
+    def _require_kind(self) -> None:
+        """Refuse for offsets what only displacements have."""
+        if self.kind == SignatureKind.MATERIAL:
+            return
+        if self.components != Components.CARTESIAN:
+            raise ParameterError(
+                f"An offset is one number a mode, so there are no {self.components} components "
+                "of it.",
+                remedy="Leave the components out, or ask for the kind material.",
+            )
+        if self.auto:
+            raise ParameterError(
+                "The noise of vertices, where auto stops, is not known of offsets.",
+                remedy="Ask by modes, tolerance or tolerance_share, or for the kind material.",
             )
 
     def _take_kinds(self) -> None:
@@ -202,6 +240,7 @@ class SignatureParameters:
                     ("components", Components),
                     ("tolerance_of", ErrorKind),
                     ("order", ModeOrder),
+                    ("kind", SignatureKind),
                 )
             },
             "grid": whole_numbers,
@@ -219,6 +258,11 @@ class SignatureParameters:
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, take(name, value))
+
+    @property
+    def n_directions(self) -> int:
+        """Number of amplitudes of a mode in each frame."""
+        return 1 if self.kind == SignatureKind.OFFSET else 3
 
     @property
     def is_adaptive(self) -> bool:
@@ -290,6 +334,7 @@ _LEFT_OUT: Final = (
     "harmonics",
     "split_pairs",
     "merge_vertices",
+    "kind",
     "volumes",
 )
 

@@ -34,14 +34,16 @@ def plain_energies_of(fitter: Fitter, basis: Basis, fit: Fit) -> Energies:
         u, loose_u = fitter.in_components(block)
         c = weighted.coefficients[block.frames]
         loose_u = loose_u - columns[block.loose] @ (c * weighted.scale)
-        f = len(u)
+        f, n_directions, _ = u.shape
         c = c * (weighted.scale / block.shape.scale)
         # r = u - sum_j c_j psi_j
-        rows = u.reshape(3 * f, n)
-        rows -= product(np.ascontiguousarray(c.transpose(0, 2, 1)).reshape(3 * f, m), psi)
+        rows = u.reshape(n_directions * f, n)
+        flat = np.ascontiguousarray(c.transpose(0, 2, 1)).reshape(n_directions * f, m)
+        rows -= product(flat, psi)
         rows *= block.shape.scale / scale
         u[:, :, block.loose] = loose_u.transpose(0, 2, 1) / scale
-        cross[block.frames] = product(rows, columns).reshape(f, 3, m).transpose(0, 2, 1) / n
+        dots = product(rows, columns).reshape(f, n_directions, m)
+        cross[block.frames] = dots.transpose(0, 2, 1) / n
     return Energies(
         coefficients=weighted.coefficients * (weighted.scale / scale),
         outside=(fit.errors.rms / scale) ** 2,

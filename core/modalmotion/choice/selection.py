@@ -18,7 +18,7 @@ from modalmotion.choice.limit import (
 )
 from modalmotion.choice.noise_level import measure_noise, modes_until_noise
 from modalmotion.choice.ordered_sets import ENERGY_POOL, notes_on, sorted_ladder
-from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureParameters
+from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureKind, SignatureParameters
 from modalmotion.choice.reason import COMPACT, ModelChoice, note_on_compactness
 from modalmotion.choice.scene import NUMBERS, Scene, SceneKind, scene_of
 from modalmotion.choice.smallest_set import smallest_within
@@ -59,9 +59,12 @@ def select_model(fitter: Fitter, cache: TemplateCache) -> Model:
     if parameters.auto:
         return _until_noise(fitter, smallest, scene)
     limit = limit_of(parameters, sequence, first.fit)
-    kind = simplest(scene, limit, parameters.tolerance_of)
+    kind, errors = simplest(scene, limit, parameters.tolerance_of), scene.errors
+    if parameters.kind == SignatureKind.OFFSET and kind != SceneKind.STATIC:
+        # The other kinds are of displacements.
+        kind, errors = SceneKind.DEFORMABLE, {SceneKind.STATIC: scene.static.error}
     way = "tolerance" if parameters.tolerance is not None else "tolerance_share"
-    choice = ModelChoice(way, limit, parameters.tolerance_of, None, kind, scene.errors, None)
+    choice = ModelChoice(way, limit, parameters.tolerance_of, None, kind, errors, None)
     if kind == SceneKind.STATIC:
         model = static_model(fitter, smallest, scene.static)
         return _noted(model, choice, sequence)
@@ -137,7 +140,9 @@ def _on_size(model: Model, sequence: MeshSequence) -> tuple[str, ...]:
 
 
 def _may_flatten(parameters: SignatureParameters) -> bool:
-    return parameters.components == Components.CARTESIAN and parameters.remove_rotation
+    is_material = parameters.kind == SignatureKind.MATERIAL
+    is_cartesian = parameters.components == Components.CARTESIAN
+    return is_material and is_cartesian and parameters.remove_rotation
 
 
 def _noted(model: Model, choice: ModelChoice, sequence: MeshSequence) -> Model:
@@ -145,7 +150,7 @@ def _noted(model: Model, choice: ModelChoice, sequence: MeshSequence) -> Model:
     notes = list(model.notes)
     if choice.noise is not None:
         notes.append(choice.noise.note(sequence.unit))
-    kind, n = choice.scene, 3 * len(model.modes)
+    kind, n = choice.scene, model.fit.amplitudes[0].size
     if kind != SceneKind.DEFORMABLE:
         error = choice.errors[kind].rms
         text = f"The scene is {kind}: "

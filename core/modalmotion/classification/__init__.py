@@ -1,31 +1,44 @@
 """Motion classes: models, their training and tests, and their answers for signatures."""
 
+from typing import TYPE_CHECKING
+
 from modalmotion.classification.answer.classification import Classification
 from modalmotion.classification.answer.classifier import classify
 from modalmotion.classification.answer.explanation import ModeContribution, only_modes
 from modalmotion.classification.answer.flags import FLAGS
+from modalmotion.classification.evaluation.comparison import Comparison, compare_models
+from modalmotion.classification.evaluation.evaluation import Evaluation, evaluate
 from modalmotion.classification.model.card import ModelCard
+from modalmotion.classification.model.cross_validation import CrossValidation
 from modalmotion.classification.model.hdf5 import model_from_hdf5, model_to_hdf5
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.model.shipped import DEFAULT_MODEL, available_models, load_model
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.cases import CaseFile, TrainingCase
-from modalmotion.classification.training.evaluation import Evaluation, evaluate
 from modalmotion.classification.training.training import train
+
+if TYPE_CHECKING:
+    from modalmotion.classification.estimators.estimator import MotionClassifier
+    from modalmotion.classification.tables.signature_features import SignatureFeatures
 
 __all__ = [
     "DEFAULT_MODEL",
     "FLAGS",
     "CaseFile",
     "Classification",
+    "Comparison",
+    "CrossValidation",
     "Evaluation",
     "ModeContribution",
     "Model",
     "ModelCard",
+    "MotionClassifier",
+    "SignatureFeatures",
     "TrainingCase",
     "TrainingOptions",
     "available_models",
     "classify",
+    "compare_models",
     "evaluate",
     "load_model",
     "model_from_hdf5",
@@ -33,3 +46,16 @@ __all__ = [
     "only_modes",
     "train",
 ]
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name (PEP 562): these two need scikit-learn, which takes a second."""
+    if name == "MotionClassifier":
+        from modalmotion.classification.estimators.estimator import MotionClassifier
+
+        return MotionClassifier
+    if name == "SignatureFeatures":
+        from modalmotion.classification.tables.signature_features import SignatureFeatures
+
+        return SignatureFeatures
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

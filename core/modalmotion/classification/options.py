@@ -14,9 +14,10 @@ from modalmotion.facts import Named
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.modes.topology import MESH, Topology
 from modalmotion.representation import shown
-from modalmotion.signature.making import MOST_MODES, SignatureParameters
+from modalmotion.signature.making import MOST_MODES, SignatureKind, SignatureParameters
 
 MOST_FOLDS: Final = 20
+MOST_REPETITIONS: Final = 20
 MOST_HARMONICS: Final = 8
 
 
@@ -53,6 +54,13 @@ class Timing(StrEnum):
     COURSE = "course"
 
 
+class CardKind(StrEnum):
+    """What a card holds: `QUICK` leaves the learning curve out."""
+
+    FULL = "full"
+    QUICK = "quick"
+
+
 class PoseOf(StrEnum):
     """Whether recordings share their coordinates, or may be turned any way."""
 
@@ -79,6 +87,9 @@ class TrainingOptions:
         Of the signatures; see `SignatureParameters`.
     topology : str or None
         Of the signatures: None lets the cases decide, all together. "mesh" for spring modes.
+    kind : SignatureKind
+        Of the signatures: MATERIAL where vertices follow the tissue, OFFSET where they may slide
+        over it.
     harmonics : int
         Of each part of the motion.
     timing : Timing
@@ -89,6 +100,9 @@ class TrainingOptions:
     class_weights : ClassWeights or mapping of label to float
     folds : int
         Of the grouped cross-validation.
+    repetitions : int
+        Of the cross-validation, each with folds of its own.
+    card : CardKind
     fold : str or None
         Covariate whose values are the folds; else they are drawn.
     groups : str or None
@@ -110,6 +124,7 @@ class TrainingOptions:
 
     modes: int = 7
     topology: str | None = None
+    kind: SignatureKind | str = SignatureKind.MATERIAL
     harmonics: int = 2
     timing: Timing | str = Timing.AUTO
     pose: PoseOf | str = PoseOf.ANY
@@ -117,6 +132,8 @@ class TrainingOptions:
     estimator: Estimator | str = Estimator.AUTO
     class_weights: ClassWeights | str | Mapping[str, float] = ClassWeights.NONE
     folds: int = 5
+    repetitions: int = 5
+    card: CardKind | str = CardKind.FULL
     fold: str | None = None
     groups: str | None = None
     on_error: OnError | str = OnError.RAISE
@@ -126,10 +143,12 @@ class TrainingOptions:
 
     def __post_init__(self) -> None:
         for name, kind in (
+            ("kind", SignatureKind),
             ("timing", Timing),
             ("pose", PoseOf),
             ("walls", Walls),
             ("estimator", Estimator),
+            ("card", CardKind),
             ("on_error", OnError),
         ):
             object.__setattr__(self, name, _member(kind, name, getattr(self, name)))
@@ -137,6 +156,7 @@ class TrainingOptions:
             ("modes", 1, MOST_MODES),
             ("harmonics", 1, MOST_HARMONICS),
             ("folds", 2, MOST_FOLDS),
+            ("repetitions", 1, MOST_REPETITIONS),
             ("seed", 0, 2**32 - 1),
         ):
             value = getattr(self, name)
@@ -200,7 +220,12 @@ class TrainingOptions:
 
         From the mean shape, for the shape of one frame depends on where a recording starts.
         """
-        return SignatureParameters(modes=self.modes, reference=MEAN, topology=self.topology)
+        return SignatureParameters(
+            modes=self.modes,
+            reference=MEAN,
+            topology=self.topology,
+            kind=SignatureKind(self.kind),
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Return the options as JSON-able values."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from modalmotion.classification.answer.classifier import fitted_for
@@ -29,12 +29,31 @@ def usable_cases(
     TrainingCase
         With a signature.
     """
+    for _, (case,) in cases_for_models((model,), cases, left_out):
+        yield case
+
+
+def cases_for_models(
+    models: Sequence[Model], cases: Iterable[AnyCase], left_out: list[LeftOut]
+) -> Iterator[tuple[int, tuple[TrainingCase, ...]]]:
+    """Read cases and fit each for all of several models, as `usable_cases` does.
+
+    Yields
+    ------
+    (int, tuple of TrainingCase)
+        Number of the case, from 0, and for each model the case with a signature.
+    """
     for number, source in enumerate(cases):
         try:
             case = source if isinstance(source, TrainingCase) else source.read()
-            if isinstance(case.motion, MeshSequence):
-                case = replace(case, motion=fitted_for(model, case.motion))
+            fitted = tuple(_fitted(case, model) for model in models)
         except UNUSABLE as error:
             left_out.append(LeftOut.of(error, source.name or f"case {number}"))
             continue
-        yield case
+        yield number, fitted
+
+
+def _fitted(case: TrainingCase, model: Model) -> TrainingCase:
+    if not isinstance(case.motion, MeshSequence):
+        return case
+    return replace(case, motion=fitted_for(model, case.motion))

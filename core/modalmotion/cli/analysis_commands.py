@@ -14,6 +14,7 @@ from modalmotion.cli.options import (
     components_option,
     example,
     json_option,
+    kind_option,
     list_written,
     merge_option,
     mode_options,
@@ -45,6 +46,7 @@ from modalmotion.tradeoff import Price, price_of
 @weights_option
 @merge_option
 @components_option
+@kind_option
 @rotation_option
 @volumes_option
 @plot_option
@@ -119,7 +121,8 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
         "n_frames": result.n_frames,
         "n_vertices": result.n_vertices,
         "modes": len(result.modes),
-        "amplitudes_per_frame": 3 * len(result.modes),
+        "kind": result.kind.value,
+        "amplitudes_per_frame": result.n_amplitudes,
         "unit": result.unit,
         "facts": facts_as_json(result.facts),
         "rms_error": result.rms_error,

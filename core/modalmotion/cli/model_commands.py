@@ -13,10 +13,10 @@ import click
 from modalmotion.cli.cases import LabelledSequence, labelled_files
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.model_texts import (
-    accuracy_text,
     answer_json,
     answer_lines,
     card_lines,
+    comparison_lines,
     evaluation_lines,
 )
 from modalmotion.cli.options import (
@@ -43,6 +43,8 @@ _HELP: Final = {
     "estimator": "Turns features into scores; auto chooses by cross-validation.",
     "class_weights": "balanced: rare classes count as much as frequent ones.",
     "folds": "Folds of the grouped cross-validation.",
+    "repetitions": "Repetitions of the cross-validation, each with folds of its own.",
+    "card": "full, or quick: without a learning curve.",
     "fold": "Column of the manifest whose values are the folds, in place of drawn ones.",
     "groups": "Column of the manifest, such as site, whose cases stay on one side of each split.",
     "coverage": "Level of the card's class sets.",
@@ -77,6 +79,13 @@ def _training_options(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
+_cases_option = click.option(
+    "--cases",
+    "cases_file",
+    type=OutputFile(".csv"),
+    help="Table to write: probabilities of each case, held out (.csv).",
+)
+
 _labelled_files = several(
     click.argument(
         "sources",
@@ -100,12 +109,14 @@ _labelled_files = several(
 @click.option("--name", required=True, help="Name of the model: lower-case letters, digits, . _ -")
 @click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
 @plot_option
+@_cases_option
 @_training_options
 def train(
     sources: tuple[Path, ...],
     name: str,
     out: Path,
     plot: Path | None,
+    cases_file: Path | None,
     unit: str | None,
     skip_unreadable: bool,
     **options: Any,
@@ -135,7 +146,12 @@ def train(
 
         write_picture(card_figure(model.card, name), plot)
     click.echo(card_lines(model.name, model.id, model.card))
-    list_written(out, plot)
+    if cases_file is not None and model.cross_validation is not None:
+        write_atomic(cases_file, model.cross_validation.as_csv().encode())
+    elif cases_file is not None:
+        click.echo("note: without a cross-validation there is no table of held-out cases")
+        cases_file = None
+    list_written(out, plot, cases_file)
 
 
 @click.command(epilog=example("evaluate mine.h5 others.csv"))
@@ -143,12 +159,14 @@ def train(
 @_labelled_files
 @_COVERAGE
 @plot_option
+@_cases_option
 @json_option
 def evaluate(
     model: str,
     sources: tuple[Path, ...],
     coverage: float,
     plot: Path | None,
+    cases_file: Path | None,
     as_json: bool,
     unit: str | None,
     skip_unreadable: bool,
@@ -161,6 +179,7 @@ def evaluate(
     from modalmotion.classification import evaluate as test
     from modalmotion.classification.training.left_out import left_out_notes
     from modalmotion.classification.usable_cases import usable_cases
+    from modalmotion.store import write_atomic
 
     stored_model = model_named(model)
     files = labelled_files(sources, skip_unreadable=skip_unreadable)
@@ -172,21 +191,49 @@ def evaluate(
             cases = usable_cases(stored_model, bar, left_out)
         result = test(stored_model, cases, coverage)
     if plot is not None:
-        from modalmotion.pictures.model_card import measured_figure
+        from modalmotion.pictures.model_card import evaluation_figure
 
-        figure = measured_figure(
-            title=f"{result.model}: {accuracy_text(result.accuracy, result.accuracy_interval)}, "
-            f"{result.n_cases} cases",
-            classes=result.classes,
-            confusion=result.confusion,
-            curve=result.calibration_curve,
-            calibration_error=result.calibration_error,
-        )
-        write_picture(figure, plot)
+        write_picture(evaluation_figure(result), plot)
+    if cases_file is not None:
+        write_atomic(cases_file, result.as_csv().encode())
     click.echo(json.dumps(result.as_json(), indent=2) if as_json else evaluation_lines(result))
     for note in left_out_notes(left_out):
         click.echo(note, err=as_json)
-    list_written(plot, as_json=as_json)
+    list_written(plot, cases_file, as_json=as_json)
+
+
+@click.command(epilog=example("compare-models mine.h5 other.h5 cases.csv"))
+@click.argument("first", metavar="MODEL")
+@click.argument("second", metavar="OTHER")
+@_labelled_files
+@_COVERAGE
+@json_option
+def compare_models(
+    first: str,
+    second: str,
+    sources: tuple[Path, ...],
+    coverage: float,
+    as_json: bool,
+    unit: str | None,
+    skip_unreadable: bool,
+) -> None:
+    """Compare MODEL and OTHER on the same labelled sequences.
+
+    Each is a file or a name. MANIFEST and FILES are as for training, of subjects that neither model
+    was trained on. Subjects are resampled whole.
+    """
+    from modalmotion.classification import compare_models as compare
+    from modalmotion.classification.training.left_out import left_out_notes
+
+    models = model_named(first), model_named(second)
+    files = labelled_files(sources, skip_unreadable=skip_unreadable)
+    cases = [LabelledSequence(file, {"unit": unit}) for file in files]
+    left_out: list[LeftOut] = []
+    with click.progressbar(cases, label="cases", file=sys.stderr) as bar:
+        result = compare(*models, bar, coverage, left_out=left_out if skip_unreadable else None)
+    click.echo(json.dumps(result.as_json(), indent=2) if as_json else comparison_lines(result))
+    for note in left_out_notes(left_out):
+        click.echo(note, err=as_json)
 
 
 @click.command(epilog=example("classify beat.npz --model mine.h5"))

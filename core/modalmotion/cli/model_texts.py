@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from modalmotion.numerals import numeral
 
 if TYPE_CHECKING:
-    from modalmotion.classification import Classification, Evaluation, ModelCard
+    from modalmotion.classification import Classification, Comparison, Evaluation, ModelCard
 
 
 def card_lines(name: str, model_id: str, card: ModelCard) -> str:
@@ -23,9 +24,11 @@ def card_lines(name: str, model_id: str, card: ModelCard) -> str:
     if card.accuracy is not None:
         how = "subjects apart" if card.is_grouped else "cases apart"
         accuracy = accuracy_text(card.accuracy, card.accuracy_interval)
-        lines += [f"cross-validated, {how}: {accuracy}", *_matrix(card.classes, card.confusion)]
+        lines.append(f"cross-validated, {how}: {accuracy}")
+        lines += [*_spread(card), *_figures(card)]
+        lines += _matrix(card.classes, card.confusion, len(card.repetitions))
         lines += _sets(card.coverage, card.class_coverage, card.mean_set_size)
-        lines.append(f"expected calibration error {card.calibration_error:.3f}")
+        lines += _learning_curve(card)
     return "\n".join(lines + [f"note: {note}" for note in card.notes])
 
 
@@ -38,10 +41,35 @@ def evaluation_lines(result: Evaluation) -> str:
         f"without a class {100 * result.abstained:.1f} %",
     ]
     lines += [f"  {100 * share:5.1f} %  {flag}" for flag, share in result.flagged.items()]
-    lines += _matrix(result.classes, result.confusion)
+    lines += [*_figures(result), *_matrix(result.classes, result.confusion)]
     lines += _sets(result.coverage, result.class_coverage, result.mean_set_size)
-    lines.append(f"expected calibration error {result.calibration_error:.3f}")
-    return "\n".join(lines)
+    return "\n".join(lines + [f"note: {note}" for note in result.notes])
+
+
+def comparison_lines(result: Comparison) -> str:
+    """Write two models side by side."""
+    first, second = result.models
+    names = [f"{m} (id {i[:12]})" for m, i in zip(result.models, result.model_ids, strict=True)]
+    lines = [
+        f"{result.n_cases} sequences of {result.n_subjects} subjects",
+        f"difference: {names[1]} less {names[0]}",
+    ]
+    for name, figure in (
+        ("accuracy", result.accuracy),
+        ("AUC", result.auc),
+        ("log loss", result.log_loss),
+        ("Brier score", result.brier),
+    ):
+        if figure is not None:
+            lines.append(
+                f"  {name:12s} {figure.first:.3f}  {figure.second:.3f}  {figure.difference:+.3f} "
+                f"(95 % interval {figure.low:+.3f} to {figure.high:+.3f}), p = {figure.p:.3g}"
+            )
+    lines.append(
+        f"right alone: {first} on {result.only_first} sequences, {second} on {result.only_second}"
+    )
+    lines.append(result.methods)
+    return "\n".join(lines + [f"note: {note}" for note in result.notes])
 
 
 def accuracy_text(share: float, interval: tuple[float, float] | None) -> str:
@@ -52,7 +80,72 @@ def accuracy_text(share: float, interval: tuple[float, float] | None) -> str:
     return f"accuracy {100 * share:.1f} % (95 % interval {100 * low:.1f} to {100 * high:.1f})"
 
 
-def _matrix(classes: tuple[str, ...], confusion: tuple[tuple[int, ...], ...]) -> list[str]:
+def _spread(card: ModelCard) -> list[str]:
+    """Write how far the repetitions differ."""
+    if len(card.repetitions) < 2:
+        return []
+    parts = []
+    for name, (text, factor, form) in _REPEATED.items():
+        values = [each[name] for each in card.repetitions]
+        known = [factor * value for value in values if value is not None]
+        if known:
+            parts.append(f"{text} {min(known):{form}} to {max(known):{form}}")
+    return [f"{len(card.repetitions)} repetitions: {', '.join(parts)}"]
+
+
+_REPEATED: Final = {
+    "accuracy": ("accuracy %", 100.0, ".1f"),
+    "auc": ("AUC", 1.0, ".3f"),
+    "log_loss": ("log loss", 1.0, ".3f"),
+}
+
+
+def _figures(measured: ModelCard | Evaluation) -> list[str]:
+    """Write AUC, losses, calibration, and sensitivity and specificity of each class."""
+    if measured.log_loss is None or measured.brier is None:
+        return []
+    area = "" if measured.auc is None else f"AUC {_with(measured.auc, measured.auc_interval)}, "
+    lines = [
+        f"{area}log loss {_with(measured.log_loss, measured.log_loss_interval)}",
+        f"Brier score {_with(measured.brier, measured.brier_interval)}",
+        f"expected calibration error {measured.calibration_error:.3f}",
+    ]
+    for label, (value, *interval) in measured.sensitivity.items():
+        line = f"  {label}: sensitivity {_with(100 * value, [100 * x for x in interval], 1)} %"
+        if label in measured.specificity:
+            value, *interval = measured.specificity[label]
+            line += f", specificity {_with(100 * value, [100 * x for x in interval], 1)} %"
+        if label in measured.class_auc:
+            value, *interval = measured.class_auc[label]
+            line += f", AUC {_with(value, interval)}"
+        lines.append(line)
+    return lines
+
+
+def _with(value: float, interval: Sequence[float] | None, digits: int = 3) -> str:
+    """Write a value with its interval."""
+    if interval is None:
+        return f"{value:.{digits}f}"
+    low, high = interval
+    return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def _learning_curve(card: ModelCard) -> list[str]:
+    if not card.learning_curve:
+        return []
+    lines = ["learning curve (training cases a class: accuracy, AUC, log loss):"]
+    for point in card.learning_curve:
+        area = "-" if point["auc"] is None else f"{point['auc']:.3f}"
+        lines.append(
+            f"  {point['per_class']:5d}: {100 * point['accuracy']:5.1f} %  {area}  "
+            f"{point['log_loss']:.3f}"
+        )
+    return lines
+
+
+def _matrix(
+    classes: tuple[str, ...], confusion: tuple[tuple[int, ...], ...], n_repetitions: int = 1
+) -> list[str]:
     """Write counts of answers (columns) by true class (rows)."""
     if not confusion:
         return []
@@ -60,7 +153,8 @@ def _matrix(classes: tuple[str, ...], confusion: tuple[tuple[int, ...], ...]) ->
     keys = [str(number + 1) for number in range(len(classes))] + ["-"]
     width = 1 + max(len(str(count)) for row in confusion for count in row)
     width = max(width, 1 + max(map(len, keys)))
-    lines = ["confusion (answers in columns, by the number of their class):"]
+    repeated = f", {n_repetitions} repetitions together" if n_repetitions > 1 else ""
+    lines = [f"confusion (answers in columns, by the number of their class{repeated}):"]
     lines.append("     " + "".join(key.rjust(width) for key in keys[: len(answers)]))
     for key, label, row in zip(keys, classes, confusion, strict=False):
         counts = "".join(str(count).rjust(width) for count in row)

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import click
 
-from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureParameters
+from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureKind, SignatureParameters
 from modalmotion.cli.outputs import PICTURES, OutputFile
 from modalmotion.mesh.sequence import MEAN, Reference
 from modalmotion.template import Weights
@@ -81,7 +81,9 @@ def output_option(text: str, *suffixes: str, **settings: Any) -> Decorator:
 
 
 mode_options = several(
-    click.option("--modes", type=int, help="Modes, 3 amplitudes a frame each.  [default: 7]"),
+    click.option(
+        "--modes", type=int, help="Modes, 3 amplitudes a frame each, or 1 offset.  [default: 7]"
+    ),
     click.option("--amplitudes", type=int, help="In place of modes: amplitudes a frame."),
     click.option(
         "--split-pairs",
@@ -138,6 +140,14 @@ components_option = click.option(
     default=Components.CARTESIAN.value,
     show_default=True,
     help="x, y, z or radial, tangential, axial.",
+)
+kind_option = click.option(
+    "--kind",
+    type=Member(SignatureKind),
+    default=SignatureKind.MATERIAL.value,
+    show_default=True,
+    help="Follow the vertices, or measure the surface along its reference's normals: one amplitude "
+    "a mode, wherever on the surface the vertices lie.",
 )
 rotation_option = click.option(
     "--keep-rotation",

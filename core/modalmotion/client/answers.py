@@ -186,7 +186,8 @@ class SignatureArrays:
         Class stated by users; empty if unknown.
     modes : tuple of str
         Names of the modes.
-    amplitudes : (frames, modes, 3) float64, length unit
+    amplitudes : (frames, modes, n) float64, length unit
+        Three of a mode, or one of offsets.
     angular_frequencies : (modes,) float64, rad per s
     rms_errors, weighted_rms_errors : (frames,) float64, length unit
     times : (frames,) float64, s, or None

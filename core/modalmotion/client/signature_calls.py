@@ -56,7 +56,7 @@ class SignatureCalls(Calls):
         progress : callable, optional
             Called with the share that is done where a job of the service fits it.
         **options
-            As the service names them: modes, topology, grid, reference, weights, components,
+            As the service names them: modes, kind, topology, grid, reference, weights, components,
             template, apex, base, theta_zero, ...
 
         Raises

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from modalmotion.fit.basis import Basis
 from modalmotion.fit.fit import project
+from modalmotion.fit.offsets import offset_reference
 from modalmotion.numeric.products import product, second_moments, weighted_sum
-from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, from_local, local_frames, to_local
 
@@ -53,11 +54,20 @@ def superposed_positions(
     positions : (n, vertices, 3) float64
         In the unit of `rest`, in which the caller passes the amplitudes.
     """
+    n_frames, n_vertices = signature.n_frames, len(rest)
+    step = max(1, _BLOCK // (3 * n_vertices))
+    if signature.kind == SignatureKind.OFFSET:
+        # Normals hold no affine motion that could be taken apart.
+        normals, _ = offset_reference(template, rest)
+        for first in range(0, n_frames, step):
+            part = slice(first, first + step)
+            u = from_local(_superposed(signature.amplitudes[part], basis.rows), normals)
+            yield part, u + rest
+        return
     is_local = signature.parameters.components != Components.CARTESIAN
     frames = local_frames(template) if is_local else None
     q = _unit_coordinates(rest, template.weights)
     of_maps = _amplitudes_of_maps(basis, q, frames)
-    n_frames, n_vertices = signature.n_frames, len(rest)
     a = signature.amplitudes.reshape(n_frames, -1)
     # a ~ c D by least squares, over the maps that the amplitudes determine
     U, S, Vt = np.linalg.svd(of_maps, full_matrices=False)
@@ -65,7 +75,6 @@ def superposed_positions(
     c = a @ (Vt[seen].T / S[seen] @ U[:, seen].T)
     remaining = (a - c @ of_maps).reshape(signature.amplitudes.shape)
     A, axes = c.reshape(n_frames, -1, 3), np.ascontiguousarray(q.T)
-    step = max(1, _BLOCK // (3 * n_vertices))
     for first in range(0, n_frames, step):
         part = slice(first, first + step)
         u = _superposed(remaining[part], basis.rows)
@@ -80,10 +89,10 @@ def superposed_positions(
 def _superposed(
     coefficients: NDArray[np.float64], rows: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Sum of fields times coefficients, (frames, vertices, 3): a product whose bits are fixed."""
-    f, m, _ = coefficients.shape
-    by_direction = np.ascontiguousarray(coefficients.transpose(0, 2, 1)).reshape(3 * f, m)
-    return product(by_direction, rows).reshape(f, 3, -1).transpose(0, 2, 1)
+    """Sum of fields times coefficients, (frames, vertices, n): a product whose bits are fixed."""
+    f, m, n = coefficients.shape
+    by_direction = np.ascontiguousarray(coefficients.transpose(0, 2, 1)).reshape(n * f, m)
+    return product(by_direction, rows).reshape(f, n, -1).transpose(0, 2, 1)
 
 
 def _unit_coordinates(

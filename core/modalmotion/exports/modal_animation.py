@@ -9,7 +9,12 @@ from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import ParameterError
 from modalmotion.formats.gltf.morph_animation import MorphAnimation
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.signature.making import ModalSignature, resolve_sequence, resolve_template
+from modalmotion.signature.making import (
+    ModalSignature,
+    SignatureKind,
+    resolve_sequence,
+    resolve_template,
+)
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components
 from modalmotion.template.loose_vertices import shapes_of
@@ -62,6 +67,11 @@ def modal_animation(
         raise ParameterError(
             "The amplitudes are radial, tangential and axial, which turn from vertex to vertex.",
             remedy="Fit with components = cartesian.",
+        )
+    if signature.kind == SignatureKind.OFFSET:
+        raise ParameterError(
+            "Offsets move each vertex along its own normal, and a target moves all one way.",
+            remedy="Fit with kind = material, or write the superposed surfaces.",
         )
     resolved = resolve_sequence(sequence, parameters)
     used = resolve_template(resolved, parameters, template)

@@ -32,8 +32,8 @@ class Fit:
 
     Parameters
     ----------
-    amplitudes : (frames, modes, 3) float64, length unit
-        Of x, y, z, or of the radial, tangential and axial displacement.
+    amplitudes : (frames, modes, n) float64, length unit
+        Of x, y, z, of the radial, tangential and axial displacement, or of the offset.
     rotations : Rotations
         Removed before the fit, about the centroid of each frame.
     translations : (frames, 3) float64, length unit
@@ -73,8 +73,9 @@ def fit_displacements(
     displacements : Displacements
         A frame is fitted to the vertices it has.
     basis : Basis
-    frames : (vertices, 3, 3) float64, optional
-        Local directions of the components, from `local_frames`; x, y, z by default.
+    frames : (vertices, n, 3) float64, optional
+        Local directions of the components, from `local_frames`, or the only one of an offset;
+        x, y, z by default.
 
     Returns
     -------
@@ -151,7 +152,7 @@ class _Products:
     basis : Basis
     shape : ReferenceShape
         Of the blocks.
-    frames : (vertices, 3, 3) float64 or None
+    frames : (vertices, n, 3) float64 or None
         Local directions; None for x, y, z.
     columns : (vertices, modes + 4 and filling) float64
         Projector, moments of the reference, weights.
@@ -192,22 +193,24 @@ class _Products:
         if self.frames is not None:
             turned = block.turned_back()
             x = to_local(turned.u, self.frames)
-        rows = x.reshape(3 * f, n)
-        sums = product(rows, self.columns).reshape(f, 3, -1)
+        n_directions = x.shape[1]
+        rows = x.reshape(n_directions * f, n)
+        sums = product(rows, self.columns).reshape(f, n_directions, -1)
         if turned is None:
             rotations, drifts = block.alignment(sums[:, :, m : m + 4])
             R, d = rotations.matrices, drifts
         else:
             rotations, drifts = turned.rotations, turned.drifts
-            R, d = Rotations.none(f).matrices, np.zeros((f, 3))
+            R = np.tile(np.eye(n_directions), (f, 1, 1))
+            d = np.zeros((f, n_directions))
         centre = d[:, :, None] * self.of_one
         # a = P u = R'(P x - d P 1) + d P 1 - P rest
-        a = R.transpose(0, 2, 1) @ (sums[:, :, :m] - centre) + centre - self.of_rest
+        a = R.transpose(0, 2, 1) @ (sums[:, :, :m] - centre) + centre - self.of_rest[:n_directions]
         # A frame that repeats the reference has not moved at all.
         a[block.is_still] = 0.0
-        model = np.empty((f, 3, m + 4))
+        model = np.zeros((f, n_directions, m + 4))
         model[:, :, :m] = R @ a
-        model[:, :, m : m + 3] = R
+        model[:, :, m : m + n_directions] = R
         model[:, :, m + 3] = d - (R @ d[:, :, None])[:, :, 0]
         amplitudes = np.ascontiguousarray(a.transpose(0, 2, 1)) * shape.scale
         loose = block.loose.displacements(rotations, drifts * shape.scale)
@@ -238,10 +241,8 @@ class _Products:
     ) -> FrameErrors:
         """Errors of a model by the shapes from the first on, and those of loose vertices."""
         coefficients = model.reshape(len(rows), -1)
-        squares, weights = (
-            _squared_distances(rows, coefficients, self.rows[first:]),
-            self.shape.weights,
-        )
+        squares = _squared_distances(rows, coefficients, self.rows[first:], model.shape[1])
+        weights = self.shape.weights
         if len(self.shape.ignored):
             squares = np.delete(squares, self.shape.ignored, axis=1)
             weights = np.delete(weights, self.shape.ignored)
@@ -262,18 +263,22 @@ def _factored_part(basis: Basis, block: PositionBlock) -> Basis:
 
 
 def _squared_distances(
-    rows: NDArray[np.float64], coefficients: NDArray[np.float64], shapes: NDArray[np.float64]
+    rows: NDArray[np.float64],
+    coefficients: NDArray[np.float64],
+    shapes: NDArray[np.float64],
+    n_directions: int,
 ) -> NDArray[np.float64]:
-    """Squares of rows - coefficients shapes, the three directions added, (frames, vertices).
+    """Squares of rows - coefficients shapes, the directions added, (frames, vertices).
 
     A few vertices at a time, while they are in the cache.
     """
     m, n = rows.shape
-    squares = np.empty((m // 3, n))
+    squares = np.empty((m // n_directions, n))
     step = tile(m, n, len(shapes))[1]
     for j in range(0, n, step):
         part = product(coefficients, shapes[:, j : j + step])
         np.subtract(rows[:, j : j + step], part, out=part)
         part *= part
-        np.add.reduce(part.reshape(m // 3, 3, -1), axis=1, out=squares[:, j : j + step])
+        by_frame = part.reshape(len(squares), n_directions, -1)
+        np.add.reduce(by_frame, axis=1, out=squares[:, j : j + step])
     return squares

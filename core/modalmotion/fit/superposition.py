@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.fit.frame_errors import FrameErrors, errors_of_offsets
+from modalmotion.fit.offsets import offset_reference
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, from_local, local_frames
@@ -30,14 +31,17 @@ class Superposition:
     centre : (3,) float64, length unit
         Its weighted centroid.
     shapes : (vertices, modes) float64
-    frames : (vertices, 3, 3) float64 or None
+    frames : (vertices, n, 3) float64 or None
         Local directions of the components; None for x, y, z.
+    holds_drift : bool
+        Whether shapes hold the path of the centroid, as displacements do and offsets do not.
     """
 
     start: NDArray[np.float64]
     centre: NDArray[np.float64]
     shapes: NDArray[np.float64]
     frames: NDArray[np.float64] | None
+    holds_drift: bool = True
 
     @staticmethod
     def on(
@@ -53,6 +57,19 @@ class Superposition:
         frames = None if components == Components.CARTESIAN else local_frames(template)
         return Superposition(start, template.weights @ start, shapes, frames)
 
+    @staticmethod
+    def of_offsets(
+        sequence: MeshSequence,
+        template: Template,
+        shapes: NDArray[np.float64],
+        *,
+        reference: Reference,
+    ) -> Superposition:
+        """Superpose shapes along the normals of a reference."""
+        start = reference_positions(sequence, reference)
+        directions, centre = offset_reference(template, start)
+        return Superposition(start, centre, shapes, directions, holds_drift=False)
+
     def positions(
         self,
         amplitudes: NDArray[np.float64],
@@ -63,7 +80,7 @@ class Superposition:
 
         Parameters
         ----------
-        amplitudes : (frames, modes, 3) float64, length unit
+        amplitudes : (frames, modes, n) float64, length unit
         matrices : (frames, 3, 3) float64
         translations : (frames, 3) float64, length unit
 
@@ -77,6 +94,8 @@ class Superposition:
             u = from_local(u, self.frames)
         # R (x - c + u - d) + c + d, so written that what does not move stays to the last bit.
         drift = translations[:, None, :]
+        if not self.holds_drift:
+            u = u + drift
         turned = (self.start - self.centre + u - drift) @ (matrices - np.eye(3)).transpose(0, 2, 1)
         x: NDArray[np.float64] = self.start + u
         x += turned

@@ -27,12 +27,14 @@ def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
     Parameters
     ----------
-    vectors : (..., 3) float64
+    vectors : (..., 1 or 3) float64
 
     Returns
     -------
     (...) float64
     """
+    if vectors.shape[-1] == 1:
+        return np.abs(vectors[..., 0])
     result: NDArray[np.float64] = np.hypot(
         np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2]
     )

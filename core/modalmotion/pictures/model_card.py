@@ -13,9 +13,12 @@ from modalmotion.errors import needs_extra
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from modalmotion.classification import Evaluation
+
 _INK = "#33373d"
 _SOFT = "#8a9099"
 _BLUE = "#2f6690"
+_COLOURS = (_BLUE, "#c8553d", "#5b8e7d", "#8e5572", "#d9a441", "#4a4e69", "#7fb7be", "#a3a847")
 
 
 def card_figure(card: ModelCard, title: str) -> Figure:
@@ -30,55 +33,116 @@ def card_figure(card: ModelCard, title: str) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        The confusion matrix by shares of the true class, with counts; and the share of right
-        answers against the stated probability, over the number of answers.
+        The confusion matrix by shares of the true class, with counts; the ROC curve of each class;
+        the share of right answers against the stated probability; and the learning curve, where
+        the card has one.
     """
-    return measured_figure(
-        title=f"{title}: {_accuracy(card)}",
-        classes=card.classes,
-        confusion=card.confusion,
-        curve=card.calibration_curve,
-        calibration_error=card.calibration_error,
+    return _figure(f"{title}: {_accuracy(card)}", card.classes, card, card.learning_curve)
+
+
+def evaluation_figure(result: Evaluation) -> Figure:
+    """Draw a model's performance on cases of a test: as `card_figure` does, without a curve."""
+    low, high = result.accuracy_interval
+    title = (
+        f"{result.model}: accuracy {100 * result.accuracy:.1f} % (95 % interval {100 * low:.1f} "
+        f"to {100 * high:.1f}), {result.n_cases} cases"
     )
+    return _figure(title, result.classes, result, ())
 
 
-def measured_figure(
-    *,
+def _figure(
     title: str,
     classes: tuple[str, ...],
-    confusion: tuple[tuple[int, ...], ...],
-    curve: tuple[tuple[float, float, int], ...],
-    calibration_error: float | None,
+    measured: ModelCard | Evaluation,
+    curve: tuple[dict[str, Any], ...],
 ) -> Figure:
-    """Draw a confusion matrix and a calibration curve.
-
-    Parameters
-    ----------
-    title : str
-    classes : tuple of str
-    confusion : tuple of tuple of int
-        Rows are true classes, columns answers; one column more counts abstentions.
-    curve : tuple of (float, float, int)
-        Mean probability of the label, share of right answers, number of cases, by bins.
-    calibration_error : float or None
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
     with needs_extra("plot"):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
     n = max(len(classes), 1)
     side = min(max(3.6, 0.62 * n + 1.6), 9.0)
-    figure = Figure(figsize=(side + 6.2, side + 0.9), dpi=110, layout="constrained")
+    n_rows = 2 if measured.confusion else 1
+    figure = Figure(
+        figsize=(side + 6.2, side + 0.9 + 4.2 * (n_rows - 1)), dpi=110, layout="constrained"
+    )
     FigureCanvasAgg(figure)
-    left, right = figure.subplots(1, 2, width_ratios=[side, 4.2])
-    _draw_confusion(left, classes, confusion)
-    _draw_calibration(right, curve, calibration_error)
+    heights = [side, 3.8][:n_rows]
+    panels = figure.subplots(
+        n_rows, 2, width_ratios=[side, 4.2], height_ratios=heights, squeeze=False
+    )
+    n_repetitions = max(1, len(measured.repetitions)) if isinstance(measured, ModelCard) else 1
+    _draw_confusion(panels[0, 0], classes, measured.confusion)
+    if n_repetitions > 1:
+        panels[0, 0].set_title(
+            f"Confusion, {n_repetitions} repetitions together", fontsize=10, color=_INK
+        )
+    _draw_calibration(
+        panels[0, 1], measured.calibration_curve, measured.calibration_error, n_repetitions
+    )
+    if n_rows > 1:
+        _draw_roc(panels[1, 0], classes, measured)
+        _draw_learning(panels[1, 1], curve)
     figure.suptitle(title, fontsize=12, color=_INK)
     return figure
+
+
+def _draw_roc(axes: Any, classes: tuple[str, ...], measured: ModelCard | Evaluation) -> None:
+    """Draw the ROC curve of each class against the rest."""
+    axes.set_title("ROC, each class against the rest", fontsize=10, color=_INK)
+    if not measured.roc:
+        _say_nothing(axes, "one class only")
+        return
+    axes.plot([0, 1], [0, 1], color=_SOFT, linewidth=1, linestyle="--")
+    # Of two classes the second curve is the first one's mirror image.
+    shown = list(measured.roc)[:1] if len(classes) == 2 else list(measured.roc)
+    for number, label in enumerate(shown):
+        x, y = zip(*measured.roc[label], strict=True)
+        area, low, high = measured.class_auc[label]
+        name = f"{_short(label)}: AUC {area:.3f} ({low:.2f} to {high:.2f})"
+        colour = _COLOURS[number % len(_COLOURS)]
+        style = "-" if number < len(_COLOURS) else ":"
+        axes.plot(x, y, color=colour, linestyle=style, linewidth=1.6, label=name)
+    axes.set_xlim(-0.02, 1.02)
+    axes.set_ylim(-0.02, 1.02)
+    axes.set_xlabel("1 − specificity", color=_INK)
+    axes.set_ylabel("sensitivity", color=_INK)
+    axes.legend(loc="lower right", fontsize=7 if len(shown) <= 10 else 5, frameon=False)
+    _lighten(axes)
+
+
+def _draw_learning(axes: Any, curve: tuple[dict[str, Any], ...]) -> None:
+    axes.set_title("Learning curve", fontsize=10, color=_INK)
+    if not curve:
+        _say_nothing(axes, "not measured")
+        return
+    sizes = [point["per_class"] for point in curve]
+    for name, text, colour in (
+        ("accuracy", "accuracy", _BLUE),
+        ("auc", "AUC", _COLOURS[1]),
+        ("log_loss", "log loss (nats)", _COLOURS[2]),
+    ):
+        points = [(n, p[name], p[f"{name}_range"]) for n, p in zip(sizes, curve, strict=True)]
+        known = [(n, value, ends) for n, value, ends in points if value is not None]
+        if not known:
+            continue
+        x, y, ends = zip(*known, strict=True)
+        axes.plot(x, y, color=colour, marker="o", markersize=4, linewidth=1.5, label=text)
+        low, high = zip(*ends, strict=True)
+        axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
+    axes.set_xscale("log", base=2)
+    axes.set_xticks(sizes, [str(size) for size in sizes])
+    axes.minorticks_off()
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("training cases a class (band: all draws)", color=_INK)
+    axes.legend(loc="center right", fontsize=8, frameon=False)
+    _lighten(axes)
+
+
+def _lighten(axes: Any) -> None:
+    axes.grid(alpha=0.25)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
 
 
 def _accuracy(card: ModelCard) -> str:
@@ -90,6 +154,8 @@ def _accuracy(card: ModelCard) -> str:
         low, high = card.accuracy_interval
         interval = f" (95 % interval {100 * low:.1f} to {100 * high:.1f})"
     how = "cross-validation by subject" if card.is_grouped else "cross-validation"
+    if len(card.repetitions) > 1:
+        how = f"{len(card.repetitions)} times {how}"
     return f"accuracy {100 * card.accuracy:.1f} %{interval}, {how}, {n_cases} cases"
 
 
@@ -133,7 +199,7 @@ def _draw_confusion(
 
 
 def _draw_calibration(
-    axes: Any, curve: tuple[tuple[float, float, int], ...], error: float | None
+    axes: Any, curve: tuple[tuple[float, float, int], ...], error: float | None, n_repetitions: int
 ) -> None:
     stated = "" if error is None else f", expected calibration error {error:.3f}"
     axes.set_title(f"Calibration{stated}", fontsize=10, color=_INK)
@@ -143,7 +209,8 @@ def _draw_calibration(
         return
     probability, share, n_cases = (np.array(column) for column in zip(*bins, strict=True))
     axes.plot([0, 1], [0, 1], color=_SOFT, linewidth=1, linestyle="--", label="as stated")
-    low, high = _wilson(share, n_cases)
+    # Repetitions answer to the same cases again.
+    low, high = _wilson(share, n_cases / n_repetitions)
     axes.errorbar(
         *(probability, share),
         yerr=np.maximum([share - low, high - share], 0.0),
@@ -155,23 +222,12 @@ def _draw_calibration(
         elinewidth=1,
         label="measured, with its 95 % interval",
     )
-    for x, y, count in zip(probability, share, n_cases, strict=True):
-        axes.annotate(
-            f"{count:.0f}",
-            (x, y),
-            textcoords="offset points",
-            xytext=(7, -11),
-            fontsize=7,
-            color=_SOFT,
-        )
     axes.set_xlim(-0.02, 1.04)
     axes.set_ylim(-0.02, 1.04)
     axes.set_xlabel("probability stated", color=_INK)
     axes.set_ylabel("share that was right", color=_INK)
     axes.legend(loc="lower right", fontsize=8, frameon=False)
-    axes.grid(alpha=0.25)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    _lighten(axes)
 
 
 def _wilson(

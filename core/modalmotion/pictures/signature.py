@@ -82,7 +82,7 @@ def _draw_surfaces(
     panels = [
         (reference, None, _named(signature.parameters.reference)),
         (true, None, f"Frame {frame}, moved {numeral(moved, 2)} {shown.name} RMS"),
-        (superposed, None, f"From {3 * len(signature.modes)} amplitudes"),
+        (superposed, None, f"From {signature.n_amplitudes} amplitudes"),
         (true, error, error_title),
     ]
     # Surfaces have no axes, and so no unit.

@@ -39,8 +39,8 @@ def compare(a: ModalSignature, b: ModalSignature, *, closed: bool = True) -> Com
     Parameters
     ----------
     a, b : ModalSignature
-        With the same modes and components. Their units are taken into account where both are
-        known.
+        Of the same kind, with the same modes and components. Their units are taken into account
+        where both are known.
     closed : bool
         Whether the trajectories are one turn of a cycle, whose frame after the last would be
         the first; False for a movement with a beginning and an end.
@@ -52,8 +52,16 @@ def compare(a: ModalSignature, b: ModalSignature, *, closed: bool = True) -> Com
     Raises
     ------
     ParameterError
-        If the two are not of the same modes or components, or only one unit is known.
+        If the two are not of the same kind, modes or components, or only one unit is known.
     """
+    if a.kind != b.kind:
+        raise ParameterError(
+            f"One signature is of the kind {a.kind}, the other of {b.kind}: displacements of "
+            "points and offsets of a surface do not compare.",
+            remedy="Fit both with kind=offset, which every surface has, or both with "
+            "kind=material, if the points of both follow the tissue.",
+            details={"kinds": [a.kind.value, b.kind.value]},
+        )
     if a.modes != b.modes or a.parameters.components != b.parameters.components:
         raise ParameterError(
             f"The signatures have different modes: {len(a.modes)} of a {a.surface}, "

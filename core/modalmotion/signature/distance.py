@@ -128,15 +128,15 @@ def theta_invariants(
 
     Parameters
     ----------
-    amplitudes : (frames, modes, 3) float64, length unit
-        In the frame of the body, or radial, tangential, axial.
+    amplitudes : (frames, modes, n) float64, length unit
+        In the frame of the body, or radial, tangential, axial, or the only one of offsets.
     modes : Modes
         Whole pairs.
     components : Components
 
     Returns
     -------
-    (frames, pairs, 3) float64, length unit
+    (frames, pairs, n) float64, length unit
         One for each wave vector, in the order of its cosine. Their squares add up to those of
         the amplitudes.
 
@@ -153,7 +153,7 @@ def theta_invariants(
         )
     real = amplitudes[:, cosines]
     imaginary = np.where(has_sine[None, :, None], amplitudes[:, sines], 0.0)
-    if components == Components.CYLINDRICAL:
+    if components == Components.CYLINDRICAL or amplitudes.shape[2] == 1:
         magnitudes: NDArray[np.float64] = np.hypot(real, imaginary)
         return magnitudes
     x, y, z = np.moveaxis(real + 1j * imaginary, 2, 0)

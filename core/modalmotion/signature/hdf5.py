@@ -128,7 +128,8 @@ def read_signature(source: bytes | Path) -> tuple[ModalSignature, Contents]:
 
 
 def _signature(contents: Contents) -> ModalSignature:
-    amplitudes = contents.array("amplitudes", (None, None, 3))
+    parameters = parameters_from_json(contents.json("parameters", dict))
+    amplitudes = contents.array("amplitudes", (None, None, parameters.n_directions))
     n_frames, n_modes, _ = amplitudes.shape
 
     def per_frame(name: str) -> Any:
@@ -152,7 +153,7 @@ def _signature(contents: Contents) -> ModalSignature:
         lengths=tuple(contents.array("lengths", (None,)).tolist()),
         landmarks=landmarks_from(contents),
         condition=contents.number("condition"),
-        parameters=parameters_from_json(contents.json("parameters", dict)),
+        parameters=parameters,
         sequence_id=contents.text("sequence_id"),
         template_id=contents.text("template_id"),
         notes=tuple(contents.json("notes", list)),

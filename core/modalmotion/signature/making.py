@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import version
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.choice.fitter import Fitter
-from modalmotion.choice.parameters import MOST_MODES, SignatureParameters
+from modalmotion.choice.parameters import MOST_MODES, SignatureKind, SignatureParameters
 from modalmotion.choice.selection import select_model
 from modalmotion.errors import ParameterError
 from modalmotion.facts import NO_FACTS
@@ -35,6 +36,7 @@ __all__ = [
     "INTENDED_USE",
     "MOST_MODES",
     "ModalSignature",
+    "SignatureKind",
     "SignatureParameters",
     "modal_signature",
     "provenance",
@@ -94,6 +96,10 @@ def modal_signature(
         fitter = Fitter.of(sequence, own_template, parameters)
         model = select_model(fitter, cache or TemplateCache())
     modes, fit = model.modes, model.fit
+    if fitter.offsets is not None:
+        # They were taken out before the fit.
+        rotations, translations = fitter.offsets.rotations, fitter.offsets.translations
+        fit = replace(fit, rotations=rotations, translations=translations)
     frequencies = modes.frequencies_on(own_template, parameters.wave_speed)
     _require_frequencies(frequencies, own_template, parameters.wave_speed)
     notes = [*_notes_on_sequence(sequence, parameters.reference), *own_template.notes, *model.notes]

@@ -8,7 +8,12 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError
 from modalmotion.fit.superposition import Superposition
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.signature.making import ModalSignature, resolve_sequence, resolve_template
+from modalmotion.signature.making import (
+    ModalSignature,
+    SignatureKind,
+    resolve_sequence,
+    resolve_template,
+)
 from modalmotion.template import Template
 from modalmotion.template.loose_vertices import shapes_of
 
@@ -21,6 +26,9 @@ def reconstruct(
     template: Template | None = None,
 ) -> NDArray[np.float64]:
     """Positions that the signature's modes and rotations stand for.
+
+    Offsets move the reference along its normals: the vertices are then points of the surface, and
+    not those of the sequence.
 
     Parameters
     ----------
@@ -43,13 +51,12 @@ def reconstruct(
     """
     parameters = signature.parameters
     used = fitted_on(signature, sequence, template)
-    on = Superposition.on(
-        sequence,
-        used,
-        shapes_of(signature.modes, used),
-        reference=parameters.reference,
-        components=parameters.components,
-    )
+    shapes, reference = shapes_of(signature.modes, used), parameters.reference
+    if parameters.kind == SignatureKind.OFFSET:
+        on = Superposition.of_offsets(sequence, used, shapes, reference=reference)
+    else:
+        components = parameters.components
+        on = Superposition.on(sequence, used, shapes, reference=reference, components=components)
     rows = slice(None) if frames is None else np.asarray(frames)
     return on.positions(
         signature.amplitudes[rows],

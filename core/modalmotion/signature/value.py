@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.choice.fitted_motion import closure_gap
-from modalmotion.choice.parameters import SignatureParameters
+from modalmotion.choice.parameters import SignatureKind, SignatureParameters
 from modalmotion.choice.reason import ModelChoice
 from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.modes import Modes
@@ -29,8 +29,9 @@ class ModalSignature:
     ----------
     modes : Modes
         In closed form; or, where the surface has no natural coordinates, of its own mesh.
-    amplitudes : (frames, modes, 3) float64, `unit`
-        Along the directions that `parameters.components` names.
+    amplitudes : (frames, modes, n) float64, `unit`
+        Along the three directions that `parameters.components` names; of offsets (n = 1) along
+        the reference's outward normals.
     angular_frequencies : (modes,) float64, rad per s
         Continuum limit w = c k on `lengths`, with c = `wave_speed`.
     rotations : Rotations
@@ -43,10 +44,12 @@ class ModalSignature:
         (`parameters.volumes`) and the surface encloses one: see `Cavity.volume`.
     translations : (frames, 3) float64, `unit`
         Path of the weighted centroid from the reference's. It is part of the amplitudes too,
-        and needed beside them where they are not along x, y, z.
+        and needed beside them where they are not along x, y, z. Of offsets: path of the surface's
+        area centroid, which was removed before the fit.
     rms_errors, p95_errors, max_errors : (frames,) float64, `unit`
         RMS, 95th percentile and maximum of the distances between vertices and their
-        reconstruction in each frame, over all vertices alike: docs/error.md.
+        reconstruction in each frame, over all vertices alike: docs/error.md. Of offsets: between
+        the surface and the reconstruction, along the normal at each vertex of the reference.
     weighted_rms_errors : (frames,) float64, `unit`
         RMS of these distances over the surface, each vertex by its share of it.
     motion_rms, weighted_motion_rms : (frames,) float64, `unit`
@@ -101,6 +104,11 @@ class ModalSignature:
     facts: Facts = NO_FACTS
 
     @property
+    def kind(self) -> SignatureKind:
+        """What the amplitudes are of: displacements of points, or offsets of the surface."""
+        return self.parameters.kind
+
+    @property
     def topology(self) -> Topology | None:
         """Topology whose modes were fitted; None for the spring modes of one mesh."""
         return self.modes.topology
@@ -116,11 +124,13 @@ class ModalSignature:
 
         Returns
         -------
-        (frames, modes, 3) float64, `unit`
+        (frames, modes, n) float64, `unit`
             Along theta_zero, across it, and along the axis; radial, tangential and axial ones
-            are in that frame already; so, by convention, are those of a surface without an axis.
+            are in that frame already, and so are offsets; so, by convention, are those of a
+            surface without an axis.
         """
-        if self.landmarks is None or self.parameters.components != Components.CARTESIAN:
+        is_cartesian = self.parameters.components == Components.CARTESIAN
+        if self.landmarks is None or not is_cartesian or self.kind == SignatureKind.OFFSET:
             return self.amplitudes
         turned: NDArray[np.float64] = self.amplitudes @ body_frame(self.landmarks).T
         return turned
@@ -172,12 +182,17 @@ class ModalSignature:
         return energy
 
     @property
+    def n_amplitudes(self) -> int:
+        """Number of amplitudes of one frame."""
+        return len(self.modes) * self.parameters.n_directions
+
+    @property
     def compression(self) -> float:
         """Coordinates over amplitudes of one frame, 3N / 3 modes, as in Nastar 1994."""
-        return self.n_vertices / len(self.modes)
+        return 3 * self.n_vertices / self.n_amplitudes
 
     @property
     def compression_of_sequence(self) -> float:
         """Numbers in the whole sequence over those to keep: amplitudes and the reference."""
         coordinates = 3 * self.n_vertices
-        return self.n_frames * coordinates / (self.n_frames * 3 * len(self.modes) + coordinates)
+        return self.n_frames * coordinates / (self.n_frames * self.n_amplitudes + coordinates)

@@ -109,17 +109,17 @@ def to_local(u: NDArray[np.float64], frames: NDArray[np.float64]) -> NDArray[np.
     ----------
     u : (frames, 3, vertices) float64, length unit
         In the coordinates of the input.
-    frames : (vertices, 3, 3) float64
-        From `local_frames`.
+    frames : (vertices, n, 3) float64
+        From `local_frames`, or other directions at each vertex.
 
     Returns
     -------
-    (frames, 3, vertices) float64, length unit
+    (frames, n, vertices) float64, length unit
         Radial, tangential, axial.
     """
     E = np.ascontiguousarray(np.moveaxis(frames, 0, 2))
-    components = np.empty_like(u)
-    for i in range(3):
+    components = np.empty((len(u), len(E), u.shape[2]))
+    for i in range(len(E)):
         np.multiply(u[:, 0], E[i, 0], out=components[:, i])
         for j in (1, 2):
             components[:, i] += u[:, j] * E[i, j]
@@ -131,10 +131,10 @@ def from_local(components: NDArray[np.float64], frames: NDArray[np.float64]) -> 
 
     Parameters
     ----------
-    components : (frames, vertices, 3) float64, length unit
+    components : (frames, vertices, n) float64, length unit
         Radial, tangential, axial.
-    frames : (vertices, 3, 3) float64
-        From `local_frames`.
+    frames : (vertices, n, 3) float64
+        From `local_frames`, or other directions at each vertex.
 
     Returns
     -------

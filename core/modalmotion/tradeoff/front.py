@@ -12,9 +12,9 @@ from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.harmonics import harmonics_of, n_functions
 from modalmotion.choice.nested_sets import ladder_of
 from modalmotion.choice.ordered_sets import in_order
-from modalmotion.choice.parameters import SignatureParameters
+from modalmotion.choice.parameters import SignatureKind, SignatureParameters
 from modalmotion.choice.plain_energies import plain_energies_of
-from modalmotion.errors import InputError
+from modalmotion.errors import InputError, ParameterError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, CYLINDER, MESH, PLANE, Topology
 from modalmotion.numeric.kinds import whole
@@ -125,6 +125,12 @@ def measure_front(
         If not even the sequence's own topology can be measured.
     """
     parameters = SignatureParameters() if parameters is None else parameters
+    if parameters.kind == SignatureKind.OFFSET:
+        raise ParameterError(
+            "The trade is measured of displacements, and offsets were requested.",
+            remedy="Leave the kind out, or ask for the signature itself by tolerance: its errors "
+            "are of the offsets.",
+        )
     most_modes = whole("most_modes", most_modes)
     own = resolve_sequence(sequence, parameters)
     used = resolve_template(own, resolve_parameters(own, parameters), template)

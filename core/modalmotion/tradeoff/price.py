@@ -74,7 +74,9 @@ def price_of(signature: ModalSignature, milliseconds: Mapping[str, float] | None
     modes, f = len(signature.modes), signature.n_frames
     harmonics = signature.parameters.harmonics
     per_path = f if harmonics is None else min(n_functions(harmonics), f)
-    directions = 3 if signature.choice is None or signature.choice.normal is None else 2
+    directions = signature.parameters.n_directions
+    if signature.choice is not None and signature.choice.normal is not None:
+        directions = 2
     return priced(
         SceneError(
             rms=signature.rms_error,

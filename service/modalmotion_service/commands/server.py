@@ -15,7 +15,7 @@ from modalmotion_service.app import create_app
 from modalmotion_service.commands.first_key import offer_first_key, secured
 from modalmotion_service.environment import unknown_variables
 from modalmotion_service.http.connections import protocol_with_deadline, room_for_connections
-from modalmotion_service.http.observation import log_config
+from modalmotion_service.log_lines import log_config
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.engine import open_engine
 

@@ -113,7 +113,110 @@ class CalibrationPoint(BaseModel):
     n_cases: int
 
 
-class ModelCardAnswer(BaseModel):
+class Measured(BaseModel):
+    """A figure with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+class RepetitionAnswer(BaseModel):
+    """Figures of one repetition of the cross-validation."""
+
+    accuracy: float
+    auc: float | None
+    log_loss: float
+    brier: float
+    calibration_error: float
+
+
+class LearningPoint(BaseModel):
+    """Models of fewer cases: means over repetitions, and their least and largest."""
+
+    per_class: int = Field(description="Most training cases of each class.")
+    n_cases: int = Field(description="Training cases of all classes.")
+    accuracy: float
+    accuracy_range: tuple[float, float]
+    auc: float | None
+    auc_range: tuple[float, float] | None
+    log_loss: float
+    log_loss_range: tuple[float, float]
+
+
+class FoldChoice(BaseModel):
+    """Features that a fold of the cross-validation chose."""
+
+    repetition: int
+    fold: int
+    choices: list[tuple[str, float]] = Field(description="In words, with their weights.")
+
+
+class ConfoundAnswer(BaseModel):
+    """How well a condition of the recordings alone tells the classes apart."""
+
+    name: str
+    auc: float = Field(description="Macro.")
+    chance: float = Field(description="The mean AUC where classes are exchanged.")
+    p: float
+    p_holm: float = Field(description="p, corrected for the number of conditions.")
+    n_known: int = Field(description="Cases that state it.")
+    text: str
+
+
+_BY_CLASS: Final = ("class_auc", "sensitivity", "specificity")
+
+
+class PerformanceAnswer(BaseModel):
+    """Figures of answers to labelled sequences; `methods` says how they are made."""
+
+    accuracy: float | None = Field(
+        description="A card's of cross-validation, null where there was none."
+    )
+    accuracy_interval: tuple[float, float] | None = Field(
+        description="95 %, wider where several sequences are of one subject."
+    )
+    balanced_accuracy: float | None = Field(None, description="Mean of the sensitivities.")
+    auc: float | None = Field(None, description="Macro, each class against the rest.")
+    auc_interval: tuple[float, float] | None = None
+    class_auc: dict[str, Measured] = Field(default_factory=dict)
+    log_loss: float | None = Field(None, description="Nats.")
+    log_loss_interval: tuple[float, float] | None = None
+    brier: float | None = Field(None, description="Brier score, summed over classes: 0 to 2.")
+    brier_interval: tuple[float, float] | None = None
+    sensitivity: dict[str, Measured] = Field(default_factory=dict)
+    specificity: dict[str, Measured] = Field(default_factory=dict)
+    confusion: list[list[int]] = Field(
+        description="Rows are true classes, columns answers, in the order of the classes; an "
+        "extra last column counts answers without a class. Of repeated folds the sum."
+    )
+    roc: dict[str, list[tuple[float, float]]] = Field(
+        default_factory=dict, description="1 - specificity and sensitivity at falling thresholds."
+    )
+    calibration_curve: list[CalibrationPoint] = Field(description="Bins of equal count.")
+    calibration_error: float | None = Field(description="Expected calibration error.")
+    methods: str = ""
+
+    @staticmethod
+    def written(values: dict[str, Any]) -> dict[str, Any]:
+        """Name the parts of intervals and curves."""
+        points = CalibrationPoint.model_fields
+        return {
+            **values,
+            "calibration_curve": [
+                dict(zip(points, point, strict=True)) for point in values["calibration_curve"]
+            ],
+            **{
+                name: {
+                    label: dict(zip(Measured.model_fields, figure, strict=True))
+                    for label, figure in values[name].items()
+                }
+                for name in _BY_CLASS
+            },
+        }
+
+
+class ModelCardAnswer(PerformanceAnswer):
     """Facts to know before relying on a model."""
 
     training_set: str = Field(
@@ -121,17 +224,18 @@ class ModelCardAnswer(BaseModel):
     )
     n_cases: dict[str, int] = Field(description="Training sequences of each class.")
     n_subjects: dict[str, int] = Field(description="Subjects of each class.")
-    accuracy: float | None = Field(description="Of cross-validation; null where there was none.")
-    accuracy_interval: tuple[float, float] | None = Field(
-        description="95 %, wider where several sequences are of one subject."
-    )
     is_grouped: bool = Field(description="Whether no subject was on both sides of a split.")
-    confusion: list[list[int]] = Field(
-        description="Rows are true classes, columns answers, in the order of the classes; an "
-        "extra last column counts answers without a class."
+    repetitions: list[RepetitionAnswer] = Field(
+        description="Of the cross-validation; the figures are their means."
     )
-    calibration_curve: list[CalibrationPoint]
-    calibration_error: float | None = Field(description="Expected calibration error.")
+    learning_curve: list[LearningPoint] = Field(
+        description="The last point is of all cases; empty where it was left out."
+    )
+    fold_choices: list[FoldChoice]
+    confounds: list[ConfoundAnswer] = Field(description="Stated conditions of the recordings.")
+    decision: dict[str, Any] | None = Field(
+        description="How probabilities become a label; null for the most probable class."
+    )
     coverage: float = Field(description="Level of the class sets below.")
     class_coverage: dict[str, float] = Field(
         description="Share of each class whose set held it, in cross-validation."
@@ -148,10 +252,7 @@ class ModelCardAnswer(BaseModel):
     @staticmethod
     def of(card: ModelCard) -> ModelCardAnswer:
         """Write a card out."""
-        values = card.as_json()
-        names = CalibrationPoint.model_fields
-        curve = [dict(zip(names, point, strict=True)) for point in values["calibration_curve"]]
-        return ModelCardAnswer(**{**values, "calibration_curve": curve})
+        return ModelCardAnswer(**PerformanceAnswer.written(card.as_json()))
 
 
 class ModelAnswer(ModelSummary):

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, FailFast, Field
 
-from modalmotion.choice.parameters import ErrorKind, ModeOrder, parameters_as_json
+from modalmotion.choice.parameters import ErrorKind, ModeOrder, SignatureKind, parameters_as_json
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.modes import ModeLabel
 from modalmotion.signature.making import MOST_MODES, ModalSignature, SignatureParameters
@@ -36,8 +36,9 @@ class SignatureQuery(BaseModel):
         None,
         ge=1,
         le=MOST_MODES,
-        description="Number of modes, three amplitudes a frame each; rounded up where a "
-        "cosine-sine pair would be split, unless split_pairs. 7 if nothing else is requested.",
+        description="Number of modes, three amplitudes a frame each, or one of offsets; rounded up "
+        "where a cosine-sine pair would be split, unless split_pairs. 7 if nothing else is "
+        "requested.",
     )
     amplitudes: int | None = Field(
         None, ge=1, le=3 * MOST_MODES, description="In place of modes: amplitudes a frame."
@@ -65,6 +66,12 @@ class SignatureQuery(BaseModel):
     )
     harmonics: int | None = Field(
         None, ge=0, le=10_000, description="Limit each amplitude's path over time to these."
+    )
+    kind: SignatureKind = Field(
+        SignatureKind.MATERIAL,
+        description="What amplitudes are of: material follows the vertices; offset measures the "
+        "surface along its reference's normals, one amplitude a mode, wherever on it the vertices "
+        "lie.",
     )
     split_pairs: bool = Field(
         False,
@@ -191,9 +198,13 @@ class SignatureAnswer(BaseModel):
     unit: str | None
     times: list[float] | None = Field(description="s")
     modes: list[Label]
-    shape: tuple[int, int, int] = Field(description="Of the amplitudes: frames, modes, 3.")
+    kind: SignatureKind = Field(description="What the amplitudes are of.")
+    shape: tuple[int, int, int] = Field(
+        description="Of the amplitudes: frames, modes, 3, or 1 of offsets."
+    )
     amplitudes: list[list[list[float]]] = Field(
-        description="By frame, mode and direction, in the length unit."
+        description="By frame, mode and direction, in the length unit; of offsets along the "
+        "reference's outward normals."
     )
     components: Components = Field(
         description="Directions of the amplitudes: x, y, z or radial, tangential, axial."
@@ -262,6 +273,7 @@ class SignatureAnswer(BaseModel):
             unit=signature.unit,
             times=None if signature.times is None else signature.times.tolist(),
             modes=[Label.of(label) for label in signature.modes.labels],
+            kind=signature.kind,
             shape=signature.amplitudes.shape,
             amplitudes=signature.amplitudes.tolist(),
             components=parameters.components,

@@ -5,12 +5,15 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
-from typing import ParamSpec, TypeVar
+from typing import Final, ParamSpec, TypeVar
 
 from modalmotion_service.work.terms import NO_TERMS, Terms
 
 P = ParamSpec("P")
 T = TypeVar("T")
+
+READY_SECONDS: Final = 2.0
+"""In which a process that does nothing must say that it is there."""
 
 
 class Engine(Executor):

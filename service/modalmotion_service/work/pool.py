@@ -12,14 +12,14 @@ import contextlib
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, as_completed
 from pathlib import Path
-from typing import Final, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar
 
 from modalmotion.errors import LimitError
 from modalmotion.store.disk.atomic import cannot_write
 from modalmotion.store.disk.faults import is_of_the_machine
 from modalmotion_service.errors import CostError, NoWorkerError, WorkerDiedError
 from modalmotion_service.work.answers import AnswerError
-from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.executor import READY_SECONDS, Engine
 from modalmotion_service.work.keeper import Keeper, Rules
 from modalmotion_service.work.lanes import Lanes, Task
 from modalmotion_service.work.payload import payload_of
@@ -28,9 +28,6 @@ from modalmotion_service.work.terms import Terms
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
-# In which a process that does nothing must say that it is there.
-READY_SECONDS: Final = 2.0
 
 
 def unreadable_answer() -> WorkerDiedError:

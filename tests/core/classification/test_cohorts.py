@@ -97,7 +97,8 @@ def cases(kind: object, n_per_class: int, seed: int) -> list[TrainingCase]:
 
 @cache
 def trained(kind: object) -> Model:
-    return train(cases(kind, 14, seed=1), "cohort", TrainingOptions(folds=2))
+    options = TrainingOptions(folds=2, repetitions=1, card="quick")
+    return train(cases(kind, 14, seed=1), "cohort", options)
 
 
 @pytest.mark.parametrize(("kind", "least"), [(word, 0.9), (ring, 0.9), (bulge, 0.75)])

@@ -23,7 +23,7 @@ from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simu
 from modalmotion.store import model_from_hdf5
 
 N_PER_CLASS = 6
-QUICK = ("--estimator", "linear")
+QUICK = ("--estimator", "linear", "--repetitions", "2")
 CLASSES = (MotionClass.NORMAL, MotionClass.HYPOKINESIA)
 
 
@@ -66,9 +66,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_training_writes_a_model_and_says_how_it_does(folder: Path, tmp_path: Path) -> None:
     out, plot = tmp_path / "m.h5", tmp_path / "m.png"
     asked = ("train", folder / "train.csv", "--name", "wall", *QUICK)
-    result = succeed(*asked, "-o", out, "--plot", plot)
-    for words in ("95 % interval", "confusion", "class sets at 90 %", "calibration", "subjects"):
+    cases = tmp_path / "cases.csv"
+    result = succeed(*asked, "-o", out, "--plot", plot, "--cases", cases)
+    for words in (
+        *("95 % interval", "confusion", "class sets at 90 %", "calibration", "subjects"),
+        *("AUC", "log loss", "Brier score", "sensitivity", "specificity", "learning curve"),
+        "2 repetitions: accuracy",
+    ):
         assert words in result.output
+    with cases.open() as table:
+        rows = list(csv.DictReader(table))
+    assert len(rows) == 2 * 2 * N_PER_CLASS
+    assert {Path(row["case"]).parent.name for row in rows} == set(map(str, CLASSES))
+    assert all(row["subject"].startswith(row["class"]) for row in rows)
     assert plot.read_bytes().startswith(b"\x89PNG")
     # The same cases give the same model, to the last bit of every answer.
     assert model_from_hdf5(out).id == model_from_hdf5(folder / "wall.h5").id
@@ -89,7 +99,16 @@ def test_files_are_labelled_by_the_folders_they_lie_in(folder: Path, tmp_path: P
 def test_a_model_is_tested_on_other_cases(folder: Path, tmp_path: Path) -> None:
     plot = tmp_path / "test.png"
     model, manifest = folder / "wall.h5", folder / "test.csv"
-    result = succeed("evaluate", model, manifest, "--coverage", 0.8, "--plot", plot)
+    cases = tmp_path / "cases.csv"
+    result = succeed(
+        *("evaluate", model, manifest, "--coverage", 0.8, "--plot", plot, "--cases", cases)
+    )
+    with cases.open() as table:
+        listed = list(csv.DictReader(table))
+    with manifest.open() as table:
+        assert [row["subject"] for row in listed] == [
+            row["subject"] for row in csv.DictReader(table)
+        ]
     for words in ("on 4 sequences", "95 % interval", "confusion", "class sets at 80 %"):
         assert words in result.output
     assert plot.read_bytes().startswith(b"\x89PNG")
@@ -104,6 +123,20 @@ def test_a_model_is_tested_on_other_cases(folder: Path, tmp_path: Path) -> None:
         said = json.loads(succeed("classify", path, "--model", model, "--json").stdout)
         right += said["label"] == row["label"]
     assert answer["accuracy"] == right / len(rows)
+
+
+def test_two_models_are_compared_on_the_same_cases(folder: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.h5"
+    options = ("--estimator", "linear", "--repetitions", 1, "--card", "quick", "--harmonics", 1)
+    succeed("train", folder / "train.csv", "--name", "other", "-o", other, *options)
+    asked = ("compare-models", folder / "wall.h5", other, folder / "test.csv")
+    result = succeed(*asked)
+    for words in ("4 sequences of 4 subjects", "other", "AUC", "McNemar", "95 % interval"):
+        assert words in result.output
+    answer = json.loads(succeed(*asked, "--json").stdout)
+    assert answer["models"] == ["wall", "other"]
+    figures = answer["accuracy"]
+    assert figures["difference"] == figures["second"] - figures["first"]
 
 
 def test_classify_says_what_the_library_says(folder: Path, tmp_path: Path) -> None:

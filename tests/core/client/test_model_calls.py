@@ -38,11 +38,11 @@ def test_a_model_is_trained_asked_saved_and_deleted(remote: Client, tmp_path: Pa
     sent = list(cohort(6, 1))
     ids = [remote.upload(one.body, label=one.label, subject=one.subject).id for one in sent]
     shares: list[float] = []
-    first = remote.train("walls", ids, progress=shares.append, modes=7)
+    first = remote.train("walls", ids, progress=shares.append, modes=7, card="quick", repetitions=1)
     assert (first.name, first.version, first.origin) == ("walls", 1, "trained")
     assert shares == sorted(shares)
     renamed = [{"id": one, "label": f"{sent[k].label}!"} for k, one in enumerate(ids)]
-    second = remote.start_training("walls", renamed, modes=7).wait()
+    second = remote.start_training("walls", renamed, modes=7, card="quick", repetitions=1).wait()
     assert second.versions == [1, 2]
     assert remote.model("walls") == second
     assert remote.model("walls", 1).classes == sorted({one.label for one in sent})

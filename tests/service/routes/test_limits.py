@@ -13,7 +13,7 @@ from modalmotion.errors import StoreError
 from modalmotion.store import ResultStore
 from modalmotion_service.app import create_app
 from modalmotion_service.http.admission import Concurrency
-from modalmotion_service.http.observation import JsonFormatter
+from modalmotion_service.log_lines import JsonFormatter
 from modalmotion_service.settings import Settings
 
 

@@ -41,7 +41,14 @@ def test_a_trained_model_is_described_with_its_card(trained: Trained) -> None:
     assert len(card["training_set"]) == 64
     low, high = card["accuracy_interval"]
     assert 0 <= low <= card["accuracy"] <= high <= 1
-    assert sum(map(sum, card["confusion"])) == 2 * N_PER_CLASS
+    assert len(card["repetitions"]) == 5
+    assert sum(map(sum, card["confusion"])) == 5 * 2 * N_PER_CLASS
+    assert card["learning_curve"][-1]["accuracy"] == pytest.approx(card["accuracy"])
+    assert set(card["sensitivity"]) == set(card["specificity"]) == set(model["classes"])
+    for figure in (*card["sensitivity"].values(), *card["class_auc"].values()):
+        assert 0 <= figure["low"] <= figure["value"] <= figure["high"] <= 1
+    assert {choice["repetition"] for choice in card["fold_choices"]} == {1, 2, 3, 4, 5}
+    assert all("Holm" in test["text"] for test in card["confounds"])
     assert card["calibration_curve"]
     assert card["intended_use"]
     assert "modalmotion" in card["versions"]

@@ -10,7 +10,7 @@ from fastapi.testclient import TestClient
 
 from modalmotion.formats import write_npz
 from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.signature.making import SignatureParameters, modal_signature
+from modalmotion.signature.making import SignatureKind, SignatureParameters, modal_signature
 from modalmotion.simulate import Acquisition, simulate_ventricle
 
 BEAT = simulate_ventricle(
@@ -158,3 +158,24 @@ def test_it_can_be_a_job(client: TestClient, here: str) -> None:
 
 def test_an_unknown_sequence_is_not_found(client: TestClient) -> None:
     assert client.get(f"/v1/sequences/{'0' * 64}/tradeoff").status_code == 404
+
+
+def test_a_signature_of_offsets_has_one_amplitude_of_a_mode(client: TestClient, here: str) -> None:
+    own = modal_signature(BEAT, SignatureParameters(kind=SignatureKind.OFFSET))
+    answer = client.get(f"{here}/signature", params={"kind": "offset"}).json()
+    assert answer["kind"] == "offset" == answer["parameters"]["kind"]
+    assert answer["shape"] == [8, 7, 1]
+    assert answer["amplitudes"] == own.amplitudes.tolist()
+    assert answer["price"]["amplitudes_per_frame"] == 7
+    assert client.get(f"{here}/signature").json()["kind"] == "material"
+
+
+def test_offsets_are_refused_where_only_displacements_serve(client: TestClient, here: str) -> None:
+    for call, options in (
+        ("signature", {"auto": True}),
+        ("signature", {"components": "cylindrical"}),
+        ("tradeoff", {}),
+    ):
+        answer = client.get(f"{here}/{call}", params={"kind": "offset", **options})
+        assert answer.status_code == 422
+        assert answer.json()["remedy"]

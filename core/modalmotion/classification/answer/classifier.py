@@ -13,7 +13,7 @@ from modalmotion.classification.answer.flags import OUT_OF_DOMAIN, Flag
 from modalmotion.classification.answer.hands import read_hands
 from modalmotion.classification.answer.readability import unreadable
 from modalmotion.classification.covariates import with_covariates
-from modalmotion.classification.model.model import Model
+from modalmotion.classification.model.model import Model, Readable
 from modalmotion.classification.model.shipped import load_model
 from modalmotion.classification.options import require_coverage
 from modalmotion.errors import TopologyError
@@ -100,14 +100,18 @@ def classify(
 
 
 def fitted_for(model: Model, sequence: MeshSequence) -> ModalSignature:
-    """Fit a sequence for a model: in the model's topology, if its surface allows that.
+    """Fit a sequence for a model: see `fitted_in`."""
+    return fitted_in(model.readable, sequence)
+
+
+def fitted_in(readable: Readable, sequence: MeshSequence) -> ModalSignature:
+    """Fit a sequence in modes that are readable: in their topology, if its surface allows that.
 
     One recording of a mesh may look like another topology than the rest, as where an axis
-    bends; the model's is then imposed, unless the sequence states its own.
+    bends; the readable one is then imposed, unless the sequence states its own.
     """
-    parameters = model.signature_parameters
-    signature = modal_signature(sequence, parameters)
-    imposed = model.readable.imposed_on(signature.surface, sequence.topology)
+    signature = modal_signature(sequence, readable.parameters)
+    imposed = readable.imposed_on(signature.surface, sequence.topology)
     if imposed is None:
         return signature
     try:

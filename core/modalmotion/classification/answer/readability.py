@@ -12,6 +12,13 @@ def unreadable(signature: ModalSignature, model: Model) -> Flag | None:
     readable, modes = model.readable, signature.modes
     if signature.n_frames < 2:
         return Flag(UNREADABLE, "one frame shows no motion. Send at least two")
+    if signature.kind != readable.parameters.kind:
+        return Flag(
+            UNREADABLE,
+            f"the model reads signatures of the kind {readable.parameters.kind}, and "
+            f"this one is of the kind {signature.kind}, which do not compare. Fit it with "
+            f"kind={readable.parameters.kind}",
+        )
     if signature.surface not in readable.topologies:
         return Flag(
             OUT_OF_DOMAIN,

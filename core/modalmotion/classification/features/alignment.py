@@ -29,20 +29,21 @@ def align_all(motions: Coefficients, onto: Coefficients, *, is_cycle: bool) -> C
 
     Parameters
     ----------
-    motions : (motions, terms, modes, 3) complex128
+    motions : (motions, terms, modes, n) complex128
         Harmonics of a cycle; of a course cosine terms, which are real.
-    onto : (terms, modes, 3) complex128
+    onto : (terms, modes, n) complex128
     is_cycle : bool
         Whether the start is free, too.
 
     Returns
     -------
-    (motions, terms, modes, 3) complex128
+    (motions, terms, modes, n) complex128
 
     Notes
     -----
     Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst A, 1976;
-    a reflection is never used. A start t later multiplies harmonic h by exp(i h t).
+    a reflection is never used. A start t later multiplies harmonic h by exp(i h t). Offsets have
+    one direction, outward, and are not turned.
     """
     n = len(motions)
     terms = np.arange(1, motions.shape[1] + 1)
@@ -92,17 +93,21 @@ def _best(
 
     Parameters
     ----------
-    B : (motions, terms, 3, 3) complex128
+    B : (motions, terms, n, n) complex128
     starts : (motions, starts) float64
     terms : (terms,) int64
 
     Returns
     -------
-    (motions,) float64, (motions, 3, 3) float64
+    (motions,) float64, (motions, n, n) float64
     """
     phases = np.exp(1j * starts[:, :, None] * terms)
-    n, n_terms = B.shape[:2]
-    C = (phases @ B.reshape(n, n_terms, 9)).real.reshape(n, -1, 3, 3)
+    n, n_terms, n_directions, _ = B.shape
+    flat = (phases @ B.reshape(n, n_terms, -1)).real
+    if n_directions == 1:
+        best = flat[:, :, 0].argmax(axis=1)
+        return starts[np.arange(n), best], np.ones((n, 1, 1))
+    C = flat.reshape(n, -1, 3, 3)
     # Largest trace of R C' over rotations: s1 + s2 + sign(det) s3.
     U, s, Vt = np.linalg.svd(C)
     sign = np.sign(np.linalg.det(U) * np.linalg.det(Vt))

@@ -66,7 +66,7 @@ def invariants(
 
     Parameters
     ----------
-    motion : (terms, modes, 3) complex128
+    motion : (terms, modes, n) complex128
         Harmonics of a cycle; of a course cosine terms, which are real.
     waves : Waves
     is_cycle : bool
@@ -78,9 +78,8 @@ def invariants(
     """
     z = stacked(motion, waves)
     sizes = np.sqrt((np.abs(z) ** 2).sum(axis=(2, 3)))
-    spread = np.linalg.svd(
-        np.concatenate([z.real, z.imag]).reshape(-1, 3), compute_uv=False, full_matrices=False
-    )
+    both = np.concatenate([z.real, z.imag]).reshape(-1, z.shape[3])
+    spread = np.linalg.svd(both, compute_uv=False, full_matrices=False)
     i, j = _pairs(waves)
     ahead = _cycle_lead if is_cycle else _course_lead
     parts = [sizes.T.ravel(), signed_root(_together(z[:, i], z[:, j]))]
@@ -97,7 +96,9 @@ def invariants(
     return np.concatenate(parts)
 
 
-def invariant_columns(waves: Waves, n_terms: int, *, is_cycle: bool) -> tuple[Column, ...]:
+def invariant_columns(
+    waves: Waves, n_terms: int, n_directions: int, *, is_cycle: bool
+) -> tuple[Column, ...]:
     """Columns of the values of `invariants`."""
     term = "harmonic" if is_cycle else "term"
     columns = [
@@ -115,7 +116,7 @@ def invariant_columns(waves: Waves, n_terms: int, *, is_cycle: bool) -> tuple[Co
         ]
 
     columns += of_pairs("together", pairs)
-    columns += [Column(f"spread {axis}", everything) for axis in (1, 2, 3)]
+    columns += [Column(f"spread {axis}", everything) for axis in range(1, n_directions + 1)]
     columns += of_pairs("ahead", pairs)
     has_sine = waves.sines >= 0
     columns += [Column(f"runs {waves.names[k]}", waves.modes(k)) for k in np.flatnonzero(has_sine)]
@@ -126,7 +127,7 @@ def invariant_columns(waves: Waves, n_terms: int, *, is_cycle: bool) -> tuple[Co
 
 
 def _together(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Products of (terms, n, members, 3) over terms, members and directions, (n,)."""
+    """Products of (terms, n, members, directions) over terms, members and directions, (n,)."""
     products: NDArray[np.float64] = np.einsum("hncd,hncd->n", a.conj(), b).real
     return products
 
@@ -162,7 +163,7 @@ def _areas(n_terms: int) -> NDArray[np.float64]:
 
 
 def stacked(motion: NDArray[np.complex128], waves: Waves) -> NDArray[np.complex128]:
-    """Stack cosine and sine parts of a motion, (terms, waves, 2, 3)."""
+    """Stack cosine and sine parts of a motion, (terms, waves, 2, directions)."""
     sines = np.where((waves.sines >= 0)[:, None], motion[:, waves.sines], 0.0)
     return np.stack([motion[:, waves.cosines], sines], axis=2)
 

@@ -17,6 +17,7 @@ from modalmotion.classification.features.invariants import (
     invariants,
     waves_of,
 )
+from modalmotion.classification.features.offset_parts import offset_features
 from modalmotion.classification.features.summary import summary, summary_columns
 from modalmotion.classification.features.temporal import (
     cosines,
@@ -27,7 +28,7 @@ from modalmotion.classification.features.temporal import (
 )
 from modalmotion.modes import Modes
 from modalmotion.representation import shown
-from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.making import ModalSignature, SignatureKind
 
 # A course holds what a cycle of twice its length holds.
 TERMS_PER_HARMONIC = 2
@@ -51,7 +52,7 @@ class FeatureReader:
         Of parts with a sign and of modes; one less, but at least one, of parts without.
     walls : bool
         Whether the zero of theta is known, so that walls are told apart.
-    typical : (terms, modes, 3) complex128 or None
+    typical : (terms, modes, n) complex128 or None
         Motion onto which each one is turned, and which it is started like, before its terms
         are features themselves; None to use invariants alone. All zero where recordings share
         their coordinates and are not turned.
@@ -90,7 +91,9 @@ class FeatureReader:
         """
         if self.has_axis:
             n_sized = max(1, self.n_harmonics - 1)
-            parts = axis_features(signature, self.n_harmonics, n_sized, walls=self.walls)
+            is_offset = signature.kind == SignatureKind.OFFSET
+            features = offset_features if is_offset else axis_features
+            parts = features(signature, self.n_harmonics, n_sized, walls=self.walls)
             if not self.adds_modes:
                 return parts
             return parts.beside(self.of(signature, motion_of(signature, self)))
@@ -102,7 +105,7 @@ class FeatureReader:
         columns = _columns(
             signature.modes,
             waves,
-            len(motion.terms),
+            motion.terms.shape,
             is_cycle=self.is_cycle,
             is_brief=self.is_brief,
             has_terms=self.typical is not None,
@@ -141,7 +144,7 @@ class MotionTerms:
 
     Parameters
     ----------
-    terms : (terms, modes, 3) complex128
+    terms : (terms, modes, n) complex128
         In percent of the surface's size.
     size : float
         RMS of the motion about its mean over time, as a share of the surface's size.
@@ -160,7 +163,7 @@ def motion_of(signature: ModalSignature, reader: FeatureReader) -> MotionTerms:
         signature = one_turn(signature)
     a = signature.body_amplitudes / surface_size(signature)
     a = a - a.mean(axis=0)
-    n_frames, n_modes, _ = a.shape
+    n_frames = len(a)
     share, flat = elapsed_share(signature), a.reshape(n_frames, -1)
     if reader.is_cycle:
         terms = harmonics(share, flat, reader.n_harmonics)
@@ -168,7 +171,7 @@ def motion_of(signature: ModalSignature, reader: FeatureReader) -> MotionTerms:
         n_terms = TERMS_PER_HARMONIC * reader.n_harmonics
         terms = cosines(share, flat, n_terms).astype(np.complex128)
     return MotionTerms(
-        terms=100.0 * terms.reshape(-1, n_modes, 3),
+        terms=100.0 * terms.reshape(-1, *a.shape[1:]),
         size=float(np.sqrt((flat**2).sum(axis=1).mean())),
         smooth_share=smooth_share(share, flat, is_cycle=reader.is_cycle),
     )
@@ -193,21 +196,23 @@ def _flat(terms: NDArray[np.complex128], *, is_cycle: bool) -> NDArray[np.float6
 def _columns(
     modes: Modes,
     waves: Waves,
-    n_terms: int,
+    shape: tuple[int, ...],
     *,
     is_cycle: bool,
     is_brief: bool,
     has_terms: bool,
 ) -> tuple[Column, ...]:
     name = summary_columns if is_brief else invariant_columns
-    columns = [Column("motion", waves.all_modes), *name(waves, n_terms, is_cycle=is_cycle)]
+    n_terms, _, n_directions = shape
+    described = name(waves, n_terms, n_directions, is_cycle=is_cycle)
+    columns = [Column("motion", waves.all_modes), *described]
     if has_terms:
-        columns += _term_columns(modes, n_terms, is_cycle=is_cycle)
+        columns += _term_columns(modes, n_terms, n_directions, is_cycle=is_cycle)
     # Shares do not grow with the motion.
     return tuple(replace(column, power=0.0) for column in columns)
 
 
-def _term_columns(modes: Modes, n_terms: int, *, is_cycle: bool) -> list[Column]:
+def _term_columns(modes: Modes, n_terms: int, n_directions: int, *, is_cycle: bool) -> list[Column]:
     parts = [f"cos {h + 1}" for h in range(n_terms)]
     if is_cycle:
         parts += [f"sin {h + 1}" for h in range(n_terms)]
@@ -217,5 +222,5 @@ def _term_columns(modes: Modes, n_terms: int, *, is_cycle: bool) -> list[Column]
         Column(f"{label} direction {direction} {part}", (k,))
         for part in parts
         for k, label in enumerate(modes.labels)
-        for direction in (1, 2, 3)
+        for direction in range(1, n_directions + 1)
     ]

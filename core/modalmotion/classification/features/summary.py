@@ -15,7 +15,7 @@ def summary(motion: NDArray[np.complex128], waves: Waves, *, is_cycle: bool) -> 
     squares = np.abs(z) ** 2
     # Over terms, or over everything else.
     by_wave, by_term = squares.sum(axis=(0, 2, 3)), squares.sum(axis=(1, 2, 3))
-    both = np.concatenate([z.real, z.imag]).reshape(-1, 3)
+    both = np.concatenate([z.real, z.imag]).reshape(-1, z.shape[3])
     spread = np.linalg.svd(both, compute_uv=False, full_matrices=False)
     parts = [np.sqrt(by_wave), np.sqrt(by_term), spread]
     if not is_cycle:
@@ -26,13 +26,15 @@ def summary(motion: NDArray[np.complex128], waves: Waves, *, is_cycle: bool) -> 
     return np.concatenate(parts)
 
 
-def summary_columns(waves: Waves, n_terms: int, *, is_cycle: bool) -> tuple[Column, ...]:
+def summary_columns(
+    waves: Waves, n_terms: int, n_directions: int, *, is_cycle: bool
+) -> tuple[Column, ...]:
     """Columns of the values of `summary`."""
     everything = waves.all_modes
     term = "harmonic" if is_cycle else "term"
     columns = [Column(f"size {name}", waves.modes(k)) for k, name in enumerate(waves.names)]
     columns += [Column(f"size {term} {h}", everything) for h in range(1, n_terms + 1)]
-    columns += [Column(f"spread {axis}", everything) for axis in (1, 2, 3)]
+    columns += [Column(f"spread {axis}", everything) for axis in range(1, n_directions + 1)]
     if not is_cycle:
         pairs = zip(*np.triu_indices(n_terms, 1), strict=True)
         columns += [Column(f"term {i + 1} with {j + 1}", everything) for i, j in pairs]

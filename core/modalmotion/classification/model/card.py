@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from modalmotion.classification.measures.performance import Interval, Measured
+from modalmotion.classification.measures.roc import RocCurve
 from modalmotion.representation import shown
 
 
@@ -23,18 +25,10 @@ class ModelCard:
         Training cases of each class.
     n_subjects : dict of str to int
         Subjects of each class.
-    accuracy : float
-        Of cross-validation; NaN becomes None where there was none.
-    accuracy_interval : (float, float)
-        95 % interval, wider where several cases are of one subject.
+    accuracy, accuracy_interval, confusion, calibration_curve, calibration_error
+        Of cross-validation, as in `Performance`; None or empty where there was none.
     is_grouped : bool
         Whether no subject was on both sides of a split.
-    confusion : tuple of tuple of int
-        Rows are true classes, columns answers, in the order of `classes`.
-    calibration_curve : tuple of (float, float, int)
-        Mean probability of the label, share that was right, number of cases, by bins.
-    calibration_error : float
-        Expected calibration error (ECE).
     coverage : float
         Requested level of the class sets below.
     class_coverage : dict of str to float
@@ -50,6 +44,25 @@ class ModelCard:
         Observations from training.
     extra : dict
         Additions by its maker, such as a test on a held-out cohort.
+    balanced_accuracy, auc, auc_interval, class_auc, log_loss, log_loss_interval, brier
+        Of cross-validation, as in `Performance`.
+    brier_interval, sensitivity, specificity, roc
+        Likewise.
+    methods : str
+        How the figures and their intervals are made.
+    repetitions : tuple of dict
+        Accuracy, AUC, log loss, Brier score and calibration error of each repetition of the
+        cross-validation; the figures above are their means.
+    learning_curve : tuple of dict
+        Of each number of cases a class (`per_class`): accuracy, AUC and log loss of models that
+        are fitted to so many, and their ranges over draws. The last point is of all cases.
+    fold_choices : tuple of dict
+        Of each repetition and fold the choices of features, with their weights.
+    confounds : tuple of dict
+        Conditions of the recordings, and how well each alone tells the classes apart.
+    decision : dict or None
+        How probabilities become a label, where it is not the most probable class, and how well
+        that does on held-out cases.
     """
 
     classes: tuple[str, ...]
@@ -57,7 +70,7 @@ class ModelCard:
     n_cases: dict[str, int]
     n_subjects: dict[str, int]
     accuracy: float | None
-    accuracy_interval: tuple[float, float] | None
+    accuracy_interval: Interval | None
     is_grouped: bool
     confusion: tuple[tuple[int, ...], ...]
     calibration_curve: tuple[tuple[float, float, int], ...]
@@ -72,6 +85,23 @@ class ModelCard:
     has_not_seen: str
     notes: tuple[str, ...] = ()
     extra: dict[str, Any] = field(default_factory=dict)
+    balanced_accuracy: float | None = None
+    auc: float | None = None
+    auc_interval: Interval | None = None
+    class_auc: dict[str, Measured] = field(default_factory=dict)
+    log_loss: float | None = None
+    log_loss_interval: Interval | None = None
+    brier: float | None = None
+    brier_interval: Interval | None = None
+    sensitivity: dict[str, Measured] = field(default_factory=dict)
+    specificity: dict[str, Measured] = field(default_factory=dict)
+    roc: dict[str, RocCurve] = field(default_factory=dict)
+    methods: str = ""
+    repetitions: tuple[dict[str, float | None], ...] = ()
+    learning_curve: tuple[dict[str, Any], ...] = ()
+    fold_choices: tuple[dict[str, Any], ...] = ()
+    confounds: tuple[dict[str, Any], ...] = ()
+    decision: dict[str, Any] | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the card as JSON-able values, tuples as lists."""

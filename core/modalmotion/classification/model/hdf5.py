@@ -15,6 +15,7 @@ from modalmotion.classification.features import Column, FeatureReader
 from modalmotion.classification.features.twins import TWINS
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
+from modalmotion.classification.model.cross_validation import validation_arrays, validation_of
 from modalmotion.classification.model.domain import ARRAYS, CHECKS, COURSE, PLACE, Domain
 from modalmotion.classification.model.model import Model, Readable
 from modalmotion.classification.model.record import ModelRecord, require_model_name
@@ -58,6 +59,11 @@ _AXES: Final = {
     "domain": "",
     "n_scores": "class",
     "scores": "score",
+    "held_out_ids": "case, byte",
+    "held_out_subjects": "case",
+    "held_out_classes": "case",
+    "held_out_probabilities": "repetition, case, class",
+    "held_out_folds": "repetition, case",
     "golden_features": "case, feature",
     "golden_probabilities": "case, class",
     "readable": "",
@@ -233,6 +239,8 @@ def _arrays(model: Model) -> dict[str, NDArray[Any]]:
         "golden_features": model.golden_features,
         "golden_probabilities": model.golden_probabilities,
     }
+    if model.cross_validation is not None:
+        arrays |= validation_arrays(model.cross_validation)
     for prefix, one in (("", reader), ("domain_", domain.reader)):
         if one.typical is not None:
             arrays[f"{prefix}typical"] = np.stack([one.typical.real, one.typical.imag])
@@ -314,6 +322,7 @@ def _model(stored_model: KeptModel, contents: Contents) -> Model:
             for label, texts in contents.json("notes", dict).items()
         },
         card=ModelCard.from_json(stored_model.card),
+        cross_validation=validation_of(record.classes, contents),
     )
 
 

@@ -18,6 +18,7 @@ from modalmotion.classification.estimators.temperature import softmax
 from modalmotion.classification.features import Column, FeatureReader
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
+from modalmotion.classification.model.cross_validation import CrossValidation
 from modalmotion.classification.model.domain import ARRAYS, Domain
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.frozen_arrays import FrozenArrays
@@ -86,6 +87,8 @@ class Model(FrozenArrays):
     notes : dict of str to tuple of str
         Notes for every answer (under "") or for one class.
     card : ModelCard
+    cross_validation : CrossValidation or None
+        Answers to the training cases, held out. Not part of the id: no answer depends on it.
     """
 
     name: str
@@ -101,6 +104,7 @@ class Model(FrozenArrays):
     golden_probabilities: NDArray[np.float64]
     notes: dict[str, tuple[str, ...]]
     card: ModelCard
+    cross_validation: CrossValidation | None = None
 
     def __post_init__(self) -> None:
         self.golden_features.setflags(write=False)

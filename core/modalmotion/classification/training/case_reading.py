@@ -136,11 +136,11 @@ def require_usable(case: TrainingCase, number: int, options: TrainingOptions) ->
         )
 
 
-def basis_of(case: ReadCase) -> tuple[Any, ...]:
+def basis_of(case: ReadCase | ModalSignature) -> tuple[Any, ...]:
     """Give what two cases must share so that their modes compare; last, what spring modes must."""
     p = case.parameters
     return (
-        *(p.weights, p.remove_rotation, p.components, p.reference == MEAN),
+        *(p.kind, p.weights, p.remove_rotation, p.components, p.reference == MEAN),
         *(len(case.modes), case.modes.topology is None, case.modes.connectivity_id),
     )
 
@@ -155,6 +155,14 @@ def require_alike(case: ReadCase, example: ReadCase, number: int) -> None:
     """
     called = case.name or str(number)
     a, b = case.parameters, example.parameters
+    if a.kind != b.kind:
+        raise UnlikeCasesError(
+            f"The training case {called} has a signature of the kind {a.kind}, the first one of "
+            f"the kind {b.kind}: displacements of points and offsets of a surface do not compare.",
+            remedy="Give the sequences themselves, with the option kind, or signatures of one "
+            "kind.",
+            details={"case": number, "sequence_id": case.row.sequence_id},
+        )
     same = basis_of(case)[:-1] == basis_of(example)[:-1]
     if same and case.modes.connectivity_id != example.modes.connectivity_id:
         raise UnlikeCasesError(

@@ -14,6 +14,7 @@ from modalmotion.classification.features.course import measures
 from modalmotion.classification.features.hand import hand_of, readings_of, right_handed
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.cases import TrainingCase
+from modalmotion.classification.training.conditions import Conditions, conditions_of
 from modalmotion.facts import UNKNOWN
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template.landmarks import WEAK
@@ -36,6 +37,9 @@ class CaseRow:
     label : str
     subject : str or None
     sequence_id : str
+    name : str
+        What errors call the case; may be empty.
+    conditions : Conditions
     gap : float
         See `ModalSignature.closure_gap`.
     zero_is_given, zero_is_known : bool
@@ -55,6 +59,8 @@ class CaseRow:
     label: str
     subject: str | None
     sequence_id: str
+    name: str
+    conditions: Conditions
     gap: float
     zero_is_given: bool
     zero_is_known: bool
@@ -84,6 +90,8 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
         label=case.label,
         subject=case.subject,
         sequence_id=signature.sequence_id,
+        name=case.name,
+        conditions=conditions_of(signature),
         gap=signature.closure_gap,
         zero_is_given=landmarks is not None and "theta_zero" in landmarks.given,
         zero_is_known=zero_is_known(signature),

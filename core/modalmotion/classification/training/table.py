@@ -29,6 +29,7 @@ from modalmotion.classification.options import PoseOf, TrainingOptions
 from modalmotion.classification.training.case_groups import group_cases
 from modalmotion.classification.training.case_row import CaseRow
 from modalmotion.classification.training.cases import AnyCase
+from modalmotion.classification.training.conditions import Conditions
 from modalmotion.classification.training.feature_choices import (
     domain_reader,
     feature_choices,
@@ -64,6 +65,8 @@ class CaseTable:
     groups : (cases,) int64
         Cases that must not be on both sides of a split.
     subjects : tuple of str
+    sequence_ids, names : tuple of str
+    conditions : tuple of Conditions
     hash : str
         sha256 in hex of ids, labels and subjects, in any order.
     values : (cases, readings, features) float64
@@ -100,6 +103,9 @@ class CaseTable:
     y: NDArray[np.int64]
     groups: NDArray[np.int64]
     subjects: tuple[str, ...]
+    sequence_ids: tuple[str, ...]
+    names: tuple[str, ...]
+    conditions: tuple[Conditions, ...]
     hash: str
     values: NDArray[np.float64]
     about_axis: NDArray[np.float64]
@@ -325,6 +331,9 @@ def _table(
         y=np.array([classes.index(row.label) for row in rows]),
         groups=groups,
         subjects=subjects,
+        sequence_ids=tuple(row.sequence_id for row in rows),
+        names=tuple(row.name for row in rows),
+        conditions=tuple(row.conditions for row in rows),
         hash=hashlib.sha256("\n".join(lines).encode()).hexdigest(),
         values=values,
         about_axis=about_axis,

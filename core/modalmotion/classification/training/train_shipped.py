@@ -10,12 +10,12 @@ from typing import Final
 
 from numpy.random import default_rng
 
+from modalmotion.classification.evaluation.evaluation import Evaluation, evaluate
 from modalmotion.classification.model.hdf5 import model_to_hdf5
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.model.shipped import DEFAULT_MODEL
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.cases import TrainingCase
-from modalmotion.classification.training.evaluation import Evaluation, evaluate
 from modalmotion.classification.training.training import train
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.signature.making import modal_signature
@@ -118,7 +118,8 @@ def main(arguments: Sequence[str]) -> None:
 
 def _held_out(evaluation: Evaluation) -> dict[str, object]:
     record = evaluation.as_json()
-    del record["model"], record["model_id"], record["classes"]
+    for name in ("model", "model_id", "classes", "cases"):
+        del record[name]
     return {"held_out": {"seed": HELD_OUT_SEED, **record}}
 
 

@@ -7,13 +7,12 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.classification.estimators.machine import machine_to_bytes
 from modalmotion.classification.estimators.scorer import Blend, Scorer
 from modalmotion.classification.model.conformal import Calibration, calibrate
 from modalmotion.classification.model.digits import rounded
-from modalmotion.classification.model.domain import ARRAYS, CHECKS, Domain, motion_limits
+from modalmotion.classification.model.domain import ARRAYS, motion_limits
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.basis import collect_in_one_basis
@@ -21,11 +20,15 @@ from modalmotion.classification.training.cases import AnyCase
 from modalmotion.classification.training.domain_fit import fit_domain, with_limits
 from modalmotion.classification.training.fold_fit import FoldFit, fit_rows, predict_fold
 from modalmotion.classification.training.own_folds import Folds, folds_of
-from modalmotion.classification.training.splits import split_cases
+from modalmotion.classification.training.repetitions import plan_folds
 from modalmotion.classification.training.table import CaseTable
 from modalmotion.classification.training.training_card import empty_card, training_card
+from modalmotion.classification.training.validation import Validation, validated
 
 _N_GOLDEN: Final = 10
+
+# Share of the progress that reading the cases is counted as.
+_READ: Final = 0.4
 
 WALLS_NOTE: Final = (
     "Walls are not told apart: the zero of theta is not known, so only features that do not "
@@ -83,7 +86,7 @@ def train(
     n_cases = len(cases) if isinstance(cases, Sized) else 0
 
     def reading(number: int) -> None:
-        share = 0.4 * (number / n_cases) if n_cases else 0.0
+        share = _READ * (number / n_cases) if n_cases else 0.0
         report(share, f"reading case {number}")
 
     table = collect_in_one_basis(cases, options, reading)
@@ -91,29 +94,23 @@ def train(
         labels = [table.classes[k] for k in table.y]
         own = folds_of(cv, table.numbers, table.n_given, labels, table.groups)
         table = replace(table, own_folds=own)
-    splits = split_cases(table, options)
-    n, n_classes = len(table), len(table.classes)
-    probabilities = np.full((n, n_classes), 1.0 / n_classes)
-    scores, hand = np.zeros((n, len(CHECKS))), np.zeros(n)
-    every = np.arange(n)
-    works = [delayed(predict_fold)(table, *fold, options) for fold in splits.folds]
-    works.append(delayed(fit_rows)(table, every, options))
+    plan = plan_folds(table, options)
+    folds = [*plan.folds, *plan.curve]
+    works = [delayed(fit_rows)(table, np.arange(len(table)), options)]
+    works += [delayed(predict_fold)(table, fold.inner, fold.outer, options) for fold in folds]
     results = Parallel(return_as="generator", batch_size=1)(works)
-    for k, (_, outer) in enumerate(splits.folds):
-        report(0.4 + 0.5 * k / (len(splits.folds) + 1), f"fold {k + 1} of {len(splits.folds)}")
-        held_out = next(results)
-        probabilities[outer] = held_out.probabilities
-        scores[outer], hand[outer] = held_out.judgement.scores, held_out.judgement.hand
-    report(0.4 + 0.5 * len(splits.folds) / (len(splits.folds) + 1), "all cases")
+    report(_READ, "all cases")
     fitted = next(results)
-    domain = fit_domain(table, every).domain
-    if splits.folds:
-        groups = table.groups if splits.is_grouped else every
-        domain = with_limits(domain, scores, hand, groups, options.known_share)
-    model = _model(table, fitted, name, probabilities, domain, bool(splits.folds))
-    card = training_card(table, options, splits, probabilities, fitted)
+    held_out = []
+    for number, fold in enumerate(folds):
+        report(_READ + (1 - _READ) * (number + 1) / len(works), plan.describe(fold))
+        held_out.append((fold, next(results)))
+    validation = validated(table, held_out[: len(plan.folds)], is_grouped=plan.splits.is_grouped)
+    model = _model(table, fitted, name, validation, options)
+    card = training_card(table, options, plan, validation, held_out, fitted)
     report(1.0, "trained")
-    return replace(model, card=replace(card, notes=(*table.notes, *splits.notes, *card.notes)))
+    notes = (*table.notes, *plan.splits.notes, *card.notes)
+    return replace(model, card=replace(card, notes=notes))
 
 
 def _silent(share: float, text: str) -> None:
@@ -125,18 +122,23 @@ def _model(
     table: CaseTable,
     fitted: FoldFit,
     name: str,
-    probabilities: NDArray[np.float64],
-    domain: Domain,
-    is_validated: bool,
+    validation: Validation | None,
+    options: TrainingOptions,
 ) -> Model:
     estimator = fitted.estimator
     blend, machine = _rounded_blend(estimator, fitted), b""
     if estimator.blend_ is None:
         machine = machine_to_bytes(estimator)
+    domain = fit_domain(table, np.arange(len(table))).domain
     least_motion, least_smooth = motion_limits(*table.sizes(domain.reader).T)
     calibration = Calibration(tuple(np.zeros(0) for _ in table.classes))
-    if is_validated:
-        calibration = calibrate(rounded(probabilities), table.y, len(table.classes))
+    if validation is not None:
+        # Of the first repetition, as always: see decision 29.
+        domain = with_limits(
+            domain, validation.scores, validation.hand, validation.groups, options.known_share
+        )
+        first = validation.answers.probabilities[0]
+        calibration = calibrate(first, table.y, len(table.classes))
     golden = rounded(fitted.X[:: max(1, len(fitted.X) // _N_GOLDEN)][:_N_GOLDEN])
     always: tuple[str, ...] = ()
     if _has_closed(table) and not fitted.reader.walls:
@@ -165,6 +167,7 @@ def _model(
         golden_probabilities=np.zeros((len(golden), len(table.classes))),
         notes={"": always},
         card=empty_card(table),
+        cross_validation=None if validation is None else validation.answers,
     )
     return replace(model, golden_probabilities=model.probabilities(golden))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Final
@@ -9,14 +10,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.classification.measures.confounds import confound_notes, confounds
+from modalmotion.classification.measures.performance import METHODS, performance, spread
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import calibrate
-from modalmotion.classification.model.reliability import calibration_curve, calibration_error
 from modalmotion.classification.options import TrainingOptions
-from modalmotion.classification.training.fold_fit import FoldFit
-from modalmotion.classification.training.intervals import accuracy_interval
-from modalmotion.classification.training.splits import Splits
+from modalmotion.classification.training.fold_fit import FoldFit, HeldOut
+from modalmotion.classification.training.learning_curve import learning_curve
+from modalmotion.classification.training.repetitions import Plan, PlannedFold
 from modalmotion.classification.training.table import CaseTable, class_counts
+from modalmotion.classification.training.validation import Validation
 from modalmotion.hdf5.image import INTENDED_USE
 
 # Fewer calibration cases than this make sets of the usual 90 % hold a class always.
@@ -50,8 +53,9 @@ def empty_card(table: CaseTable) -> ModelCard:
 def training_card(
     table: CaseTable,
     options: TrainingOptions,
-    splits: Splits,
-    probabilities: NDArray[np.float64],
+    plan: Plan,
+    validation: Validation | None,
+    folds: Sequence[tuple[PlannedFold, HeldOut]],
     fitted: FoldFit,
 ) -> ModelCard:
     """Card of a trained model: its data, options, and accuracy on held-out cases.
@@ -60,9 +64,11 @@ def training_card(
     ----------
     table : CaseTable
     options : TrainingOptions
-    splits : Splits
-    probabilities : (cases, classes) float64
-        Of each case, when it was held out.
+    plan : Plan
+    validation : Validation or None
+        Of the folds of the plan.
+    folds : sequence of (PlannedFold, HeldOut)
+        Of the plan, the learning curve's after those of the cross-validation.
     fitted : FoldFit
         To all cases.
     """
@@ -82,7 +88,7 @@ def training_card(
         empty_card(table),
         n_cases=n_cases,
         n_subjects=n_subjects,
-        is_grouped=splits.is_grouped,
+        is_grouped=plan.splits.is_grouped,
         coverage=options.coverage,
         options={
             **options.as_json(),
@@ -101,21 +107,29 @@ def training_card(
         ),
         notes=notes,
     )
-    if not splits.folds:
+    if validation is None:
         return card
-    answers = probabilities.argmax(axis=1)
-    right = answers == table.y
-    confusion = np.zeros((len(table.classes),) * 2, dtype=np.int64)
-    np.add.at(confusion, (table.y, answers), 1)
-    curve = calibration_curve(probabilities.max(axis=1), right)
-    held, sizes = _cross_sets(table, splits.folds, probabilities, options.coverage)
+    answers = validation.answers.answers()
+    held, sizes = _cross_sets(table, plan.splits.folds, answers.probabilities[0], options.coverage)
+    people = np.unique(table.subjects, return_inverse=True)[1]
+    tests = confounds(table.conditions, table.y, people, options.seed)
     return replace(
         card,
-        accuracy=float(right.mean()),
-        accuracy_interval=accuracy_interval(right, table.subjects),
-        confusion=tuple(tuple(row) for row in confusion.tolist()),
-        calibration_curve=curve,
-        calibration_error=calibration_error(curve),
+        **vars(performance(answers)),
+        methods=METHODS,
+        repetitions=spread(answers),
+        learning_curve=learning_curve(table, folds) if plan.curve else (),
+        fold_choices=tuple(
+            {
+                "repetition": fold.repetition + 1,
+                "fold": fold.fold + 1,
+                "choices": tuple((text, round(weight, 6)) for text, weight in held_out.choices),
+            }
+            for fold, held_out in folds
+            if fold.size is None
+        ),
+        confounds=tests,
+        notes=(*notes, *confound_notes(tests)),
         class_coverage={
             label: float(held[table.y == k].mean()) for k, label in enumerate(table.classes)
         },

@@ -17,7 +17,7 @@ from collections.abc import Coroutine
 from typing import Any, Final
 
 from modalmotion_service.errors import ClusterError
-from modalmotion_service.http.observation import log_config
+from modalmotion_service.log_lines import log_config
 from modalmotion_service.work.answers import error_to_bytes
 from modalmotion_service.work.dask.frames import PIECE, Frame, Frames, Kind
 from modalmotion_service.work.dask.logs import log_dask_as_json

@@ -27,9 +27,9 @@ from modalmotion_service.work.answers import AnswerError, from_bytes, result_typ
 from modalmotion_service.work.dask.frames import PIECE, Frame, Frames, Kind
 from modalmotion_service.work.dask.hearing import SILENT_SECONDS
 from modalmotion_service.work.dask.settings import ClusterSettings
-from modalmotion_service.work.executor import Engine
+from modalmotion_service.work.executor import READY_SECONDS, Engine
 from modalmotion_service.work.payload import payload_of
-from modalmotion_service.work.pool import READY_SECONDS, unreadable_answer
+from modalmotion_service.work.pool import unreadable_answer
 from modalmotion_service.work.terms import Terms, with_terms
 
 P = ParamSpec("P")

@@ -19,7 +19,7 @@ from modalmotion_service.work.dask.hearing import Hearing
 from modalmotion_service.work.dask.settings import ClusterSettings
 from modalmotion_service.work.dask.tasks import PLUGIN, Mark, PoolLimits, PoolPlugin, run_in_pool
 from modalmotion_service.work.dask.turns import Turns, lane_of, places_for_long
-from modalmotion_service.work.pool import READY_SECONDS
+from modalmotion_service.work.executor import READY_SECONDS
 from modalmotion_service.work.terms import Terms
 
 logger = logging.getLogger(__name__)

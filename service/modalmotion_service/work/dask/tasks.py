@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from distributed import Worker, WorkerPlugin, get_worker
 from distributed.core import Status
@@ -27,8 +27,10 @@ from distributed.core import Status
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.work.dask.turns import places_for_long
 from modalmotion_service.work.payload import run_payload
-from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.work.terms import Terms
+
+if TYPE_CHECKING:
+    from modalmotion_service.work.pool import WorkerPool
 
 PLUGIN: Final = "modalmotion-pools"
 # Pools that are kept for limits that tasks may come with again.
@@ -82,6 +84,9 @@ class Pools:
         with self._lock:
             pool = self._pools.pop(limits, None)
             if pool is None:
+                # Here, so that the bridge, which only names tasks, need not import what they need.
+                from modalmotion_service.work.pool import WorkerPool
+
                 pool = WorkerPool(
                     places_for_long(self._n_threads),
                     *(limits.seconds, limits.memory_bytes, limits.attempts),

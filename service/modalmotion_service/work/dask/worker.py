@@ -13,7 +13,7 @@ import dask
 from distributed import Worker
 
 from modalmotion_service.environment import read_settings
-from modalmotion_service.http.observation import log_config
+from modalmotion_service.log_lines import log_config
 from modalmotion_service.work.dask.logs import log_dask_as_json
 
 logger = logging.getLogger(__name__)

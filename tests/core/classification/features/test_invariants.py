@@ -90,13 +90,13 @@ def test_every_value_has_a_name_of_its_own(
     assert callable(name)
     waves = waves_on(topology)
     values = read(some_terms(1, is_cycle=is_cycle), waves, is_cycle=is_cycle)
-    columns = name(waves, 2 if is_cycle else 4, is_cycle=is_cycle)
+    columns = name(waves, 2 if is_cycle else 4, 3, is_cycle=is_cycle)
     assert len({column.name for column in columns}) == len(columns) == len(values)
     assert all(0 <= mode < 7 for column in columns for mode in column.modes)
 
 
 def named(terms: Terms, waves: Waves, *, is_cycle: bool) -> dict[str, float]:
-    columns = invariant_columns(waves, len(terms), is_cycle=is_cycle)
+    columns = invariant_columns(waves, len(terms), 3, is_cycle=is_cycle)
     values = invariants(terms, waves, is_cycle=is_cycle)
     return dict(zip((column.name for column in columns), values.tolist(), strict=True))
 

@@ -12,9 +12,9 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 from modalmotion.classification.estimators.estimator import MotionClassifier
 from modalmotion.classification.estimators.ridge import kernel_ridge, ridge
 from modalmotion.classification.estimators.temperature import fit_temperature, softmax
+from modalmotion.classification.measures.intervals import share_interval
+from modalmotion.classification.measures.reliability import calibration_curve, calibration_error
 from modalmotion.classification.model.conformal import Calibration, calibrate
-from modalmotion.classification.model.reliability import calibration_curve, calibration_error
-from modalmotion.classification.training.intervals import accuracy_interval
 
 
 @parametrize_with_checks([MotionClassifier()])  # type: ignore[untyped-decorator]
@@ -138,8 +138,8 @@ def test_few_cases_that_are_told_apart_give_no_certainty() -> None:
 
 def test_cases_of_one_subject_count_as_fewer() -> None:
     right = np.repeat([True, True, True, False], 10)
-    alone = accuracy_interval(right, [str(i) for i in range(40)])
-    together = accuracy_interval(right, [str(i // 10) for i in range(40)])
+    alone = share_interval(right, [str(i) for i in range(40)])
+    together = share_interval(right, [str(i // 10) for i in range(40)])
     assert alone == pytest.approx((0.5981, 0.8581), abs=1e-3)  # Wilson, 30 of 40
     assert together[1] - together[0] > 2 * (alone[1] - alone[0])
 

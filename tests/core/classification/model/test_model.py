@@ -50,7 +50,11 @@ def small() -> Model:
 def forest() -> Model:
     with pytest.MonkeyPatch.context() as small:
         small.setattr(estimator, "_N_TREES", 20)
-        return train(cohort(6), "forest", TrainingOptions(estimator="forest", folds=2))
+        return train(
+            cohort(6),
+            "forest",
+            TrainingOptions(estimator="forest", folds=2, repetitions=1, card="quick"),
+        )
 
 
 def test_probabilities_are_what_the_definition_says(small: Model) -> None:

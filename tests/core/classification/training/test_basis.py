@@ -22,7 +22,9 @@ from modalmotion.signature.making import SignatureParameters, modal_signature
 
 
 def quick(topology: str | None = None) -> TrainingOptions:
-    return TrainingOptions(folds=2, estimator="linear", topology=topology)
+    return TrainingOptions(
+        folds=2, estimator="linear", topology=topology, repetitions=1, card="quick"
+    )
 
 
 def cases(n_per_class: int, seed: int) -> list[TrainingCase]:

@@ -80,7 +80,7 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> list[CaseFile]:
     return found
 
 
-QUICK = TrainingOptions(folds=3, estimator="linear")
+QUICK = TrainingOptions(folds=3, estimator="linear", repetitions=2)
 
 
 def trained(cases: Iterable[TrainingCase | CaseFile], options: TrainingOptions = QUICK) -> bytes:
@@ -113,8 +113,8 @@ def test_training_is_shared_out(cases: list[CaseFile], dask_cluster: DaskCluster
         before = n_done()
         with joblib_backend(dask_cluster.address):
             trained(cases)
-        # Two pieces of cases, three folds, and the whole.
-        assert n_done() - before == 6
+            # Two pieces of cases, the whole, twice three folds, and as many of the learning curve.
+            assert n_done() - before == 15
 
 
 @pytest.mark.parametrize("threads", [None, 2])

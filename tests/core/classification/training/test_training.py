@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from classify_samples import cohort, curve, curves, curves_model, small_model
+from classify_samples import QUICK_CARD, cohort, curve, curves, curves_model, small_model
 
 from modalmotion.classification import (
     TrainingCase,
@@ -25,11 +25,11 @@ from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import simulate_ventricle
 
 # Where the law is not about how scores come about: the quickest estimator.
-QUICK = TrainingOptions(estimator="linear")
+QUICK = replace(QUICK_CARD, estimator="linear")
 
 
 def test_training_again_gives_the_same_model_to_the_byte() -> None:
-    assert model_to_hdf5(train(cohort(6), "small")) == model_to_hdf5(small_model())
+    assert model_to_hdf5(train(cohort(6), "small", QUICK_CARD)) == model_to_hdf5(small_model())
     first, other = (train(cases, "small", QUICK) for cases in (cohort(6), cohort(6)[1:]))
     assert first.id != other.id
 
@@ -66,7 +66,7 @@ def test_spring_modes_of_one_mesh_can_be_learned_and_another_mesh_is_refused() -
         return TrainingCase(modal_signature(replace(beat, vertices=moved), asked), label)
 
     cases = [case(n, label) for n in range(6) for label in ("plain", "late")]
-    model = train(cases, "springs")
+    model = train(cases, "springs", QUICK_CARD)
     assert model.readable.topologies == ("mesh",)
     assert model.signature_parameters.closed_form is False
     assert evaluate(model, [case(50, "plain"), case(51, "late")]).accuracy == 1.0
@@ -95,7 +95,7 @@ def test_one_recording_of_two_classes_is_refused() -> None:
 
 def test_a_recording_that_came_twice_counts_once() -> None:
     cases = cohort(6)
-    model = train([*cases, cases[0], cases[3]], "small")
+    model = train([*cases, cases[0], cases[3]], "small", QUICK_CARD)
     assert model.card.n_cases == dict.fromkeys(model.classes, 6)
     assert any("came twice" in note for note in model.card.notes)
     assert model.id == small_model().id
@@ -244,7 +244,7 @@ def test_ten_thousand_sequences_are_learned_in_bounded_memory() -> None:
             yield TrainingCase(noisy(case.signature, number), case.label)
 
     tracemalloc.start()
-    model = train(cases(), "many", TrainingOptions(folds=2))
+    model = train(cases(), "many", replace(QUICK_CARD, folds=2))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert sum(model.card.n_cases.values()) == 10_000

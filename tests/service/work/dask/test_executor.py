@@ -56,6 +56,15 @@ def is_ready(engine: DaskExecutor) -> bool:
     return True
 
 
+def test_the_bridge_imports_dask_and_no_more_of_the_service_than_it_needs() -> None:
+    program = "import sys, modalmotion_service.work.dask.bridge; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
+    imported = set(run.stdout.decode().split())
+    assert "distributed" in imported
+    # They take longer than all else.
+    assert not imported & {"fastapi", "scipy", "modalmotion.store", "modalmotion_service.settings"}
+
+
 def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
     address = f"tcp://127.0.0.1:{free_port()}"
     with pytest.raises(ClusterError, match="no scheduler") as caught:

@@ -1,0 +1,252 @@
+"""How a model does on labelled cases that it has not seen."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from modalmotion.classification.answer.classification import Classification
+from modalmotion.classification.answer.classifier import classify
+from modalmotion.classification.measures.performance import (
+    METHODS,
+    Answers,
+    Performance,
+    performance,
+)
+from modalmotion.classification.model.model import Model
+from modalmotion.classification.training.cases import TrainingCase
+from modalmotion.errors import ParameterError
+from modalmotion.representation import shown
+
+
+@shown("truth", "answer", "probabilities", "flags", "sequence_id")
+@dataclass(frozen=True)
+class CaseAnswer:
+    """Answer of a model to one labelled case.
+
+    Parameters
+    ----------
+    name : str
+        Of the case, such as a path; may be empty.
+    sequence_id : str
+    subject : str
+    truth : str
+        Its class.
+    answer : str or None
+        The label; None for an abstention.
+    probabilities : tuple of float
+        In the order of the model's classes.
+    class_set, flags : tuple of str
+    """
+
+    name: str
+    sequence_id: str
+    subject: str
+    truth: str
+    answer: str | None
+    probabilities: tuple[float, ...]
+    class_set: tuple[str, ...]
+    flags: tuple[str, ...]
+
+    @staticmethod
+    def of(case: TrainingCase, result: Classification) -> CaseAnswer:
+        """Put a case and a model's answer together."""
+        return CaseAnswer(
+            name=case.name,
+            sequence_id=result.sequence_id,
+            subject=case.subject or f"sequence {result.sequence_id}",
+            truth=case.label,
+            answer=result.label,
+            probabilities=tuple(result.probabilities.tolist()),
+            class_set=result.class_set,
+            flags=result.flags,
+        )
+
+
+@shown("model", "n_cases", "accuracy", "accuracy_interval", "auc", "calibration_error")
+@dataclass(frozen=True, kw_only=True)
+class Evaluation(Performance):
+    """Result of a test on labelled cases; every field is JSON-able.
+
+    Where the model abstains its probabilities are equal, its answer is wrong and no class.
+
+    Parameters
+    ----------
+    model, model_id : str
+    classes : tuple of str
+    n_cases, n_subjects : int
+    abstained : float
+        Share of cases without a label.
+    flagged : dict of str to float
+        Share of cases with each flag.
+    coverage : float
+        Requested level.
+    class_coverage : dict of str to float
+        Share of each class whose set held it.
+    mean_set_size : float
+    methods : str
+        How the figures and their intervals are made.
+    notes : tuple of str
+        Caveats, such as cases that the model was trained on.
+    cases : tuple of CaseAnswer
+    """
+
+    model: str
+    model_id: str
+    classes: tuple[str, ...]
+    n_cases: int
+    n_subjects: int
+    abstained: float
+    flagged: dict[str, float]
+    coverage: float
+    class_coverage: dict[str, float]
+    mean_set_size: float
+    methods: str
+    notes: tuple[str, ...]
+    cases: tuple[CaseAnswer, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON-able values."""
+        return asdict(self)
+
+    def as_csv(self) -> str:
+        """Write the answers as a table, a line for each case.
+
+        Returns
+        -------
+        str
+            With the columns case, sequence_id, subject, class, answer, class_set, flags and one
+            for each class.
+        """
+        table = io.StringIO()
+        lines = csv.writer(table, lineterminator="\n")
+        lines.writerow(
+            ["case", "sequence_id", "subject", "class", "answer", "class_set", "flags"]
+            + [f"p {label}" for label in self.classes]
+        )
+        for case in self.cases:
+            lines.writerow(
+                [case.name, case.sequence_id, case.subject, case.truth, case.answer or ""]
+                + ["; ".join(case.class_set), "; ".join(case.flags)]
+                + [f"{share:.6g}" for share in case.probabilities]
+            )
+        return table.getvalue()
+
+
+def evaluate(
+    model: Model,
+    cases: Iterable[TrainingCase],
+    coverage: float = 0.9,
+    progress: Callable[[float, str], None] | None = None,
+) -> Evaluation:
+    """Test a model.
+
+    Parameters
+    ----------
+    model : Model
+    cases : iterable of TrainingCase
+        With classes of the model, of subjects that it was not trained on. Read one by one.
+    coverage : float
+        Level of the class sets.
+    progress : callable, optional
+        Called with the number of cases that are done, as a float, and a text.
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    ParameterError
+        If there is no case, or one has a class that the model does not know.
+    """
+    answers = []
+    for number, case in enumerate(cases):
+        require_known(model, case.label, number)
+        answers.append(CaseAnswer.of(case, classify(case.motion, model, coverage)))
+        if progress is not None:
+            progress(float(number + 1), "classified")
+    return evaluation_of(model, answers, coverage)
+
+
+def require_known(model: Model, label: str, number: int) -> None:
+    """Check that a model knows the class of a case.
+
+    Raises
+    ------
+    ParameterError
+        If it does not.
+    """
+    if label not in model.classes:
+        raise ParameterError(
+            f"The case {number} has the class {str(label)[:80]!r}, which the model "
+            f"{model.name!r} does not know.",
+            remedy=f"Give cases of its classes: {', '.join(model.classes)}.",
+            details={"case": number},
+        )
+
+
+def evaluation_of(model: Model, answers: Sequence[CaseAnswer], coverage: float) -> Evaluation:
+    """Measure a model's answers to labelled cases.
+
+    Raises
+    ------
+    ParameterError
+        If there is no case.
+    """
+    if not answers:
+        raise ParameterError("There is no case to test on.", remedy="Give at least one.")
+    classes = model.classes
+    place = {label: k for k, label in enumerate(classes)}
+    y = np.array([place[case.truth] for case in answers])
+    labels = np.array([-1 if c.answer is None else place[c.answer] for c in answers])
+    covers = np.array([case.truth in case.class_set for case in answers])
+    subjects = [case.subject for case in answers]
+    measured = performance(
+        Answers(
+            classes,
+            y,
+            subjects,
+            np.array([[case.probabilities for case in answers]]),
+            labels[None],
+        ),
+        abstains=True,
+    )
+    flags = sorted({flag for case in answers for flag in case.flags})
+    return Evaluation(
+        **vars(measured),
+        model=model.name,
+        model_id=model.id,
+        classes=classes,
+        n_cases=len(y),
+        n_subjects=len(set(subjects)),
+        abstained=float((labels < 0).mean()),
+        flagged={flag: float(np.mean([flag in c.flags for c in answers])) for flag in flags},
+        coverage=coverage,
+        class_coverage={
+            label: float(covers[y == k].mean()) for k, label in enumerate(classes) if (y == k).any()
+        },
+        mean_set_size=float(np.mean([len(case.class_set) for case in answers])),
+        methods=METHODS,
+        notes=_notes(model, answers),
+        cases=tuple(answers),
+    )
+
+
+def _notes(model: Model, answers: Sequence[CaseAnswer]) -> tuple[str, ...]:
+    """Say which cases the model knows from its training."""
+    known = model.cross_validation
+    trained = set() if known is None else set(known.sequence_ids)
+    n = sum(case.sequence_id in trained for case in answers)
+    if not n:
+        return ()
+    note = (
+        f"{n} of the {len(answers)} cases were trained on: the figures are too hopeful. Test on "
+        "other subjects, or read the card, whose figures are of held-out cases."
+    )
+    return (note,)

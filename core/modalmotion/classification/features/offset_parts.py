@@ -1,0 +1,141 @@
+"""Features of a surface with an axis from its offsets: narrowing, and what is one-sided.
+
+Offsets are numbers along the reference's normals, positive outward, so neither the frame of the
+body nor the hand of theta is to be found; twist and other motion within the surface is not there.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.features.axis import READINGS
+from modalmotion.classification.features.axis_parts import parts_of, readable_modes
+from modalmotion.classification.features.columns import Column, MotionFeatures
+from modalmotion.classification.features.temporal import (
+    elapsed_share,
+    harmonics,
+    one_turn,
+    smooth_share,
+)
+from modalmotion.modes import Modes
+from modalmotion.signature.making import ModalSignature
+
+
+class _Layout(NamedTuple):
+    """Where the parts lie in the amplitudes, and the features' names.
+
+    Parameters
+    ----------
+    levels : (n,) int64
+        Modes (p, 0).
+    cosines, sines : (m,) int64
+        Modes (p, p'), p' > 0.
+    columns : tuple of Column
+    is_across : (features,) bool
+        Features that a theta of the other hand turns round.
+    """
+
+    levels: NDArray[np.int64]
+    cosines: NDArray[np.int64]
+    sines: NDArray[np.int64]
+    columns: tuple[Column, ...]
+    is_across: NDArray[np.bool_]
+
+
+def offset_features(
+    signature: ModalSignature, n_signed: int = 2, n_sized: int = 1, *, walls: bool = False
+) -> MotionFeatures:
+    """Read the features of offsets about an axis from their signature.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+        Of a cup, cylinder or sphere, of the kind offset; one period, as of `axis_features`.
+    n_signed, n_sized : int
+        Harmonics of the parts with a sign, and of those without.
+    walls : bool
+        Whether the zero of theta is a known place on the body.
+
+    Returns
+    -------
+    MotionFeatures
+        In percent of the surface's size; square roots of that for parts without a sign. One row
+        for each of `READINGS`, which differ in the walls across the zero of theta alone.
+
+    Raises
+    ------
+    TopologyError, ModeCountError, ShapeError
+        As `axis_features` does.
+
+    Notes
+    -----
+    The parts are radial p, the amplitude of (p, 0), with its sign; side p, oval p and lobe
+    (p, p'), the pairs of p' = 1, 2 and more: their lengths in phase and out of phase with the
+    narrowing of (0, 0), or, with walls, their cosines and sines.
+    """
+    modes = readable_modes(signature)
+    signature = one_turn(signature)
+    layout = _layout(modes, n_signed, n_sized, walls)
+    along, around = signature.lengths
+    a = signature.amplitudes[:, :, 0] / math.sqrt(along)
+    a /= math.sqrt(around)
+    a *= 100.0
+    a -= np.add.reduce(a) / len(a)
+    share, count = elapsed_share(signature), max(n_signed, n_sized)
+    spectrum = harmonics(share, a, count)
+    # At phase 0 the narrowing, which is the opposite of "radial 0", is at its height.
+    clock = cmath.phase(-spectrum[0, layout.levels[0]])
+    spectrum *= np.exp(-1j * clock * np.arange(1, count + 1))[:, None]
+    signed = _by_part(spectrum[:n_signed, layout.levels])
+    x, y = (_by_part(spectrum[:n_sized, k]) for k in (layout.cosines, layout.sines))
+    sized = np.concatenate([x, y], axis=1) if walls else np.sqrt(np.hypot(x, y))
+    # "radial 0 sin 1" is zero by the choice of the clock.
+    values = np.concatenate([np.delete(signed.ravel(), 1), sized.ravel()])
+    readings = np.tile(values, (len(READINGS), 1))
+    for row, reading in zip(readings, READINGS, strict=True):
+        if reading.is_mirrored:
+            row[layout.is_across] *= -1.0
+    return MotionFeatures(
+        columns=layout.columns,
+        values=readings,
+        motion=math.sqrt(np.vdot(a, a) / len(a)) / 100.0,
+        smooth_share=smooth_share(share, a, is_cycle=True),
+    )
+
+
+def _by_part(z: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Give cosine and sine of each harmonic, (parts, 2 harmonics), of (harmonics, parts)."""
+    return z.T.copy().view(np.float64)
+
+
+@lru_cache(maxsize=64)
+def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
+    parts = parts_of(modes)
+    whole = int(np.flatnonzero(~modes.wavenumbers.any(axis=1))[0])
+    levels = np.array([whole, *parts.unpaired.tolist()])
+    columns = [
+        Column(f"radial {p} {phase} {h}", (int(mode),))
+        for mode in levels
+        for p in modes.wavenumbers[mode, :1]
+        for h in range(1, n_signed + 1)
+        for phase in ("cos", "sin")
+    ]
+    del columns[1]
+    n_with_sign, across = len(columns), []
+    for c, s in zip(parts.cosines.tolist(), parts.sines.tolist(), strict=True):
+        p, turns = modes.wavenumbers[c].tolist()
+        name = {1: f"side {p}", 2: f"oval {p}"}.get(turns, f"lobe ({p}, {turns})")
+        for side in (" towards zero", " across zero") if walls else ("",):
+            for h in range(1, n_sized + 1):
+                for phase in ("cos", "sin"):
+                    power = 1.0 if walls else 0.5
+                    columns.append(Column(f"{name}{side} {phase} {h}", (c, s), power))
+                    across.append(side == " across zero")
+    is_across = np.array([False] * n_with_sign + across)
+    return _Layout(levels, parts.cosines, parts.sines, tuple(columns), is_across)

@@ -1,0 +1,1 @@
+"""Figures of a classifier's answers to labelled cases, with their intervals."""

@@ -1,0 +1,161 @@
+"""Confounds: conditions of the recordings that tell the classes apart without any motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from operator import itemgetter
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Groups that the values of a number are put into, of about equal count.
+_N_GROUPS: Final = 5
+
+_N_PERMUTATIONS: Final = 1999
+
+# More cases cost time and leave no doubt.
+_MOST_CASES: Final = 2000
+
+_SURE: Final = 0.05
+
+Confound = dict[str, Any]
+"""name, auc, chance (the mean AUC where classes are exchanged), p, p_holm, n_known, text."""
+
+
+def confounds(
+    conditions: Sequence[Mapping[str, float | str]],
+    y: NDArray[np.int64],
+    groups: NDArray[np.int64],
+    seed: int,
+) -> tuple[Confound, ...]:
+    """Test how well each condition alone tells the classes apart.
+
+    Parameters
+    ----------
+    conditions : sequence of mapping
+        Of each case, what is known of its recording.
+    y, groups : (cases,) int64
+        Classes, and subjects: what is exchanged are the classes of whole subjects, and those
+        within a subject who has several.
+    seed : int
+
+    Returns
+    -------
+    tuple of Confound
+        The least probable by chance first; conditions that are alike in all cases are left out.
+
+    Notes
+    -----
+    The statistic is the macro AUC of the shares of the classes among the cases of the same
+    value, or the same fifth of the values; "unknown" is a value too. Permutation test, corrected
+    by Holm, A simple sequentially rejective multiple test procedure, Scand J Stat, 1979.
+    """
+    names = list(dict.fromkeys(name for case in conditions for name in case))
+    rng = np.random.default_rng(seed)
+    some = np.sort(rng.permutation(len(y))[:_MOST_CASES])
+    n_classes = int(y.max()) + 1
+    exchanged: NDArray[np.int64] | None = None
+    tested: list[Confound] = []
+    for name in names:
+        values = [conditions[i].get(name) for i in some]
+        place = _groups(values)
+        n_values = int(place.max()) + 1
+        if n_values < 2:
+            continue
+        if exchanged is None:
+            exchanged = _exchanged(y[some], groups[some], rng)
+        cells = place * n_classes + np.vstack([y[some][None], exchanged])
+        tables = np.stack(
+            [np.bincount(row, minlength=n_values * n_classes) for row in cells]
+        ).reshape(-1, n_values, n_classes)
+        areas = _macro_areas(tables)
+        tested.append(
+            {
+                "name": name,
+                "auc": float(areas[0]),
+                "chance": float(areas[1:].mean()),
+                "p": float((areas >= areas[0] - 1e-12).mean()),
+                "n_known": sum(value is not None for value in values),
+            }
+        )
+    tested.sort(key=itemgetter("p"))
+    largest = 0.0
+    for rank, test in enumerate(tested):
+        largest = max(largest, min(1.0, (len(tested) - rank) * test["p"]))
+        test["p_holm"] = largest
+        test["text"] = _in_words(test)
+    return tuple(tested)
+
+
+def confound_notes(tests: Sequence[Confound]) -> tuple[str, ...]:
+    """Warn of the conditions that surely tell the classes apart."""
+    return tuple(
+        f"Possible confound: {test['text']} The model may have learnt how these recordings were "
+        "made, or whom they are of, in place of how they move."
+        for test in tests
+        if test["p_holm"] < _SURE
+    )
+
+
+def _in_words(test: Confound) -> str:
+    how = "tells" if test["p_holm"] < _SURE else "does not surely tell"
+    return (
+        f"'{test['name']}' alone {how} the classes apart (AUC "
+        f"{test['auc']:.2f}, by chance {test['chance']:.2f}; permutation test, p = "
+        f"{test['p_holm']:.3f} after Holm)."
+    )
+
+
+def _groups(values: Sequence[float | str | None]) -> NDArray[np.int64]:
+    """Give each value a number from 0; many different numbers share one by fifths."""
+    numbers = [v for v in values if isinstance(v, int | float)]
+    is_number = len(numbers) == sum(value is not None for value in values)
+    if is_number and len(set(numbers)) > _N_GROUPS:
+        edges = np.unique(np.quantile(numbers, np.linspace(0, 1, _N_GROUPS + 1)[1:-1]))
+        keys = ["" if v is None else str(np.searchsorted(edges, float(v))) for v in values]
+    else:
+        keys = ["" if v is None else f"={v}" for v in values]
+    place: NDArray[np.int64] = np.unique(keys, return_inverse=True)[1]
+    return place
+
+
+def _exchanged(
+    y: NDArray[np.int64], groups: NDArray[np.int64], rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """Classes exchanged among subjects, (permutations, cases)."""
+    _, place, sizes = np.unique(groups, return_inverse=True, return_counts=True)
+    order = np.argsort(place, kind="stable")
+    starts = np.cumsum(sizes) - sizes
+    of_group = y[order][starts]
+    # Subjects of one class exchange it with each other; others among their own cases.
+    has_one = np.bincount(place, of_group[place] != y) == 0
+    several = np.flatnonzero(~has_one[place])
+    several = several[np.argsort(place[several], kind="stable")]
+    exchanged = np.empty((_N_PERMUTATIONS, len(y)), dtype=np.int64)
+    for row in exchanged:
+        of_group[has_one] = rng.permutation(of_group[has_one])
+        row[:] = of_group[place]
+        row[several] = y[several[np.lexsort((rng.random(len(several)), place[several]))]]
+    return exchanged
+
+
+def _macro_areas(tables: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Macro AUC of the shares of the classes, (tables,), of counts (tables, values, classes)."""
+    totals = tables.sum(axis=2)
+    areas = []
+    for k in range(tables.shape[2]):
+        mine = tables[:, :, k].astype(np.float64)
+        rest = totals - mine
+        m, n = mine.sum(axis=1), rest.sum(axis=1)
+        if not m[0] or not n[0]:
+            continue
+        share = np.divide(mine, totals, out=np.zeros_like(mine), where=totals > 0)
+        order = np.argsort(share, axis=1)
+        mine, rest, share = (np.take_along_axis(a, order, axis=1) for a in (mine, rest, share))
+        below = np.cumsum(rest, axis=1) - rest
+        # The order of values of the same share does not matter: either adds what a tie does.
+        area = (mine * (below + rest / 2)).sum(axis=1)
+        areas.append(area / (m * n))
+    macro: NDArray[np.float64] = np.mean(areas, axis=0)
+    return macro

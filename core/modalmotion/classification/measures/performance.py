@@ -1,0 +1,251 @@
+"""Performance: every figure of the answers to labelled cases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.classification.measures.intervals import loss_interval, share_interval
+from modalmotion.classification.measures.reliability import (
+    Curve,
+    calibration_curve,
+    calibration_error,
+)
+from modalmotion.classification.measures.roc import RocCurve, auc, auc_interval, roc_curve
+from modalmotion.representation import shown
+
+Interval = tuple[float, float]
+
+Measured = tuple[float, float, float]
+"""A value, and the ends of its 95 % interval."""
+
+METHODS: Final = (
+    "Intervals are of 95 %, for subjects that have not been seen; cases of one subject count as "
+    "fewer (design effect, Kish 1965). Accuracy, sensitivity, specificity: Wilson 1927. AUC (one "
+    "class against the rest; their mean is the macro AUC): Newcombe 2006, method 5. Log loss "
+    "(nats) and Brier score (sum over the classes, 0 to 2): normal. Expected calibration error: "
+    "ten bins of equal count."
+)
+"""How the figures and their intervals are made."""
+
+# No probability is 0, but a fold may not have seen a class.
+_LEAST: Final = float(np.finfo(np.float64).eps)
+
+
+@shown("accuracy", "accuracy_interval", "auc", "log_loss", "calibration_error")
+@dataclass(frozen=True, kw_only=True)
+class Performance:
+    """Figures of the answers to labelled cases; see `METHODS`.
+
+    Parameters
+    ----------
+    accuracy : float
+        Share of all answers with the right label; an abstention counts as wrong.
+    accuracy_interval : (float, float)
+        95 % interval, wider where several cases are of one subject.
+    balanced_accuracy : float
+        Mean over classes of the share that was right.
+    auc : float or None
+        Macro area under the ROC curves; None where only one class is there.
+    auc_interval : (float, float) or None
+    class_auc : dict of str to (float, float, float)
+        Of each class against the rest, with its interval.
+    log_loss : float, nats
+    log_loss_interval : (float, float) or None
+        None where all cases are of one subject.
+    brier : float
+        Sum over the classes of squared differences, 0 to 2.
+    brier_interval : (float, float) or None
+    sensitivity : dict of str to (float, float, float)
+        Share of a class that was answered as such, with its interval.
+    specificity : dict of str to (float, float, float)
+        Share of the others that was not, with its interval.
+    confusion : tuple of tuple of int
+        Rows are true classes, columns answers; where an answer may be without a label, the last
+        column counts these. Of repeated folds the sum.
+    roc : dict of str to tuple of (float, float)
+        1 - specificity and sensitivity of each class at falling thresholds.
+    calibration_curve : tuple of (float, float, int)
+        Mean probability of the label, share that was right, number of answers, by bins of equal
+        count.
+    calibration_error : float
+        Expected calibration error (ECE) of the answers with a label; of repeated folds the mean.
+    """
+
+    accuracy: float
+    accuracy_interval: Interval
+    balanced_accuracy: float
+    auc: float | None
+    auc_interval: Interval | None
+    class_auc: dict[str, Measured]
+    log_loss: float
+    log_loss_interval: Interval | None
+    brier: float
+    brier_interval: Interval | None
+    sensitivity: dict[str, Measured]
+    specificity: dict[str, Measured]
+    confusion: tuple[tuple[int, ...], ...]
+    roc: dict[str, RocCurve]
+    calibration_curve: Curve
+    calibration_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """Answers to labelled cases, several times where folds are repeated.
+
+    Parameters
+    ----------
+    classes : tuple of str
+    y : (cases,) int64
+        True classes.
+    subjects : sequence of str
+    probabilities : (repetitions, cases, classes) float64
+    labels : (repetitions, cases) int64
+        Answers; -1 for none.
+    """
+
+    classes: tuple[str, ...]
+    y: NDArray[np.int64]
+    subjects: Sequence[str]
+    probabilities: NDArray[np.float64]
+    labels: NDArray[np.int64]
+
+    @property
+    def right(self) -> NDArray[np.bool_]:
+        """Whether each label is right, (repetitions, cases)."""
+        right: NDArray[np.bool_] = self.labels == self.y
+        return right
+
+    @property
+    def log_losses(self) -> NDArray[np.float64]:
+        """Log loss of each answer, (repetitions, cases), nats."""
+        shares = self.probabilities[:, np.arange(len(self.y)), self.y]
+        losses: NDArray[np.float64] = -np.log(np.maximum(shares, _LEAST))
+        return losses
+
+    @property
+    def briers(self) -> NDArray[np.float64]:
+        """Brier score of each answer, (repetitions, cases)."""
+        scores: NDArray[np.float64] = (
+            (self.probabilities - np.eye(len(self.classes))[self.y]) ** 2
+        ).sum(axis=2)
+        return scores
+
+
+def performance(answers: Answers, *, abstains: bool = False) -> Performance:
+    """Measure answers.
+
+    Parameters
+    ----------
+    answers : Answers
+        To at least one case.
+    abstains : bool
+        Whether an answer may be without a label.
+    """
+    y, n = answers.y, len(answers.classes)
+    right, labelled = answers.right, answers.labels >= 0
+    confusion = np.zeros((n, n + 1), dtype=np.int64)
+    for labels in answers.labels:
+        np.add.at(confusion, (y, labels), 1)
+    confidence = answers.probabilities.max(axis=2)
+    losses, briers = answers.log_losses.mean(axis=0), answers.briers.mean(axis=0)
+    sensitivity = _by_class(answers, lambda k: (y == k, (answers.labels == k)))
+    specificity = _by_class(answers, lambda k: (y != k, (answers.labels != k)))
+    area, area_interval, by_class = _areas(answers)
+    curves = [
+        calibration_curve(c[has], hit[has])
+        for c, hit, has in zip(confidence, right, labelled, strict=True)
+    ]
+    return Performance(
+        accuracy=float(right.mean()),
+        accuracy_interval=share_interval(right.mean(axis=0), answers.subjects),
+        balanced_accuracy=float(np.mean([value for value, _, _ in sensitivity.values()])),
+        auc=area,
+        auc_interval=area_interval,
+        class_auc=by_class,
+        log_loss=float(losses.mean()),
+        log_loss_interval=loss_interval(losses, answers.subjects),
+        brier=float(briers.mean()),
+        brier_interval=loss_interval(briers, answers.subjects),
+        sensitivity=sensitivity,
+        specificity=specificity,
+        confusion=tuple(
+            tuple(row) for row in (confusion if abstains else confusion[:, :n]).tolist()
+        ),
+        roc=_roc(answers),
+        calibration_curve=calibration_curve(
+            confidence[labelled], right[labelled], len(answers.labels)
+        ),
+        calibration_error=float(np.mean([calibration_error(curve) for curve in curves])),
+    )
+
+
+def spread(answers: Answers) -> tuple[dict[str, float | None], ...]:
+    """Give the figures of each repetition alone: accuracy, AUC, log loss, Brier score, ECE."""
+    figures = []
+    for shares, labels in zip(answers.probabilities, answers.labels, strict=True):
+        alone = Answers(answers.classes, answers.y, answers.subjects, shares[None], labels[None])
+        curve = calibration_curve(shares.max(axis=1), labels == answers.y)
+        figures.append(
+            {
+                "accuracy": float(alone.right.mean()),
+                "auc": _areas(alone)[0],
+                "log_loss": float(alone.log_losses.mean()),
+                "brier": float(alone.briers.mean()),
+                "calibration_error": calibration_error(curve),
+            }
+        )
+    return tuple(figures)
+
+
+def _by_class(answers: Answers, cases_and_hits: Callable[[int], Any]) -> dict[str, Measured]:
+    """Share of some cases for which something holds, for each class that has such cases."""
+    shares = {}
+    for k, label in enumerate(answers.classes):
+        rows, hits = cases_and_hits(k)
+        if not rows.any():
+            continue
+        mine = hits[:, rows].mean(axis=0)
+        subjects = [s for s, keep in zip(answers.subjects, rows, strict=True) if keep]
+        shares[label] = (float(mine.mean()), *share_interval(mine, subjects))
+    return shares
+
+
+def _areas(
+    answers: Answers,
+) -> tuple[float | None, Interval | None, dict[str, Measured]]:
+    """Macro area with its interval, and the area of each class."""
+    areas: dict[str, Measured] = {}
+    values, influences, counts = [], [], []
+    for k, label in enumerate(answers.classes):
+        is_class = answers.y == k
+        repeated = [auc(scores, is_class) for scores in answers.probabilities[:, :, k]]
+        parts = [area for area in repeated if area is not None]
+        if not parts:
+            continue
+        value = float(np.mean([area.value for area in parts]))
+        influence = np.mean([area.influences for area in parts], axis=0)
+        count = (int(is_class.sum()), int((~is_class).sum()))
+        areas[label] = (value, *auc_interval(value, influence, [count], answers.subjects))
+        values.append(value)
+        influences.append(influence)
+        counts.append(count)
+    if not values:
+        return None, None, {}
+    macro = float(np.mean(values))
+    whole = np.mean(influences, axis=0)
+    return macro, auc_interval(macro, whole, counts, answers.subjects), areas
+
+
+def _roc(answers: Answers) -> dict[str, RocCurve]:
+    y = np.tile(answers.y, len(answers.probabilities))
+    return {
+        label: curve
+        for k, label in enumerate(answers.classes)
+        if (curve := roc_curve(answers.probabilities[:, :, k].ravel(), y == k))
+    }

@@ -1,0 +1,198 @@
+"""Lines along a surface's normals, and how far along them another shape of it lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.mesh.areas import face_normals
+
+# Triangles passed without getting nearer to a line before it is given up: in noise as large as
+# the triangles these lie folded around it.
+_PATIENCE: Final = 8
+
+# More than a line crosses on its way over the surface, whatever that surface.
+_MOST_STEPS: Final = 400
+
+# Rounding of a share of a triangle, and of the distance from a line.
+_ROUNDING: Final = 1e-9
+_NEARER: Final = 1.0 - 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class NormalLines:
+    """Straight lines through the vertices of a surface, along its normals.
+
+    Parameters
+    ----------
+    faces : (faces, 3) int64
+        All wound the same way round.
+    vertices : (nodes,) int64
+        Those that a line goes through.
+    starts : (nodes, 3) float64, length unit
+    directions : (nodes, 3, 3) float64
+        In the rows two unit vectors across the line and the one along it.
+    """
+
+    faces: NDArray[np.int64]
+    vertices: NDArray[np.int64]
+    starts: NDArray[np.float64]
+    directions: NDArray[np.float64]
+
+    @staticmethod
+    def of(
+        faces: NDArray[np.int64],
+        vertices: NDArray[np.int64],
+        positions: NDArray[np.float64],
+        normals: NDArray[np.float64],
+    ) -> NormalLines:
+        """Lines through some vertices, (nodes,) int64, of positions and normals (vertices, 3)."""
+        along = normals[vertices]
+        # The axis that is farthest from the normal is across it.
+        axes = np.eye(3)[np.abs(along).argmin(axis=1)]
+        across = np.cross(along, axes)
+        size = np.linalg.norm(across, axis=1, keepdims=True)
+        across /= np.where(size > 0, size, 1.0)
+        directions = np.stack([across, np.cross(along, across), along], axis=1)
+        return NormalLines(faces, vertices, positions[vertices], directions)
+
+    def some(self, rows: NDArray[np.int64]) -> NormalLines:
+        """Return some of the lines."""
+        part = NormalLines(
+            self.faces, self.vertices[rows], self.starts[rows], self.directions[rows]
+        )
+        # The same surface: its tables are not made again.
+        for name in ("_neighbours", "_rim", "_first"):
+            part.__dict__[name] = getattr(self, name)
+        return part
+
+    def heights(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Height above each line's start at which another shape of the surface meets it.
+
+        From a triangle at the line's own vertex the way leads over the surface, each time across
+        the side that the line is beyond, to the triangle that it goes through. So of several
+        meetings the one that is joined to that vertex counts. Where the surface ends before the
+        line, the height is that of the point of the rim next to it; where triangles fold around
+        it, that of the nearest point passed.
+
+        Parameters
+        ----------
+        positions : (frames, vertices, 3) float64, length unit
+
+        Returns
+        -------
+        (frames, nodes) float64, length unit
+        """
+        f, n, _ = positions.shape
+        m = len(self.vertices)
+        points = positions.reshape(-1, 3)
+        line = np.tile(np.arange(m), f)
+        first_point = np.repeat(np.arange(f) * n, m)
+        # A side is three times its triangle and the corner that it is opposite to.
+        side = 3 * np.tile(self._first[self.vertices], f)
+        on_rim = np.zeros(f * m, dtype=np.bool_)
+        nearest = np.full(f * m, np.inf)
+        heights = np.zeros(f * m)
+        stalled = np.zeros(f * m, dtype=np.int64)
+        active = np.arange(f * m)
+        neighbours, rim = self._neighbours, self._rim
+        for _ in range(_MOST_STEPS):
+            if not len(active):
+                break
+            face, own = np.divmod(side[active], 3)
+            i = line[active]
+            corners = points[(first_point[active, None] + self.faces[face])]
+            corners -= self.starts[i][:, None]
+            x, y, z = np.matmul(self.directions[i], corners.transpose(0, 2, 1)).transpose(1, 2, 0)
+            # Twice the areas that the line's point cuts off: shares of the corners in it.
+            cut = x[[1, 2, 0]] * y[[2, 0, 1]] - x[[2, 0, 1]] * y[[1, 2, 0]]
+            area = cut[0] + cut[1] + cut[2]
+            shares = cut / np.where(area == 0.0, np.inf, area)
+            is_through = (shares.min(axis=0) >= -_ROUNDING) & (area != 0.0)
+            rows = np.arange(len(active))
+            at_rim = on_rim[active]
+            k = np.where(at_rim, own, shares.argmin(axis=0))
+            ahead = neighbours[3 * face + k]
+            at_rim |= ahead < 0
+            # The nearest point of the side to cross.
+            a, b = (k + 1) % 3, (k + 2) % 3
+            dx, dy = x[b, rows] - x[a, rows], y[b, rows] - y[a, rows]
+            length = dx * dx + dy * dy
+            u = -(x[a, rows] * dx + y[a, rows] * dy) / np.where(length > 0, length, 1.0)
+            np.clip(u, 0.0, 1.0, out=u)
+            away = np.hypot(x[a, rows] + u * dx, y[a, rows] + u * dy)
+            is_nearer = away < _NEARER * nearest[active]
+            better = active[is_nearer]
+            nearest[better] = away[is_nearer]
+            heights[better] = (z[a, rows] * (1.0 - u) + z[b, rows] * u)[is_nearer]
+            through = active[is_through]
+            heights[through] = (shares * z).sum(axis=0)[is_through]
+            stalled[active] = np.where(is_nearer, 0, stalled[active] + 1)
+            # Along the rim while that gets nearer; back inside where the line is on that side.
+            inward = at_rim & on_rim[active] & (shares[k, rows] > 0)
+            where_to = shares.argmin(axis=0)
+            inside = neighbours[3 * face + where_to]
+            step = np.where(u <= 0.0, rim[0, 3 * face + k], -1)
+            step = np.where(u >= 1.0, rim[1, 3 * face + k], step)
+            step = np.where(inward, np.where(inside < 0, -1, 3 * inside), step)
+            goes = np.where(at_rim, is_nearer & (step >= 0), stalled[active] < _PATIENCE)
+            goes &= ~is_through
+            side[active] = np.where(at_rim, step, 3 * ahead)
+            on_rim[active] = at_rim & ~inward
+            active = active[goes]
+        return heights.reshape(f, m)
+
+    @cached_property
+    def _first(self) -> NDArray[np.int64]:
+        """One triangle at each vertex, (vertices,) int64; 0 at vertices in none."""
+        first = np.zeros(int(self.faces.max()) + 1, dtype=np.int64)
+        first[self.faces[::-1].ravel()] = np.repeat(np.arange(len(self.faces))[::-1], 3)
+        return first
+
+    @cached_property
+    def _neighbours(self) -> NDArray[np.int64]:
+        """Triangle across each side, (sides,) int64; -1 on the rim."""
+        start, end = self._ends
+        key = np.minimum(start, end) * (self.faces.max() + 1) + np.maximum(start, end)
+        order = np.argsort(key, kind="stable")
+        twins = np.flatnonzero(key[order[1:]] == key[order[:-1]])
+        one, other = order[twins], order[twins + 1]
+        neighbours = np.full(len(key), -1)
+        neighbours[one], neighbours[other] = other // 3, one // 3
+        return neighbours
+
+    @cached_property
+    def _rim(self) -> NDArray[np.int64]:
+        """Side of the rim before and after each one on it, (2, sides) int64; -1 where none is."""
+        start, end = self._ends
+        rim = np.flatnonzero(self._neighbours < 0)
+        begins, ends = (np.full(int(self.faces.max()) + 1, -1) for _ in range(2))
+        begins[start[rim]], ends[end[rim]] = rim, rim
+        table = np.full((2, len(start)), -1)
+        table[0, rim], table[1, rim] = ends[start[rim]], begins[end[rim]]
+        return table
+
+    @property
+    def _ends(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Vertices at which each side begins and ends."""
+        return self.faces[:, [1, 2, 0]].ravel(), self.faces[:, [2, 0, 1]].ravel()
+
+
+def vertex_normals(positions: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Take the mean normal of the triangles around each vertex, by area.
+
+    Returns
+    -------
+    (vertices, 3) float64
+        Of length 1. Zero at vertices in no triangle, or where the triangles around one cancel.
+    """
+    corners, of_faces = faces.ravel(), face_normals(positions, faces)
+    sums = [np.bincount(corners, np.repeat(n, 3), minlength=len(positions)) for n in of_faces.T]
+    normals = np.stack(sums, axis=1).astype(np.float64)
+    size = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.where(size > 0, size, 1.0)
+    return normals

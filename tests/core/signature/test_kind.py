@@ -1,0 +1,106 @@
+"""The kind of a signature: in its parameters, key and file, and never mixed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
+from modalmotion.errors import ParameterError
+from modalmotion.signature.comparison import compare
+from modalmotion.signature.hdf5 import signature_from_hdf5, signature_to_hdf5
+from modalmotion.signature.making import SignatureKind, SignatureParameters, modal_signature
+from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
+from modalmotion.tradeoff import measure_tradeoff
+
+BEAT = simulate_ventricle(
+    VentricleParameters(shape_variation=2.0, motion_variation=1.0),
+    grid=(12, 24),
+    acquisition=Acquisition(n_frames=8),
+    rng=np.random.default_rng(7),
+)
+OFFSET = SignatureParameters(kind=SignatureKind.OFFSET)
+
+
+def test_the_kind_is_part_of_the_key_and_the_default_leaves_it_as_it_was() -> None:
+    assert "kind" not in SignatureParameters().as_plain()
+    assert SignatureParameters(kind=SignatureKind.MATERIAL).key == SignatureParameters().key
+    assert OFFSET.key != SignatureParameters().key
+    assert parameters_from_json(parameters_as_json(OFFSET)) == OFFSET
+    older = parameters_as_json(SignatureParameters())
+    del older["kind"]
+    assert parameters_from_json(older).kind == SignatureKind.MATERIAL
+
+
+def test_an_offset_is_one_amplitude_of_a_mode() -> None:
+    signature = modal_signature(BEAT, OFFSET)
+    assert signature.kind == "offset"
+    assert signature.amplitudes.shape == (8, 7, 1)
+    assert signature.n_amplitudes == replace(OFFSET, modes=None, amplitudes=7).modes == 7
+    assert signature.compression == 3 * BEAT.n_vertices / 7
+    assert signature.body_amplitudes is signature.amplitudes
+
+
+def test_a_file_gives_it_back_bit_for_bit() -> None:
+    signature = modal_signature(BEAT, OFFSET)
+    image = signature_to_hdf5(signature)
+    again = signature_from_hdf5(image)
+    assert again.amplitudes.tobytes() == signature.amplitudes.tobytes()
+    assert again.kind == SignatureKind.OFFSET
+    assert signature_to_hdf5(again) == image
+
+
+def test_kinds_do_not_compare() -> None:
+    a, b = modal_signature(BEAT, OFFSET), modal_signature(BEAT)
+    assert compare(a, a).distance == 0.0
+    with pytest.raises(ParameterError, match="offset, the other of material") as caught:
+        compare(a, b)
+    assert "kind=offset" in str(caught.value.remedy)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"), [({"components": "cylindrical"}, "components"), ({"auto": True}, "auto")]
+)
+def test_what_only_displacements_have_is_refused(options: dict[str, object], named: str) -> None:
+    with pytest.raises(ParameterError, match=named) as caught:
+        SignatureParameters(kind="offset", **options)  # type: ignore[arg-type]
+    assert caught.value.remedy
+    with pytest.raises(ParameterError, match="kind"):
+        SignatureParameters(kind="sliding")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("limit", [{"tolerance": 0.4}, {"tolerance_share": 0.08}])
+@pytest.mark.parametrize("of", ["rms", "weighted_rms", "max"])
+def test_a_tolerance_is_held_by_the_error_of_offsets(limit: dict[str, float], of: str) -> None:
+    if of == "max":
+        limit = {name: 3 * value for name, value in limit.items()}
+    signature = modal_signature(
+        BEAT,
+        SignatureParameters(kind="offset", tolerance_of=of, **limit),  # type: ignore[arg-type]
+    )
+    assert signature.choice is not None
+    error = {
+        "rms": signature.rms_error,
+        "weighted_rms": signature.weighted_rms_error,
+        "max": signature.max_error,
+    }[of]
+    assert error <= signature.choice.limit
+    assert len(signature.modes) > 1
+
+
+@pytest.mark.parametrize("options", [{"order": "energy"}, {"harmonics": 2}])
+def test_order_and_harmonics_are_those_of_any_signature(options: dict[str, object]) -> None:
+    signature = modal_signature(
+        BEAT,
+        SignatureParameters(kind="offset", **options),  # type: ignore[arg-type]
+    )
+    assert signature.amplitudes.shape[2] == 1
+    assert 0 < signature.rms_error < signature.motion_rms.max()
+
+
+def test_the_trade_is_of_displacements() -> None:
+    with pytest.raises(ParameterError, match="displacements") as caught:
+        measure_tradeoff(BEAT, OFFSET)
+    assert "tolerance" in str(caught.value.remedy)
