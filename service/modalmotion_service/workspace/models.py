@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.classification import Classification, available_models, load_model
+from modalmotion.classification.features.hand import hand_of
 from modalmotion.errors import NotFoundError, TopologyError
 from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.hdf5.sealed import is_sound
@@ -211,7 +212,7 @@ class Models:
         """
         parameters, known = self._analysis.resolved(sequence_id, model.parameters)
         facts = stated.over(known)
-        key = classification_key(parameters, coverage, facts.covariates)
+        key = classification_key(parameters, coverage, facts.covariates, hand_of(facts))
 
         async def named(asked: SignatureParameters, tell: StageReport) -> classification.NamedClass:
             def tell_of_signature(share: float, text: str) -> None:

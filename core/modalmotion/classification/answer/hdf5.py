@@ -11,7 +11,7 @@ from typing import Final
 
 from modalmotion.classification.answer.classification import Classification
 from modalmotion.classification.answer.explanation import ModeContribution
-from modalmotion.facts import NO_FACTS
+from modalmotion.facts import NO_FACTS, UNKNOWN
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
@@ -24,6 +24,7 @@ def classification_key(
     parameters: SignatureParameters,
     coverage: float,
     covariates: Mapping[str, float | str] = NO_FACTS.covariates,
+    handedness: str = UNKNOWN,
 ) -> str:
     """Short name of a request to a model.
 
@@ -35,10 +36,14 @@ def classification_key(
         Of the class set.
     covariates : mapping of str to (float or str)
         Those that the model may read.
+    handedness : str
+        Of the coordinates; see `hand_of`.
     """
     text = f"{parameters.key} {coverage!r}"
     if covariates:
         text += f" {json.dumps(dict(covariates), sort_keys=True)}"
+    if handedness != UNKNOWN:
+        text += f" {handedness}"
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

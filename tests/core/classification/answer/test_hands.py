@@ -13,7 +13,8 @@ from classify_samples import small_model
 from modalmotion.classification import TrainingCase, classify, load_model, train
 from modalmotion.classification.answer.hands import read_hands
 from modalmotion.classification.training.train_shipped import held_out_cases
-from modalmotion.facts import Facts, Handedness
+from modalmotion.facts import Facts
+from modalmotion.facts.facts import Handedness
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import MotionClass, simulate_cohort

@@ -44,11 +44,12 @@ def test_a_twin_is_what_the_altered_motion_reads_as(
     own = reader.read(signature)
     turns = theta_is_of_the_shape(signature)
     signs = twin_signs(own.columns, mirror_turns_theta=turns)[TWINS.index(twin)]
+    a = signature.amplitudes
     altered = {
-        "mirrored": mirrored,
-        "reversed": lambda s: replace(s, amplitudes=s.amplitudes[::-1]),
-        "inverted": lambda s: replace(s, amplitudes=2 * s.amplitudes.mean(axis=0) - s.amplitudes),
-    }[twin](signature)
+        "mirrored": mirrored(signature),
+        "reversed": replace(signature, amplitudes=a[::-1]),
+        "inverted": replace(signature, amplitudes=2 * a.mean(axis=0) - a),
+    }[twin]
     read = reader.read(altered).values
     apart = np.abs(read - own.values[0] * signs).max(axis=1) / np.abs(own.values).max()
     # About an axis in one of its readings.
