@@ -35,7 +35,8 @@ serve: $(VENV)/.run
 # One thread for each of the two: threads of both would wait for one another. The tests start some
 # hundred processes, each of which would compile all modules anew where bytecode is not kept.
 test: $(VENV)/.dev
-	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup -m "not soak"
+	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
+		-n 2 --dist loadgroup --no-loadscope-reorder -m "not soak"
 
 check: $(VENV)/.dev
 	$(BIN)/ruff format --check .

@@ -83,8 +83,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Give long counts their time; keep what shares a costly fixture in one process.
 
     A file's tests stay together (`--dist loadgroup`), so that what it makes is made once; so do
-    all files that use the tests' cluster, and all that use the trained service.
+    all files that use the tests' cluster, and all that use the trained service. What takes long
+    comes first (`--no-loadscope-reorder`), so that no process ends long before the others.
     """
+    items.sort(key=lambda item: next(i for i, part in enumerate(_ORDER) if part in item.nodeid))
     groups: dict[Path, str] = {}
     for item in items:
         used = set(getattr(item, "fixturenames", ()))
@@ -97,6 +99,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if item.get_closest_marker("soak") and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(3600))
 
+
+# Parts of names, in the order of the time that their tests take; all others come last.
+_ORDER = (
+    *("tests/service/work/dask/", "tests/service/test_", "tests/service/cohort/"),
+    *("tests/service/", "tests/core/client/", "tests/test_", "tests/core/classification/"),
+    *("tests/core/cli/", "tests/core/store/", "tests/core/codec/", ""),
+)
 
 # Fixtures of a session that take seconds.
 _SHARED = {

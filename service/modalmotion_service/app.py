@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import cache
 from typing import Any
 
-from fastapi import Depends, FastAPI
+from fastapi import APIRouter, Depends, FastAPI
+from starlette.routing import BaseRoute
 
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion_service.access.keys import KeyRing
@@ -54,6 +56,19 @@ class _App(FastAPI):
         if self.openapi_schema is None:
             self.openapi_schema = with_access(super().openapi())
         return self.openapi_schema
+
+
+@cache
+def judged_routes() -> list[BaseRoute]:
+    """All routes, made once for all applications of a process: it takes longer than all else."""
+    router = APIRouter(dependencies=[Depends(require_judged)])
+    for module in (
+        *(sequences, signatures, sent_signature, tradeoff, readouts, templates, codec),
+        *(classifications, classify, models, jobs, limits),
+        *(audit, health, kserve, prometheus, documentation),
+    ):
+        router.include_router(module.router)
+    return router.routes
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
@@ -108,7 +123,6 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         summary="Modal signatures and motion classes of nonrigidly moving surfaces.",
         description=INTENDED_USE,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
-        dependencies=[Depends(require_judged)],
         lifespan=lifespan,
     )
     problems.install(app)
@@ -138,10 +152,5 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(Meter, metrics=metrics)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(Observation)
-    for module in (
-        *(sequences, signatures, sent_signature, tradeoff, readouts, templates, codec),
-        *(classifications, classify, models, jobs, limits),
-        *(audit, health, kserve, prometheus, documentation),
-    ):
-        app.include_router(module.router)
+    app.router.routes.extend(judged_routes())
     return app

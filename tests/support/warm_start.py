@@ -36,6 +36,7 @@ _SERVER: Final = [
     *("modalmotion.cli", "modalmotion_service.commands.serve"),
     *("modalmotion_service.commands.server", "uvicorn.lifespan.on", "uvicorn.loops.asyncio"),
     *("uvicorn.protocols.http.h11_impl", "concurrent.futures.thread", "multiprocessing.forkserver"),
+    "made_routes",
 ]
 _CLUSTER: Final = [
     *("modalmotion.cli", "modalmotion_service.work.dask.worker", "distributed.scheduler"),

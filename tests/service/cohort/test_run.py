@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from dask_cluster import DaskCluster
+from warm_start import WarmProcess, start_warm
 
 from modalmotion import Acquisition, simulate_ventricle
 from modalmotion.errors import MalformedFileError, ParameterError
@@ -60,7 +61,19 @@ def n_kept(folder: Path) -> int:
     return len(list((folder / "signatures").rglob("*.h5")))
 
 
-def wait_for_some(process: subprocess.Popen[bytes], folder: Path, n: int) -> None:
+def started(arguments: list[str], said: Path) -> WarmProcess:
+    with said.open("wb") as sink:
+        return start_warm(
+            "cluster",
+            *arguments[2:],
+            environment=os.environ,
+            folder=Path.cwd(),
+            sink=sink,
+            is_session=True,
+        )
+
+
+def wait_for_some(process: subprocess.Popen[bytes] | WarmProcess, folder: Path, n: int) -> None:
     end = time.monotonic() + 120
     while n_kept(folder) < n:
         assert process.poll() is None, "it ended before it could be disturbed"
@@ -195,7 +208,7 @@ def kill_and_go_on(tmp_path: Path, n: int) -> None:
     paths = write_cohort(tmp_path / "in", n, (32, 64))
     out = tmp_path / "out"
     arguments = command(tmp_path / "in", "-o", out, "--workers", 2, "--batch", 2)
-    first = subprocess.Popen(arguments, stderr=subprocess.DEVNULL, start_new_session=True)
+    first = started(arguments, tmp_path / "said")
     wait_for_some(first, out, 4)
     os.killpg(first.pid, signal.SIGKILL)
     first.wait()
@@ -226,8 +239,7 @@ def disturb(own_cluster: DaskCluster, tmp_path: Path, n: int) -> None:
     out = tmp_path / "out"
     own_cluster.start(2)
     arguments = command(tmp_path / "in", "-o", out, "--scheduler", own_cluster.address)
-    with (tmp_path / "said").open("w") as said:
-        run = subprocess.Popen([*arguments, "--batch", "2"], stdout=said, stderr=said)
+    run = started([*arguments, "--batch", "2"], tmp_path / "said")
     wait_for_some(run, out, n // 10)
     own_cluster.workers[0].kill()
     wait_for_some(run, out, n // 3)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from modalmotion.formats import read_npz
 from modalmotion.mesh.hdf5 import sequence_to_hdf5
+from modalmotion.simulate import simulate_ventricle
 from modalmotion_service.schemas import EncodingTarget
 from modalmotion_service.work import task_progress
 from modalmotion_service.work.task_progress import ProgressFile, followed
@@ -103,9 +104,10 @@ def test_a_file_is_not_written_more_often_than_it_is_read(
     assert file.news() == [(0.1, "")]
 
 
-def test_encoding_tells_how_far_it_is(tmp_path: Path, beat: bytes) -> None:
+def test_encoding_tells_how_far_it_is(tmp_path: Path) -> None:
     kept, output, progress = (tmp_path / name for name in ("kept", "output", "progress"))
-    kept.write_bytes(sequence_to_hdf5(read_npz(beat).sequence))
+    coarse = simulate_ventricle(grid=(8, 16), rng=np.random.default_rng(1))
+    kept.write_bytes(sequence_to_hdf5(coarse))
     shares: list[float] = []
 
     class Noted(ProgressFile):

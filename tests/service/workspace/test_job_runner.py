@@ -14,6 +14,7 @@ from job_requests import ASYNC, finished
 
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion_service.workspace.job_runner import JobRunner, Report
 from modalmotion_service.workspace.jobs import Job
 
@@ -161,7 +162,7 @@ def test_a_finished_job_says_nothing_of_what_it_did_last(client: TestClient, bea
 
 
 def test_the_progress_of_every_kind_of_job_moves_and_never_falls(
-    client: TestClient, beat: bytes, monkeypatch: pytest.MonkeyPatch
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: dict[str, list[tuple[float, str]]] = {}
     reporter = JobRunner._reporter
@@ -176,9 +177,11 @@ def test_the_progress_of_every_kind_of_job_moves_and_never_falls(
         return tell
 
     monkeypatch.setattr(JobRunner, "_reporter", recorded)
-    moved = read_npz(beat).sequence
-    # Of its own, so that nothing of it is known yet.
-    moved = mesh_sequence(moved.vertices[:9] + 1.0, moved.faces, unit="mm")
+    # Of its own, so that nothing of it is known yet; small, for all that is told is reported.
+    beat_of_few = simulate_ventricle(
+        grid=(8, 16), acquisition=Acquisition(n_frames=9), rng=np.random.default_rng(5)
+    )
+    moved = mesh_sequence(beat_of_few.vertices, beat_of_few.faces, unit="mm")
     upload = client.post("/v1/sequences", content=write_npz(moved), headers=ASYNC)
     jobs = [finished(client, upload.json())]
     here = jobs[0]["result"]
