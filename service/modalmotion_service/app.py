@@ -31,6 +31,7 @@ from modalmotion_service.routes import (
     classify,
     codec,
     documentation,
+    features,
     health,
     jobs,
     kserve,
@@ -64,7 +65,7 @@ def judged_routes() -> list[BaseRoute]:
     router = APIRouter(dependencies=[Depends(require_judged)])
     for module in (
         *(sequences, signatures, sent_signature, tradeoff, readouts, templates, codec),
-        *(classifications, classify, models, jobs, limits),
+        *(classifications, classify, models, features, jobs, limits),
         *(audit, health, kserve, prometheus, documentation),
     ):
         router.include_router(module.router)
@@ -123,6 +124,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         summary="Modal signatures and motion classes of nonrigidly moving surfaces.",
         description=INTENDED_USE,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+        # Of routes that are added to this one.
+        dependencies=[Depends(require_judged)],
         lifespan=lifespan,
     )
     problems.install(app)

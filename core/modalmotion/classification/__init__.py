@@ -14,6 +14,7 @@ from modalmotion.classification.model.hdf5 import model_from_hdf5, model_to_hdf5
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.model.shipped import DEFAULT_MODEL, available_models, load_model
 from modalmotion.classification.options import TrainingOptions
+from modalmotion.classification.tables.cohort_table import FeatureTable, feature_table
 from modalmotion.classification.training.cases import CaseFile, TrainingCase
 from modalmotion.classification.training.training import train
 
@@ -29,6 +30,7 @@ __all__ = [
     "Comparison",
     "CrossValidation",
     "Evaluation",
+    "FeatureTable",
     "ModeContribution",
     "Model",
     "ModelCard",
@@ -40,6 +42,7 @@ __all__ = [
     "classify",
     "compare_models",
     "evaluate",
+    "feature_table",
     "load_model",
     "model_from_hdf5",
     "model_to_hdf5",

@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import click
+
+from modalmotion.cli.options import several
 from modalmotion.errors import MalformedFileError, ModalMotionError, ParameterError
 from modalmotion.facts import NO_FACTS, Facts, column_of, facts_in, states_fact
 
@@ -21,6 +24,25 @@ _HOW: Final = (
     "Give a table with the columns path, label and, where they are known, subject and facts; or "
     "files that lie in folders named by their class."
 )
+
+
+labelled_sources = several(
+    click.argument(
+        "sources",
+        metavar="MANIFEST|FILES...",
+        nargs=-1,
+        required=True,
+        type=click.Path(path_type=Path),
+    ),
+    click.option("--unit", help="Length unit of all files; overrides their own."),
+    click.option(
+        "--skip-unreadable",
+        is_flag=True,
+        help="Go on without files that are missing, cannot be read or do not fit the others; the "
+        "summary names them.",
+    ),
+)
+"""MANIFEST or FILES, as `sources`, and the options of all of them."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +64,9 @@ class LabelledFile:
     facts: Facts = NO_FACTS
 
 
-def labelled_files(sources: Sequence[Path], *, skip_unreadable: bool = False) -> list[LabelledFile]:
+def labelled_files(
+    sources: Sequence[Path], *, skip_unreadable: bool = False, needs_label: bool = True
+) -> list[LabelledFile]:
     """List the labelled files: rows of one .csv manifest, or files by their folders.
 
     Parameters
@@ -50,6 +74,8 @@ def labelled_files(sources: Sequence[Path], *, skip_unreadable: bool = False) ->
     sources : sequence of Path
     skip_unreadable : bool
         Whether a file may be missing: who reads it is told then.
+    needs_label : bool
+        Whether every row of a manifest must have a label.
 
     Raises
     ------
@@ -57,7 +83,7 @@ def labelled_files(sources: Sequence[Path], *, skip_unreadable: bool = False) ->
         If a row or a file is missing, has no class, or is named twice; it says which.
     """
     if len(sources) == 1 and sources[0].suffix.lower() in (".csv", ".tsv"):
-        files = read_manifest(sources[0], skip_unreadable=skip_unreadable)
+        files = read_manifest(sources[0], skip_unreadable=skip_unreadable, needs_label=needs_label)
     else:
         files = [_by_folder(path, skip_unreadable) for path in sources]
     path, n = Counter(file.path for file in files).most_common(1)[0] if files else (None, 0)
@@ -69,7 +95,9 @@ def labelled_files(sources: Sequence[Path], *, skip_unreadable: bool = False) ->
     return files
 
 
-def read_manifest(manifest: Path, *, skip_unreadable: bool = False) -> list[LabelledFile]:
+def read_manifest(
+    manifest: Path, *, skip_unreadable: bool = False, needs_label: bool = True
+) -> list[LabelledFile]:
     """Read a table of files: path, label, subject; paths are relative to the table's folder.
 
     Further columns state facts, by their names or as landmark:apex and covariate:age; all others
@@ -91,7 +119,8 @@ def read_manifest(manifest: Path, *, skip_unreadable: bool = False) -> list[Labe
     delimiter = max(",;\t", key=first.count)
     rows = csv.DictReader(lines, delimiter=delimiter, skipinitialspace=True)
     names = [column_of(name or "") for name in rows.fieldnames or []]
-    missing = [name for name in _COLUMNS[:2] if name not in names]
+    needed = _COLUMNS[: 2 if needs_label else 1]
+    missing = [name for name in needed if name not in names]
     if missing:
         raise MalformedFileError(
             f"The manifest '{manifest}' has no column {' and no column '.join(missing)}; its "
@@ -106,7 +135,8 @@ def read_manifest(manifest: Path, *, skip_unreadable: bool = False) -> list[Labe
         )
     rows.fieldnames = names
     has_commas = delimiter != ","
-    return [_row(manifest, rows.line_num, row, has_commas, skip_unreadable) for row in rows]
+    settings = needed, has_commas, skip_unreadable
+    return [_row(manifest, rows.line_num, row, *settings) for row in rows]
 
 
 @dataclass(frozen=True)
@@ -156,10 +186,15 @@ def _by_folder(path: Path, skip_unreadable: bool) -> LabelledFile:
 
 
 def _row(
-    manifest: Path, line: int, row: dict[str, Any], decimal_comma: bool, skip_unreadable: bool
+    manifest: Path,
+    line: int,
+    row: dict[str, Any],
+    needed: Sequence[str],
+    decimal_comma: bool,
+    skip_unreadable: bool,
 ) -> LabelledFile:
     values = {name: (row.get(name) or "").strip() for name in _COLUMNS}
-    for name in _COLUMNS[:2]:
+    for name in needed:
         if not values[name]:
             raise MalformedFileError(
                 f"Line {line} of '{manifest.name}' has no {name}.",

@@ -17,6 +17,7 @@ COMMANDS: Final = {
     "decode": ("codec_commands", "Decode a compressed STREAM, or some of its frames."),
     "encode": ("codec_commands", "Compress the sequence in FILE at an error that you choose."),
     "evaluate": ("model_commands", "Test MODEL, a file or a name, on labelled sequences."),
+    "features": ("features_command", "Write the features of labelled or unlabelled sequences."),
     "modes": ("modes_commands", "List the vibration modes of a lattice or of FILE's surface."),
     "readouts": ("readouts_command", "Read volume and ejection fraction of the cavity in FILE."),
     "reconstruct": ("analysis_commands", "Write the surfaces that a few modes stand for."),

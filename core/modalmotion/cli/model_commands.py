@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from modalmotion.cli.cases import LabelledSequence, labelled_files
+from modalmotion.cli.cases import LabelledSequence, labelled_files, labelled_sources
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.model_texts import (
     answer_json,
@@ -24,7 +24,6 @@ from modalmotion.cli.options import (
     json_option,
     list_written,
     plot_option,
-    several,
     surface_options,
 )
 from modalmotion.cli.outputs import OutputFile, write_picture
@@ -86,26 +85,9 @@ _cases_option = click.option(
     help="Table to write: probabilities of each case, held out (.csv).",
 )
 
-_labelled_files = several(
-    click.argument(
-        "sources",
-        metavar="MANIFEST|FILES...",
-        nargs=-1,
-        required=True,
-        type=click.Path(path_type=Path),
-    ),
-    click.option("--unit", help="Length unit of all files; overrides their own."),
-    click.option(
-        "--skip-unreadable",
-        is_flag=True,
-        help="Go on without files that are missing, cannot be read or do not fit the others; the "
-        "summary names them.",
-    ),
-)
-
 
 @click.command(epilog=example("train cases.csv --name mine -o mine.h5"))
-@_labelled_files
+@labelled_sources
 @click.option("--name", required=True, help="Name of the model: lower-case letters, digits, . _ -")
 @click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
 @plot_option
@@ -156,7 +138,7 @@ def train(
 
 @click.command(epilog=example("evaluate mine.h5 others.csv"))
 @click.argument("model", metavar="MODEL")
-@_labelled_files
+@labelled_sources
 @_COVERAGE
 @plot_option
 @_cases_option
@@ -205,7 +187,7 @@ def evaluate(
 @click.command(epilog=example("compare-models mine.h5 other.h5 cases.csv"))
 @click.argument("first", metavar="MODEL")
 @click.argument("second", metavar="OTHER")
-@_labelled_files
+@labelled_sources
 @_COVERAGE
 @json_option
 def compare_models(

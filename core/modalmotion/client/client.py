@@ -10,6 +10,7 @@ from modalmotion.client.bodies import json_body
 from modalmotion.client.codec_calls import CodecCalls
 from modalmotion.client.connection import MOST_BYTES, Answer, Call, Connection
 from modalmotion.client.errors import RemoteError, UnreachableError
+from modalmotion.client.feature_calls import FeatureCalls
 from modalmotion.client.jobs import Job, JobStatus
 from modalmotion.client.model_calls import ModelCalls
 from modalmotion.client.query import Option, segment
@@ -23,7 +24,15 @@ if TYPE_CHECKING:
     import httpx2
 
 
-class Client(SequenceCalls, SignatureCalls, ReadoutCalls, ModelCalls, CodecCalls, TemplateCalls):
+class Client(
+    SequenceCalls,
+    SignatureCalls,
+    ReadoutCalls,
+    ModelCalls,
+    FeatureCalls,
+    CodecCalls,
+    TemplateCalls,
+):
     """A service: use it in a `with` block, or close it.
 
     Threads may share one. Options of a call are those of the service, by its names; a call

@@ -51,6 +51,7 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("GET", "/v1/sequences/{sequence_id}/classifications"): Scope.READ,
     # These keep nothing: a POST only because a body is sent.
     ("POST", "/v1/signatures/query"): Scope.READ,
+    ("POST", "/v1/features"): Scope.READ,
     ("POST", "/v1/signature"): Scope.READ,
     ("POST", "/v1/encode"): Scope.READ,
     ("POST", "/v1/decode"): Scope.READ,

@@ -15,6 +15,7 @@ ZIP: Final = "application/zip"
 RAW: Final = "application/octet-stream"
 STREAM: Final = "application/vnd.modalmotion.stream"
 PNG: Final = "image/png"
+CSV: Final = "text/csv"
 
 
 def best_type(accept: str, offered: tuple[str, ...]) -> str:

@@ -1,6 +1,7 @@
 """Requests and answers, as pydantic models."""
 
 from modalmotion_service.schemas.facts import FactsAnswer
+from modalmotion_service.schemas.features import FeaturesAnswer, FeaturesRequest
 from modalmotion_service.schemas.fields import (
     GRID,
     JobId,
@@ -63,6 +64,8 @@ __all__ = [
     "EncodedAnswer",
     "EncodingTarget",
     "FactsAnswer",
+    "FeaturesAnswer",
+    "FeaturesRequest",
     "FrameErrors",
     "Health",
     "JobAnswer",

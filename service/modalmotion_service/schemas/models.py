@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, FailFast, Field, StringConstraints
@@ -32,6 +33,16 @@ class LabelledSequence(JsonBody):
     covariates: dict[str, Any] | None = Field(
         None, description=f"Over those stored with it. {COVARIATES}"
     )
+
+
+def in_the_longer_form(
+    sequences: Sequence[SequenceId | LabelledSequence],
+) -> list[LabelledSequence]:
+    """Write sequences that may be named by their ids alone as labelled ones."""
+    return [
+        case if isinstance(case, LabelledSequence) else LabelledSequence(id=case)
+        for case in sequences
+    ]
 
 
 class TrainingRequest(JsonBody):
@@ -71,10 +82,7 @@ class TrainingRequest(JsonBody):
     @property
     def cases(self) -> list[LabelledSequence]:
         """All sequences in the longer form."""
-        return [
-            case if isinstance(case, LabelledSequence) else LabelledSequence(id=case)
-            for case in self.sequences
-        ]
+        return in_the_longer_form(self.sequences)
 
 
 class ModelSummary(BaseModel):

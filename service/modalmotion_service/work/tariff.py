@@ -24,6 +24,7 @@ from modalmotion_service.work.tasks import (
     classification,
     codec,
     derived,
+    features,
     sequences,
     signatures,
     templates,
@@ -45,6 +46,8 @@ _SURFACE: Final = 1e-7
 _SURFACES_OF_SEQUENCE: Final = 100
 # s for a signature among many, and for a mode at a byte of its template.
 _PACKED: Final = 5e-3
+# scikit-learn is imported.
+_TABLE: Final = 3.0
 _MODE: Final = 1e-8
 
 _HEAD_BYTES: Final = 1024
@@ -181,4 +184,5 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     derived.read_out: _read_out,
     derived.measure_trade: _trade,
     derived.superpose: _superposed,
+    features.tabulate: lambda args: _TABLE + _packing(args),
 }

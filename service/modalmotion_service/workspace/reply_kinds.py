@@ -33,10 +33,12 @@ from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.feature_tables import FeatureTables
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.replies import Maker, Replies, Reply, Request
 from modalmotion_service.workspace.spool import Spool
+from modalmotion_service.workspace.training_set import cases_from_json
 
 Query = TypeVar("Query", bound=BaseModel)
 
@@ -60,6 +62,7 @@ def query_of(request: Request, model: type[Query], name: str = "query") -> Query
 
 def make_replies(settings: Settings, spool: Spool, analysis: Analysis, models: Models) -> Replies:
     """Make the maker of all kinds."""
+    tables = FeatureTables(analysis, spool)
 
     def sent(request: Request, query: ReadingQuery) -> Upload:
         facts = request["facts"]
@@ -170,7 +173,19 @@ def make_replies(settings: Settings, spool: Spool, analysis: Analysis, models: M
         content = await asyncio.to_thread(models.describe, model)
         return Reply(await models.draw(content), PNG)
 
+    async def features(request: Request, report: Report) -> Reply:
+        media_type = request["media_type"]
+        path, n_left_out = await tables.make(
+            cases_from_json(request["cases"]),
+            request["options"],
+            media_type,
+            report,
+            leaves_out=request["on_error"] == "leave out",
+        )
+        return Reply(path, media_type, {"Cases-Left-Out": str(n_left_out)})
+
     makers: dict[str, Maker] = {
+        "features": features,
         "sent-signature": sent_signature,
         "sent-classification": sent_classification,
         "sent-encoding": sent_encoding,

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from modalmotion.errors import LimitError, NotFoundError, ParameterError
 from modalmotion.facts import Facts
@@ -32,6 +32,7 @@ class Case:
     ----------
     id : str
     label : str
+        Empty where there is none.
     subject : str or None
     covariates : mapping of str to (float or str)
     """
@@ -47,19 +48,52 @@ def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int
 
     Raises
     ------
+    LimitError, NotFoundError
+        As `find_cases` says.
+    ParameterError
+        As it says, too; or if some have no label, or there are too few of a class, or of
+        classes; it names them.
+    """
+    cases = find_cases(store, sequences, most, "training_sequences")
+    unlabelled = [case.id for case in cases if not case.label]
+    if unlabelled:
+        raise ParameterError(
+            f"{_count(unlabelled, 'sequence')} without a label: {_short(unlabelled)}.",
+            remedy='State it here, as {"id": ..., "label": ...}, or with PATCH /v1/sequences/{id}.',
+            details=_ids(unlabelled),
+        )
+    _require_classes(cases)
+    return cases
+
+
+def find_cases(
+    store: ResultStore, sequences: Sequence[LabelledSequence], most: int, limit: str
+) -> list[Case]:
+    """Find what is known of each sequence; the label is empty where there is none.
+
+    Parameters
+    ----------
+    store : ResultStore
+    sequences : sequence of LabelledSequence
+    most : int
+        Sequences that may be named.
+    limit : str
+        Name of that limit.
+
+    Raises
+    ------
     LimitError
         If there are more than `most`.
     NotFoundError
         If some are not kept; it names them.
     ParameterError
-        If some have no label or are named twice, a covariate cannot be one, or there are too few
-        of a class, or of classes; it names them.
+        If some are named twice, or a covariate cannot be one; it names them.
     """
     if len(sequences) > most:
         raise LimitError(
-            f"{len(sequences)} sequences are named; a model is trained on at most {most}.",
+            f"{len(sequences)} sequences are named; the limit is {most}.",
             remedy="Name fewer, or have the limit raised.",
-            limit="training_sequences",
+            limit=limit,
             details={"most": most},
         )
     repeated = [name for name, n in Counter(case.id for case in sequences).items() if n > 1]
@@ -69,21 +103,17 @@ def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int
             remedy="Name each sequence once: repeated, it would stand on both sides of a split.",
             details=_ids(repeated),
         )
-    cases, unknown, unlabelled = [], [], []
+    cases, unknown = [], []
     for case in sequences:
         try:
             record = store.sequence_record(case.id)
         except NotFoundError:
             unknown.append(case.id)
             continue
-        label = case.label or record.label
-        if not label:
-            unlabelled.append(case.id)
-            continue
-        subject = case.subject or record.subject
+        label, subject = case.label or record.label or "", case.subject or record.subject
         stated = Facts(covariates=case.covariates or {}).over(record.facts)
         cases.append(Case(case.id, label, subject, dict(stated.covariates)))
-        require_name("label", label)
+        require_name("label", label or None)
         require_name("subject", subject)
     if unknown:
         raise NotFoundError(
@@ -91,14 +121,17 @@ def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int
             remedy="Send them first, or leave them out.",
             details=_ids(unknown),
         )
-    if unlabelled:
-        raise ParameterError(
-            f"{_count(unlabelled, 'sequence')} without a label: {_short(unlabelled)}.",
-            remedy='State it here, as {"id": ..., "label": ...}, or with PATCH /v1/sequences/{id}.',
-            details=_ids(unlabelled),
-        )
-    _require_classes(cases)
     return cases
+
+
+def cases_as_json(cases: Sequence[Case]) -> list[dict[str, Any]]:
+    """Write cases as JSON-able values, which `cases_from_json` reads."""
+    return [asdict(case) for case in cases]
+
+
+def cases_from_json(values: Sequence[dict[str, Any]]) -> list[Case]:
+    """Read the output of `cases_as_json`."""
+    return [Case(**value) for value in values]
 
 
 def _require_classes(cases: list[Case]) -> None:
@@ -131,7 +164,7 @@ def write_cases(file: SpoolFile, cases: list[Case]) -> None:
         If they cannot be written.
     """
     try:
-        file.path.write_text(json.dumps([asdict(case) for case in cases]))
+        file.path.write_text(json.dumps(cases_as_json(cases)))
     except OSError as error:
         raise cannot_write(file.path, error) from error
     file.make_durable()
@@ -139,7 +172,7 @@ def write_cases(file: SpoolFile, cases: list[Case]) -> None:
 
 def read_cases(file: Path) -> list[Case]:
     """Read what `write_cases` wrote."""
-    return [Case(**values) for values in json.loads(file.read_text())]
+    return cases_from_json(json.loads(file.read_text()))
 
 
 def _count(ids: list[str], noun: str) -> str:

@@ -284,6 +284,37 @@ def test_columns_of_the_manifest_are_folds_and_groups(folder: Path, tmp_path: Pa
     assert "part, site" in refused.output
 
 
+def test_the_features_of_a_cohort_are_a_table(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "features.csv"
+    head, *rows = (folder / "train.csv").read_text().splitlines()
+    aged = [f"{row},{50 + k}" for k, row in enumerate(rows)]
+    manifest = with_manifest(folder, "aged.csv", f"{head},Age", *aged)
+    said = succeed("features", manifest, "-o", out, "--covariate", "age").output
+    with out.open() as file:
+        table = list(csv.DictReader(file))
+    assert [line["case"] for line in table] == [str(folder / row.split(",")[0]) for row in rows]
+    assert [line["label"] for line in table] == [row.split(",")[1] for row in rows]
+    assert [float(line["covariate age"]) for line in table] == [50 + k for k in range(len(rows))]
+    assert f"{len(rows)} sequences, {len(table[0]) - 4} features: parts about the axis" in said
+    # Labels are not needed, and what does not fit is named.
+    bare = with_manifest(folder, "bare.csv", "path", *(row.split(",")[0] for row in rows), "no.npz")
+    refused = run("features", bare, "-o", tmp_path / "b.csv")
+    assert (refused.exit_code, (tmp_path / "b.csv").exists()) == (1, False)
+    assert "no.npz" in refused.output
+    said = succeed("features", bare, "-o", tmp_path / "b.csv", "--skip-unreadable").output
+    assert "Cases left out: 1." in said
+    with (tmp_path / "b.csv").open() as file:
+        plain = list(csv.DictReader(file))
+    assert [line["label"] for line in plain] == [""] * len(rows)
+    assert all(
+        line[name] == plain[k][name]
+        for k, line in enumerate(table)
+        for name in plain[0]
+        if name not in ("label", "subject")
+    )
+    assert "weight" in run("features", manifest, "-o", out, "--covariate", "weight").output
+
+
 def test_a_cohort_of_bent_surfaces_needs_no_option_and_its_model_none_again(
     tmp_path: Path,
 ) -> None:

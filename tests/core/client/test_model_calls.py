@@ -34,6 +34,29 @@ def kept(remote: Client, beat: bytes) -> str:
     return remote.upload(beat).id
 
 
+def test_the_features_of_sequences_are_the_librarys_own(remote: Client, tmp_path: Path) -> None:
+    from modalmotion.classification import SignatureFeatures, TrainingCase, feature_table
+
+    sent = list(cohort(2, 7))
+    infos = [remote.upload(one.body, label=one.label, subject=one.subject) for one in sent]
+    cases = [{"id": info.id, "covariates": {"age": 50 + k}} for k, info in enumerate(infos)]
+    table = remote.features(cases, covariates=["age"], kind="summary")
+    own = feature_table(
+        [
+            TrainingCase(read_npz(one.body).sequence, one.label, covariates={"age": 50 + k})
+            for k, one in enumerate(sent)
+        ],
+        SignatureFeatures(covariates=["age"], kind="summary"),
+    )
+    assert np.array_equal(table.values, own.values)
+    assert (table.columns, table.labels) == (own.columns, own.labels)
+    ids = [info.id for info in infos]
+    remote.save_features(ids, tmp_path / "features.csv")
+    assert (tmp_path / "features.csv").read_text() == remote.features(ids).as_csv()
+    for one in ids:
+        remote.delete(one)
+
+
 def test_a_model_is_trained_asked_saved_and_deleted(remote: Client, tmp_path: Path) -> None:
     sent = list(cohort(6, 1))
     ids = [remote.upload(one.body, label=one.label, subject=one.subject).id for one in sent]

@@ -32,7 +32,7 @@ from modalmotion.classification.tables.recordings import (
 )
 from modalmotion.classification.training.case_row import zero_is_known
 from modalmotion.errors import ParameterError
-from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.making import ModalSignature, SignatureParameters
 
 KINDS: Final = ("auto", "axis", "summary", "modes", "terms")
 
@@ -157,6 +157,21 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         names = [*self._names, *(column.name for column in self.covariate_columns_)]
         return np.array(names, dtype=object)
 
+    @property
+    def signature_parameters(self) -> SignatureParameters:
+        """Parameters that sequences are fitted with, before their topologies are compared."""
+        return self._options.signature_parameters
+
+    @property
+    def _options(self) -> TrainingOptions:
+        return TrainingOptions(
+            modes=self.modes,
+            topology=self.topology,
+            timing=self.timing,
+            harmonics=self.harmonics,
+            walls=self.walls,
+        )
+
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
         tags.input_tags.two_d_array = False
@@ -170,13 +185,7 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
                 remedy=f"Use one of: {', '.join(KINDS)}.",
                 details={"option": "kind"},
             )
-        options = TrainingOptions(
-            modes=self.modes,
-            topology=self.topology,
-            timing=self.timing,
-            harmonics=self.harmonics,
-            walls=self.walls,
-        )
+        options = self._options
         if not recordings:
             raise ParameterError("There is no recording.", remedy="Give at least one.")
         may_have_axis = self.kind in ("auto", "axis") and options.timing != Timing.COURSE

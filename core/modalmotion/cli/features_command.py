@@ -1,0 +1,98 @@
+"""The command that writes the features of a cohort as a table."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from modalmotion.cli.cases import LabelledSequence, labelled_files, labelled_sources
+from modalmotion.cli.options import example, list_written
+from modalmotion.cli.outputs import OutputFile
+
+_HELP: Final = {
+    "modes": "Modes of the signatures; 3 amplitudes a frame each.",
+    "topology": "cup, sphere, ..., or mesh for spring modes; all cases decide it together by "
+    "default.",
+    "kind": "axis: parts about the axis of the motion; modes: modes as they are; summary: the same "
+    "in few numbers; terms: modes and their terms.",
+    "timing": "cycle: one turn of a cycle; course: a movement with a beginning and an end.",
+    "harmonics": "Harmonics of each part of the motion.",
+    "walls": "Whether the zero of theta tells walls apart; auto: where every case states it.",
+}
+
+
+@click.command(epilog=example("features cases.csv -o features.csv --covariate age"))
+@labelled_sources
+@click.option("-o", "--out", required=True, type=OutputFile(".csv"), help="Table to write (.csv).")
+@click.option("--modes", type=int, default=7, show_default=True, help=_HELP["modes"])
+@click.option("--topology", help=_HELP["topology"])
+@click.option(
+    "--kind",
+    type=click.Choice(["auto", "axis", "summary", "modes", "terms"]),
+    default="auto",
+    show_default=True,
+    help=_HELP["kind"],
+)
+@click.option(
+    "--timing",
+    type=click.Choice(["auto", "cycle", "course"]),
+    default="auto",
+    show_default=True,
+    help=_HELP["timing"],
+)
+@click.option("--harmonics", type=int, default=2, show_default=True, help=_HELP["harmonics"])
+@click.option(
+    "--walls",
+    type=click.Choice(["auto", "yes", "no"]),
+    default="auto",
+    show_default=True,
+    help=_HELP["walls"],
+)
+@click.option(
+    "--covariate",
+    "covariates",
+    multiple=True,
+    metavar="NAME",
+    help="Column of the manifest to add; repeat for more. all: every one, long lists of words "
+    "apart.",
+)
+def features(
+    sources: tuple[Path, ...],
+    out: Path,
+    unit: str | None,
+    skip_unreadable: bool,
+    covariates: tuple[str, ...],
+    **options: Any,
+) -> None:
+    """Write the features of labelled or unlabelled sequences as a table.
+
+    MANIFEST is a table (.csv) with the column path and, where they are known, label, subject and
+    covariates; in its place you may name files. One line of the result is one sequence: its file,
+    id, label and subject, then the features, which do not depend on pose, unit, start or sampling.
+    """
+    from modalmotion.classification import SignatureFeatures, feature_table
+    from modalmotion.classification.training.left_out import left_out_notes
+    from modalmotion.store import write_atomic
+
+    wanted: Any = "all" if "all" in covariates else list(covariates) or None
+    transformer = SignatureFeatures(covariates=wanted, **options)
+    files = labelled_files(sources, skip_unreadable=skip_unreadable, needs_label=False)
+    with click.progressbar(length=len(files), label="cases", file=sys.stderr) as bar:
+        table = feature_table(
+            [LabelledSequence(file, {"unit": unit}) for file in files],
+            transformer,
+            on_error="leave out" if skip_unreadable else "raise",
+            progress=lambda done: bar.update(done - bar.pos),
+        )
+    write_atomic(out, table.as_csv().encode())
+    n, m = table.values.shape
+    click.echo(
+        f"{n} sequences, {m} features: {transformer.reader_.description}; "
+        f"{' or '.join(transformer.readable_.topologies)}, {transformer.readable_.n_modes} modes"
+    )
+    for note in left_out_notes(table.left_out):
+        click.echo(note)
+    list_written(out)
