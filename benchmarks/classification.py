@@ -174,7 +174,7 @@ def _as_trained(cohort: list[_Recorded], folds: Sequence[Any]) -> tuple[Array, f
         fitted = fit_rows(table, inner, options)
         seconds += time.perf_counter() - start
         readings = fit_domain(table, inner).judge(outer).readings
-        shares = fitted.probabilities(fitted.read_as(outer, readings), len(table.classes))
+        shares = fitted.probabilities(outer, readings, len(table.classes))
         right[outer] = shares.argmax(axis=1) == table.y[outer]
     return right, seconds / len(folds)
 
@@ -186,7 +186,7 @@ def _costs(cohort: list[_Recorded], folds: Sequence[Any], mini: tuple[Any, float
     signature = cohort[int(folds[0][1][0])].signatures[7]
 
     def ours() -> Array:
-        found = model.reader.read(signature)
+        found = model.read(signature)
         return model.probabilities(
             found.values[[model.distance(model.domain.reader.read(signature).kinds).argmin()]]
         )

@@ -87,7 +87,7 @@ def _real() -> Table:
         if signature.surface not in model.readable.topologies:
             table.add(path.stem, said, "", "", "", "")
             continue
-        found = model.reader.read(signature)
+        found = model.read(signature)
         distances = model.distance(model.domain.reader.read(signature).kinds)
         shares = model.probabilities(found.values[[distances.argmin()]])[0]
         table.add(

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 from measure import Table
+from numpy.typing import NDArray
 
 from modalmotion.classification import load_model
 from modalmotion.simulate import MotionClass
@@ -77,9 +78,13 @@ def _table(title: str, which: str, noise: float, n_per_class: int) -> Table:
     return table
 
 
+def _scale() -> NDArray[np.float64]:
+    return np.concatenate([member.blend.scale for member in load_model().members])
+
+
 def _most_moved(pairs: list[tuple[Answer, Answer]]) -> str:
     """Feature that moves most against its own spread, and by how much of it."""
     before, after = (np.stack([pair[k].features for pair in pairs]) for k in (0, 1))
-    shares = np.quantile(np.abs(before - after), 0.99, axis=0) / load_model().blend.scale
+    shares = np.quantile(np.abs(before - after), 0.99, axis=0) / _scale()
     k = int(shares.argmax())
     return f"{pairs[0][0].names[k]} {shares[k]:.1e} sd"

@@ -7,6 +7,7 @@ import contextlib
 import io
 import json
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from sealed_files import sealed
 
 from modalmotion.choice.parameters import SignatureParameters, parameters_as_json
 from modalmotion.classification import Classification, Model
+from modalmotion.classification.features import FeatureReader
 from modalmotion.mesh.sequence import MeshSequence
 
 INTENDED_USE = "Description of surface motion."
@@ -85,9 +87,31 @@ def old_signature(sequence_id: str, parameters: SignatureParameters) -> bytes:
     return old_file(attributes, {"parameters": parameters_as_json(parameters)})
 
 
+def old_kind(model: Model) -> Model:
+    """Give a model as older ones were: of one choice of features, which its domain reads too."""
+    member = replace(model.members[0], weight=1.0)
+    values = {name: getattr(member.reader, name) for name in (*OLD_READER, "typical")}
+    reader = FeatureReader(**values)
+    domain = replace(model.domain, reader=reader)
+    d = len(member.columns)
+    one = replace(
+        model,
+        members=(replace(member, reader=reader),),
+        temperature=1.0,
+        domain=domain,
+        golden_features=model.golden_features[:, :d],
+        cross_validation=None,
+    )
+    return replace(one, golden_probabilities=one.probabilities(one.golden_features))
+
+
+OLD_READER = ("has_axis", "is_cycle", "n_harmonics", "walls", "adds_modes", "is_brief")
+
+
 def old_model(model: Model, version: int, *, machine: bytes = b"", training: str = "t") -> bytes:
     """Version 1: JSON text, with arrays in base64, in a dataset of bytes."""
-    blend, domain, reader = model.blend, model.domain, model.reader
+    (member,) = model.members
+    blend, domain, reader = member.blend, model.domain, member.reader
     stored = {
         "schema": 4,
         "id": model.id,
@@ -98,7 +122,7 @@ def old_model(model: Model, version: int, *, machine: bytes = b"", training: str
         "connectivity_id": model.readable.connectivity_id,
         "parameters": model.signature_parameters.as_plain(),
         "reader": {
-            **{name: getattr(reader, name) for name in reader.__dataclass_fields__},
+            **{name: getattr(reader, name) for name in OLD_READER},
             "typical": None
             if reader.typical is None
             else _packed(np.stack([reader.typical.real, reader.typical.imag])),

@@ -231,7 +231,7 @@ class Answer:
 def answer(sequence: MeshSequence, model: Model) -> Answer:
     """Ask a model."""
     signature = modal_signature(sequence, model.signature_parameters)
-    found = model.reader.read(signature)
+    found = model.read(signature)
     features = found.values[model.distance(model.domain.reader.read(signature).kinds).argmin()]
     probabilities = model.probabilities(features[None])[0]
     return Answer(probabilities, features, found.names, classify(signature, model).label)

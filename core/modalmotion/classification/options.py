@@ -20,6 +20,12 @@ MOST_FOLDS: Final = 20
 MOST_REPETITIONS: Final = 20
 MOST_HARMONICS: Final = 8
 
+MODE_COUNTS: Final = (7, 12, 18)
+"""Numbers of modes that training weighs, where none is stated."""
+
+FEWER_MODES: Final = (12, 10, 7)
+"""Numbers of modes that are tried where a recording has too few vertices for the largest."""
+
 
 class Estimator(StrEnum):
     """Kind of estimator of scores from features; `AUTO` chooses inside the training folds."""
@@ -83,8 +89,9 @@ class TrainingOptions:
 
     Parameters
     ----------
-    modes : int
-        Of the signatures; see `SignatureParameters`.
+    modes : int or None
+        Of the signatures; see `SignatureParameters`. Features of the first 7 and 12 of them are
+        weighed, too. None for 18, or as many as every recording can tell apart.
     topology : str or None
         Of the signatures: None lets the cases decide, all together. "mesh" for spring modes.
     kind : SignatureKind
@@ -114,6 +121,9 @@ class TrainingOptions:
         Level that the card reports class sets at; every answer may ask for another.
     known_share : float
         Share of cases like the training ones that the domain is to hold.
+    further : bool
+        Whether size, rest shape, volume curve and covariates may be read beside the motion, where
+        each class has several subjects and cases left out gain by it.
     seed : int
 
     Raises
@@ -122,7 +132,7 @@ class TrainingOptions:
         If one is out of range.
     """
 
-    modes: int = 7
+    modes: int | None = None
     topology: str | None = None
     kind: SignatureKind | str = SignatureKind.MATERIAL
     harmonics: int = 2
@@ -139,6 +149,7 @@ class TrainingOptions:
     on_error: OnError | str = OnError.RAISE
     coverage: float = 0.9
     known_share: float = 0.995
+    further: bool = True
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -160,6 +171,8 @@ class TrainingOptions:
             ("seed", 0, 2**32 - 1),
         ):
             value = getattr(self, name)
+            if name == "modes" and value is None:
+                continue
             if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
                 raise ParameterError(
                     f"The option '{name}' is {value!r}.",
@@ -220,10 +233,12 @@ class TrainingOptions:
 
         From the mean shape, for the shape of one frame depends on where a recording starts.
         """
+        modes = max(MODE_COUNTS) if self.modes is None else self.modes
         return SignatureParameters(
-            modes=self.modes,
+            modes=modes,
             reference=MEAN,
             topology=self.topology,
+            volumes=self.further,
             kind=SignatureKind(self.kind),
         )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -240,10 +241,19 @@ def classify(
 ) -> None:
     """Name the motion class of the sequence in FILE."""
     from modalmotion.classification import classify as ask
+    from modalmotion.mesh.sequence import MeshSequence
+    from modalmotion.modes.topology import MESH
+    from modalmotion.signature.making import ModalSignature, modal_signature
 
     stored_model = model_named(model)
-    sequence = read(source, **stated)
-    result = ask(sequence, stored_model, coverage)
+    springs = stated["topology"] == MESH
+    if springs:
+        stated["topology"] = None
+    motion: MeshSequence | ModalSignature = read(source, **stated)
+    if springs and isinstance(motion, MeshSequence):
+        parameters = replace(stored_model.signature_parameters, topology=MESH)
+        motion = modal_signature(motion, parameters)
+    result = ask(motion, stored_model, coverage)
     if plot is not None:
         from modalmotion.pictures.classification import answer_figure
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.classification import TrainingOptions
-from modalmotion.classification.options import OnError
+from modalmotion.classification.options import FEWER_MODES, OnError
 from modalmotion.classification.training.cases import case_name
 from modalmotion.classification.training.left_out import UNUSABLE, LeftOut
 from modalmotion.errors import (
@@ -136,14 +136,24 @@ class Trainer:
                 except ModalMotionError as error:
                     raise self._about(error, error.details.get("sequence_id")) from error
 
+            async def train_with_most(asked: SignatureParameters, image: Path) -> None:
+                # As many modes as every recording can tell apart.
+                fewer = FEWER_MODES if options.modes is None else ()
+                for modes in fewer:
+                    try:
+                        return await train_with(asked, image)
+                    except ModeCountError:
+                        asked = replace(asked, modes=modes)
+                return await train_with(asked, image)
+
             try:
-                await train_with(parameters, image)
+                await train_with_most(parameters, image)
             except UnlikeCasesError as unlike:
                 # As `collect_in_one_basis` does it where the sequences are at hand.
                 if options.topology is not None:
                     raise
                 try:
-                    await train_with(springs, image)
+                    await train_with_most(springs, image)
                 except (UnlikeCasesError, TopologyError, ModeCountError):
                     raise unlike from None
             else:

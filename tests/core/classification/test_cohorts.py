@@ -109,10 +109,15 @@ def test_order_sense_and_amplitude_are_learned(kind: object, least: float) -> No
 
 def test_the_card_says_what_is_read() -> None:
     for kind in KINDS:
-        said = trained(kind).card.options["features"]
-        reader = trained(kind).reader
-        assert ("cycle" in said) == reader.is_cycle
-        assert ("few" in said) == reader.is_brief
+        model = trained(kind)
+        said = model.card.options["features"]
+        assert [share for _, share in said] == [round(m.weight, 3) for m in model.members]
+        for (words, _), member in zip(said, model.members, strict=True):
+            reader = member.reader
+            if reader.reads_motion:
+                assert ("cycle" in words) == reader.is_cycle
+                assert ("few" in words) == reader.is_brief
+            assert all(str(further) in words for further in reader.further)
 
 
 def test_a_stated_timing_leaves_no_choice() -> None:
@@ -129,9 +134,9 @@ def test_a_stated_timing_leaves_no_choice() -> None:
 def test_cups_and_cylinders_together_are_read_about_their_axis_only() -> None:
     signature = modal_signature(replace(simulate_ventricle(grid=(12, 24)), topology=CYLINDER))
     mixed = [*cohort(6), TrainingCase(signature, "normal", "other")]
-    (reader,) = collect(mixed, TrainingOptions()).readers
-    assert reader.has_axis
-    assert not reader.adds_modes
+    readers = collect(mixed, TrainingOptions()).readers
+    assert readers
+    assert all(reader.has_axis and not reader.adds_modes for reader in readers)
 
 
 def test_many_cases_are_compared_on_some_and_fitted_to_all(
@@ -142,7 +147,8 @@ def test_many_cases_are_compared_on_some_and_fitted_to_all(
     monkeypatch.setattr(fold_fit, "_MOST_COMPARED", 14)
     monkeypatch.setattr(fold_fit, "_FEWEST_COMPARED", 3)
     found = fold_fit.fit_rows(table, rows, TrainingOptions())
-    assert found.X.shape[0] == found.estimator.losses_.shape[0] == len(rows)
+    for member in found.members:
+        assert len(member.X) == len(member.estimator.losses_) == len(rows)
 
 
 def test_a_class_of_one_subject_is_left_out_case_by_case() -> None:
@@ -157,4 +163,5 @@ def test_a_class_of_one_subject_is_left_out_case_by_case() -> None:
 def test_a_model_of_modes_comes_back_from_its_file() -> None:
     again = model_from_hdf5(model_to_hdf5(trained(bulge)))
     assert again.id == trained(bulge).id
-    assert again.reader.is_brief == trained(bulge).reader.is_brief
+    readers = [[m.reader.description for m in model.members] for model in (again, trained(bulge))]
+    assert readers[0] == readers[1]

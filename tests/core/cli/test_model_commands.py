@@ -340,6 +340,9 @@ def test_a_cohort_of_bent_surfaces_needs_no_option_and_its_model_none_again(
     for number in range(2):
         answer = succeed("classify", tmp_path / f"test-{number}.npz", "--model", out).output
         assert "topology" not in answer
+    # The printed word is accepted where a topology is asked for; this model reads spheres.
+    asked = ("classify", tmp_path / "test-0.npz", "--model", out, "--topology", "mesh")
+    assert "this one's is mesh" in succeed(*asked).output
     refused = run("train", tmp_path / "train.csv", "--name", "bent", "-o", out, "--topology", "cup")
     assert refused.exit_code == 1
     assert "train-0.npz: A cup was stated" in refused.output

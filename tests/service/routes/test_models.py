@@ -33,7 +33,7 @@ def test_a_trained_model_is_described_with_its_card(trained: Trained) -> None:
     assert (model["name"], model["version"], model["origin"]) == ("wall-motion", 1, "trained")
     assert model["classes"] == sorted(map(str, CLASSES))
     assert model["versions"] == [1]
-    assert model["parameters"]["modes"] == 7
+    assert model["parameters"]["modes"] == 18
     card = model["card"]
     assert card["n_cases"] == dict.fromkeys(map(str, sorted(CLASSES)), N_PER_CLASS)
     assert card["n_subjects"] == card["n_cases"]

@@ -71,7 +71,7 @@ def explain(
     if not players.modes:
         return ()
     member = players.member
-    average = model.blend.centre
+    average = model.centre
     added = np.where(member, values, average)
     taken = np.where(member, average, values)
     logs = model.log_shares(np.concatenate([added, taken, values[None], average[None]]))
@@ -154,7 +154,7 @@ def _players(columns: tuple[Column, ...], modes: Modes) -> _Players:
     singles = [(k,) for k in range(len(modes)) if k not in paired] if groups else []
     players = []
     for group in (*pairs, *singles):
-        member = [set(column.modes) <= set(group) for column in columns]
+        member = [len(column.modes) > 0 and set(column.modes) <= set(group) for column in columns]
         if any(member):
             players.append((group, tuple(str(modes.labels[k]) for k in group), member))
     mode_groups, labels, members = zip(*players, strict=True) if players else ((), (), ())

@@ -157,7 +157,7 @@ def _read(signature: ModalSignature, model: Model) -> Reading:
     seen = domain.reader.read(signature)
     sights = _sights(signature, seen, domain)
     judgement = domain.judge(sights)
-    features = model.reader.read(signature)
+    features = model.read(signature)
     nearest = int(judgement.readings[0])
     return Reading(
         signature=signature,

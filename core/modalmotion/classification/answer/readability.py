@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from modalmotion.classification.answer.flags import OUT_OF_DOMAIN, UNREADABLE, Flag
+from modalmotion.classification.features import has_volume
 from modalmotion.classification.model.model import Model
 from modalmotion.signature.making import ModalSignature
 
@@ -50,13 +51,19 @@ def unreadable(signature: ModalSignature, model: Model) -> Flag | None:
             f"{'removed' if required.remove_rotation else 'kept'} and {required.components} "
             "components. Fit it with the model's signature parameters",
         )
-    if model.reader.walls and not _zero_is_known(signature):
+    if model.walls and not _zero_is_known(signature):
         return Flag(
             UNREADABLE,
             "the model tells walls apart, but the zero of theta is not determined by "
             "this shape. State the landmark theta_zero",
         )
-    if model.reader.has_axis and not min(signature.lengths) > 0:
+    if model.reads_volume and not has_volume(signature):
+        return Flag(
+            UNREADABLE,
+            "the model reads the enclosed volume, which this signature lacks or which turns "
+            "inside out. Fit a closed or cup-shaped surface with the model's signature parameters",
+        )
+    if model.has_axis and not min(signature.lengths) > 0:
         return Flag(
             UNREADABLE,
             "the surface is collapsed in its reference frame. Send it with the model's reference",

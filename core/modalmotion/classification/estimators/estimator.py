@@ -18,6 +18,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from modalmotion.classification.estimators.ridge import INTERCEPT, Ridge, kernel_ridge, ridge
 from modalmotion.classification.estimators.scorer import Blend, Scorer, blended, kernel
 from modalmotion.classification.estimators.shrinkage import shrunk_solution
+from modalmotion.classification.estimators.standards import standards
 from modalmotion.classification.estimators.temperature import (
     case_losses,
     fit_temperature,
@@ -119,7 +120,7 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         if isinstance(weight_of, Mapping):
             weight_of = {label: weight_of.get(label, 1.0) for label in self.classes_}
         per_class = compute_class_weight(weight_of, classes=self.classes_, y=y)
-        self._centre, self._scale = X.mean(axis=0), _spread(X)
+        self._centre, self._scale = standards(X)
         z = (X - self._centre) / self._scale
         self.blend_: Blend | None = None
         self.loss_ = float("nan")
@@ -219,12 +220,6 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             return logs
         scores: Array = self._machine.decision_function(z)
         return np.stack([-scores, scores], axis=1) if scores.ndim == 1 else scores
-
-
-def _spread(X: Array) -> Array:
-    """Give standard deviations; infinite for columns that are constant up to rounding."""
-    spread = X.std(axis=0)
-    return np.where(spread > 1e-12 * np.abs(X).max(axis=0), spread, np.inf)
 
 
 def _linear(z: Array, y: NDArray[np.int64], per_class: Array, groups: NDArray[np.int64]) -> _Fitted:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -94,6 +95,32 @@ def blended(shares: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     mean = sum(shares[1:], shares[0]) / len(shares)
     logs: NDArray[np.float64] = np.log(np.maximum(mean, _LEAST))
     return logs
+
+
+def pooled(logs: Sequence[NDArray[np.float64]], weights: Sequence[float]) -> NDArray[np.float64]:
+    """Weighted mean of log probabilities, up to a constant: a logarithmic opinion pool.
+
+    Genest and Zidek, Combining probability distributions: a critique and an annotated
+    bibliography, Statistical Science, 1986. What one rules out others may still hold possible:
+    none is below the rounding of a probability.
+
+    Parameters
+    ----------
+    logs : sequence of (cases, classes) float64
+        Each up to a constant.
+    weights : sequence of float
+        They add up to 1.
+    """
+    total = np.zeros_like(logs[0])
+    for log, weight in zip(logs, weights, strict=True):
+        total += weight * np.maximum(log - _log_sums(log), np.log(_LEAST))
+    return total
+
+
+def _log_sums(logs: NDArray[np.float64]) -> NDArray[np.float64]:
+    largest = logs.max(axis=1, keepdims=True)
+    sums: NDArray[np.float64] = largest + np.log(np.exp(logs - largest).sum(axis=1, keepdims=True))
+    return sums
 
 
 def kernel(

@@ -4,6 +4,14 @@ from modalmotion.classification.features.alignment import align, mean_motion
 from modalmotion.classification.features.axis import READINGS, AxisReading, axis_features
 from modalmotion.classification.features.axis_parts import has_axis
 from modalmotion.classification.features.columns import Column, MotionFeatures, kind_of, powers_of
+from modalmotion.classification.features.further import (
+    CovariateColumn,
+    Further,
+    covariate_columns,
+    further_columns,
+    further_values,
+    has_volume,
+)
 from modalmotion.classification.features.reader import (
     FeatureReader,
     MotionTerms,
@@ -15,12 +23,18 @@ __all__ = [
     "READINGS",
     "AxisReading",
     "Column",
+    "CovariateColumn",
     "FeatureReader",
+    "Further",
     "MotionFeatures",
     "MotionTerms",
     "align",
     "axis_features",
+    "covariate_columns",
+    "further_columns",
+    "further_values",
     "has_axis",
+    "has_volume",
     "kind_of",
     "mean_motion",
     "motion_of",

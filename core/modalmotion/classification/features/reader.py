@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.features.alignment import align
+from modalmotion.classification.features.alignment import align_all
 from modalmotion.classification.features.axis import axis_features
 from modalmotion.classification.features.columns import Column, MotionFeatures
+from modalmotion.classification.features.further import (
+    CovariateColumn,
+    Further,
+    further_columns,
+    further_values,
+)
 from modalmotion.classification.features.invariants import (
     Waves,
     invariant_columns,
@@ -28,6 +36,7 @@ from modalmotion.classification.features.temporal import (
 )
 from modalmotion.modes import Modes
 from modalmotion.representation import shown
+from modalmotion.signature.first_modes import first_modes
 from modalmotion.signature.making import ModalSignature, SignatureKind
 
 # A course holds what a cycle of twice its length holds.
@@ -35,6 +44,20 @@ TERMS_PER_HARMONIC = 2
 
 # Percent of the size: less motion than this counts as rest.
 _LEAST_TOTAL = 1e-2
+
+
+# Fields that the features of the motion depend on, beside the typical one.
+_OF_MOTION: Final = (
+    "has_axis",
+    "is_cycle",
+    "n_harmonics",
+    "walls",
+    "adds_modes",
+    "is_brief",
+    "n_modes",
+)
+
+_NOTHING: Final = MotionFeatures((), np.zeros((1, 0)), 0.0, 1.0)
 
 
 @shown()
@@ -60,6 +83,14 @@ class FeatureReader:
         About an axis: whether modes are read as they are beside the parts.
     is_brief : bool
         Whether modes are summed up in a few numbers (`summary`).
+    n_modes : int
+        First modes that are read; 0 for all.
+    reads_motion : bool
+        Whether the motion is read at all, and not only what is beside it.
+    further : tuple of Further
+        Other features, beside those of the motion.
+    covariates : tuple of CovariateColumn
+        How covariates become numbers, where `further` names them.
     """
 
     has_axis: bool
@@ -69,6 +100,10 @@ class FeatureReader:
     typical: NDArray[np.complex128] | None = None
     adds_modes: bool = False
     is_brief: bool = False
+    n_modes: int = 0
+    reads_motion: bool = True
+    further: tuple[Further, ...] = ()
+    covariates: tuple[CovariateColumn, ...] = ()
 
     @property
     def description(self) -> str:
@@ -79,16 +114,61 @@ class FeatureReader:
         if self.typical is not None:
             how = "turned onto the typical motion" if self.typical.any() else "as they are"
             what += f" and their terms, {how}"
-        return f"{what}; as a {'cycle' if self.is_cycle else 'course'}"
+        beside = ", ".join(self.further)
+        if not self.reads_motion:
+            return beside
+        count = f" of {self.n_modes} modes" if self.n_modes else ""
+        how = f"{what}{count}; {self.n_harmonics} harmonics of a cycle"
+        if not self.is_cycle:
+            how = f"{what}{count}; {TERMS_PER_HARMONIC * self.n_harmonics} terms of a course"
+        return f"{how}; {beside}" if beside else how
 
-    def read(self, signature: ModalSignature) -> MotionFeatures:
+    def read(
+        self,
+        signature: ModalSignature,
+        known: dict[tuple[object, ...], MotionFeatures] | None = None,
+    ) -> MotionFeatures:
         """Features of one sequence, one row for each way to read it.
 
         Parameters
         ----------
         signature : ModalSignature
             Of at least two frames.
+        known : dict, optional
+            Features of its motion that other readers have read, and this one leaves for others.
         """
+        if self.n_modes:
+            signature = first_modes(signature, self.n_modes)
+        features = _NOTHING
+        if self.reads_motion:
+            key = (*(getattr(self, name) for name in _OF_MOTION), id(self.typical))
+            features = (known or {}).get(key) or self._motion(signature)
+            if known is not None:
+                known[key] = features
+        if not self.further:
+            return features
+        waves = self.waves(signature)
+        size = surface_size(signature)
+        values = [
+            further_values(kind, signature, waves, size, is_cycle=self.is_cycle)
+            for kind in self.further
+            if kind != Further.COVARIATES
+        ]
+        if Further.COVARIATES in self.further:
+            values.append(self.covariate_values(signature.facts.covariates))
+        further = MotionFeatures(
+            further_columns(self.further, waves, self.covariates, is_cycle=self.is_cycle),
+            np.concatenate(values)[None],
+            0.0,
+            1.0,
+        )
+        return features.beside(further)
+
+    def covariate_values(self, covariates: Mapping[str, float | str]) -> NDArray[np.float64]:
+        """Numbers of covariates, (features,) float64."""
+        return np.array([v for column in self.covariates for v in column.values(covariates)])
+
+    def _motion(self, signature: ModalSignature) -> MotionFeatures:
         if self.has_axis:
             n_sized = max(1, self.n_harmonics - 1)
             is_offset = signature.kind == SignatureKind.OFFSET
@@ -115,20 +195,30 @@ class FeatureReader:
 
     def values(self, waves: Waves, motion: MotionTerms) -> NDArray[np.float64]:
         """Values of the features without their names, (features,) float64; see `of`."""
-        total = float(np.linalg.norm(motion.terms))
+        return self.all_values(waves, [motion])[0]
+
+    def all_values(self, waves: Waves, motions: Sequence[MotionTerms]) -> list[NDArray[np.float64]]:
+        """Values of the features of several motions, each (features,) float64."""
+        totals = [float(np.linalg.norm(motion.terms)) for motion in motions]
         # How much moves is one feature; the others say what share of it moves how.
-        terms = motion.terms / total if total > 0 else motion.terms
+        shares = np.stack(
+            [
+                m.terms / total if total > 0 else m.terms
+                for m, total in zip(motions, totals, strict=True)
+            ]
+        )
         describe = summary if self.is_brief else invariants
         values = [
-            np.log([max(total, _LEAST_TOTAL)]),
-            describe(terms, waves, is_cycle=self.is_cycle),
+            [np.log([max(total, _LEAST_TOTAL)]), describe(terms, waves, is_cycle=self.is_cycle)]
+            for total, terms in zip(totals, shares, strict=True)
         ]
         if self.typical is not None:
-            turned = terms
+            turned = shares
             if self.typical.any():
-                turned = align(terms, self.typical, is_cycle=self.is_cycle)
-            values.append(_flat(turned, is_cycle=self.is_cycle))
-        return np.concatenate(values)
+                turned = align_all(shares, self.typical, is_cycle=self.is_cycle)
+            for parts, terms in zip(values, turned, strict=True):
+                parts.append(_flat(terms, is_cycle=self.is_cycle))
+        return [np.concatenate(parts) for parts in values]
 
     def waves(self, signature: ModalSignature) -> Waves:
         """Modes that the reader takes together."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -11,12 +12,18 @@ from numpy.typing import NDArray
 
 from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
 from modalmotion.classification.estimators.scorer import Blend, Scorer
-from modalmotion.classification.features import Column, FeatureReader
+from modalmotion.classification.features import (
+    Column,
+    CovariateColumn,
+    FeatureReader,
+    Further,
+)
 from modalmotion.classification.features.twins import TWINS
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
 from modalmotion.classification.model.cross_validation import validation_arrays, validation_of
 from modalmotion.classification.model.domain import ARRAYS, CHECKS, COURSE, PLACE, Domain
+from modalmotion.classification.model.member import Member
 from modalmotion.classification.model.model import Model, Readable
 from modalmotion.classification.model.record import ModelRecord, require_model_name
 from modalmotion.classification.options import MOST_HARMONICS
@@ -26,7 +33,7 @@ from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.representation import shown
 
-FORM: Final = Form("model", 3)
+FORM: Final = Form("model", 5)
 
 # The golden batch must come out as it was stored, up to the last digits.
 _GOLDEN_TOLERANCE: Final = 1e-9
@@ -35,17 +42,19 @@ _LARGEST: Final = 512 * 2**20
 
 # Datasets of the model's own, with their axes; all but these and its texts say what it is.
 _AXES: Final = {
-    "typical": "part, term, mode, direction",
-    "domain_typical": "part, term, mode, direction",
+    "typical": "value",
     "centre": "feature",
     "scale": "feature",
+    "n_scorers": "member",
     "n_anchors": "scorer",
-    "anchors": "anchor, feature",
+    "anchors": "value",
     "gammas": "scorer",
-    "weights": "feature or anchor, class",
+    "weights": "value",
     "intercepts": "scorer, class",
-    "temperatures": "scorer",
+    "scorer_temperatures": "scorer",
+    "temperatures": "member",
     "temperature": "",
+    "member_weights": "member",
     "machine": "byte",
     "means": "class, kind",
     "whitening": "kind, direction",
@@ -67,7 +76,7 @@ _AXES: Final = {
     "golden_features": "case, feature",
     "golden_probabilities": "case, class",
     "readable": "",
-    "reader": "",
+    "readers": "",
     "domain_reader": "",
     "columns": "",
     "notes": "",
@@ -219,20 +228,25 @@ def stored_model_in(contents: Contents) -> KeptModel:
 
 
 def _arrays(model: Model) -> dict[str, NDArray[Any]]:
-    reader, blend, domain = model.reader, model.blend, model.domain
-    d, n = len(model.columns), len(model.classes)
+    domain, members = model.domain, model.members
+    scorers = [scorer for member in members for scorer in member.blend.scorers]
     scores = model.calibration.scores
+    # Members have features of their own: their arrays follow one another, row by row.
     arrays = {
-        "centre": blend.centre,
-        "scale": blend.scale,
-        "n_anchors": np.array([len(s.anchors) for s in blend.scorers], dtype=np.int64),
-        "anchors": np.concatenate([np.zeros((0, d)), *(s.anchors for s in blend.scorers)]),
-        "gammas": np.array([s.gamma for s in blend.scorers], dtype=np.float64),
-        "weights": np.concatenate([np.zeros((0, n)), *(s.weights for s in blend.scorers)]),
-        "intercepts": np.array([s.intercepts for s in blend.scorers]).reshape(-1, n),
-        "temperatures": np.array([s.temperature for s in blend.scorers], dtype=np.float64),
-        "temperature": np.array(blend.temperature, dtype=np.float64),
-        "machine": np.frombuffer(model.machine, dtype=np.uint8),
+        "typical": _joined([t for m in members if (t := m.reader.typical) is not None]),
+        "centre": model.centre,
+        "scale": np.concatenate([m.blend.scale for m in members]),
+        "n_scorers": np.array([len(m.blend.scorers) for m in members], dtype=np.int64),
+        "n_anchors": np.array([len(s.anchors) for s in scorers], dtype=np.int64),
+        "anchors": _joined([s.anchors for s in scorers]),
+        "gammas": np.array([s.gamma for s in scorers], dtype=np.float64),
+        "weights": _joined([s.weights for s in scorers]),
+        "intercepts": np.array([s.intercepts for s in scorers]).reshape(-1, len(model.classes)),
+        "scorer_temperatures": np.array([s.temperature for s in scorers], dtype=np.float64),
+        "temperatures": np.array([m.blend.temperature for m in members], dtype=np.float64),
+        "temperature": np.array(model.temperature, dtype=np.float64),
+        "member_weights": np.array([m.weight for m in members], dtype=np.float64),
+        "machine": np.frombuffer(members[0].machine, dtype=np.uint8),
         **domain_arrays(domain),
         "n_scores": np.array([len(of_class) for of_class in scores], dtype=np.int64),
         "scores": np.concatenate(scores),
@@ -241,18 +255,15 @@ def _arrays(model: Model) -> dict[str, NDArray[Any]]:
     }
     if model.cross_validation is not None:
         arrays |= validation_arrays(model.cross_validation)
-    for prefix, one in (("", reader), ("domain_", domain.reader)):
-        if one.typical is not None:
-            arrays[f"{prefix}typical"] = np.stack([one.typical.real, one.typical.imag])
     texts = {
         "readable": {
             "topologies": model.readable.topologies,
             "n_modes": model.readable.n_modes,
             "connectivity_id": model.readable.connectivity_id,
         },
-        "reader": _reader_texts(reader),
+        "readers": [_reader_texts(member.reader) for member in members],
         "domain_reader": _reader_texts(domain.reader),
-        "columns": [[c.name, c.modes, c.power] for c in model.columns],
+        "columns": [[[c.name, c.modes, c.power] for c in member.columns] for member in members],
         "notes": model.notes,
     }
     return {**arrays, **{name: json_text(name, text).values for name, text in texts.items()}}
@@ -268,36 +279,44 @@ def domain_arrays(domain: Domain) -> dict[str, NDArray[Any]]:
     }
 
 
+def _joined(arrays: list[NDArray[Any]]) -> NDArray[np.float64]:
+    """Values of arrays one after another; of a complex one its real and imaginary parts."""
+    flat = [np.stack([a.real, a.imag]) if np.iscomplexobj(a) else a for a in arrays]
+    return np.concatenate([np.zeros(0), *(a.ravel() for a in flat)])
+
+
 def _reader_texts(reader: FeatureReader) -> dict[str, Any]:
-    return {name: getattr(reader, name) for name in (*_FLAGS, "n_harmonics")}
+    return {
+        **{name: getattr(reader, name) for name in (*_FLAGS, "n_harmonics", "n_modes")},
+        "typical": None if reader.typical is None else reader.typical.shape,
+        "further": reader.further,
+        "covariates": [[c.name, c.mean, c.words, c.may_be_missing] for c in reader.covariates],
+    }
 
 
 # Of a domain.
 _DOMAIN: Final = ("has_unit", "hand_is_stated", "hand_temperature")
 
 # Of a reader.
-_FLAGS: Final = ("has_axis", "is_cycle", "walls", "adds_modes", "is_brief")
+_FLAGS: Final = ("has_axis", "is_cycle", "walls", "adds_modes", "is_brief", "reads_motion")
 
 
 def _model(stored_model: KeptModel, contents: Contents) -> Model:
     record = stored_model.record
     readable = contents.json("readable", dict)
-    columns = tuple(
-        Column(str(name), tuple(map(int, modes)), float(power))
-        for name, modes, power in contents.json("columns", list)
-    )
-    d, n = len(columns), len(record.classes)
-    blend = _blend(contents, d, n)
-    machine = contents.array("machine", (None,)).astype(np.uint8).tobytes()
+    members = _members(contents, len(record.classes))
+    n = len(record.classes)
+    d = sum(len(member.columns) for member in members)
     golden = contents.array("golden_features", (None, d))
     n_scores = contents.array("n_scores", (n,)).astype(np.int64)
     scores = contents.array("scores", (int(n_scores.sum()),))
     n_modes = int(readable["n_modes"])
     if (
         len(set(record.classes)) < max(n, 2)
-        or bool(blend.scorers) == bool(machine)
         or not len(golden)
-        or not all(0 <= mode < n_modes for column in columns for mode in column.modes)
+        or not all(
+            0 <= mode < n_modes for m in members for column in m.columns for mode in column.modes
+        )
     ):
         raise ValueError("the parts of the model do not fit together")
     return Model(
@@ -309,10 +328,8 @@ def _model(stored_model: KeptModel, contents: Contents) -> Model:
             connectivity_id=str(readable["connectivity_id"]),
             parameters=record.parameters,
         ),
-        reader=_reader(contents, ""),
-        columns=columns,
-        blend=blend,
-        machine=machine,
+        members=members,
+        temperature=float(contents.number("temperature")),
         domain=_domain(contents, n),
         calibration=Calibration(tuple(np.split(scores, np.cumsum(n_scores)[:-1]))),
         golden_features=golden,
@@ -332,7 +349,7 @@ def _domain(contents: Contents, n: int) -> Domain:
     least_motion, least_smooth = contents.array("least", (2,)).tolist()
     facts = contents.json("domain", dict)
     return Domain(
-        reader=_reader(contents, "domain_"),
+        reader=_reader(contents.json("domain_reader", dict), _Values(np.zeros(0))),
         means=means,
         whitening=contents.array("whitening", (d, d)),
         points=contents.array("points", (None, len(PLACE))),
@@ -349,41 +366,102 @@ def _domain(contents: Contents, n: int) -> Domain:
     )
 
 
-def _reader(contents: Contents, prefix: str) -> FeatureReader:
-    values = contents.json(f"{prefix}reader", dict)
-    n_harmonics, typical = int(values["n_harmonics"]), None
-    if not 1 <= n_harmonics <= MOST_HARMONICS:
-        raise ValueError(f"it reads {n_harmonics} harmonics")
-    if f"{prefix}typical" in contents.arrays:
-        real, imaginary = contents.array(f"{prefix}typical", (2, None, None, 3))
-        typical = real + 1j * imaginary
-    flags = {name: bool(values[name]) for name in _FLAGS}
-    return FeatureReader(n_harmonics=n_harmonics, typical=typical, **flags)
+class _Values:
+    """Values of several arrays, taken one after another.
+
+    Parameters
+    ----------
+    values : (values,) float64
+    """
+
+    def __init__(self, values: NDArray[np.float64]) -> None:
+        self._values = values
+
+    def take(self, *shape: int) -> NDArray[np.float64]:
+        """Give the next array.
+
+        Raises
+        ------
+        ValueError
+            If there are too few values.
+        """
+        n = math.prod(shape)
+        if min(shape, default=0) < 0 or n > len(self._values):
+            raise ValueError("an array of the model is too short")
+        taken, self._values = self._values[:n], self._values[n:]
+        return taken.reshape(shape).copy()
+
+    def require_end(self) -> None:
+        """Check that nothing is left."""
+        if len(self._values):
+            raise ValueError("an array of the model is too long")
 
 
-def _blend(contents: Contents, d: int, n: int) -> Blend:
-    n_anchors = contents.array("n_anchors", (None,)).astype(np.int64)
-    k = len(n_anchors)
-    # A linear scorer has no anchors, and weighs the features.
-    n_weights = np.where(n_anchors > 0, n_anchors, d)
-    if (n_anchors < 0).any():
-        raise ValueError("a scorer has a negative number of anchors")
-    anchors = contents.array("anchors", (int(n_anchors.sum()), d))
-    weights = contents.array("weights", (int(n_weights.sum()), n))
-    # Of no scorers, a split gives one empty part all the same.
-    parts = zip(
-        np.split(anchors, np.cumsum(n_anchors)[:-1]),
-        contents.array("gammas", (k,)).tolist(),
-        np.split(weights, np.cumsum(n_weights)[:-1]),
-        contents.array("intercepts", (k, n)),
-        contents.array("temperatures", (k,)).tolist(),
-        strict=False,
+def _members(contents: Contents, n: int) -> tuple[Member, ...]:
+    """Members of a model of n classes."""
+    readers, columns = contents.json("readers", list), contents.json("columns", list)
+    k = len(readers)
+    if k < 1 or len(columns) != k:
+        raise ValueError("the parts of the model do not fit together")
+    n_scorers = contents.array("n_scorers", (k,)).astype(np.int64)
+    s = int(n_scorers.sum())
+    machine = contents.array("machine", (None,)).astype(np.uint8).tobytes()
+    if (n_scorers < 0).any() or any((n_scorers == 0) != bool(machine)) or (machine and k > 1):
+        raise ValueError("the parts of the model do not fit together")
+    n_anchors = contents.array("n_anchors", (s,)).astype(np.int64).tolist()
+    gammas = contents.array("gammas", (s,)).tolist()
+    intercepts = contents.array("intercepts", (s, n))
+    of_scorers = contents.array("scorer_temperatures", (s,)).tolist()
+    temperatures = contents.array("temperatures", (k,)).tolist()
+    weights = contents.array("member_weights", (k,)).tolist()
+    typical, centre, scale, anchors, coefficients = (
+        _Values(contents.array(name, (None,)))
+        for name in ("typical", "centre", "scale", "anchors", "weights")
     )
-    return Blend(
-        centre=contents.array("centre", (d,)),
-        scale=contents.array("scale", (d,)),
-        scorers=tuple(Scorer(*part) for part in parts),
-        temperature=float(contents.number("temperature")),
+    members, place = [], 0
+    for j in range(k):
+        features = tuple(
+            Column(str(name), tuple(map(int, modes)), float(power))
+            for name, modes, power in columns[j]
+        )
+        d = len(features)
+        # A linear scorer has no anchors, and weighs the features.
+        scorers = tuple(
+            Scorer(
+                anchors=anchors.take(n_anchors[i], d),
+                gamma=gammas[i],
+                weights=coefficients.take(n_anchors[i] or d, n),
+                intercepts=intercepts[i],
+                temperature=of_scorers[i],
+            )
+            for i in range(place, place + int(n_scorers[j]))
+        )
+        place += int(n_scorers[j])
+        blend = Blend(centre.take(d), scale.take(d), scorers, temperatures[j])
+        members.append(Member(_reader(readers[j], typical), features, blend, machine, weights[j]))
+    for values in (typical, centre, scale, anchors, coefficients):
+        values.require_end()
+    return tuple(members)
+
+
+def _reader(values: dict[str, Any], typical: _Values) -> FeatureReader:
+    n_harmonics, n_modes = int(values["n_harmonics"]), int(values["n_modes"])
+    if not 1 <= n_harmonics <= MOST_HARMONICS or n_modes < 0:
+        raise ValueError(f"it reads {n_harmonics} harmonics of {n_modes} modes")
+    motion = None
+    if values["typical"] is not None:
+        real, imaginary = typical.take(2, *map(int, values["typical"]))
+        motion = real + 1j * imaginary
+    return FeatureReader(
+        n_harmonics=n_harmonics,
+        n_modes=n_modes,
+        typical=motion,
+        further=tuple(Further(kind) for kind in values["further"]),
+        covariates=tuple(
+            CovariateColumn(str(name), float(mean), tuple(map(str, words)), bool(may_be_missing))
+            for name, mean, words, may_be_missing in values["covariates"]
+        ),
+        **{name: bool(values[name]) for name in _FLAGS},
     )
 
 

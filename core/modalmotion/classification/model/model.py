@@ -12,18 +12,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.estimators.machine import machine_log_shares
-from modalmotion.classification.estimators.scorer import Blend
+from modalmotion.classification.estimators.scorer import pooled
 from modalmotion.classification.estimators.temperature import softmax
-from modalmotion.classification.features import Column, FeatureReader
+from modalmotion.classification.features import (
+    Column,
+    FeatureReader,
+    Further,
+    MotionFeatures,
+)
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
 from modalmotion.classification.model.cross_validation import CrossValidation
 from modalmotion.classification.model.domain import ARRAYS, Domain
+from modalmotion.classification.model.member import Member
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
-from modalmotion.signature.making import SignatureParameters
+from modalmotion.signature.making import ModalSignature, SignatureParameters
 
 
 @shown()
@@ -72,13 +77,10 @@ class Model(FrozenArrays):
     name : str
     classes : tuple of str
     readable : Readable
-    reader : FeatureReader
-    columns : tuple of Column
-        The features.
-    blend : Blend
-        Standardisation and scorers; without scorers where there is a machine.
-    machine : bytes
-        skops archive of an estimator that is not plain arrays; empty otherwise.
+    members : tuple of Member
+        Choices of features with their estimators, the weightiest first.
+    temperature : float
+        Probabilities are softmax(pooled logs of the members / temperature).
     domain : Domain
     calibration : Calibration
     golden_features : (cases, features) float64
@@ -94,10 +96,8 @@ class Model(FrozenArrays):
     name: str
     classes: tuple[str, ...]
     readable: Readable
-    reader: FeatureReader
-    columns: tuple[Column, ...]
-    blend: Blend
-    machine: bytes
+    members: tuple[Member, ...]
+    temperature: float
     domain: Domain
     calibration: Calibration
     golden_features: NDArray[np.float64]
@@ -116,6 +116,44 @@ class Model(FrozenArrays):
         text = json.dumps(_identity(self), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
 
+    @cached_property
+    def columns(self) -> tuple[Column, ...]:
+        """Features of all members, one after another."""
+        return tuple(column for member in self.members for column in member.columns)
+
+    @cached_property
+    def centre(self) -> NDArray[np.float64]:
+        """Features of an average training case, (features,) float64."""
+        return np.concatenate([member.blend.centre for member in self.members])
+
+    @property
+    def walls(self) -> bool:
+        """Whether walls are told apart, so that the zero of theta must be known."""
+        return any(member.reader.walls for member in self.members)
+
+    @property
+    def has_axis(self) -> bool:
+        """Whether parts about an axis are read."""
+        return self.domain.reader.has_axis or any(m.reader.has_axis for m in self.members)
+
+    @property
+    def reads_volume(self) -> bool:
+        """Whether a volume must be enclosed."""
+        volume = {Further.VOLUME, Further.VOLUME_CURVE}
+        return any(volume & set(member.reader.further) for member in self.members)
+
+    def read(self, signature: ModalSignature) -> MotionFeatures:
+        """Features of a signature, of all members, one row for each way to read it."""
+        known: dict[tuple[object, ...], MotionFeatures] = {}
+        parts = [member.reader.read(signature, known) for member in self.members]
+        n_readings = max(len(part.values) for part in parts)
+        values = [
+            np.broadcast_to(part.values, (n_readings, part.values.shape[1])) for part in parts
+        ]
+        return MotionFeatures(
+            self.columns, np.concatenate(values, axis=1), parts[0].motion, parts[0].smooth_share
+        )
+
     @property
     def signature_parameters(self) -> SignatureParameters:
         """Parameters of the signatures it reads."""
@@ -123,9 +161,12 @@ class Model(FrozenArrays):
 
     def log_shares(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """Log probabilities up to a constant, (cases, classes), of features (cases, features)."""
-        if self.machine:
-            return machine_log_shares(self.machine, features)
-        return self.blend.log_shares(features)
+        ends = np.cumsum([len(member.columns) for member in self.members])[:-1]
+        parts = np.split(features, ends, axis=1)
+        logs = [m.log_shares(part) for m, part in zip(self.members, parts, strict=True)]
+        if len(logs) == 1:
+            return logs[0] / self.temperature
+        return pooled(logs, [m.weight for m in self.members]) / self.temperature
 
     def probabilities(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """Probabilities, (cases, classes) float64, of features (cases, features)."""
@@ -138,10 +179,26 @@ class Model(FrozenArrays):
 
 def _identity(model: Model) -> dict[str, Any]:
     """Everything of a model that an answer depends on, in the one form that is hashed."""
-    domain, blend = model.domain, model.blend
+    domain = model.domain
     reader = _reader_identity(domain.reader)
-    # Nothing where the domain reads what the model does, so that older models keep their ids.
-    apart = {} if reader == _reader_identity(model.reader) else {"domain_reader": reader}
+    members = [_member_identity(member) for member in model.members]
+    # Models of one choice that the domain reads, too, keep the ids that older versions gave.
+    apart: dict[str, Any] = {}
+    if len(members) > 1 or model.temperature != 1.0:
+        apart = {
+            "members": [
+                {**values, "weight": member.weight}
+                for values, member in zip(members, model.members, strict=True)
+            ],
+            "pool_temperature": model.temperature,
+            "domain_reader": reader,
+        }
+    else:
+        apart = (
+            members[0]
+            if reader == members[0]["reader"]
+            else {**members[0], "domain_reader": reader}
+        )
     return {
         **apart,
         "name": model.name,
@@ -150,22 +207,6 @@ def _identity(model: Model) -> dict[str, Any]:
         "n_modes": model.readable.n_modes,
         "connectivity_id": model.readable.connectivity_id,
         "parameters": model.readable.parameters.as_plain(),
-        "reader": _reader_identity(model.reader),
-        "columns": [[c.name, list(c.modes), c.power] for c in model.columns],
-        "centre": _packed(blend.centre),
-        "scale": _packed(blend.scale),
-        "scorers": [
-            {
-                "anchors": _packed(s.anchors),
-                "gamma": s.gamma,
-                "weights": _packed(s.weights),
-                "intercepts": _packed(s.intercepts),
-                "temperature": s.temperature,
-            }
-            for s in blend.scorers
-        ],
-        "temperature": blend.temperature,
-        "machine": base64.b64encode(model.machine).decode(),
         "domain": {
             "means": _packed(domain.means),
             "whitening": _packed(domain.whitening),
@@ -181,9 +222,31 @@ def _identity(model: Model) -> dict[str, Any]:
     }
 
 
+def _member_identity(member: Member) -> dict[str, Any]:
+    blend = member.blend
+    return {
+        "reader": _reader_identity(member.reader),
+        "columns": [[c.name, list(c.modes), c.power] for c in member.columns],
+        "centre": _packed(blend.centre),
+        "scale": _packed(blend.scale),
+        "scorers": [
+            {
+                "anchors": _packed(s.anchors),
+                "gamma": s.gamma,
+                "weights": _packed(s.weights),
+                "intercepts": _packed(s.intercepts),
+                "temperature": s.temperature,
+            }
+            for s in blend.scorers
+        ],
+        "temperature": blend.temperature,
+        "machine": base64.b64encode(member.machine).decode(),
+    }
+
+
 def _reader_identity(reader: FeatureReader) -> dict[str, Any]:
     typical = reader.typical
-    return {
+    values: dict[str, Any] = {
         "has_axis": reader.has_axis,
         "is_cycle": reader.is_cycle,
         "n_harmonics": reader.n_harmonics,
@@ -192,6 +255,17 @@ def _reader_identity(reader: FeatureReader) -> dict[str, Any]:
         "adds_modes": reader.adds_modes,
         "is_brief": reader.is_brief,
     }
+    # Left out at their defaults, which older versions had without a name.
+    if reader.n_modes:
+        values["n_modes"] = reader.n_modes
+    if not reader.reads_motion:
+        values["reads_motion"] = False
+    if reader.further:
+        values["further"] = list(reader.further)
+        values["covariates"] = [
+            [c.name, c.mean, list(c.words), c.may_be_missing] for c in reader.covariates
+        ]
+    return values
 
 
 def _checks_identity(domain: Domain) -> dict[str, Any]:

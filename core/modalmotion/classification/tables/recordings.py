@@ -159,6 +159,7 @@ def _readable(signatures: Sequence[ModalSignature], *, mixes_axes: bool) -> Read
     surfaces = Counter(signature.surface for signature in signatures)
     for number, signature in enumerate(signatures):
         is_like = basis_of(signature) == basis_of(first)
+        is_like = is_like and len(signature.modes) == len(first.modes)
         if not is_like or (len(surfaces) > 1 and not mixes_axes):
             rare = surfaces.most_common()[-1][0]
             odd = next(k for k, one in enumerate(signatures) if one.surface == rare)

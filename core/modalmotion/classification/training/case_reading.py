@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-from modalmotion.classification.options import OnError, TrainingOptions
+from modalmotion.classification.options import FEWER_MODES, OnError, TrainingOptions
 from modalmotion.classification.training.case_row import CaseRow, case_row
 from modalmotion.classification.training.cases import AnyCase, TrainingCase
 from modalmotion.classification.training.left_out import UNUSABLE, LeftOut
@@ -34,6 +34,8 @@ class ReadCase:
     modes : Modes
     signature : ModalSignature or None
         Of the first case only.
+    is_fitted : bool
+        Whether it came as a sequence.
     """
 
     row: CaseRow
@@ -42,6 +44,7 @@ class ReadCase:
     parameters: SignatureParameters
     modes: Modes
     signature: ModalSignature | None
+    is_fitted: bool
 
 
 def read_cases(
@@ -85,7 +88,7 @@ def _read_piece(
     for number, source in piece:
         try:
             read = source if isinstance(source, TrainingCase) else source.read()
-            case = read.fitted(parameters)
+            case = read.fitted(parameters, FEWER_MODES if options.modes is None else ())
             require_usable(case, number, options)
         except UNUSABLE as error:
             if options.on_error == OnError.RAISE:
@@ -101,6 +104,7 @@ def _read_piece(
                 signature.parameters,
                 signature.modes,
                 None if number else signature,
+                read is not case,
             )
         )
     return results
@@ -128,7 +132,10 @@ def require_usable(case: TrainingCase, number: int, options: TrainingOptions) ->
             remedy="Leave it out.",
             details={"case": number, "sequence_id": signature.sequence_id},
         )
-    if options.modes not in (signature.parameters.modes, len(signature.modes)):
+    if options.modes is not None and options.modes not in (
+        signature.parameters.modes,
+        len(signature.modes),
+    ):
         raise ParameterError(
             f"{called} has {len(signature.modes)} modes, but the options say {options.modes}.",
             remedy=f"Fit the signatures with modes={options.modes}.",
@@ -141,7 +148,7 @@ def basis_of(case: ReadCase | ModalSignature) -> tuple[Any, ...]:
     p = case.parameters
     return (
         *(p.kind, p.weights, p.remove_rotation, p.components, p.reference == MEAN),
-        *(len(case.modes), case.modes.topology is None, case.modes.connectivity_id),
+        *(case.modes.topology is None, case.modes.connectivity_id),
     )
 
 
@@ -154,6 +161,8 @@ def require_alike(case: ReadCase, example: ReadCase, number: int) -> None:
         Naming the case.
     """
     called = case.name or str(number)
+    # Where recordings were fitted here, as many modes are read as all of them have.
+    fits = case.is_fitted and example.is_fitted
     a, b = case.parameters, example.parameters
     if a.kind != b.kind:
         raise UnlikeCasesError(
@@ -163,7 +172,9 @@ def require_alike(case: ReadCase, example: ReadCase, number: int) -> None:
             "kind.",
             details={"case": number, "sequence_id": case.row.sequence_id},
         )
-    same = basis_of(case)[:-1] == basis_of(example)[:-1]
+    same = basis_of(case)[:-1] == basis_of(example)[:-1] and (
+        fits or len(case.modes) == len(example.modes)
+    )
     if same and case.modes.connectivity_id != example.modes.connectivity_id:
         raise UnlikeCasesError(
             f"The training case {called} is of another mesh than the first, and spring modes "

@@ -9,13 +9,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.features import FeatureReader, MotionTerms, has_axis, motion_of
+from modalmotion.classification.features import (
+    FeatureReader,
+    Further,
+    MotionTerms,
+    further_values,
+    has_axis,
+    has_volume,
+    motion_of,
+    surface_size,
+)
 from modalmotion.classification.features.course import measures
 from modalmotion.classification.features.hand import hand_of, readings_of, right_handed
-from modalmotion.classification.options import TrainingOptions
+from modalmotion.classification.options import MODE_COUNTS, MOST_HARMONICS, TrainingOptions
 from modalmotion.classification.training.cases import TrainingCase
 from modalmotion.classification.training.conditions import Conditions, conditions_of
 from modalmotion.facts import UNKNOWN
+from modalmotion.modes import Modes
+from modalmotion.signature.first_modes import first_modes, whole_count
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template.landmarks import WEAK
 
@@ -26,6 +37,37 @@ class AxisValues(NamedTuple):
     values: NDArray[np.float64]
     motion: float
     smooth_share: float
+
+
+class TermsKey(NamedTuple):
+    """Modes, time and number of the terms of a motion.
+
+    Parameters
+    ----------
+    n_modes : int
+    is_cycle : bool
+    n_harmonics : int
+    """
+
+    n_modes: int
+    is_cycle: bool
+    n_harmonics: int
+
+
+class FurtherKey(NamedTuple):
+    """Feature beside the motion, and what it depends on.
+
+    Parameters
+    ----------
+    kind : Further
+    n_modes : int
+    is_cycle, walls : bool
+    """
+
+    kind: Further
+    n_modes: int
+    is_cycle: bool
+    walls: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +86,14 @@ class CaseRow:
         See `ModalSignature.closure_gap`.
     zero_is_given, zero_is_known : bool
         Whether the sender says where theta starts, and whether anything does.
-    axis, walls : AxisValues or None
-        Read about an axis; None where there is none, or no zero of theta.
-    cycle, course : MotionTerms
+    counts : tuple of int
+        Numbers of first modes that features may be read of, increasing.
+    axis : mapping of (int, bool) to AxisValues
+        By number of modes and whether walls are told apart: read about an axis; empty where
+        there is none, or no zero of theta.
+    terms : mapping of TermsKey to MotionTerms
+    further : mapping of FurtherKey to (features,) float64
+        Kinds that the case has.
     covariates : mapping of str to (float or str)
     allowed : (readings,) bool
         See `readings_of`.
@@ -64,10 +111,10 @@ class CaseRow:
     gap: float
     zero_is_given: bool
     zero_is_known: bool
-    axis: AxisValues | None
-    walls: AxisValues | None
-    cycle: MotionTerms
-    course: MotionTerms
+    counts: tuple[int, ...]
+    axis: Mapping[tuple[int, bool], AxisValues]
+    terms: Mapping[TermsKey, MotionTerms]
+    further: Mapping[FurtherKey, NDArray[np.float64]]
     covariates: Mapping[str, float | str]
     allowed: NDArray[np.bool_]
     measures: NDArray[np.float64]
@@ -79,13 +126,22 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
     """Read the features of a case, in right-handed coordinates where it states left-handed ones."""
     signature = right_handed(case.signature)
     landmarks = signature.landmarks
-    axis = walls = None
-    if has_axis(signature):
-        axis = _about_axis(signature, options, walls=False)
-        if landmarks is not None:
-            walls = _about_axis(signature, options, walls=True)
-    kinds = [FeatureReader(False, is_cycle, options.harmonics, False) for is_cycle in (True, False)]
-    cycle, course = (motion_of(signature, kind) for kind in kinds)
+    axis: dict[tuple[int, bool], AxisValues] = {}
+    terms: dict[TermsKey, MotionTerms] = {}
+    further: dict[FurtherKey, NDArray[np.float64]] = {}
+    counts = mode_counts(signature.modes)
+    for n in counts:
+        few = first_modes(signature, n)
+        if has_axis(few):
+            axis[n, False] = _about_axis(few, options, walls=False)
+            if landmarks is not None:
+                axis[n, True] = _about_axis(few, options, walls=True)
+        for is_cycle in (True, False):
+            for n_harmonics in harmonic_counts(options.harmonics, is_cycle=is_cycle):
+                reader = FeatureReader(False, is_cycle, n_harmonics, False)
+                terms[TermsKey(n, is_cycle, n_harmonics)] = motion_of(few, reader)
+            for walls in (False, True):
+                _add_further(further, few, is_cycle=is_cycle, walls=walls)
     return CaseRow(
         label=case.label,
         subject=case.subject,
@@ -95,16 +151,46 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
         gap=signature.closure_gap,
         zero_is_given=landmarks is not None and "theta_zero" in landmarks.given,
         zero_is_known=zero_is_known(signature),
+        counts=counts,
         axis=axis,
-        walls=walls,
-        cycle=cycle,
-        course=course,
+        terms=terms,
+        further=further,
         covariates=case.covariates,
         allowed=readings_of(signature),
         measures=measures(signature),
         has_unit=signature.unit is not None,
         hand_is_stated=hand_of(signature.facts) != UNKNOWN,
     )
+
+
+def mode_counts(modes: Modes) -> tuple[int, ...]:
+    """Numbers of first modes that features are read of: the usual ones, and all."""
+    usual = {whole_count(modes, n) for n in MODE_COUNTS if n <= len(modes)}
+    return tuple(sorted(usual | {len(modes)}))
+
+
+def harmonic_counts(n_harmonics: int, *, is_cycle: bool) -> tuple[int, ...]:
+    """Numbers of harmonics that are tried: of a course, which turns at any time, twice as many."""
+    return (n_harmonics,) if is_cycle else (n_harmonics, min(2 * n_harmonics, MOST_HARMONICS))
+
+
+def _add_further(
+    further: dict[FurtherKey, NDArray[np.float64]],
+    signature: ModalSignature,
+    *,
+    is_cycle: bool,
+    walls: bool,
+) -> None:
+    kinds = [Further.SIZE]
+    if signature.reference_amplitudes.any():
+        kinds.append(Further.REST_SHAPE)
+    if has_volume(signature):
+        kinds += [Further.VOLUME, Further.VOLUME_CURVE]
+    waves = FeatureReader(False, is_cycle, 1, walls).waves(signature)
+    for kind in kinds:
+        further[FurtherKey(kind, len(signature.modes), is_cycle, walls)] = further_values(
+            kind, signature, waves, surface_size(signature), is_cycle=is_cycle
+        )
 
 
 def _about_axis(signature: ModalSignature, options: TrainingOptions, *, walls: bool) -> AxisValues:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
 from modalmotion.classification.covariates import with_covariates
-from modalmotion.errors import ModalMotionError, ParameterError
+from modalmotion.errors import ModalMotionError, ModeCountError, ParameterError
 from modalmotion.facts import Named
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
@@ -71,8 +71,15 @@ class TrainingCase:
             )
         return self.motion
 
-    def fitted(self, parameters: SignatureParameters) -> TrainingCase:
+    def fitted(self, parameters: SignatureParameters, fewer: Sequence[int] = ()) -> TrainingCase:
         """Fit a sequence; a signature stays what it is.
+
+        Parameters
+        ----------
+        parameters : SignatureParameters
+        fewer : sequence of int
+            Numbers of modes that are tried, one after another, where its vertices cannot tell
+            as many apart as the parameters name.
 
         Raises
         ------
@@ -81,10 +88,17 @@ class TrainingCase:
         """
         if not isinstance(self.motion, MeshSequence):
             return self
-        try:
-            return replace(self, motion=modal_signature(self.motion, parameters))
-        except ModalMotionError as error:
-            raise named(error, self.name) from error
+        for n in (parameters.modes, *fewer):
+            try:
+                return replace(
+                    self, motion=modal_signature(self.motion, replace(parameters, modes=n))
+                )
+            except ModeCountError as error:
+                if n == (parameters.modes, *fewer)[-1]:
+                    raise named(error, self.name) from error
+            except ModalMotionError as error:
+                raise named(error, self.name) from error
+        raise AssertionError
 
 
 @shown()

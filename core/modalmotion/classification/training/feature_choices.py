@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from modalmotion.classification.features import FeatureReader
-from modalmotion.classification.options import Timing, TrainingOptions, Walls
-from modalmotion.classification.training.case_row import CaseRow
+from modalmotion.classification.features import FeatureReader, Further, covariate_columns
+from modalmotion.classification.options import MODE_COUNTS, Timing, TrainingOptions, Walls
+from modalmotion.classification.training.case_row import (
+    CaseRow,
+    FurtherKey,
+    TermsKey,
+    harmonic_counts,
+)
 from modalmotion.errors import ParameterError
 from modalmotion.signature.making import ModalSignature
 
 # A cycle whose next frame would be the first closes within this many usual steps.
 _CLOSED: Final = 2.5
+
+# Factor of the prior for each step that makes a choice less simple.
+_PRIOR: Final = 0.7
+
+# Prior of the volume over that of all others together.
+_PRIOR_OF_VOLUME: Final = 10.0
 
 
 def feature_choices(
@@ -24,7 +37,7 @@ def feature_choices(
     walls: bool,
     n_topologies: int,
 ) -> tuple[FeatureReader, ...]:
-    """List the choices of features that may be tried, what depends on the least first.
+    """List the choices of features of the motion that may be weighed, the simplest first.
 
     Empty where the cases have several topologies and no axis.
     """
@@ -34,20 +47,41 @@ def feature_choices(
         Timing(options.timing), [True, False] if closes else [False]
     )
     choices: list[FeatureReader] = []
-    if timings[0] and all(row.axis is not None for row in rows):
-        choices.append(FeatureReader(True, True, h, walls))
-        if n_topologies == 1:
-            choices.append(FeatureReader(True, True, h, walls, adds_modes=True))
-    if n_topologies > 1:
-        return tuple(choices)
-    for is_cycle in timings:
-        plain = FeatureReader(False, is_cycle, h, walls)
-        choices += [replace(plain, is_brief=True), plain]
-        # Terms as they are mean nothing where theta may start anywhere.
-        if plain.waves(example).sines.max() < 0:
-            terms = rows[0].cycle.terms if is_cycle else rows[0].course.terms
-            choices.append(replace(plain, typical=np.zeros_like(terms)))
+    for n in sorted(set.intersection(*(set(row.counts) for row in rows))):
+        if timings[0] and all((n, walls) in row.axis for row in rows):
+            choices.append(FeatureReader(True, True, h, walls, n_modes=n))
+        if n_topologies > 1:
+            continue
+        for is_cycle in timings:
+            for n_harmonics in harmonic_counts(h, is_cycle=is_cycle):
+                plain = FeatureReader(False, is_cycle, n_harmonics, walls, n_modes=n)
+                choices += [replace(plain, is_brief=True), plain]
+                # Terms as they are mean nothing where theta may start anywhere.
+                if plain.waves(example).sines.max() < 0:
+                    terms = rows[0].terms[TermsKey(n, is_cycle, n_harmonics)].terms
+                    choices.append(replace(plain, typical=np.zeros_like(terms)))
     return tuple(choices)
+
+
+def further_kinds(
+    rows: Sequence[CaseRow],
+    covariates: Sequence[Mapping[str, float | str]],
+    reader: FeatureReader,
+    n_topologies: int,
+) -> tuple[Further, ...]:
+    """Kinds of features beside the motion that all cases have, and that compare."""
+    kinds = [
+        kind
+        for kind in (Further.SIZE, Further.REST_SHAPE, Further.VOLUME, Further.VOLUME_CURVE)
+        if (kind != Further.REST_SHAPE or n_topologies == 1)
+        and all(
+            FurtherKey(kind, reader.n_modes, reader.is_cycle, reader.walls) in row.further
+            for row in rows
+        )
+    ]
+    if covariate_columns(covariates):
+        kinds.append(Further.COVARIATES)
+    return tuple(kinds)
 
 
 def domain_reader(choices: tuple[FeatureReader, ...]) -> FeatureReader:
@@ -74,3 +108,32 @@ def tells_walls(rows: list[CaseRow], options: TrainingOptions) -> bool:
             remedy="State the landmark theta_zero, or leave the option 'walls' out.",
         )
     return True
+
+
+def prior_weights(readers: Sequence[FeatureReader]) -> NDArray[np.float64]:
+    """Weights of choices before any case is seen: the volume first, then the simplest.
+
+    Parameters
+    ----------
+    readers : sequence of FeatureReader
+
+    Returns
+    -------
+    (choices,) float64
+        They add up to 1.
+    """
+    is_volume = np.array([r.further == (Further.VOLUME,) and not r.reads_motion for r in readers])
+    weights = np.array([_PRIOR ** _complexity(reader) for reader in readers])
+    others = float(weights[~is_volume].sum())
+    weights[is_volume] = _PRIOR_OF_VOLUME * others if others else 1.0
+    total: NDArray[np.float64] = weights / weights.sum()
+    return total
+
+
+def _complexity(reader: FeatureReader) -> float:
+    """Count the steps by which a choice is less simple than another."""
+    steps = float(len(reader.further))
+    if reader.reads_motion:
+        steps += 0.0 if reader.has_axis or reader.is_brief else 1.0
+        steps += reader.typical is not None
+    return steps + sum(reader.n_modes > n for n in MODE_COUNTS[:-1]) / 2.0

@@ -1,4 +1,4 @@
-"""The fit to some cases of a table: features and estimator."""
+"""The fit to some cases of a table: several choices of features, weighed."""
 
 from __future__ import annotations
 
@@ -9,17 +9,21 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.features import FeatureReader
+from modalmotion.classification.estimators.choice_weights import choice_weights
+from modalmotion.classification.estimators.scorer import pooled
+from modalmotion.classification.estimators.temperature import (
+    case_losses,
+    fit_temperature,
+    softmax,
+)
+from modalmotion.classification.features import FeatureReader, Further
 from modalmotion.classification.model.domain import Judgement
 from modalmotion.classification.options import ClassWeights, Estimator, TrainingOptions
 from modalmotion.classification.training.case_groups import inner_groups
 from modalmotion.classification.training.domain_fit import fit_domain
+from modalmotion.classification.training.feature_choices import further_kinds, prior_weights
 from modalmotion.classification.training.readings import best_readings
 from modalmotion.classification.training.table import CaseTable
-
-# Standard errors by which the loss of a choice of features must be below that of one that
-# depends on less.
-_SURE: Final = 1.0
 
 # Cases that choices of features are compared on; more cost time and say little. Beyond some the
 # linear estimator compares them, which takes a tenth of the time.
@@ -27,32 +31,37 @@ _MOST_COMPARED: Final = 1000
 _MOST_COMPARED_FULLY: Final = 150
 _FEWEST_COMPARED: Final = 20
 
+# Subjects of each class below which nothing beside the motion and the volume is read.
+_FEWEST_SUBJECTS: Final = 5
+
+# Standard errors by which others must lower the loss of cases left out.
+_SURE: Final = 2.0
+
+# Choices of the motion that others are added to, and the least weight of one that is kept.
+_N_EXTENDED: Final = 2
+_LEAST_WEIGHT: Final = 0.02
+
 
 @dataclass(frozen=True, eq=False)
-class FoldFit:
-    """Features and estimator, fitted to some cases.
+class MemberFit:
+    """One choice of features and its estimator, fitted to some cases.
 
     Parameters
     ----------
     reader : FeatureReader
-        The best of the choices.
     values : (all cases, readings, features) float64
         Its features.
     X : (cases, features) float64
         Of those that were fitted to, each in its reading.
     estimator : MotionClassifier
-    classes : (seen,) int64
-        Those that the estimator has seen.
-    centre, scale : (features,) float64
+    weight : float
     """
 
     reader: FeatureReader
     values: NDArray[np.float64]
     X: NDArray[np.float64]
     estimator: Any
-    classes: NDArray[np.int64]
-    centre: NDArray[np.float64]
-    scale: NDArray[np.float64]
+    weight: float
 
     def read_as(self, rows: NDArray[np.int64], readings: NDArray[np.int64]) -> NDArray[np.float64]:
         """Features of some cases, each in one of its readings."""
@@ -61,36 +70,172 @@ class FoldFit:
             return values[:, 0]
         return np.asarray(values[np.arange(len(rows)), readings])
 
-    def probabilities(self, X: NDArray[np.float64], n_classes: int) -> NDArray[np.float64]:
-        """Probabilities of all classes; 0 for those the fold has not seen."""
-        shares = np.zeros((len(X), n_classes))
-        shares[:, self.classes] = self.estimator.predict_proba(X)
+
+@dataclass(frozen=True, eq=False)
+class FoldFit:
+    """Several choices of features, each with its estimator, weighed by cases left out.
+
+    Parameters
+    ----------
+    members : tuple of MemberFit
+        The weightiest first; their weights add up to 1.
+    temperature : float
+        See `pooled`.
+    classes : (seen,) int64
+        Those that the estimators have seen.
+    """
+
+    members: tuple[MemberFit, ...]
+    temperature: float
+    classes: NDArray[np.int64]
+
+    def probabilities(
+        self, rows: NDArray[np.int64], readings: NDArray[np.int64], n_classes: int
+    ) -> NDArray[np.float64]:
+        """Probabilities of all classes for some cases of the table; 0 for those not seen."""
+        logs = [
+            np.log(np.maximum(m.estimator.predict_proba(m.read_as(rows, readings)), 1e-300))
+            for m in self.members
+        ]
+        shares = np.zeros((len(rows), n_classes))
+        weights = [m.weight for m in self.members]
+        shares[:, self.classes] = softmax(pooled(logs, weights) / self.temperature)
         return shares
+
+    @property
+    def choices(self) -> tuple[tuple[str, float], ...]:
+        """The choices in words, with their weights."""
+        return tuple((m.reader.description, m.weight) for m in self.members)
 
 
 def fit_rows(table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions) -> FoldFit:
-    """Fit to some cases, with the best of the table's choices of features.
+    """Fit to some cases with the table's choices of features, weighed.
 
-    The best is the one under which cases that are left out with their group are predicted best.
-    Choices come in the order of how much they depend on, and one that depends on more must be
-    better by a standard error (Breiman, Friedman, Olshen and Stone, Classification and
-    regression trees, 1984). Where there is no loss to compare the first is taken.
+    Each choice is weighed by how well it predicts cases that are left out with their group: see
+    `choice_weights`. The volume stands among those of the motion from few cases on. Size, rest
+    shape, volume curve and covariates are added to the weightiest choices where each class has
+    several subjects, and kept where cases left out surely gain.
     """
-    first, *others = table.readers
-    if not others:
-        return _fit(table, first, rows, options)
     compared = _compared(table, rows, options.seed)
     quick = options
     if len(compared) > _MOST_COMPARED_FULLY and options.estimator == Estimator.AUTO:
         quick = replace(options, estimator=Estimator.LINEAR)
-    best = _fit(table, first, compared, quick)
-    for choice in others:
-        fit = _fit(table, choice, compared, quick)
-        if _is_better(fit.estimator.losses_, best.estimator.losses_):
-            best = fit
-    if len(best.X) == len(rows) and quick is options:
-        return best
-    return _fit(table, best.reader, rows, options)
+    fits = [_fit(table, choice, compared, quick) for choice in table.readers]
+    if np.isnan(fits[0].estimator.held_out_).any():
+        # Nothing says which is better.
+        only = fits[0] if len(compared) == len(rows) else _fit(table, fits[0].reader, rows, options)
+        return FoldFit((replace(only, weight=1.0),), 1.0, only.estimator.classes_)
+    kinds = _kinds(table, compared, options)
+    if Further.VOLUME in kinds:
+        volume = replace(_beside_motion(table), further=(Further.VOLUME,))
+        fits.append(_fit(table, volume, compared, quick))
+    pool = _pool(table, fits, compared, options)
+    if _has_subjects(table, compared):
+        more = [_fit(table, one, compared, quick) for one in _further(table, pool, kinds)]
+        larger = _pool(table, [*fits, *more], compared, options)
+        if _surely_gains(pool.losses, larger.losses, table.groups[compared]):
+            pool = larger
+    kept = list(pool.members)
+    if len(compared) < len(rows) or quick is not options:
+        kept = [replace(_fit(table, fit.reader, rows, options), weight=fit.weight) for fit in kept]
+        pool = _pool(table, kept, rows, options, [fit.weight for fit in kept])
+    return FoldFit(pool.members, pool.temperature, pool.members[0].estimator.classes_)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pool:
+    """Members that are kept, their temperature, and the losses of cases left out."""
+
+    members: tuple[MemberFit, ...]
+    temperature: float
+    losses: NDArray[np.float64]
+
+
+def _pool(
+    table: CaseTable,
+    fits: list[MemberFit],
+    rows: NDArray[np.int64],
+    options: TrainingOptions,
+    weights: list[float] | None = None,
+) -> _Pool:
+    """Weigh choices, or take them by weights that are known."""
+    known = np.array(_weights_of(table, fits, rows, options.seed) if weights is None else weights)
+    order = [k for k in np.argsort(-known, kind="stable") if known[k] >= _LEAST_WEIGHT]
+    shares = (known[order] / known[order].sum()).tolist()
+    members = tuple(replace(fits[k], weight=w) for k, w in zip(order, shares, strict=True))
+    y = np.searchsorted(members[0].estimator.classes_, table.y[rows])
+    held_out = pooled([m.estimator.held_out_ for m in members], shares)
+    temperature = 1.0
+    # The probabilities of one alone are reliable already.
+    if len(members) > 1:
+        temperature = fit_temperature(held_out, y, _case_weights(table, rows, options))
+    return _Pool(members, temperature, case_losses(held_out / temperature, y))
+
+
+def _surely_gains(
+    losses: NDArray[np.float64], others: NDArray[np.float64], groups: NDArray[np.int64]
+) -> bool:
+    """Whether other losses are lower by more than chance, groups counted as one."""
+    _, place = np.unique(groups, return_inverse=True)
+    gains = np.zeros(int(place.max()) + 1)
+    np.add.at(gains, place, losses - others)
+    return bool(gains.sum() > _SURE * gains.std() * np.sqrt(len(gains)))
+
+
+def _kinds(
+    table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions
+) -> tuple[Further, ...]:
+    """Kinds of features beside the motion that the cases have."""
+    if not options.further:
+        return ()
+    covariates = [table.covariates[i] for i in rows]
+    n_topologies = len(table.readable.topologies)
+    return further_kinds(table.rows, covariates, _beside_motion(table), n_topologies)
+
+
+def _beside_motion(table: CaseTable) -> FeatureReader:
+    """Reader of what is beside the motion alone."""
+    return replace(table.readers[0], typical=None, reads_motion=False)
+
+
+def _has_subjects(table: CaseTable, rows: NDArray[np.int64]) -> bool:
+    """Whether each class has several subjects."""
+    y, groups = table.y[rows], table.groups[rows]
+    return min(len(np.unique(groups[y == k])) for k in np.unique(y)) >= _FEWEST_SUBJECTS
+
+
+def _further(table: CaseTable, pool: _Pool, kinds: tuple[Further, ...]) -> list[FeatureReader]:
+    """List choices that read more than the motion, or other than it."""
+    sets = _beside(kinds)
+    best = [m.reader for m in pool.members if m.reader.reads_motion][:_N_EXTENDED]
+    choices = [replace(base, further=beside) for base in best for beside in sets]
+    apart = _beside_motion(table)
+    if best:
+        apart = replace(apart, n_modes=best[0].n_modes)
+    return choices + [
+        replace(apart, further=beside) for beside in sets if beside != (Further.VOLUME,)
+    ]
+
+
+def _beside(kinds: tuple[Further, ...]) -> list[tuple[Further, ...]]:
+    """List sets of kinds that are tried, each only if the cases have all of it."""
+    still = (Further.SIZE, Further.REST_SHAPE)
+    volume = (Further.VOLUME, Further.VOLUME_CURVE)
+    sets = [still, volume[:1], volume, still + volume, (Further.SIZE,)]
+    known = [one for one in sets if set(one) <= set(kinds)]
+    if Further.COVARIATES in kinds:
+        known += [(Further.COVARIATES,), *((*one, Further.COVARIATES) for one in known[:1])]
+        known += [(*volume[:1], Further.COVARIATES)] if Further.VOLUME in kinds else []
+    return list(dict.fromkeys(known))
+
+
+def _weights_of(
+    table: CaseTable, fits: list[MemberFit], rows: NDArray[np.int64], seed: int
+) -> NDArray[np.float64]:
+    losses = np.stack([fit.estimator.losses_ for fit in fits])
+    prior = prior_weights([fit.reader for fit in fits])
+    # A loss may be infinite where a class has no share left.
+    return choice_weights(np.minimum(losses, 30.0), prior, table.groups[rows], seed)
 
 
 def _compared(table: CaseTable, rows: NDArray[np.int64], seed: int) -> NDArray[np.int64]:
@@ -106,7 +251,7 @@ def _compared(table: CaseTable, rows: NDArray[np.int64], seed: int) -> NDArray[n
 
 def _fit(
     table: CaseTable, choice: FeatureReader, rows: NDArray[np.int64], options: TrainingOptions
-) -> FoldFit:
+) -> MemberFit:
     from modalmotion.classification.estimators.estimator import MotionClassifier
 
     y, n_classes = table.y[rows], len(table.classes)
@@ -115,8 +260,7 @@ def _fit(
     X = best_readings(values[rows], y, n_classes, table.allowed[rows])
     estimator = MotionClassifier(str(options.estimator), _weights(table, options), options.seed)
     estimator.fit(X, y, inner_groups(y, table.groups[rows]))
-    centre, scale = _standards(X)
-    return FoldFit(reader, values, X, estimator, estimator.classes_, centre, scale)
+    return MemberFit(reader, values, X, estimator, 1.0)
 
 
 class HeldOut(NamedTuple):
@@ -145,22 +289,22 @@ def predict_fold(
     """Fit to some cases and predict others."""
     fold = fit_rows(table, inner, options)
     judgement = fit_domain(table, inner).judge(outer)
-    X = fold.read_as(outer, judgement.readings)
-    return HeldOut(
-        fold.probabilities(X, len(table.classes)), judgement, ((fold.reader.description, 1.0),)
-    )
+    probabilities = fold.probabilities(outer, judgement.readings, len(table.classes))
+    return HeldOut(probabilities, judgement, fold.choices)
 
 
-def _standards(X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and standard deviation of each column; infinite where it is constant."""
-    centre, spread = X.mean(axis=0), X.std(axis=0)
-    return centre, np.where(spread > 1e-12 * np.abs(X).max(axis=0), spread, np.inf)
-
-
-def _is_better(losses: NDArray[np.float64], known: NDArray[np.float64]) -> bool:
-    """Whether the mean loss is surely below the known one's; false where there are no losses."""
-    gain = known - losses
-    return bool(gain.mean() > _SURE * gain.std() / np.sqrt(len(gain)))
+def _case_weights(
+    table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions
+) -> NDArray[np.float64] | None:
+    """Weight of each case by its class; None where all count alike."""
+    weights = _weights(table, options)
+    if weights is None:
+        return None
+    y = table.y[rows]
+    if isinstance(weights, Mapping):
+        return np.array([weights.get(int(k), 1.0) for k in y])
+    counts = np.bincount(y, minlength=len(table.classes))
+    return np.asarray(1.0 / counts[y])
 
 
 def _weights(table: CaseTable, options: TrainingOptions) -> Any:

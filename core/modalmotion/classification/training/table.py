@@ -16,7 +16,8 @@ from modalmotion.classification.covariates import features_of
 from modalmotion.classification.features import (
     Column,
     FeatureReader,
-    MotionTerms,
+    Further,
+    covariate_columns,
     kind_of,
     mean_motion,
     powers_of,
@@ -27,7 +28,7 @@ from modalmotion.classification.model.domain import Sights
 from modalmotion.classification.model.model import Readable
 from modalmotion.classification.options import PoseOf, TrainingOptions
 from modalmotion.classification.training.case_groups import group_cases
-from modalmotion.classification.training.case_row import CaseRow
+from modalmotion.classification.training.case_row import CaseRow, FurtherKey, TermsKey
 from modalmotion.classification.training.cases import AnyCase
 from modalmotion.classification.training.conditions import Conditions
 from modalmotion.classification.training.feature_choices import (
@@ -40,6 +41,7 @@ from modalmotion.classification.training.left_out import LeftOut, left_out_notes
 from modalmotion.classification.training.own_folds import Fold, folds_by
 from modalmotion.errors import ParameterError, UnlikeCasesError
 from modalmotion.mesh.sequence import MEAN
+from modalmotion.signature.first_modes import first_modes
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.template import GivenLandmarks
 
@@ -69,14 +71,10 @@ class CaseTable:
     conditions : tuple of Conditions
     hash : str
         sha256 in hex of ids, labels and subjects, in any order.
-    values : (cases, readings, features) float64
-        About an axis; else empty.
-    motions : mapping of bool to tuple of MotionTerms
-        Where modes are read as they are: as cycles, under True, and as courses.
-    about_axis : (cases, 2) float64
-        Size and smooth share of each motion, about an axis; else empty.
+    rows : tuple of CaseRow
+        What was read of each case.
     covariates : tuple of mapping of str to (float or str)
-        Of each case, as its sender states them; what is unknown is missing.
+        Of each case, those that may be features; what is unknown is missing.
     notes : tuple of str
     allowed : (cases, readings) bool
         See `readings_of`; of one reading where there is no axis.
@@ -107,9 +105,7 @@ class CaseTable:
     names: tuple[str, ...]
     conditions: tuple[Conditions, ...]
     hash: str
-    values: NDArray[np.float64]
-    about_axis: NDArray[np.float64]
-    motions: Mapping[bool, tuple[MotionTerms, ...]]
+    rows: tuple[CaseRow, ...]
     covariates: tuple[Mapping[str, float | str], ...]
     notes: tuple[str, ...]
     allowed: NDArray[np.bool_]
@@ -120,7 +116,7 @@ class CaseTable:
     n_given: int = 0
     left_out: tuple[LeftOut, ...] = ()
     own_folds: tuple[Fold, ...] = ()
-    _cache: dict[FeatureReader, NDArray[np.float64]] = field(default_factory=dict, repr=False)
+    _cache: dict[tuple[object, ...], NDArray[np.float64]] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return len(self.y)
@@ -128,37 +124,54 @@ class CaseTable:
     def fitted(
         self, reader: FeatureReader, rows: NDArray[np.int64], pose: PoseOf | str
     ) -> FeatureReader:
-        """Give the reader the typical motion of some cases."""
+        """Give the reader what it learns from some cases: typical motion and covariates."""
+        if Further.COVARIATES in reader.further:
+            learnt = covariate_columns([self.covariates[i] for i in rows])
+            reader = replace(reader, covariates=learnt)
         if reader.typical is None or pose == PoseOf.FIXED:
             return reader
         sample = rows[:: -(-len(rows) // _MOST_TYPICAL)]
-        motions = [self.motions[reader.is_cycle][i].terms for i in sample]
+        motions = [self.rows[i].terms[_terms_key(reader)].terms for i in sample]
         return replace(reader, typical=mean_motion(motions, is_cycle=reader.is_cycle))
 
     def features(self, reader: FeatureReader) -> NDArray[np.float64]:
         """Features of all cases, (cases, readings, features) float64."""
-        if reader.has_axis and not reader.adds_modes:
-            return self.values
+        parts = []
+        if reader.reads_motion:
+            parts.append(self._motion(reader))
+        for kind in reader.further:
+            if kind == Further.COVARIATES:
+                values = [reader.covariate_values(one) for one in self.covariates]
+            else:
+                key = FurtherKey(kind, reader.n_modes, reader.is_cycle, reader.walls)
+                values = [row.further[key] for row in self.rows]
+            parts.append(np.array(values)[:, None])
+        n_readings = max(part.shape[1] for part in parts)
+        return np.concatenate(
+            [np.broadcast_to(p, (len(p), n_readings, p.shape[2])) for p in parts], axis=2
+        )
+
+    def _motion(self, reader: FeatureReader) -> NDArray[np.float64]:
+        if reader.has_axis:
+            return np.array([row.axis[reader.n_modes, reader.walls].values for row in self.rows])
         if reader.typical is not None:
             return self._modes(reader)
         # The same in all folds.
-        if reader not in self._cache:
-            modes = self._modes(reader)
-            if reader.has_axis:
-                repeated = np.repeat(modes, self.values.shape[1], axis=1)
-                modes = np.concatenate([self.values, repeated], axis=2)
-            self._cache[reader] = modes
-        return self._cache[reader]
+        key = (reader.n_modes, reader.is_cycle, reader.n_harmonics, reader.walls, reader.is_brief)
+        if key not in self._cache:
+            self._cache[key] = self._modes(reader)
+        return self._cache[key]
 
     def _modes(self, reader: FeatureReader) -> NDArray[np.float64]:
-        waves = reader.waves(self.example)
-        return np.stack([reader.values(waves, m) for m in self.motions[reader.is_cycle]])[:, None]
+        waves = reader.waves(first_modes(self.example, reader.n_modes))
+        motions = [row.terms[_terms_key(reader)] for row in self.rows]
+        return np.stack(reader.all_values(waves, motions))[:, None]
 
     def sizes(self, reader: FeatureReader) -> NDArray[np.float64]:
         """Size and smooth share of each motion, (cases, 2) float64."""
         if reader.has_axis:
-            return self.about_axis
-        motions = self.motions[reader.is_cycle]
+            return np.array([row.axis[reader.n_modes, reader.walls][1:] for row in self.rows])
+        motions = [row.terms[_terms_key(reader)] for row in self.rows]
         return np.array([(motion.size, motion.smooth_share) for motion in motions])
 
     def kinds(
@@ -180,6 +193,10 @@ class CaseTable:
         turns = theta_is_of_the_shape(self.example)
         signs = twin_signs(self.columns(reader), mirror_turns_theta=turns)
         return Sights(kinds, self.allowed[:, : kinds.shape[1]], of_kinds(signs), self.measures)
+
+
+def _terms_key(reader: FeatureReader) -> TermsKey:
+    return TermsKey(reader.n_modes, reader.is_cycle, reader.n_harmonics)
 
 
 def collect(
@@ -244,10 +261,14 @@ def _collected(
         topologies.setdefault(case.surface, []).append((row.sequence_id, case.name))
         # The same recording with the same modes says nothing new; as another topology it does.
         same = by_id.setdefault(row.sequence_id, [])
-        if not any(np.array_equal(r.cycle.terms, row.cycle.terms) for r in same):
+        if not any(_is_same(r, row) for r in same):
             rows.append(row)
             numbers.append(number)
             same.append(row)
+    if example is not None:
+        # Some recordings may have too few vertices for as many modes as others.
+        n = min(row.counts[-1] for row in rows)
+        example = first_modes(replace(example, parameters=replace(example.parameters, modes=n)), n)
     classes = tuple(sorted({row.label for row in rows}))
     if example is None or len(classes) < 2:
         without = f", without the {len(kept.left_out)} that were left out" if kept.left_out else ""
@@ -259,6 +280,11 @@ def _collected(
     options.require_classes(classes)
     n_same = len(kept.cases) - len(rows)
     notes = [f"{n_same} cases came twice and counted once."] if n_same else []
+    most = options.signature_parameters.modes
+    if options.modes is None and any(case.is_fitted for case in kept.cases) and n < (most or 0):
+        notes.append(
+            f"Some recordings have too few vertices for {most} modes: {n} are read of all."
+        )
     table = _table(rows, classes, example, topologies, options, notes)
     own: tuple[Fold, ...] = ()
     if options.fold is not None:
@@ -270,6 +296,13 @@ def _collected(
         n_given=len(kept.cases) + len(kept.left_out),
         left_out=kept.left_out,
         notes=(*left_out_notes(kept.left_out), *table.notes),
+    )
+
+
+def _is_same(a: CaseRow, b: CaseRow) -> bool:
+    """Whether two readings of one recording are the same."""
+    return a.terms.keys() == b.terms.keys() and all(
+        np.array_equal(terms.terms, b.terms[key].terms) for key, terms in a.terms.items()
     )
 
 
@@ -299,11 +332,6 @@ def _table(
             "cylinders over a cycle mix.",
             details={"sequence_ids": [id_ for id_, _ in rarely[:20]], "n_sequences": len(rarely)},
         )
-    values, about_axis = np.zeros((0, 0, 0)), np.zeros((0, 2))
-    if readers[0].has_axis:
-        features = [row.walls if walls else row.axis for row in rows]
-        values = np.array([one.values for one in features if one is not None])
-        about_axis = np.array([one[1:] for one in features if one is not None])
     subjects, groups, mixed = group_cases(rows, options.groups)
     if mixed:
         notes = [*notes, f"{mixed} recordings are of two subjects each; these are kept together."]
@@ -335,12 +363,7 @@ def _table(
         names=tuple(row.name for row in rows),
         conditions=tuple(row.conditions for row in rows),
         hash=hashlib.sha256("\n".join(lines).encode()).hexdigest(),
-        values=values,
-        about_axis=about_axis,
-        motions={
-            True: tuple(row.cycle for row in rows),
-            False: tuple(row.course for row in rows),
-        },
+        rows=tuple(rows),
         covariates=features_of([row.covariates for row in rows], options),
         notes=tuple(notes),
         allowed=np.stack([row.allowed for row in rows]),

@@ -32,7 +32,7 @@ N_TEST: Final = 400
 RECORDINGS: Final = ((0.2, False), (0.6, False), (0.6, True), (1.0, True))
 FRAMES: Final = (12, 40)
 
-_PARAMETERS: Final = TrainingOptions(modes=MODES).signature_parameters
+_PARAMETERS: Final = TrainingOptions(modes=MODES, further=False).signature_parameters
 
 _NO_PATIENT: Final = "The model was trained on simulated ventricles only and has seen no patient."
 _TORSION: Final = (
@@ -51,7 +51,9 @@ def shipped_model(n_per_class: int, *, seed: int = TRAINING_SEED) -> Model:
     seed : int
     """
     model = train(
-        training_cases(n_per_class, seed), DEFAULT_MODEL, TrainingOptions(modes=MODES, seed=seed)
+        training_cases(n_per_class, seed),
+        DEFAULT_MODEL,
+        TrainingOptions(modes=MODES, further=False, seed=seed),
     )
     notes = {
         "": (_NO_PATIENT, *model.notes.get("", ())),

@@ -7,18 +7,26 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalmotion.classification.estimators.machine import machine_to_bytes
 from modalmotion.classification.estimators.scorer import Blend, Scorer
+from modalmotion.classification.estimators.standards import standards
 from modalmotion.classification.model.conformal import Calibration, calibrate
 from modalmotion.classification.model.digits import rounded
 from modalmotion.classification.model.domain import ARRAYS, motion_limits
+from modalmotion.classification.model.member import Member
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.basis import collect_in_one_basis
 from modalmotion.classification.training.cases import AnyCase
 from modalmotion.classification.training.domain_fit import fit_domain, with_limits
-from modalmotion.classification.training.fold_fit import FoldFit, fit_rows, predict_fold
+from modalmotion.classification.training.fold_fit import (
+    FoldFit,
+    MemberFit,
+    fit_rows,
+    predict_fold,
+)
 from modalmotion.classification.training.own_folds import Folds, folds_of
 from modalmotion.classification.training.repetitions import plan_folds
 from modalmotion.classification.training.table import CaseTable
@@ -125,10 +133,6 @@ def _model(
     validation: Validation | None,
     options: TrainingOptions,
 ) -> Model:
-    estimator = fitted.estimator
-    blend, machine = _rounded_blend(estimator, fitted), b""
-    if estimator.blend_ is None:
-        machine = machine_to_bytes(estimator)
     domain = fit_domain(table, np.arange(len(table))).domain
     least_motion, least_smooth = motion_limits(*table.sizes(domain.reader).T)
     calibration = Calibration(tuple(np.zeros(0) for _ in table.classes))
@@ -139,22 +143,19 @@ def _model(
         )
         first = validation.answers.probabilities[0]
         calibration = calibrate(first, table.y, len(table.classes))
-    golden = rounded(fitted.X[:: max(1, len(fitted.X) // _N_GOLDEN)][:_N_GOLDEN])
+    X = np.concatenate([member.X for member in fitted.members], axis=1)
+    golden = rounded(X[:: max(1, len(X) // _N_GOLDEN)][:_N_GOLDEN])
     always: tuple[str, ...] = ()
-    if _has_closed(table) and not fitted.reader.walls:
+    members = tuple(_member(table, member) for member in fitted.members)
+    if _has_closed(table) and not any(member.reader.walls for member in members):
         always = (WALLS_NOTE,)
-    typical = fitted.reader.typical
-    if typical is not None:
-        typical = rounded(typical.real) + 1j * rounded(typical.imag)
     arrays: dict[str, Any] = {array: rounded(getattr(domain, array)) for array in ARRAYS}
     model = Model(
         name=name,
         classes=table.classes,
         readable=table.readable,
-        reader=replace(fitted.reader, typical=typical),
-        columns=table.columns(fitted.reader),
-        blend=blend,
-        machine=machine,
+        members=members,
+        temperature=float(rounded(np.array(fitted.temperature))),
         domain=replace(
             domain,
             **arrays,
@@ -177,8 +178,24 @@ def _has_closed(table: CaseTable) -> bool:
     return topology is not None and bool(topology.closed_axes)
 
 
-def _rounded_blend(estimator: Any, fitted: FoldFit) -> Blend:
-    centre, scale = rounded(fitted.centre), rounded(fitted.scale)
+def _member(table: CaseTable, fit: MemberFit) -> Member:
+    """Round a fit to the digits that a model keeps."""
+    estimator, reader = fit.estimator, fit.reader
+    if reader.typical is not None:
+        typical = rounded(reader.typical.real) + 1j * rounded(reader.typical.imag)
+        reader = replace(reader, typical=typical)
+    machine = machine_to_bytes(estimator) if estimator.blend_ is None else b""
+    return Member(
+        reader=reader,
+        columns=table.columns(reader),
+        blend=_rounded_blend(estimator, fit.X),
+        machine=machine,
+        weight=float(rounded(np.array(fit.weight))),
+    )
+
+
+def _rounded_blend(estimator: Any, X: NDArray[np.float64]) -> Blend:
+    centre, scale = (rounded(values) for values in standards(X))
     if estimator.blend_ is None:
         return Blend(centre, scale, (), 1.0)
     scorers = tuple(

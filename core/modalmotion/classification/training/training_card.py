@@ -92,8 +92,8 @@ def training_card(
         coverage=options.coverage,
         options={
             **options.as_json(),
-            "chosen": fitted.estimator.kind_,
-            "features": fitted.reader.description,
+            "chosen": fitted.members[0].estimator.kind_,
+            "features": tuple((name, round(weight, 3)) for name, weight in fitted.choices),
         },
         versions={p: version(p) for p in ("modalmotion", "numpy", "scipy", "scikit-learn")},
         has_seen=(

@@ -23,13 +23,12 @@ from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
 from modalmotion.classification.model.domain import of_kind_alone
 from modalmotion.classification.model.hdf5 import (
-    domain_arrays,
     kept_model,
     model_from_hdf5,
     model_to_hdf5,
     numbered,
-    stored_model_in,
 )
+from modalmotion.classification.model.member import Member
 from modalmotion.classification.model.model import Model, Readable
 from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
 from modalmotion.hdf5.contents import Contents
@@ -214,14 +213,23 @@ def _model(contents: Contents, _: Folder) -> bytes:
             connectivity_id=stored["connectivity_id"],
             parameters=parameters_from_json(contents.json("parameters", dict)),
         ),
-        reader=FeatureReader(**reader),
-        columns=tuple(
-            Column(name, tuple(modes), power) for name, modes, power in stored["columns"]
+        members=(
+            Member(
+                reader=FeatureReader(**reader),
+                columns=tuple(
+                    Column(name, tuple(modes), power) for name, modes, power in stored["columns"]
+                ),
+                blend=Blend(
+                    _array(stored["centre"]),
+                    _array(stored["scale"]),
+                    scorers,
+                    stored["temperature"],
+                ),
+                machine=b"",
+                weight=1.0,
+            ),
         ),
-        blend=Blend(
-            _array(stored["centre"]), _array(stored["scale"]), scorers, stored["temperature"]
-        ),
-        machine=b"",
+        temperature=1.0,
         domain=of_kind_alone(
             FeatureReader(**reader),
             **{
@@ -245,28 +253,6 @@ def _model(contents: Contents, _: Folder) -> bytes:
     return image
 
 
-def _shared_reader(contents: Contents, _: Folder) -> bytes:
-    """Version 2 had one reader for both, and a domain that checked the kind of motion alone."""
-    stored_model = stored_model_in(contents)
-    arrays = dict(stored_model.arrays)
-    limit, least_motion, least_smooth = contents.array("limits", (3,)).tolist()
-    domain = of_kind_alone(
-        FeatureReader(True, True, 1, False),
-        arrays["means"],
-        arrays["whitening"],
-        limit,
-        least_motion=least_motion,
-        least_smooth=least_smooth,
-    )
-    arrays.update(domain_arrays(domain))
-    arrays["domain_reader"] = arrays["reader"]
-    if "typical" in arrays:
-        arrays["domain_typical"] = arrays["typical"]
-    image = model_to_hdf5(replace(stored_model, arrays=arrays))
-    model_from_hdf5(image)
-    return image
-
-
 def _array(stored: dict[str, Any]) -> NDArray[np.float64]:
     data = base64.b64decode(stored["float64"], validate=True)
     return np.frombuffer(data, dtype="<f8").astype(np.float64).reshape(stored["shape"])
@@ -276,7 +262,6 @@ OLDER: Final[dict[Form, Callable[[Contents, Folder], bytes]]] = {
     Form("classification", 1): _classification,
     Form("sequence", 1): _sequence,
     Form("model", 1): _model,
-    Form("model", 2): _shared_reader,
     Form("signature", 1): _signature,
     Form("signature", 2): _signature,
     Form("signature", 3): _signature,

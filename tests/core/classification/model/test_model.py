@@ -15,6 +15,7 @@ import pytest
 from classify_samples import cohort, small_model
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from sealed_files import changed, put, sealed
 
 from modalmotion.classification import (
@@ -31,6 +32,7 @@ from modalmotion.classification import (
 from modalmotion.classification.estimators import estimator
 from modalmotion.classification.estimators.machine import ALLOWED
 from modalmotion.classification.model.conformal import Calibration
+from modalmotion.classification.model.member import Member
 from modalmotion.errors import (
     CorruptFileError,
     ModelNotReproducedError,
@@ -57,26 +59,39 @@ def forest() -> Model:
         )
 
 
+def _shares_of(member: Member, row: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Probabilities of one member, by the definition."""
+    z = (row - member.blend.centre) / member.blend.scale
+    parts = []
+    for scorer in member.blend.scorers:
+        k = z
+        if len(scorer.anchors):
+            k = np.exp(-scorer.gamma * ((z - scorer.anchors) ** 2).sum(axis=1))
+        scores = (k @ scorer.weights + scorer.intercepts) / scorer.temperature
+        weights = np.exp(scores - scores.max())
+        parts.append(weights / weights.sum())
+    mixed = np.mean(parts, axis=0) ** (1.0 / member.blend.temperature)
+    return np.asarray(mixed / mixed.sum())
+
+
 def test_probabilities_are_what_the_definition_says(small: Model) -> None:
+    assert len(small.members) > 1
+    assert sum(member.weight for member in small.members) == pytest.approx(1.0)
     for row, shares in zip(
         small.golden_features, small.probabilities(small.golden_features), strict=True
     ):
-        z = (row - small.blend.centre) / small.blend.scale
-        parts = []
-        for scorer in small.blend.scorers:
-            k = z
-            if len(scorer.anchors):
-                apart = ((z - scorer.anchors) ** 2).sum(axis=1)
-                k = np.exp(-scorer.gamma * apart)
-            scores = (k @ scorer.weights + scorer.intercepts) / scorer.temperature
-            weights = np.exp(scores - scores.max())
-            parts.append(weights / weights.sum())
-        mixed = np.mean(parts, axis=0) ** (1.0 / small.blend.temperature)
-        assert shares == pytest.approx(mixed / mixed.sum(), abs=1e-9)
+        first, product = 0, np.ones(len(small.classes))
+        for member in small.members:
+            d = len(member.columns)
+            product *= _shares_of(member, row[first : first + d]) ** member.weight
+            first += d
+        assert first == len(row)
+        pool = product ** (1.0 / small.temperature)
+        assert shares == pytest.approx(pool / pool.sum(), abs=1e-9)
 
 
 def test_the_distance_is_that_of_the_kind_of_motion_from_the_nearest_class(small: Model) -> None:
-    found = small.reader.read(cohort(6)[0].signature)
+    found = small.domain.reader.read(cohort(6)[0].signature)
     for values, kind, distance in zip(
         found.values, found.kinds, small.distance(found.kinds), strict=True
     ):
@@ -175,7 +190,7 @@ HOSTILE: dict[str, tuple[str, object]] = {
     "anchors whose number overflows": ("n_anchors", np.full(4, 2**62)),
     "scores of no class": ("n_scores", np.array([1])),
     "texts where numbers belong": ("limits", text([1, 2, 3])),
-    "a list where a table belongs": ("reader", text([])),
+    "a list where a table belongs": ("readers", text([[], 1])),
     "text that is not JSON": ("columns", np.bytes_("{")),
     "JSON in itself": ("notes", np.bytes_("[" * 5000)),
     "an infinite number of modes": ("readable", np.bytes_('{"n_modes": Infinity}')),
@@ -199,7 +214,9 @@ def test_a_hostile_model_with_a_right_seal_is_refused_by_name(
 
 
 def reader_of(small: Model, **changes: object) -> Model:
-    return replace(small, reader=replace(small.reader, **changes))  # type: ignore[arg-type]
+    first, *others = small.members
+    reader = replace(first.reader, **changes)  # type: ignore[arg-type]
+    return replace(small, members=(replace(first, reader=reader), *others))
 
 
 def test_a_model_that_would_read_without_end_is_refused(small: Model) -> None:
@@ -234,13 +251,13 @@ def test_a_file_that_is_too_large_is_not_read(
 
 
 def test_what_is_not_a_number_does_not_reproduce(small: Model) -> None:
-    blend = replace(small.blend, temperature=0.0)
     with pytest.raises(ModelNotReproducedError):
-        model_from_hdf5(model_to_hdf5(replace(small, blend=blend)))
+        model_from_hdf5(model_to_hdf5(replace(small, temperature=0.0)))
 
 
 def test_an_estimator_that_is_no_arrays_is_kept_without_pickle(forest: Model) -> None:
-    assert forest.machine
+    (member,) = forest.members
+    assert member.machine
     again = model_from_hdf5(model_to_hdf5(forest))
     assert again.id == forest.id
     signature = cohort(6)[1].signature
@@ -250,14 +267,15 @@ def test_an_estimator_that_is_no_arrays_is_kept_without_pickle(forest: Model) ->
 def test_a_type_that_is_not_allowed_is_refused(forest: Model) -> None:
     from skops.io import dumps, get_untrusted_types
 
-    assert set(get_untrusted_types(data=forest.machine)) <= set(ALLOWED)
+    (member,) = forest.members
+    assert set(get_untrusted_types(data=member.machine)) <= set(ALLOWED)
     # A foreign archive with a right hash: only the allow-list stands in its way.
-    foreign = replace(forest, machine=dumps(Fraction(1, 2)))
+    foreign = replace(forest, members=(replace(member, machine=dumps(Fraction(1, 2))),))
     with pytest.raises(CorruptFileError, match="Fraction"):
         foreign.probabilities(forest.golden_features)
     with pytest.raises(ModelNotReproducedError, match="Fraction"):
         model_from_hdf5(model_to_hdf5(foreign))
-    plain = replace(forest, machine=dumps([1, 2, 3]))
+    plain = replace(forest, members=(replace(member, machine=dumps([1, 2, 3])),))
     with pytest.raises(CorruptFileError, match="not a motion classifier"):
         plain.probabilities(forest.golden_features)
 
@@ -278,12 +296,12 @@ def test_the_shipped_model_is_small_whole_and_honest() -> None:
     assert available_models() == (DEFAULT_MODEL,)
     model = load_model()
     assert len(model_to_hdf5(model)) < 500_000
-    assert model.id.startswith("5f19d80a0337")
+    assert model.id.startswith("8126ae515187")
     assert model.card.extra["has_seen_patients"] is False
     assert any("no patient" in note for note in model.notes[""])
     assert model.card.accuracy is not None
     assert model.card.accuracy > 0.9
-    assert not model.machine
+    assert not any(member.machine for member in model.members)
 
 
 def test_predicting_needs_no_scikit_learn() -> None:

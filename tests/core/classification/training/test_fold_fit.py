@@ -19,5 +19,6 @@ def test_a_fold_predicts_its_outer_cases_and_says_what_it_chose() -> None:
     assert held_out.probabilities.shape == (2, 2)
     np.testing.assert_allclose(held_out.probabilities.sum(axis=1), 1.0)
     assert held_out.judgement.scores.shape == (2, len(CHECKS))
-    assert {text for text, _ in held_out.choices} <= {r.description for r in table.readers}
+    known = {text.split(" of ")[0].split(",")[0] for text, _ in held_out.choices}
+    assert known <= {"a few numbers", "modes", "modes and their terms"}
     np.testing.assert_allclose(sum(weight for _, weight in held_out.choices), 1.0)

@@ -15,6 +15,7 @@ from older_stores import (
     header,
     old_classification,
     old_file,
+    old_kind,
     old_model,
     old_sequence,
     old_signature,
@@ -31,17 +32,13 @@ from store_samples import (
 )
 
 from modalmotion.classification.model.hdf5 import (
-    FORM,
     kept_model,
-    model_from_hdf5,
     model_to_hdf5,
     numbered,
 )
 from modalmotion.cli.store_commands import store as commands
 from modalmotion.errors import CorruptFileError, OlderFileError
 from modalmotion.facts import NO_FACTS
-from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import ResultStore, classification_from_hdf5, rebuild, verify
 from modalmotion.store.care.older_forms import OLD_RECORD
@@ -163,7 +160,7 @@ def models_of(root: Path) -> Path:
 
 
 def test_rebuild_takes_models_that_were_text(root: Path) -> None:
-    model = small_model()
+    model = old_kind(small_model())
     models_of(root).mkdir()
     (models_of(root) / "2.h5").write_bytes(old_model(model, 2))
     assert rebuild(root).rewritten == {"classification": N, "model": 1}
@@ -179,32 +176,9 @@ def test_rebuild_takes_models_that_were_text(root: Path) -> None:
     assert (models_of(root) / "2.h5").read_bytes() == model_to_hdf5(expected)
 
 
-def test_rebuild_gives_the_domain_of_a_model_the_reader_that_it_shared(root: Path) -> None:
-    model = small_model()
-    kept = numbered(kept_model(model, training="t"), 2, "2026-01-02T03:04:05.000006Z")
-    today = model_to_hdf5(kept)
-    with FORM.read(today) as contents:
-        datasets = [
-            json_text(name, contents.json(name, object))
-            if array.dtype.kind in "SUO"
-            else Dataset(name, array, "1", "")
-            for name, array in contents.arrays.items()
-            if not name.startswith("domain_")
-        ]
-    models_of(root).mkdir()
-    older = Form("model", 2).image({"model_id": model.id}, datasets, model="small", version=2)
-    (models_of(root) / "2.h5").write_bytes(older)
-    with pytest.raises(OlderFileError):
-        model_from_hdf5(models_of(root) / "2.h5")
-    assert rebuild(root).rewritten == {"classification": N, "model": 1}
-    assert (models_of(root) / "2.h5").read_bytes() == today
-    with ResultStore(root) as store:
-        assert store.model("small").id == model.id
-
-
 def test_a_model_that_cannot_be_taken_keeps_its_number(root: Path) -> None:
     models_of(root).mkdir()
-    model = small_model()
+    model = old_kind(small_model())
     other = replace(model, golden_probabilities=model.golden_probabilities + 1e-3)
     (models_of(root) / "1.h5").write_bytes(old_model(model, 1, machine=b"skops"))
     (models_of(root) / "2.h5").write_bytes(old_model(other, 2))

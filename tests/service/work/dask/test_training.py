@@ -20,7 +20,7 @@ def test_a_model_trained_on_the_workers_is_the_one_of_one_machine(
     settings = Settings(
         data_dir=tmp_path / "cluster", scheduler=dask_cluster.address, wait_seconds=120.0
     )
-    options = {"folds": 2, "estimator": "linear"}
+    options = {"folds": 2, "repetitions": 1, "estimator": "linear", "card": "quick"}
     with (
         Client(dask_cluster.address, set_as_default=False) as dask,
         served(settings) as client,
