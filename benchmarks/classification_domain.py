@@ -12,7 +12,7 @@ import numpy as np
 from measure import Table
 
 from modalmotion.classification import classify, load_model
-from modalmotion.classification.training.train_shipped import held_out_cases
+from modalmotion.classification.training.train_shipped import MATERIAL, held_out_cases
 from modalmotion.formats import read_sequence
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, modal_signature
@@ -47,7 +47,7 @@ def run(folder: Path, n: int = N_OF_A_KIND, n_held_out: int = N_HELD_OUT) -> lis
         rng = np.random.default_rng(SEED)
         moving = (driven_by(name, rng) for _ in range(n))
         _add(table, f"{name}, as a cup or cylinder", rate(moving), is_bound=True)
-    held_out = rate(case.signature for case in held_out_cases(n_held_out, HELD_OUT_SEED))
+    held_out = rate(case.signature for case in held_out_cases(MATERIAL, n_held_out, HELD_OUT_SEED))
     count, share, flags, classes = held_out
     cells = ("held-out ventricles", str(count), f"{share:.1f} %", flags, classes)
     table.add_at_most(share, MOST_HELD_OUT, *cells)

@@ -31,6 +31,7 @@ from modalmotion_service.routes import (
     classify,
     codec,
     documentation,
+    evaluations,
     features,
     health,
     jobs,
@@ -47,6 +48,7 @@ from modalmotion_service.routes import (
 )
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.engine import open_engine
+from modalmotion_service.work.parsing import say_whether_confined
 from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.workspace.job_kinds import trainings_at_once
 from modalmotion_service.workspace.owners import Owners
@@ -65,7 +67,7 @@ def judged_routes() -> list[BaseRoute]:
     router = APIRouter(dependencies=[Depends(require_judged)])
     for module in (
         *(sequences, signatures, sent_signature, tradeoff, readouts, templates, codec),
-        *(classifications, classify, models, features, jobs, limits),
+        *(classifications, classify, models, evaluations, features, jobs, limits),
         *(audit, health, kserve, prometheus, documentation),
     ):
         router.include_router(module.router)
@@ -88,6 +90,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         engine = MeteredExecutor(await asyncio.to_thread(open_engine, chosen), metrics)
+        if engine.are_parsers_confined is not None:
+            say_whether_confined()
         # Processes of its own, on this machine: no request waits for a training.
         training_pool = WorkerPool(
             trainings_at_once(chosen),

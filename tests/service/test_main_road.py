@@ -173,6 +173,23 @@ def test_a_classification_has_a_class_a_probability_and_a_file(
     assert (again.status_code, again.json()) == (200, answer)
 
 
+def test_what_the_points_follow_chooses_the_shipped_model(client: TestClient, beat: bytes) -> None:
+    here = f"/v1/sequences/{send(client, beat)}"
+    named: list[tuple[str, bool]] = []
+    for tracking in ("material", "offset", "unknown"):
+        assert client.patch(here, json={"facts": {"tracking": tracking}}).status_code == 200
+        answer = client.post(f"{here}/classifications").json()
+        named.append((answer["model"], "tracking=material" in answer["notes"][0]))
+    offset = "ventricle-simulated-offset"
+    assert named == [("ventricle-simulated", False), (offset, False), (offset, True)]
+    sent = {
+        tracking: client.post("/v1/classify", params={"tracking": tracking}, content=beat).json()
+        for tracking in ("material", "offset")
+    }
+    assert [sent[one]["model"] for one in sent] == ["ventricle-simulated", offset]
+    client.patch(here, json={"facts": {"tracking": "material"}})
+
+
 def test_the_real_ventricle_over_http(client: TestClient, real_data: Path) -> None:
     here = "/v1/sequences"
     grid = send(client, (real_data / "heart/lv_grid_32x64.npz").read_bytes())

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from modalmotion.errors import NonFiniteError
+from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion_service.work.owner import remembering
+from modalmotion_service.work.parsing import _forks, parser_for
 from modalmotion_service.work.tasks.files import _kept
 
 
@@ -78,3 +80,12 @@ def remembered() -> dict[str, int]:
 def templates_at_hand() -> list[str]:
     """Keys of the templates and factored modes that this worker has made ready."""
     return [*_kept()._templates._values, *_kept()._bases._values]
+
+
+def parse_and_tell(data: bytes, times: int = 1) -> list[int]:
+    """Have a file parsed; numbers of what forks parsers and of the parser that lives."""
+    for _ in range(times):
+        parser_for(DEFAULT_LIMITS).parse("vtp", data)
+    (forks,) = _forks
+    children = Path(f"/proc/{forks.pid}/task/{forks.pid}/children").read_text()
+    return [forks.pid, *map(int, children.split())]

@@ -7,12 +7,19 @@ from modalmotion.classification.answer.classifier import classify
 from modalmotion.classification.answer.explanation import ModeContribution, only_modes
 from modalmotion.classification.answer.flags import FLAGS
 from modalmotion.classification.evaluation.comparison import Comparison, compare_models
+from modalmotion.classification.evaluation.deciding import decided
 from modalmotion.classification.evaluation.evaluation import Evaluation, evaluate
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.cross_validation import CrossValidation
 from modalmotion.classification.model.hdf5 import model_from_hdf5, model_to_hdf5
 from modalmotion.classification.model.model import Model
-from modalmotion.classification.model.shipped import DEFAULT_MODEL, available_models, load_model
+from modalmotion.classification.model.shipped import (
+    DEFAULT_MODEL,
+    OFFSET_MODEL,
+    available_models,
+    load_model,
+    shipped_for,
+)
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.tables.cohort_table import FeatureTable, feature_table
 from modalmotion.classification.training.cases import CaseFile, TrainingCase
@@ -25,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DEFAULT_MODEL",
     "FLAGS",
+    "OFFSET_MODEL",
     "CaseFile",
     "Classification",
     "Comparison",
@@ -41,12 +49,14 @@ __all__ = [
     "available_models",
     "classify",
     "compare_models",
+    "decided",
     "evaluate",
     "feature_table",
     "load_model",
     "model_from_hdf5",
     "model_to_hdf5",
     "only_modes",
+    "shipped_for",
     "train",
 ]
 

@@ -200,7 +200,7 @@ def compare_models(
     unit: str | None,
     skip_unreadable: bool,
 ) -> None:
-    """Compare MODEL and OTHER on the same labelled sequences.
+    """Compare two models, on the same labelled sequences: MODEL and OTHER.
 
     Each is a file or a name. MANIFEST and FILES are as for training, of subjects that neither model
     was trained on. Subjects are resampled whole.
@@ -219,13 +219,71 @@ def compare_models(
         click.echo(note, err=as_json)
 
 
+class _Named(click.ParamType[tuple[str, float]]):
+    """A class, or a pair of classes, with a number: normal=0.95."""
+
+    name = "CLASS=NUMBER"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, float]:
+        """Split at the last "="."""
+        if isinstance(value, tuple):
+            return value
+        label, _, number = str(value).rpartition("=")
+        try:
+            return label, float(number)
+        except ValueError:
+            self.fail(f"{value!r} is not a class, '=' and a number.", param, ctx)
+
+
+@click.command(epilog=example("decide mine.h5 --sensitivity akinesia=0.95 -o decided.h5"))
+@click.argument("model", metavar="MODEL")
+@click.option(
+    "--sensitivity",
+    multiple=True,
+    type=_Named(),
+    help="Share of a class to be answered as such; the most urgent class first.",
+)
+@click.option(
+    "--cost",
+    multiple=True,
+    type=_Named(),
+    help="Cost of an error, as TRUE:ANSWER=NUMBER; 1 where none is stated.",
+)
+@click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
+def decide(
+    model: str,
+    sensitivity: tuple[tuple[str, float], ...],
+    cost: tuple[tuple[str, float], ...],
+    out: Path,
+) -> None:
+    """Write MODEL with a rule by which its probabilities become a label.
+
+    Thresholds that reach the sensitivities are chosen on held-out answers; the rule makes another
+    model, with an id of its own.
+    """
+    from modalmotion.classification import decided
+    from modalmotion.store import model_to_hdf5, write_atomic
+
+    costs: dict[str, dict[str, float]] = {}
+    for pair, number in cost:
+        true, _, answer = pair.partition(":")
+        costs.setdefault(true, {})[answer] = number
+    result = decided(model_named(model), costs=costs or None, sensitivity=dict(sensitivity) or None)
+    write_atomic(out, model_to_hdf5(result))
+    click.echo(card_lines(result.name, result.id, result.card))
+    list_written(out)
+
+
 @click.command(epilog=example("classify beat.npz --model mine.h5"))
 @sequence_argument
 @click.option(
     "--model",
     default="ventricle-simulated",
     show_default=True,
-    help="Model: the name of a shipped one, or a file.",
+    help="Model: the name of a shipped one, or a file. The default reads displacements where the "
+    "file states tracking=material, the surface's offsets otherwise.",
 )
 @_COVERAGE
 @surface_options
@@ -241,15 +299,16 @@ def classify(
 ) -> None:
     """Name the motion class of the sequence in FILE."""
     from modalmotion.classification import classify as ask
+    from modalmotion.classification import shipped_for
     from modalmotion.mesh.sequence import MeshSequence
     from modalmotion.modes.topology import MESH
     from modalmotion.signature.making import ModalSignature, modal_signature
 
-    stored_model = model_named(model)
     springs = stated["topology"] == MESH
     if springs:
         stated["topology"] = None
     motion: MeshSequence | ModalSignature = read(source, **stated)
+    stored_model = model_named(shipped_for(model, motion.facts))
     if springs and isinstance(motion, MeshSequence):
         parameters = replace(stored_model.signature_parameters, topology=MESH)
         motion = modal_signature(motion, parameters)

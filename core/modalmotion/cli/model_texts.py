@@ -28,7 +28,7 @@ def card_lines(name: str, model_id: str, card: ModelCard) -> str:
         lines += [*_spread(card), *_figures(card)]
         lines += _matrix(card.classes, card.confusion, len(card.repetitions))
         lines += _sets(card.coverage, card.class_coverage, card.mean_set_size)
-        lines += _learning_curve(card)
+        lines += [*_learning_curve(card), *_decision(card)]
     return "\n".join(lines + [f"note: {note}" for note in card.notes])
 
 
@@ -128,6 +128,25 @@ def _with(value: float, interval: Sequence[float] | None, digits: int = 3) -> st
         return f"{value:.{digits}f}"
     low, high = interval
     return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def _decision(card: ModelCard) -> list[str]:
+    rule = card.decision
+    if rule is None:
+        return []
+    lines = [rule["text"]]
+    for label, (value, *interval) in rule.get("sensitivity_reached", {}).items():
+        reached, *ends = rule["specificity_reached"][label]
+        lines.append(
+            f"  {label}: sensitivity {_with(100 * value, [100 * x for x in interval], 1)} %, "
+            f"specificity {_with(100 * reached, [100 * x for x in ends], 1)} %, so decided"
+        )
+    if "mean_cost" in rule:
+        lines.append(
+            f"  mean cost {rule['mean_cost']:.3f}; of the most probable class "
+            f"{rule['mean_cost_of_most_probable']:.3f}"
+        )
+    return lines
 
 
 def _learning_curve(card: ModelCard) -> list[str]:

@@ -21,6 +21,7 @@ JSON: Final = "application/json"
 HDF5: Final = "application/x-hdf5"
 NPZ: Final = "application/x-npz"
 PNG: Final = "image/png"
+CSV: Final = "text/csv"
 STREAM: Final = "application/vnd.modalmotion.stream"
 
 

@@ -8,15 +8,17 @@ from typing import Any, Final
 
 from modalmotion.client.answers import ClassAnswer, ModelInfo, value_of
 from modalmotion.client.bodies import Source, body_of, json_body
-from modalmotion.client.calls import HDF5, PNG, Calls, require_suffix, save, sequence_path
+from modalmotion.client.calls import CSV, HDF5, PNG, Calls, require_suffix, save, sequence_path
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.errors import understood
 from modalmotion.client.jobs import Job
 from modalmotion.client.query import Option, plain, segment
 from modalmotion.progress import Progress
 
-MODEL_FILES: Final = {".h5": HDF5, ".hdf5": HDF5, ".png": PNG}
-"""Media types of model files by suffix; a picture shows confusion and calibration."""
+MODEL_FILES: Final = {".h5": HDF5, ".hdf5": HDF5, ".png": PNG, ".csv": CSV}
+"""Media types of model files by suffix: the model, a picture of its card, held-out answers."""
+
+EVALUATION_FILES: Final = {".png": PNG, ".csv": CSV}
 
 Case = str | Mapping[str, Any]
 """The id of a stored sequence, or its id, label, subject and covariates."""
@@ -35,7 +37,10 @@ class ModelCalls(Calls):
         return _model(self._get(_path(name, version)))
 
     def save_model(self, name: str, path: str | Path, version: int | None = None) -> None:
-        """Write a model to .h5, as `mm.load_model` reads it, or a picture of its card to .png."""
+        """Write a model to .h5, as `mm.load_model` reads it; a picture of its card to .png.
+
+        Or to .csv the answers to its training cases, each held out.
+        """
         target = Path(path)
         accept = require_suffix(target, MODEL_FILES)
         save(self._get(_path(name, version), accept=accept).content, target)
@@ -71,6 +76,73 @@ class ModelCalls(Calls):
     def start_training(self, name: str, cases: Iterable[Case], **options: Option) -> Job[ModelInfo]:
         """Start a training as `train` does, and do not wait for it."""
         return self._started(_training(name, cases, options), _model)
+
+    def evaluate(
+        self,
+        name: str,
+        cases: Iterable[Case],
+        *,
+        version: int | None = None,
+        coverage: float = 0.9,
+        progress: Callable[[float], None] | None = None,
+    ) -> dict[str, Any]:
+        """Test a version of a model, the newest by default, on stored, labelled sequences.
+
+        Parameters
+        ----------
+        name : str
+        cases : iterable of str or mapping
+            As for `train`, of subjects that the model was not trained on.
+        version : int, optional
+        coverage : float
+            Level of the class sets.
+        progress : callable, optional
+            Called with the share that is done, 0 to 1.
+
+        Returns
+        -------
+        dict
+            accuracy, auc, log_loss, sensitivity, cases (the answer to each) and so on: see `/docs`.
+        """
+        if version is None:
+            version = self.model(name).version
+        request = {"sequences": _listed(cases), "coverage": coverage}
+        path = f"{_path(name, version)}/evaluations"
+        call = Call("POST", path, body=json_body(request), is_repeatable=True)
+        return self._awaited(call, _object, progress)
+
+    def save_evaluation(
+        self, name: str, cases: Iterable[Case], path: str | Path, *, version: int | None = None
+    ) -> None:
+        """Write a test of a model: the answers by case to .csv, a picture to .png."""
+        target = Path(path)
+        accept = require_suffix(target, EVALUATION_FILES)
+        if version is None:
+            version = self.model(name).version
+        body = json_body({"sequences": _listed(cases)})
+        route = f"{_path(name, version)}/evaluations"
+        call = Call("POST", route, accept=accept, body=body, is_repeatable=True)
+        save(self._awaited(call, lambda answer: answer).content, target)
+
+    def compare_models(
+        self,
+        first: str,
+        second: str,
+        cases: Iterable[Case],
+        *,
+        coverage: float = 0.9,
+        progress: Callable[[float], None] | None = None,
+    ) -> dict[str, Any]:
+        """Compare two models, each "name" or "name@version", on the same labelled sequences.
+
+        Returns
+        -------
+        dict
+            Of each figure first, second, difference, low, high and p: see `/docs`.
+        """
+        request = {"models": [first, second], "sequences": _listed(cases), "coverage": coverage}
+        call = Call("POST", "/v1/models/comparisons", body=json_body(request), is_repeatable=True)
+        return self._awaited(call, _object, progress)
 
     def delete_model(self, name: str, version: int) -> None:
         """Delete a version of a model; its number is never used again."""
@@ -131,10 +203,19 @@ def _path(name: str, version: int | None) -> str:
 def _training(name: str, cases: Iterable[Case], options: Mapping[str, Option]) -> Call:
     request: dict[str, Any] = {
         "name": name,
-        "sequences": [case if isinstance(case, str) else dict(case) for case in cases],
+        "sequences": _listed(cases),
         "options": plain(options),
     }
     return Call("POST", "/v1/models", body=json_body(request), is_keyed=True)
+
+
+def _listed(cases: Iterable[Case]) -> list[str | dict[str, Any]]:
+    return [case if isinstance(case, str) else dict(case) for case in cases]
+
+
+def _object(answer: Answer) -> dict[str, Any]:
+    with understood("the figures of models"):
+        return dict(answer.json)
 
 
 def _model(answer: Answer) -> ModelInfo:

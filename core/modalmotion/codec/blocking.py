@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.codec.block import Block
-from modalmotion.codec.quantiser import Quantiser, fit_quantiser, last_used, quantise
+from modalmotion.codec.quantiser import (
+    Quantiser,
+    fit_quantiser,
+    is_countable,
+    last_used,
+    quantise,
+)
 from modalmotion.codec.temporal import (
     CLOSED_FORM,
     Temporal,
@@ -107,7 +113,7 @@ def attempt(
     step: float,
     price: float = PRICE,
     alike: float | None = None,
-) -> Trial:
+) -> Trial | None:
     """Quantise some frames at one step.
 
     Parameters
@@ -118,11 +124,18 @@ def attempt(
     price : float, squared steps per bit
     alike : float, optional
         See `TimeBasis.project`.
+
+    Returns
+    -------
+    Trial or None
+        None if the step is finer than the numbers themselves.
     """
     # As the stream holds it.
     step = float(np.float32(step))
     if kind in CLOSED_FORM:
         exact = motion.projected(kind)
+        if not is_countable(exact, step):
+            return None
         numbers = quantise(exact, step, price)
         n_rows = 3 * max(1, -(-last_used(numbers.any(axis=1)) // 3))
         quantiser = fit_quantiser(exact[:n_rows], numbers[:n_rows], step)
@@ -135,10 +148,12 @@ def attempt(
 
 def _attempt_learned(
     motion: ModalBlock, kind: Temporal, step: float, price: float, alike: float | None
-) -> Trial:
+) -> Trial | None:
     n_frames = len(motion.amplitudes)
     each = kind.rows_each
     exact_basis = motion.components(kind)
+    if not is_countable(exact_basis, step):
+        return None
     exact_basis = exact_basis[: int(np.count_nonzero(np.abs(exact_basis).max(axis=1) > step / 2))]
     basis = quantise(exact_basis, step, price)
     basis = basis[: _leading(basis.any(axis=1))]
@@ -147,6 +162,8 @@ def _attempt_learned(
         quantiser = fit_quantiser(exact_basis, basis, step)
         time_basis = restore_basis(kind, basis, n_frames, quantiser)
         exact = time_basis.project(motion.amplitudes, alike)
+        if not is_countable(exact, step):
+            return None
         numbers = quantise(exact, step, price)
         if last or not len(basis):
             break

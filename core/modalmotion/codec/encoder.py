@@ -12,6 +12,7 @@ from modalmotion.codec.container import LARGEST_BLOCK, Header, write_stream
 from modalmotion.codec.frames import EncodedBlock, encode_frames
 from modalmotion.codec.measure import Encoded, Errors, measure
 from modalmotion.codec.modes.modes_section import STORED
+from modalmotion.codec.size_search import MOST_TRIALS, try_sizes
 from modalmotion.codec.stored import store_positions
 from modalmotion.codec.target import Effort, Measure, Target, require_target
 from modalmotion.codec.transforms import Choice, choose
@@ -20,7 +21,6 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import ShareReport, part_of, silent
 
 LONGEST_BLOCK: Final = 512
-MOST_ROUNDS: Final = 14
 
 # Connectivity beside the motion, roughly.
 SHARE_OF_FACES: Final = 0.1
@@ -142,26 +142,21 @@ def _within_bytes(
     extent = float(np.ptp(sequence.vertices.astype(np.float64), axis=(0, 1)).max())
     if best is not None or not (np.isfinite(extent) and extent > 0):
         return _require_fit(best, stored.n_bytes, n_bytes)
-    smallest = stored.n_bytes
-    low, high = np.log(extent) - 23.0, np.log(extent) + 2.0
-    log_rms = np.log(extent) - 6.0
-    for done in range(MOST_ROUNDS):
-        inside = part_of(report, done / MOST_ROUNDS, (done + 1) / MOST_ROUNDS)
-        trial = _at_error(
-            sequence, choice, faces, Target(Measure.RMS, float(np.exp(log_rms))), inside
-        )
-        smallest = min(smallest, trial.n_bytes)
-        if trial.n_bytes <= n_bytes:
-            best = trial if best is None or trial.rms < best.rms else best
-            high = log_rms
-            if trial.n_bytes > 0.99 * n_bytes:
-                break
-        else:
-            low = log_rms
-        # Twice the bytes for a quarter of the error, or thereabouts.
-        next_rms = log_rms + np.clip(1.6 * np.log(trial.n_bytes / (0.995 * n_bytes)), -3.0, 3.0)
-        log_rms = next_rms if low < next_rms < high else (low + high) / 2
-    return _require_fit(best, smallest, n_bytes)
+    trials: list[Encoded] = []
+
+    def size(log_rms: float) -> int | None:
+        share = len(trials) / MOST_TRIALS
+        inside = part_of(report, share, share + 1 / MOST_TRIALS)
+        target = Target(Measure.RMS, float(np.exp(log_rms)))
+        trials.append(_at_error(sequence, choice, faces, target, inside))
+        return None if trials[-1].rms == 0.0 else trials[-1].n_bytes
+
+    bracket = np.log(extent) - 23.0, np.log(extent) + 2.0
+    a_bit_each = sequence.vertices.size / (8.0 * np.log(2.0))
+    try_sizes(size, n_bytes, bracket, np.log(extent) - 6.0, a_bit_each)
+    fitting = [trial for trial in trials if trial.n_bytes <= n_bytes]
+    best = min(fitting, key=lambda trial: trial.rms, default=None)
+    return _require_fit(best, min(one.n_bytes for one in (stored, *trials)), n_bytes)
 
 
 def _require_fit(best: Encoded | None, smallest: int, n_bytes: int) -> Encoded:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.codec.bits.entropy import LARGEST_MAGNITUDE
 from modalmotion.codec.bits.guard import Guards, find_guards
-from modalmotion.codec.bits.mixed_matrix import MOST_MIXED
+from modalmotion.codec.bits.mixed_matrix import count_questions
 from modalmotion.codec.block import MOST_QUANTA, Block, positions_of, write_block
 from modalmotion.codec.blocking import ModalBlock, Trial, attempt
 from modalmotion.codec.measure import measure
@@ -33,8 +33,9 @@ ALIKE: Final = 1e-8
 SHARES: Final = (1.0, 0.995, 0.97, 0.8)
 # Share of progress for projecting and solving for modes; the search takes the rest.
 SHARE_OF_MODES: Final = 0.3
-# Coefficients that are coded one by one: some ten microseconds each, for the decoder too.
-MOST_TIGHTENED: Final = {Effort.FAST: 0, Effort.BALANCED: 2**18, Effort.THOROUGH: MOST_MIXED}
+# Answers that coefficients coded one by one may take: some ten microseconds each, for the decoder
+# too. A zero takes one; magnitudes of an error that is fine take twenty and gain next to nothing.
+MOST_TIGHTENED: Final = {Effort.FAST: 0, Effort.BALANCED: 2**18, Effort.THOROUGH: 2**20}
 FIRST_STEP: Final = {Measure.RMS: 7.0, Measure.MAX_ERROR: 3.0}
 
 
@@ -54,9 +55,9 @@ class EncodedBlock:
         return self.block.kind
 
     def tightened(self, most: int) -> EncodedBlock:
-        """Write the same in fewer bytes and more time, for at most so many coefficients."""
+        """Write the same in fewer bytes and more time, for at most so many answers."""
         mixed = replace(self.block, mixed=True)
-        if mixed.basis.size + mixed.coefficients.size > most:
+        if count_questions(mixed.basis) + count_questions(mixed.coefficients) > most:
             return self
         data = write_block(mixed, self.guards, self.corrections, self.positions)
         return self if len(data) >= len(self.data) else replace(self, data=data, block=mixed)
@@ -98,6 +99,9 @@ def encode_frames(
     error = float(np.ldexp(target.value, -frames.exponent))
     search = _at_rms if target.measure == Measure.RMS else _at_max_error
     report(SHARE_OF_MODES)
+    # Known before the search, which at such an error takes longest.
+    if _least_uncertainty(frames, choice) > MOST_UNCERTAIN:
+        return None
     best = search(frames, choice, target, error, part_of(report, SHARE_OF_MODES, 0.9))
     return None if best is None else best.tightened(MOST_TIGHTENED[choice.effort])
 
@@ -160,7 +164,8 @@ def _at_max_error(
     for number, kind in enumerate(choice.kinds, start=1):
 
         def size(step: float, kind: Temporal = kind) -> int:
-            done = _finish(frames, choice, attempt(frames.motion, kind, step), width, room)
+            trial = attempt(frames.motion, kind, step)
+            done = None if trial is None else _finish(frames, choice, trial, width, room)
             blocks[step] = done
             return 2**62 if done is None else len(done.data)
 
@@ -190,7 +195,9 @@ def _finish(
     scaled = block.scaled(choice.modes)
     if not np.abs(scaled).max() < MOST_QUANTA / 4:
         return None
-    uncertainty = _uncertainty(block, choice, scaled)
+    amplitudes = block.quantiser.restore(block.coefficients)
+    motion = np.sqrt((amplitudes**2).sum(axis=0) / block.n_frames)
+    uncertainty = _uncertainty(motion, choice, float(np.abs(scaled).max()))
     if uncertainty > MOST_UNCERTAIN:
         return None
     if trial.largest > LARGEST_MAGNITUDE:
@@ -199,7 +206,7 @@ def _finish(
         shared = attempt(frames.motion, trial.kind, trial.quantiser.step, alike=ALIKE)
         return (
             None
-            if shared.largest > LARGEST_MAGNITUDE
+            if shared is None or shared.largest > LARGEST_MAGNITUDE
             else _finish(frames, choice, shared, width, room)
         )
     guards = find_guards(scaled, uncertainty)
@@ -215,11 +222,22 @@ def _finish(
     return EncodedBlock(data, positions, block, guards, corrections)
 
 
-def _uncertainty(block: Block, choice: Choice, scaled: Floats) -> float:
-    """Quanta by which another machine's sums may differ from these."""
-    rounding = 1e-6 + 1e-13 * float(np.abs(scaled).max())
-    each = choice.modes.uncertainty[: block.coefficients.shape[1]]
-    amplitudes = block.quantiser.restore(block.coefficients)
-    # Root mean square over the frames; four of these are more than a frame reaches.
-    motion = np.sqrt((amplitudes**2).sum(axis=0) / block.n_frames)
-    return rounding + 4.0 * float(np.sqrt(((motion * each) ** 2).sum()))
+def _least_uncertainty(frames: _Frames, choice: Choice) -> float:
+    """Uncertainty of the motion itself; a block at a fine error has nearly the same."""
+    motion = np.sqrt((frames.motion.amplitudes**2).sum(axis=(0, 1)) / len(frames.offsets))
+    return 0.99 * _uncertainty(motion, choice, float(np.abs(frames.offsets).max()))
+
+
+def _uncertainty(motion: Floats, choice: Choice, largest: float) -> float:
+    """Quanta by which another machine's sums may differ from these.
+
+    Parameters
+    ----------
+    motion : (modes,) float64, quanta
+        Root mean square of each mode over the frames; four of these are more than a frame reaches.
+    choice : Choice
+    largest : float, quanta
+        Largest coordinate about the origin.
+    """
+    each = choice.modes.uncertainty[: len(motion)]
+    return 1e-6 + 1e-13 * largest + 4.0 * float(np.sqrt(((motion * each) ** 2).sum()))

@@ -12,6 +12,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SHIFT_UNIT: Final = 1.0 / 256.0
+# Beyond them a float64 is further from the next than a step.
+MOST_STEPS: Final = 2.0**53
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,11 @@ def quantise(coefficients: Floats, step: float, price: float) -> Ints:
         magnitude *= scaled > 0.5 + 0.5 * price * (more + 1.0)
     numbers[:n_rows, :n_columns] = np.copysign(magnitude, part)
     return numbers
+
+
+def is_countable(coefficients: Floats, step: float) -> bool:
+    """Tell whether each is a number of steps that a whole number can hold."""
+    return bool(np.abs(coefficients).max(initial=0.0) < MOST_STEPS * step)
 
 
 def fit_quantiser(coefficients: Floats, numbers: Ints, step: float) -> Quantiser:

@@ -43,6 +43,8 @@ def coarsest(
     goal, boldness = np.log(squared_error), 0.01
     for _ in range(MOST_ATTEMPTS):
         trial = attempt(motion, kind, float(np.exp(log_step)), price)
+        if trial is None:
+            break
         error = np.log(max(trial.squared_error, 1e-300))
         if error <= goal:
             if best is None or trial.quantiser.step > best.quantiser.step:

@@ -66,6 +66,9 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("GET", "/v1/models/{name}"): Scope.READ,
     ("GET", "/v1/models/{name}/versions/{version}"): Scope.READ,
     ("DELETE", "/v1/models/{name}/versions/{version}"): Scope.TRAIN,
+    # These store the classifications that they make on the way.
+    ("POST", "/v1/models/{name}/versions/{version}/evaluations"): Scope.WRITE,
+    ("POST", "/v1/models/comparisons"): Scope.WRITE,
     ("GET", "/v1/jobs"): Scope.READ,
     ("GET", "/v1/jobs/{job_id}"): Scope.READ,
     ("GET", "/v1/jobs/{job_id}/result"): Scope.READ,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from modalmotion.errors import ModalMotionError
 from modalmotion.facts import Facts
-from modalmotion.formats import ParserHere, ReadOptions, read_sequence
+from modalmotion.formats import ReadOptions, read_sequence
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import (
     SequenceRecord,
@@ -18,6 +18,7 @@ from modalmotion.store import (
     upload_image,
 )
 from modalmotion.store.disk.group_commit import GroupCommit
+from modalmotion_service.work.parsing import parser_for
 
 
 @dataclass(frozen=True)
@@ -109,8 +110,7 @@ def sign_batch(
     A fault in one file does not affect the others.
     """
     shared = None if template is None else template_from_hdf5(template)
-    # This process may be lost and is limited from outside: parsers need none of their own.
-    parser = ParserHere(options.limits)
+    parser = parser_for(options.limits)
     outcomes: list[Signed | Refused] = []
     with GroupCommit() as files:
         for item in items:

@@ -56,6 +56,9 @@ _MOST_PRINTED = 50
     type=click.FloatRange(min=0),
     help="Seconds to wait for a scheduler that is lost.",
 )
+@click.option(
+    "--skip-unreadable", is_flag=True, help="Files that fail do not make the command fail."
+)
 def cohort(
     manifest: Path,
     output: Path,
@@ -66,14 +69,15 @@ def cohort(
     keep_vertices: bool,
     pack: Path | None,
     patience: float,
+    skip_unreadable: bool,
     **options: Any,
 ) -> None:
     """Fit a signature to every sequence in MANIFEST.
 
     MANIFEST is a .csv file (columns path, subject, label; the last two may be missing), a .jsonl
     file of such objects, a folder, or a pattern such as 'scans/*.npz'. Given again after an
-    interruption, the command does what is unfinished. It ends with 1 if a file failed; the
-    others are done then all the same.
+    interruption, the command does what is unfinished. It ends with 1 if a file failed, unless
+    such files are skipped; the others are done then all the same.
     """
     settings = read_settings()
     if workers is not None:
@@ -117,7 +121,7 @@ def cohort(
         packed = export(output, pack, replace=True)
         click.echo(f"{packed.n_signatures} signatures packed: {pack}")
         require_all_packed(packed)
-    if report.failures:
+    if report.failures and not skip_unreadable:
         raise click.exceptions.Exit(1)
 
 

@@ -27,7 +27,11 @@ UPLOADS: Final = frozenset(
 """Routes whose body goes to a file as it comes. All others hold it in memory, as JSON."""
 
 _TRAINING: Final = "/v1/models"
-_MANY: Final = "/v1/signatures/query"
+_MANY: Final = (
+    "/v1/signatures/query",
+    "/v1/models/comparisons",
+    "/v1/models/{name}/versions/{version}/evaluations",
+)
 # Names, facts, the name of a model: landmarks and covariates are the longest.
 _SMALL_BYTES: Final = 256_000
 # An id in quotes, with its comma and a line of its own.
@@ -63,11 +67,9 @@ class BodyLimits:
         self.app = app
         self.body_bytes = body_bytes
         # Where there is no route, nothing is read.
-        self.json_bytes = {
-            None: json_bytes,
-            _TRAINING: json_bytes,
-            _MANY: min(json_bytes, _SMALL_BYTES + _BYTES_OF_ID * query_ids),
-        }
+        self.json_bytes: dict[str | None, int] = {None: json_bytes, _TRAINING: json_bytes}
+        for route in _MANY:
+            self.json_bytes[route] = min(json_bytes, _SMALL_BYTES + _BYTES_OF_ID * query_ids)
         self.other_bytes = min(json_bytes, _SMALL_BYTES)
         self.idle_seconds = idle_seconds
         self.upload_seconds = upload_seconds

@@ -155,6 +155,11 @@ class MeteredExecutor(Engine):
         """Tasks that run at the same time."""
         return self.engine.n_workers
 
+    @property
+    def are_parsers_confined(self) -> bool | None:
+        """Whether its workers confine what parses HDF5 and VTK; None where only they know."""
+        return self.engine.are_parsers_confined
+
     def require_ready(self) -> None:
         """Raise ClusterError if a task could not be run now."""
         self.engine.require_ready()

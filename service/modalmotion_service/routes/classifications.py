@@ -51,7 +51,7 @@ async def classify(
     stated = Facts(covariates=parameters.covariates or {})
 
     async def make() -> Response:
-        model = await asyncio.to_thread(state.models.choose, parameters.model)
+        model = await asyncio.to_thread(state.models.choose_for, parameters.model, sequence_id)
         result = await result_or_job(
             state,
             preference,

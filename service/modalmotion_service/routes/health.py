@@ -7,7 +7,7 @@ from importlib.metadata import version
 from fastapi import APIRouter, Request
 
 from modalmotion_service.monitoring.readiness import require_ready
-from modalmotion_service.schemas import Health
+from modalmotion_service.schemas import Health, Readiness
 
 router = APIRouter(prefix="/health", tags=["health"])
 
@@ -19,7 +19,9 @@ def live() -> Health:
 
 
 @router.get("/ready")
-def ready(request: Request) -> Health:
+def ready(request: Request) -> Readiness:
     """Answer while results can be made and stored: the store answers, and there are workers."""
-    require_ready(request.app.state.owners.local)
-    return Health(version=version("modalmotion"))
+    local = request.app.state.owners.local
+    require_ready(local)
+    confined = local.analysis.engine.are_parsers_confined
+    return Readiness(version=version("modalmotion"), parsers_confined=confined)

@@ -13,7 +13,7 @@ from modalmotion.store import ModelRecord, model_to_hdf5, require_model_name
 from modalmotion.store.index.cursor import from_cursor, to_cursor
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.json_bodies import JsonRoute
-from modalmotion_service.http.negotiation import HDF5, JSON, PNG, best_type
+from modalmotion_service.http.negotiation import CSV, HDF5, JSON, PNG, best_type
 from modalmotion_service.http.preferences import Preference
 from modalmotion_service.routes.parts.deferral import accepted, reply_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
@@ -35,13 +35,16 @@ from modalmotion_service.workspace.training_set import look_up, write_cases
 router = APIRouter(prefix="/v1/models", tags=["models"], responses=PROBLEMS, route_class=JsonRoute)
 
 _DESCRIPTION: Final[dict[int | str, dict[str, object]]] = {
-    200: {"content": {PNG: BINARY, HDF5: BINARY}},
+    200: {"content": {PNG: BINARY, HDF5: BINARY, CSV: BINARY}},
     **ACCEPTED,
 }
 
 AcceptHeader = Annotated[
     str,
-    Header(description=f"{JSON}, {PNG} for confusion and calibration, or {HDF5} for the model."),
+    Header(
+        description=f"{JSON}, {PNG} for a picture of the card, {CSV} for the held-out answers by "
+        f"case, or {HDF5} for the model."
+    ),
 ]
 
 
@@ -138,16 +141,20 @@ async def delete(name: ModelName, version: ModelVersion, state: StateDependency)
 async def _described(
     model: ChosenModel, state: State, preference: Preference, request: Request, accept: str
 ) -> Response:
-    media_type = best_type(accept, (JSON, PNG, HDF5))
+    media_type = best_type(accept, (JSON, PNG, HDF5, CSV))
     content = await asyncio.to_thread(state.models.describe, model)
     versions = await asyncio.to_thread(state.models.versions, model.name)
     tag = tag_of(model.id, str(model.version), repr(versions), media_type)
-    if is_known(request, tag):
+    if media_type != CSV and is_known(request, tag):
         return not_modified(tag)
     headers = {"ETag": tag, "Vary": "Accept"}
     if media_type == PNG:
         body = {"model": f"{model.name}@{model.version}"}
         return await reply_or_job(state, preference, "model-view", body, headers=headers)
+    if media_type == CSV:
+        # Subjects may change.
+        body = {"model": f"{model.name}@{model.version}"}
+        return await reply_or_job(state, preference, "held-out", body, headers={"Vary": "Accept"})
     if media_type == HDF5:
         headers["Content-Disposition"] = f'attachment; filename="{model.name}-{model.version}.h5"'
         return Response(await asyncio.to_thread(model_to_hdf5, content), 200, headers, HDF5)

@@ -11,6 +11,7 @@ from modalmotion_service.schemas.fields import (
 from modalmotion_service.schemas.general import (
     Health,
     Problem,
+    Readiness,
 )
 from modalmotion_service.schemas.jobs import JobAnswer, JobPageAnswer, JobState
 from modalmotion_service.schemas.models import (
@@ -83,6 +84,7 @@ __all__ = [
     "ModesAnswer",
     "ModesQuery",
     "Problem",
+    "Readiness",
     "ReadingAnswer",
     "ReadingQuery",
     "ReadoutsAnswer",

@@ -14,6 +14,15 @@ class Health(BaseModel):
     version: str
 
 
+class Readiness(Health):
+    """State of the service and of its workers."""
+
+    parsers_confined: bool | None = Field(
+        description="Whether what parses HDF5 and VTK sees nothing but its file; null where only "
+        "the workers of a scheduler know."
+    )
+
+
 class Problem(BaseModel):
     """An error, after RFC 9457."""
 

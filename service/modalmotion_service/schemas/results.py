@@ -7,6 +7,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion.classification import DEFAULT_MODEL, FLAGS, Classification
+from modalmotion.classification.model.shipped import RULE
 from modalmotion.codec import Effort, Encoded
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion_service.schemas.facts import COVARIATES
@@ -59,7 +60,7 @@ class ModelQuery(JsonBody):
     model: str = Field(
         DEFAULT_MODEL,
         max_length=100,
-        description="Name of a model for its newest version, or name@version.",
+        description=f"Name of a model for its newest version, or name@version. {RULE}",
     )
     coverage: float = Field(
         0.9,

@@ -32,6 +32,11 @@ class Engine(Executor):
     def n_waiting(self) -> Mapping[str, int]:
         """Tasks that wait for a process, by lane: `short` and `long`."""
 
+    @property
+    @abstractmethod
+    def are_parsers_confined(self) -> bool | None:
+        """Whether its workers confine what parses HDF5 and VTK; None where only they know."""
+
     @abstractmethod
     def require_ready(self) -> None:
         """Raise ClusterError if a task could not be run now."""

@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, Final
 
+from modalmotion_service.work.parsing import end_parser
+
 # Of the program itself, or by paths, which lie in one owner's folder.
 _OF_NOBODY: Final = frozenset({"_load_shipped", "_loaded", "_hints", "result_type"})
 
@@ -47,6 +49,7 @@ def serve(owner: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -
     if _served and _served[-1] != owner:
         for cache in remembering():
             cache.cache_clear()
+        end_parser()
     _served[:] = [owner]
     return function(*args, **kwargs)
 

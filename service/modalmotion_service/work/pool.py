@@ -22,6 +22,7 @@ from modalmotion_service.work.answers import AnswerError
 from modalmotion_service.work.executor import READY_SECONDS, Engine
 from modalmotion_service.work.keeper import Keeper, Rules
 from modalmotion_service.work.lanes import Lanes, Task
+from modalmotion_service.work.parsing import are_confined
 from modalmotion_service.work.payload import payload_of
 from modalmotion_service.work.process import DeadlineError, ProcessLostError, SpentError
 from modalmotion_service.work.terms import Terms
@@ -85,6 +86,11 @@ class WorkerPool(Engine):
     def n_waiting(self) -> Mapping[str, int]:
         """Tasks that wait for a process, by lane."""
         return self._lanes.lengths
+
+    @property
+    def are_parsers_confined(self) -> bool:
+        """Whether its processes confine what parses HDF5 and VTK."""
+        return are_confined()
 
     def require_ready(self) -> None:
         """Check that a process is at work, or says that it is there.

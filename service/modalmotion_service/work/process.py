@@ -24,6 +24,7 @@ from typing import Any, Final
 
 from modalmotion_service.work.allocation import keep_freed_memory
 from modalmotion_service.work.answers import answer_of
+from modalmotion_service.work.parsing import begin_parsers
 from modalmotion_service.work.temporary import require_temporary_folder
 
 _PRELOADED: Final = [
@@ -47,7 +48,6 @@ _NICENESS: Final = 5
 
 _PREFIX: Final = 8
 _PIECE: Final = 1 << 20
-_READY: Final = b"ready"
 
 # One at a time: whoever finds that the fork server does not answer ends it for the next.
 _STARTING = threading.Lock()
@@ -67,6 +67,10 @@ class SpentError(Exception):
 
 class WokenError(Exception):
     """Somebody wants what is waited for no more."""
+
+
+# What a process that cannot be begun, or says nothing of sense, may raise.
+_NO_PROCESS: Final = (OSError, EOFError, RuntimeError, DeadlineError, UserWarning, ValueError)
 
 
 class WorkerProcess:
@@ -93,14 +97,17 @@ class WorkerProcess:
         ours, theirs = socket.socketpair()
         self._socket = ours
         self._process: Any = None
+        # The process that forks its parsers.
+        self._forks = 0
         try:
             with theirs:
                 self._process = _begun(theirs, memory_bytes, is_batch)
             ours.setblocking(False)
-            self._receive(time.monotonic() + _START_SECONDS, wakes=False)
+            ready = self._receive(time.monotonic() + _START_SECONDS, wakes=False)
+            self._forks = int(ready)
         except BaseException as error:
             self.end()
-            if isinstance(error, (OSError, EOFError, RuntimeError, DeadlineError, UserWarning)):
+            if isinstance(error, _NO_PROCESS):
                 raise ProcessLostError(f"no process: {type(error).__name__}: {error}") from error
             raise
 
@@ -121,8 +128,8 @@ class WorkerProcess:
 
     @property
     def is_stopped(self) -> bool:
-        """Whether a signal has stopped it: it will do nothing until another one."""
-        return _is_stopped(self.pid)
+        """Whether a signal has stopped it or its parser: it will do nothing until another one."""
+        return any(map(_is_stopped, (self.pid, *self._parsers())))
 
     def exchange(
         self, request: bytes, seconds: float, processor_seconds: float = math.inf
@@ -141,7 +148,7 @@ class WorkerProcess:
             If the waker becomes readable first.
         """
         deadline = time.monotonic() + seconds
-        self._most_clock = _processor_clock(self.pid) + processor_seconds
+        self._most_clock = self._spent() + processor_seconds
         self._send(request, deadline)
         return self._receive(deadline)
 
@@ -160,6 +167,21 @@ class WorkerProcess:
             with contextlib.suppress(OSError):
                 os.kill(self.pid, signal.SIGKILL)
         self._socket.close()
+
+    def _parsers(self) -> list[int]:
+        """Give the process that forks its parsers, and the one parser that lives."""
+        if not self._forks:
+            return []
+        try:
+            children = Path(f"/proc/{self._forks}/task/{self._forks}/children").read_text()
+        except OSError:
+            children = ""
+        return [self._forks, *map(int, children.split())]
+
+    def _spent(self) -> float:
+        """Processor time that it and its parsers have taken so far, in s."""
+        processes = (self.pid, *self._parsers())
+        return sum(map(_processor_clock, processes)) + _spent_by_children(self._forks)
 
     def _send(self, request: bytes, deadline: float) -> None:
         left = memoryview(len(request).to_bytes(_PREFIX, "little") + request)
@@ -209,10 +231,19 @@ class WorkerProcess:
                 raise ProcessLostError("it was stopped")
             was_stopped = is_stopped
             if self._most_clock < math.inf:
-                if (means := self._most_clock - _processor_clock(self.pid)) <= 0:
+                if (means := self._most_clock - self._spent()) <= 0:
                     raise SpentError
                 next_look = min(_LOOK_SECONDS, max(means, _LEAST_LOOK_SECONDS))
         raise DeadlineError
+
+
+def _spent_by_children(pid: int) -> float:
+    """Processor time of the children of a process that have ended, in s."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[13]) + int(fields[14])) / os.sysconf("SC_CLK_TCK")
 
 
 def _processor_clock(pid: int) -> float:
@@ -277,8 +308,10 @@ def _work(ours: socket.socket, memory_bytes: int, is_batch: bool) -> None:
     keep_freed_memory(_KEPT_BYTES)
     # The server decides when its workers end, not a Ctrl-C that reaches the whole group.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Before anything is read, and before there are threads.
+    forks = begin_parsers()
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _answer(ours, _READY)
+    _answer(ours, str(forks).encode())
     with ours.makefile("rb") as requests:
         while length := int.from_bytes(requests.read(_PREFIX), "little"):
             # From our own server: only answers come from where strangers' files are read.

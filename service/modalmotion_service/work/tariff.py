@@ -24,6 +24,7 @@ from modalmotion_service.work.tasks import (
     classification,
     codec,
     derived,
+    evaluation,
     features,
     sequences,
     signatures,
@@ -49,6 +50,9 @@ _PACKED: Final = 5e-3
 # scikit-learn is imported.
 _TABLE: Final = 3.0
 _MODE: Final = 1e-8
+# s for a case whose answer is measured, and compared in thousands of resamples.
+_CASE: Final = 1e-3
+_COMPARED: Final = 1e-2
 
 _HEAD_BYTES: Final = 1024
 
@@ -178,6 +182,10 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     classification.require_loads: _reading,
     classification.classify_upload: _signature,
     classification.draw_card: _picture,
+    evaluation.measure: lambda args: _picture(args) + _CASE * len(args[2]),
+    evaluation.compare: lambda args: _picture(args) + _COMPARED * len(args[2][0]),
+    evaluation.held_out_ids: _reading,
+    evaluation.held_out_table: _reading,
     codec.encode_upload: _encoding,
     codec.encode_kept: _encoding,
     codec.decode_upload: lambda args: _reading(args) + _DECODED * _bytes(args),

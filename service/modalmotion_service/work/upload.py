@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from modalmotion.formats import ParserHere, Reading, ReadOptions, read_sequence
+from modalmotion.formats import Reading, ReadOptions, read_sequence
 from modalmotion.progress import Progress
+from modalmotion_service.work.parsing import parser_for
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,5 @@ class Upload:
         InputError
             If it is not understood, or beyond a limit.
         """
-        # This process may be lost and is limited from outside: parsers need none of their own.
-        parser = ParserHere(self.options.limits)
+        parser = parser_for(self.options.limits)
         return read_sequence(self.path.read_bytes(), self.options, parser=parser, progress=progress)

@@ -8,10 +8,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from modalmotion.classification import Classification, available_models, load_model
+from modalmotion.classification import (
+    OFFSET_MODEL,
+    Classification,
+    available_models,
+    load_model,
+    shipped_for,
+)
 from modalmotion.classification.features.hand import hand_of
 from modalmotion.errors import NotFoundError, TopologyError
-from modalmotion.facts import NO_FACTS, Facts
+from modalmotion.facts import NO_FACTS, UNKNOWN, Facts
 from modalmotion.hdf5.sealed import is_sound
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.stopwatch import StageReport
@@ -47,6 +53,7 @@ class ChosenModel:
     name : str
     version : int
     id : str
+    classes : tuple of str
     parameters : SignatureParameters
         Of the signatures that it reads.
     source : Path or str
@@ -56,6 +63,7 @@ class ChosenModel:
     name: str
     version: int
     id: str
+    classes: tuple[str, ...]
     parameters: SignatureParameters
     source: Path | str
 
@@ -111,10 +119,24 @@ class Models:
                     remedy=f"Use {reference.name}.",
                 )
             parameters = model.signature_parameters
-            return ChosenModel(model.name, SHIPPED_VERSION, model.id, parameters, model.name)
+            return ChosenModel(
+                model.name, SHIPPED_VERSION, model.id, model.classes, parameters, model.name
+            )
         record = self._store.model_record(reference.name, reference.version)
         path = self._store.model_path(record.name, record.version)
-        return ChosenModel(record.name, record.version, record.id, record.parameters, path)
+        return ChosenModel(
+            record.name, record.version, record.id, record.classes, record.parameters, path
+        )
+
+    def choose_for(self, text: str, sequence_id: str) -> ChosenModel:
+        """Find the model that a request for a sequence names, by its facts: see `shipped_for`.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such sequence or no such model.
+        """
+        return self.choose(shipped_for(text, self._store.sequence_record(sequence_id).facts))
 
     def records(self) -> dict[str, list[ModelRecord]]:
         """All versions by name, including shipped models."""
@@ -212,7 +234,9 @@ class Models:
         """
         parameters, known = self._analysis.resolved(sequence_id, model.parameters)
         facts = stated.over(known)
-        key = classification_key(parameters, coverage, facts.covariates, hand_of(facts))
+        tracking = facts.tracking if model.name == OFFSET_MODEL else UNKNOWN
+        hand = hand_of(facts)
+        key = classification_key(parameters, coverage, facts.covariates, tracking, hand)
 
         async def named(asked: SignatureParameters, tell: StageReport) -> classification.NamedClass:
             def tell_of_signature(share: float, text: str) -> None:

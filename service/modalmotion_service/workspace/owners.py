@@ -20,6 +20,7 @@ from modalmotion_service.settings import Settings
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.evaluations import Evaluations
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.job_kinds import make_runner
 from modalmotion_service.workspace.jobs import Jobs
@@ -180,7 +181,9 @@ class Owners:
                 settings.scheduler,
                 settings.workers,
             )
-            replies = make_replies(settings, spool, analysis, models)
+            replies = make_replies(
+                settings, spool, analysis, models, Evaluations(store, analysis, models)
+            )
             runner = make_runner(settings, jobs, spool, analysis, models, trainer, replies)
             state = State(settings, store, spool, analysis, models, jobs, runner, replies, keys)
             await runner.resume()

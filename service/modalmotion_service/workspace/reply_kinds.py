@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion.facts import Facts, facts_from_json
-from modalmotion_service.http.negotiation import GLB, HDF5, JSON, NPZ, PNG, STREAM, VTKHDF, ZIP
+from modalmotion_service.http.negotiation import CSV, GLB, HDF5, JSON, NPZ, PNG, STREAM, VTKHDF, ZIP
 from modalmotion_service.schemas import (
     ClassificationAnswer,
     DistanceAnswer,
@@ -33,6 +33,7 @@ from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.evaluations import Evaluations
 from modalmotion_service.workspace.feature_tables import FeatureTables
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.models import Models
@@ -60,7 +61,13 @@ def query_of(request: Request, model: type[Query], name: str = "query") -> Query
     return query if isinstance(query, model) else model(**query)
 
 
-def make_replies(settings: Settings, spool: Spool, analysis: Analysis, models: Models) -> Replies:
+def make_replies(
+    settings: Settings,
+    spool: Spool,
+    analysis: Analysis,
+    models: Models,
+    evaluations: Evaluations,
+) -> Replies:
     """Make the maker of all kinds."""
     tables = FeatureTables(analysis, spool)
 
@@ -168,6 +175,25 @@ def make_replies(settings: Settings, spool: Spool, analysis: Analysis, models: M
         answer = await analysis.describe_template(template_id)
         return Reply(answer.model_dump_json().encode(), media_type)
 
+    async def evaluation(request: Request, report: Report) -> Reply:
+        model = await asyncio.to_thread(models.choose, request["model"])
+        cases = cases_from_json(request["cases"])
+        media_type = request["media_type"]
+        body = await evaluations.evaluate(model, cases, request["coverage"], media_type, report)
+        return Reply(body, media_type)
+
+    async def comparison(request: Request, report: Report) -> Reply:
+        first, second = [await asyncio.to_thread(models.choose, name) for name in request["models"]]
+        cases = cases_from_json(request["cases"])
+        body = await evaluations.compare((first, second), cases, request["coverage"], report)
+        return Reply(body, JSON)
+
+    async def held_out(request: Request, _: Report) -> Reply:
+        model = await asyncio.to_thread(models.choose, request["model"])
+        name = f"{model.name}-{model.version}.csv"
+        disposition = {"Content-Disposition": f'attachment; filename="{name}"'}
+        return Reply(await evaluations.held_out_table(model), CSV, disposition)
+
     async def model_view(request: Request, _: Report) -> Reply:
         model = await asyncio.to_thread(models.choose, request["model"])
         content = await asyncio.to_thread(models.describe, model)
@@ -199,6 +225,9 @@ def make_replies(settings: Settings, spool: Spool, analysis: Analysis, models: M
         "template-modes": template_modes,
         "template-view": template_view,
         "model-view": model_view,
+        "evaluation": evaluation,
+        "comparison": comparison,
+        "held-out": held_out,
     }
     return Replies(makers, spool)
 

@@ -54,7 +54,24 @@ def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int
         As it says, too; or if some have no label, or there are too few of a class, or of
         classes; it names them.
     """
-    cases = find_cases(store, sequences, most, "training_sequences")
+    cases = labelled_cases(store, sequences, most, "training_sequences")
+    _require_classes(cases)
+    return cases
+
+
+def labelled_cases(
+    store: ResultStore, sequences: Sequence[LabelledSequence], most: int, limit: str
+) -> list[Case]:
+    """Find what is known of each sequence as `find_cases` does, and check that all have a label.
+
+    Raises
+    ------
+    LimitError, NotFoundError
+        As `find_cases` says.
+    ParameterError
+        As it says, too; or if some have no label; it names them.
+    """
+    cases = find_cases(store, sequences, most, limit)
     unlabelled = [case.id for case in cases if not case.label]
     if unlabelled:
         raise ParameterError(
@@ -62,7 +79,6 @@ def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int
             remedy='State it here, as {"id": ..., "label": ...}, or with PATCH /v1/sequences/{id}.',
             details=_ids(unlabelled),
         )
-    _require_classes(cases)
     return cases
 
 

@@ -84,6 +84,15 @@ def test_a_model_is_trained_asked_saved_and_deleted(remote: Client, tmp_path: Pa
     assert answer.probabilities == pytest.approx(stated, abs=1e-12)
     assert remote.classify(ids[0], model="walls@1").probabilities == answer.probabilities
 
+    result = remote.evaluate("walls", ids, version=1, coverage=0.8)
+    assert (result["n_cases"], result["version"], result["coverage"]) == (len(ids), 1, 0.8)
+    remote.save_evaluation("walls", renamed, tmp_path / "cases.csv")
+    assert len((tmp_path / "cases.csv").read_text().splitlines()) == 1 + len(ids)
+    remote.save_model("walls", tmp_path / "held-out.csv", version=1)
+    assert len((tmp_path / "held-out.csv").read_text().splitlines()) == 1 + len(ids)
+    same = remote.compare_models("walls@1", "walls@1", ids)
+    assert same["accuracy"]["difference"] == 0.0
+
     remote.delete_model("walls", 1)
     assert remote.model("walls").versions == [2]
     with pytest.raises(mm.NotFoundError):

@@ -163,6 +163,8 @@ def test_a_cohort_is_signed_and_failures_are_told(
     with ResultStore(out) as store:
         assert len(store.list_sequences(subject="P 1", label="rest").records) == 4
     # Again: nothing is left but what failed, unless a file or the settings have changed.
+    skipped = CliRunner().invoke(cohort, [*arguments, "--skip-unreadable"])
+    assert (skipped.exit_code, "files failed" in skipped.output) == (0, True)
     again = CliRunner().invoke(cohort, [*arguments, "--pack", str(tmp_path / "pack.h5")])
     assert "0 signatures made" in again.output
     assert "12 signatures packed" in again.output

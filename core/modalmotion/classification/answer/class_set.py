@@ -33,10 +33,12 @@ class ClassSet(NamedTuple):
     is_strange: bool
 
 
-def class_set(model: Model, probabilities: NDArray[np.float64], coverage: float) -> ClassSet:
+def class_set(
+    model: Model, probabilities: NDArray[np.float64], label: str, coverage: float
+) -> ClassSet:
     """Find the classes that cannot be ruled out.
 
-    The most probable class is in the set wherever another is. A set may be empty: of the cases
+    The label is in the set wherever another class is. A set may be empty: of the cases
     that are like the training ones up to 1 - coverage have no class in it. Such a case keeps its
     label, unless its set is empty at a level of 99.5 %, too.
 
@@ -44,15 +46,15 @@ def class_set(model: Model, probabilities: NDArray[np.float64], coverage: float)
     ----------
     model : Model
     probabilities : (classes,) float64
+    label : str
+        Of the answer.
     coverage : float
     """
-    top = int(probabilities.argmax())
     held = _held(model, probabilities, coverage)
     if held.any():
-        held[top] = True
+        held[model.classes.index(label)] = True
         classes = tuple(c for c, keep in zip(model.classes, held, strict=True) if keep)
         return ClassSet(classes, "", False)
-    label = model.classes[top]
     for level in _LEVELS:
         if level > coverage and _held(model, probabilities, level).any():
             words = (

@@ -24,7 +24,8 @@ class Classification:
     model_id : str
         sha256 of the model's arrays, in hex.
     label : str or None
-        The most probable class; None where the model abstains (see `notes`).
+        The most probable class, or what the model's `Decision` chooses; None where the model
+        abstains (see `notes`).
     classes : tuple of str
     probabilities : (classes,) float64
         They add up to 1.
@@ -59,5 +60,7 @@ class Classification:
 
     @property
     def probability(self) -> float:
-        """Probability of the most probable class."""
-        return float(self.probabilities.max())
+        """Probability of the label; where there is none, of the most probable class."""
+        if self.label is None:
+            return float(self.probabilities.max())
+        return float(self.probabilities[self.classes.index(self.label)])

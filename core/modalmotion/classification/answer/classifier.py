@@ -14,15 +14,25 @@ from modalmotion.classification.answer.hands import read_hands
 from modalmotion.classification.answer.readability import unreadable
 from modalmotion.classification.covariates import with_covariates
 from modalmotion.classification.model.model import Model, Readable
-from modalmotion.classification.model.shipped import load_model
+from modalmotion.classification.model.shipped import (
+    DEFAULT_MODEL,
+    OFFSET_MODEL,
+    load_model,
+    shipped_for,
+)
 from modalmotion.classification.options import require_coverage
 from modalmotion.errors import TopologyError
+from modalmotion.facts import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
 from modalmotion.signature.making import ModalSignature, modal_signature, provenance
 
 _REFERENCE_NOTE = (
     "The signature is measured from one frame, so the answer depends on which it is; fitted with "
     "the model's signature parameters, which name the mean shape, it does not."
+)
+_TRACKING_NOTE = (
+    "What the points follow is not stated, so only the surface was read, which shows no twist. "
+    "If they follow the tissue (tagging, feature tracking), state tracking=material."
 )
 
 
@@ -40,7 +50,8 @@ def classify(
         A signature is best fitted with `model.signature_parameters`, as a sequence is here: another
         reference adds a note to the answer. Other differences are refused.
     model : Model, optional
-        The shipped one by default.
+        By default the shipped one that reads what the points follow: displacements where the facts
+        say tracking=material, offsets otherwise.
     coverage : float
         Probability with which the class set is to hold the true class.
     covariates : mapping of str to (float or str), optional
@@ -62,7 +73,7 @@ def classify(
     """
     require_coverage(coverage)
     if model is None:
-        model = load_model()
+        model = load_model(shipped_for(DEFAULT_MODEL, motion.facts))
     signature = with_covariates(motion, covariates) if covariates else motion
     if isinstance(signature, MeshSequence):
         signature = fitted_for(model, signature)
@@ -74,14 +85,18 @@ def classify(
     if flags:
         return _abstention(signature, model, coverage, flags)
     probabilities = read.probabilities
-    label = model.classes[int(probabilities.argmax())]
-    held = class_set(model, probabilities, coverage)
+    label = model.label(probabilities)
+    held = class_set(model, probabilities, label, coverage)
     if held.is_strange:
         return _abstention(signature, model, coverage, (Flag(OUT_OF_DOMAIN, held.words),))
     notes = [*read.notes(model.classes), held.words]
     notes += [*model.notes.get(label, ()), *model.notes.get("", ())]
+    if model.decision is not None:
+        notes.append(model.decision.text)
     if model.signature_parameters.reference == MEAN != signature.parameters.reference:
         notes.append(_REFERENCE_NOTE)
+    if model.name == OFFSET_MODEL and signature.facts.tracking == UNKNOWN:
+        notes.insert(0, _TRACKING_NOTE)
     notes.append(few_cases(model, coverage))
     return Classification(
         sequence_id=signature.sequence_id,

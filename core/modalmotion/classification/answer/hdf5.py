@@ -24,6 +24,7 @@ def classification_key(
     parameters: SignatureParameters,
     coverage: float,
     covariates: Mapping[str, float | str] = NO_FACTS.covariates,
+    tracking: str = UNKNOWN,
     handedness: str = UNKNOWN,
 ) -> str:
     """Short name of a request to a model.
@@ -36,12 +37,16 @@ def classification_key(
         Of the class set.
     covariates : mapping of str to (float or str)
         Those that the model may read.
+    tracking : str
+        What the points follow, where the answer's notes depend on it.
     handedness : str
         Of the coordinates; see `hand_of`.
     """
     text = f"{parameters.key} {coverage!r}"
     if covariates:
         text += f" {json.dumps(dict(covariates), sort_keys=True)}"
+    if tracking != UNKNOWN:
+        text += f" tracking {tracking}"
     if handedness != UNKNOWN:
         text += f" {handedness}"
     return hashlib.sha256(text.encode()).hexdigest()[:16]

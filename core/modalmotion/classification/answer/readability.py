@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from modalmotion.classification.answer.flags import OUT_OF_DOMAIN, UNREADABLE, Flag
 from modalmotion.classification.features import has_volume
 from modalmotion.classification.model.model import Model
+from modalmotion.classification.model.shipped import OFFSET_MODEL
 from modalmotion.signature.making import ModalSignature
+
+_OR_STATE: Final = ", or state tracking=material if its points follow the tissue"
 
 
 def unreadable(signature: ModalSignature, model: Model) -> Flag | None:
@@ -18,7 +23,7 @@ def unreadable(signature: ModalSignature, model: Model) -> Flag | None:
             UNREADABLE,
             f"the model reads signatures of the kind {readable.parameters.kind}, and "
             f"this one is of the kind {signature.kind}, which do not compare. Fit it with "
-            f"kind={readable.parameters.kind}",
+            f"kind={readable.parameters.kind}{_OR_STATE if model.name == OFFSET_MODEL else ''}",
         )
     if signature.surface not in readable.topologies:
         return Flag(

@@ -22,6 +22,7 @@ from modalmotion.classification.features.twins import TWINS
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
 from modalmotion.classification.model.cross_validation import validation_arrays, validation_of
+from modalmotion.classification.model.decision import Decision
 from modalmotion.classification.model.domain import ARRAYS, CHECKS, COURSE, PLACE, Domain
 from modalmotion.classification.model.member import Member
 from modalmotion.classification.model.model import Model, Readable
@@ -68,6 +69,7 @@ _AXES: Final = {
     "domain": "",
     "n_scores": "class",
     "scores": "score",
+    "decision": "",
     "held_out_ids": "case, byte",
     "held_out_subjects": "case",
     "held_out_classes": "case",
@@ -255,7 +257,7 @@ def _arrays(model: Model) -> dict[str, NDArray[Any]]:
     }
     if model.cross_validation is not None:
         arrays |= validation_arrays(model.cross_validation)
-    texts = {
+    texts: dict[str, Any] = {
         "readable": {
             "topologies": model.readable.topologies,
             "n_modes": model.readable.n_modes,
@@ -266,6 +268,8 @@ def _arrays(model: Model) -> dict[str, NDArray[Any]]:
         "columns": [[[c.name, c.modes, c.power] for c in member.columns] for member in members],
         "notes": model.notes,
     }
+    if model.decision is not None:
+        texts["decision"] = model.decision.as_json()
     return {**arrays, **{name: json_text(name, text).values for name, text in texts.items()}}
 
 
@@ -340,6 +344,9 @@ def _model(stored_model: KeptModel, contents: Contents) -> Model:
         },
         card=ModelCard.from_json(stored_model.card),
         cross_validation=validation_of(record.classes, contents),
+        decision=Decision.from_json(record.classes, contents.json("decision", dict))
+        if "decision" in contents.arrays
+        else None,
     )
 
 

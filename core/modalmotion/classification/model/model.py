@@ -23,6 +23,7 @@ from modalmotion.classification.features import (
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
 from modalmotion.classification.model.cross_validation import CrossValidation
+from modalmotion.classification.model.decision import Decision
 from modalmotion.classification.model.domain import ARRAYS, Domain
 from modalmotion.classification.model.member import Member
 from modalmotion.modes.topology import Topology
@@ -91,6 +92,8 @@ class Model(FrozenArrays):
     card : ModelCard
     cross_validation : CrossValidation or None
         Answers to the training cases, held out. Not part of the id: no answer depends on it.
+    decision : Decision or None
+        How probabilities become a label; None for the most probable class.
     """
 
     name: str
@@ -105,6 +108,7 @@ class Model(FrozenArrays):
     notes: dict[str, tuple[str, ...]]
     card: ModelCard
     cross_validation: CrossValidation | None = None
+    decision: Decision | None = None
 
     def __post_init__(self) -> None:
         self.golden_features.setflags(write=False)
@@ -172,6 +176,12 @@ class Model(FrozenArrays):
         """Probabilities, (cases, classes) float64, of features (cases, features)."""
         return softmax(self.log_shares(features))
 
+    def label(self, probabilities: NDArray[np.float64]) -> str:
+        """Label of one motion, of its probabilities (classes,)."""
+        if self.decision is None:
+            return self.classes[int(probabilities.argmax())]
+        return self.classes[int(self.decision.labels(probabilities))]
+
     def distance(self, kinds: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance to the nearest class, (cases,) float64, of `MotionFeatures.kinds`."""
         return self.domain.distance(kinds)
@@ -219,6 +229,8 @@ def _identity(model: Model) -> dict[str, Any]:
         "golden_features": _packed(model.golden_features),
         "golden_probabilities": _packed(model.golden_probabilities),
         "notes": {label: list(texts) for label, texts in model.notes.items()},
+        # Models without a rule of their own keep their ids.
+        **({} if model.decision is None else {"decision": model.decision.as_json()}),
     }
 
 

@@ -10,8 +10,35 @@ from typing import Final
 from modalmotion.classification.model.hdf5 import model_from_hdf5
 from modalmotion.classification.model.model import Model
 from modalmotion.errors import NotFoundError
+from modalmotion.facts import Facts
 
 DEFAULT_MODEL: Final = "ventricle-simulated"
+"""The one that is asked where none is named: of material points, or `OFFSET_MODEL` for it."""
+
+OFFSET_MODEL: Final = "ventricle-simulated-offset"
+"""The one that reads surfaces whose points may slide over the tissue."""
+
+RULE: Final = (
+    f"Where {DEFAULT_MODEL} is requested, or no model, a recording that states tracking=material "
+    f"is read by it; any other, stated as offset or not at all, by {OFFSET_MODEL}."
+)
+"""Which of the two answers; it stands in their cards."""
+
+
+def shipped_for(name: str, facts: Facts) -> str:
+    """Name of the shipped model that reads what a recording's points follow.
+
+    Parameters
+    ----------
+    name : str
+        As requested, with or without a version. Any but the default model's stays as it is.
+    facts : Facts
+        Of the recording. Only points that are stated to be material are read as such: motion
+        within a surface that nobody measured looks like a ventricle without torsion.
+    """
+    if name.split("@")[0] == DEFAULT_MODEL and facts.tracking != "material":
+        return name.replace(DEFAULT_MODEL, OFFSET_MODEL, 1)
+    return name
 
 
 def available_models() -> tuple[str, ...]:

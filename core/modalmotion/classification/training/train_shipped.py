@@ -1,27 +1,29 @@
-"""Recipe of the shipped model: `python -m modalmotion.classification.training.train_shipped`."""
+"""Recipes of the shipped models: `python -m modalmotion.classification.training.train_shipped`."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 from numpy.random import default_rng
 
+from modalmotion.classification.answer.classifier import classify
 from modalmotion.classification.evaluation.evaluation import Evaluation, evaluate
 from modalmotion.classification.model.hdf5 import model_to_hdf5
 from modalmotion.classification.model.model import Model
-from modalmotion.classification.model.shipped import DEFAULT_MODEL
+from modalmotion.classification.model.shipped import DEFAULT_MODEL, OFFSET_MODEL, RULE
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.cases import TrainingCase
 from modalmotion.classification.training.training import train
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CYLINDER
-from modalmotion.signature.making import modal_signature
+from modalmotion.signature.making import SignatureKind, modal_signature
 from modalmotion.simulate import Case, MotionClass, simulate_cohort
 
-MODES: Final = 7
 TRAINING_SEED: Final = 1994
 HELD_OUT_SEED: Final = 2026
 N_TRAIN: Final = 200
@@ -32,33 +34,71 @@ N_TEST: Final = 400
 RECORDINGS: Final = ((0.2, False), (0.6, False), (0.6, True), (1.0, True))
 FRAMES: Final = (12, 40)
 
-_PARAMETERS: Final = TrainingOptions(modes=MODES, further=False).signature_parameters
-
 _NO_PATIENT: Final = "The model was trained on simulated ventricles only and has seen no patient."
 _TORSION: Final = (
     "Torsion shows only where vertices follow the tissue (tagging, feature tracking). A surface "
     "fitted to contours slides over it, and looks as if it did not twist."
 )
+_NO_TWIST: Final = (
+    "Offsets do not show twist: a ventricle of reduced torsion that contracts as usual is called "
+    "normal."
+)
+_SURFACE_ALONE: Final = (
+    "The model reads the surface alone, as it lies along the normals of its mean shape, and not "
+    "where on it the points are."
+)
 
 
-def shipped_model(n_per_class: int, *, seed: int = TRAINING_SEED) -> Model:
+@dataclass(frozen=True)
+class Recipe:
+    """How one of the shipped models is made.
+
+    Parameters
+    ----------
+    name : str
+    options : TrainingOptions
+    classes : tuple of MotionClass
+        That it tells apart.
+    notes : mapping of str to tuple of str
+        For every answer (under "") and for single classes.
+    """
+
+    name: str
+    options: TrainingOptions
+    classes: tuple[MotionClass, ...]
+    notes: Mapping[str, tuple[str, ...]]
+
+
+MATERIAL: Final = Recipe(
+    DEFAULT_MODEL,
+    TrainingOptions(modes=7, further=False, seed=TRAINING_SEED),
+    tuple(MotionClass),
+    {"": (_NO_PATIENT,), MotionClass.REDUCED_TORSION: (_TORSION,)},
+)
+
+OFFSET: Final = Recipe(
+    OFFSET_MODEL,
+    TrainingOptions(modes=16, kind=SignatureKind.OFFSET, further=False, seed=TRAINING_SEED),
+    tuple(one for one in MotionClass if one != MotionClass.REDUCED_TORSION),
+    {"": (_NO_PATIENT, _SURFACE_ALONE), MotionClass.NORMAL: (_NO_TWIST,)},
+)
+
+RECIPES: Final = {recipe.name: recipe for recipe in (MATERIAL, OFFSET)}
+
+
+def shipped_model(recipe: Recipe, n_per_class: int) -> Model:
     """Train on a simulated cohort.
 
     Parameters
     ----------
+    recipe : Recipe
     n_per_class : int
         Rounded up to a multiple of the number of kinds of recording.
-    seed : int
     """
-    model = train(
-        training_cases(n_per_class, seed),
-        DEFAULT_MODEL,
-        TrainingOptions(modes=MODES, further=False, seed=seed),
-    )
-    notes = {
-        "": (_NO_PATIENT, *model.notes.get("", ())),
-        str(MotionClass.REDUCED_TORSION): (_TORSION,),
-    }
+    seed = recipe.options.seed
+    model = train(training_cases(recipe, n_per_class), recipe.name, recipe.options)
+    notes = {str(label): texts for label, texts in recipe.notes.items()}
+    notes[""] = (*notes[""], *model.notes.get("", ()))
     card = replace(
         model.card,
         has_seen=(
@@ -71,66 +111,126 @@ def shipped_model(n_per_class: int, *, seed: int = TRAINING_SEED) -> Model:
             "Any patient. Simulated motion is simpler than a patient's, and the classes are kept "
             "apart by construction: the accuracy says nothing of the accuracy on patients."
         ),
-        extra={"has_seen_patients": False},
+        extra={"has_seen_patients": False, "rule": RULE},
     )
     return replace(model, notes=notes, card=card)
 
 
-def training_cases(n_per_class: int, seed: int) -> Iterator[TrainingCase]:
+def training_cases(recipe: Recipe, n_per_class: int) -> Iterator[TrainingCase]:
     """Labelled signatures of a simulated cohort.
 
     Each case as a cup and, where it is a lattice, also as the cylinder that some will state.
 
     Parameters
     ----------
+    recipe : Recipe
     n_per_class : int
         Rounded up to a multiple of the number of kinds of recording.
-    seed : int
 
     Yields
     ------
     TrainingCase
     """
-    for number, case in enumerate(_cohort(n_per_class, seed)):
+    parameters, seed = recipe.options.signature_parameters, recipe.options.seed
+    for number, case in enumerate(_cohort(n_per_class, seed, recipe.classes)):
         subject = f"simulated {seed}-{number}"
-        label = str(case.label)
-        yield TrainingCase(modal_signature(case.sequence, _PARAMETERS), label, subject)
-        if case.sequence.grid is not None:
-            as_cylinder = replace(case.sequence, topology=CYLINDER)
-            yield TrainingCase(modal_signature(as_cylinder, _PARAMETERS), label, subject)
+        for sequence in surfaces_of(case):
+            signature = modal_signature(sequence, parameters)
+            yield TrainingCase(signature, str(case.label), subject)
 
 
-def held_out_cases(n_per_class: int, seed: int = HELD_OUT_SEED) -> Iterator[TrainingCase]:
+def held_out_cases(recipe: Recipe, n_per_class: int, seed: int) -> Iterator[TrainingCase]:
     """Labelled signatures of a cohort of another seed, each as the cup that it is."""
-    for case in _cohort(n_per_class, seed):
-        yield TrainingCase(modal_signature(case.sequence, _PARAMETERS), str(case.label))
+    for case in _cohort(n_per_class, seed, recipe.classes):
+        signature = modal_signature(case.sequence, recipe.options.signature_parameters)
+        yield TrainingCase(signature, str(case.label))
+
+
+def surfaces_of(case: Case) -> tuple[MeshSequence, ...]:
+    """Give the case as the cup that it is and, if it is a lattice, as a cylinder."""
+    if case.sequence.grid is None:
+        return (case.sequence,)
+    return case.sequence, replace(case.sequence, topology=CYLINDER)
+
+
+def held_out(
+    recipe: Recipe, model: Model, n_per_class: int, seed: int = HELD_OUT_SEED
+) -> dict[str, object]:
+    """Test a shipped model on a cohort of another seed, for its card.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    model : Model
+    n_per_class : int
+    seed : int
+
+    Returns
+    -------
+    dict of str to object
+        Under "held_out" the test of all cases, each as the cup that it is; under
+        "held_out_by_surface" that of lattices as cups and as cylinders, and of meshes; under
+        "not_seen", where the model leaves a class out, how often it gives which answer for it.
+    """
+    parameters = recipe.options.signature_parameters
+    by_surface: dict[str, list[TrainingCase]] = {}
+    unseen: Counter[str] = Counter()
+    for case in _cohort(n_per_class, seed, tuple(MotionClass)):
+        if case.label not in recipe.classes:
+            answer = classify(modal_signature(case.sequence, parameters), model)
+            unseen[answer.label or "no class"] += 1
+            continue
+        for sequence in surfaces_of(case):
+            name = "meshes"
+            if sequence.grid is not None:
+                name = "lattices as cylinders" if sequence.topology == CYLINDER else "lattices"
+            signature = modal_signature(sequence, parameters)
+            by_surface.setdefault(name, []).append(TrainingCase(signature, str(case.label)))
+    own = [case for name in ("lattices", "meshes") for case in by_surface[name]]
+    brief = ("accuracy", "accuracy_interval", "calibration_error", "n_cases")
+    parts = {name: evaluate(model, cases).as_json() for name, cases in sorted(by_surface.items())}
+    figures: dict[str, object] = {
+        "held_out": {"seed": seed, **_record(evaluate(model, own))},
+        "held_out_by_surface": {
+            name: {figure: part[figure] for figure in brief} for name, part in parts.items()
+        },
+    }
+    if unseen:
+        figures["not_seen"] = {
+            str(label): dict(sorted(unseen.items()))
+            for label in MotionClass
+            if label not in recipe.classes
+        }
+    return figures
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Train, test on a cohort of another seed, and write the model file."""
-    default = Path(__file__).parents[1] / "model" / "data" / f"{DEFAULT_MODEL}.h5"
-    path = Path(arguments[0]) if arguments else default
-    model = shipped_model(N_TRAIN)
-    evaluation = evaluate(model, held_out_cases(N_TEST))
-    extra = {**model.card.extra, **_held_out(evaluation)}
-    model = replace(model, card=replace(model.card, extra=extra))
-    path.write_bytes(model_to_hdf5(model))
-    sys.stdout.write(f"{path} {model.id}\n{evaluation}\n")
+    """Train models, all or by their names, test them on another seed, and write their files."""
+    folder = Path(__file__).parents[1] / "model" / "data"
+    for name in arguments or RECIPES:
+        recipe = RECIPES[name]
+        model = shipped_model(recipe, N_TRAIN)
+        extra = {**model.card.extra, **held_out(recipe, model, N_TEST)}
+        model = replace(model, card=replace(model.card, extra=extra))
+        path = folder / f"{name}.h5"
+        path.write_bytes(model_to_hdf5(model))
+        sys.stdout.write(f"{path} {model.id}\n{extra}\n")
 
 
-def _held_out(evaluation: Evaluation) -> dict[str, object]:
+def _record(evaluation: Evaluation) -> dict[str, object]:
     record = evaluation.as_json()
     for name in ("model", "model_id", "classes", "cases"):
         del record[name]
-    return {"held_out": {"seed": HELD_OUT_SEED, **record}}
+    return record
 
 
-def _cohort(n_per_class: int, seed: int) -> Iterator[Case]:
+def _cohort(n_per_class: int, seed: int, classes: tuple[MotionClass, ...]) -> Iterator[Case]:
     rng = default_rng(seed)
     for noise, any_start in RECORDINGS:
         yield from simulate_cohort(
             -(-n_per_class // len(RECORDINGS)),
             rng=rng,
+            classes=classes,
             noise=noise,
             any_start=any_start,
             n_frames=FRAMES,

@@ -71,6 +71,14 @@ def code_mixed_matrix(coder: Coder, shape: tuple[int, int], values: Ints | None)
     return numbers
 
 
+def count_questions(values: Ints) -> int:
+    """Count the answers that the magnitudes of a matrix take, at most."""
+    magnitudes = np.abs(values).astype(np.float64)
+    beyond = magnitudes[magnitudes >= N_STEPS] - N_STEPS
+    bits = np.floor(np.log2(beyond + 1.0)) + 1.0
+    return int(np.minimum(magnitudes + 1.0, N_STEPS).sum() + bits.sum())
+
+
 def _code_magnitude(mixer: Mixer, contexts: list[Hashable], value: int | None) -> int:
     for step in range(N_STEPS):
         if not mixer.bit(step, contexts, None if value is None else value > step):

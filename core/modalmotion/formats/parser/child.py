@@ -1,4 +1,4 @@
-"""The process behind `parser.process`: runs parsers, one file after the other."""
+"""What runs in a parser's process: a request, the parser, the answer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, LimitError
-from modalmotion.formats.parser.confinement import confine, end_with_parent
+from modalmotion.formats.parser.confinement import confine, end_with
 from modalmotion.formats.parser.registry import parser_of
 from modalmotion.limits import ReadLimits
 
@@ -27,24 +27,33 @@ def main() -> int:
     # Libraries that print must not print into the answers.
     with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - a device, not a path
         os.dup2(nowhere.fileno(), 1)
-    end_with_parent()
+    end_with(os.getppid())
     # From here on it has two pipes, Python and its packages.
     confine()
-    while length := int.from_bytes(source.read(8), "little"):
-        request = json.loads(source.read(length))
-        data = source.read(request["bytes"])
-        limits = ReadLimits(**request["limits"])
-        try:
-            parse = parser_of(request["task"])
-            _limit_this_process(limits, len(data), request["seconds"])
-            info, arrays = parse(data, limits)
-        except InputError as error:
-            _answer(sink, _state(error), {}, {})
-        except MemoryError:
-            _answer(sink, _state(_too_large(limits)), {}, {})
-        else:
-            _answer(sink, None, info, arrays)
+    while answer_next(source, sink):
+        pass
     return 0
+
+
+def answer_next(source: IO[bytes], sink: IO[bytes]) -> bool:
+    """Parse the next file; False where there is none."""
+    length = int.from_bytes(source.read(8), "little")
+    if not length:
+        return False
+    request = json.loads(source.read(length))
+    data = source.read(request["bytes"])
+    limits = ReadLimits(**request["limits"])
+    try:
+        parse = parser_of(request["task"])
+        _limit_this_process(limits, len(data), request["seconds"])
+        info, arrays = parse(data, limits)
+    except InputError as error:
+        _answer(sink, _state(error), {}, {})
+    except MemoryError:
+        _answer(sink, _state(_too_large(limits)), {}, {})
+    else:
+        _answer(sink, None, info, arrays)
+    return True
 
 
 def _answer(
@@ -84,7 +93,7 @@ def _too_large(limits: ReadLimits) -> LimitError:
     )
 
 
-def _limit_this_process(limits: ReadLimits, n_bytes: int, seconds: float) -> None:
+def _limit_this_process(limits: ReadLimits, n_bytes: int, seconds: float | None) -> None:
     try:
         import resource
     except ImportError:
@@ -92,8 +101,9 @@ def _limit_this_process(limits: ReadLimits, n_bytes: int, seconds: float) -> Non
         return
     # No core dump: it would hold the content of the file.
     _lower(resource.RLIMIT_CORE, 0)
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    _lower(resource.RLIMIT_CPU, int(used.ru_utime + used.ru_stime + 2 * seconds) + 1)
+    if seconds is not None:
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        _lower(resource.RLIMIT_CPU, int(used.ru_utime + used.ru_stime + 2 * seconds) + 1)
     most = 3 * limits.decompressed_bytes + 4 * n_bytes + _SPARE_BYTES
     if (now := _address_space()) is not None:
         _lower(resource.RLIMIT_AS, now + most)

@@ -65,10 +65,18 @@ def confine() -> bool:
         os.close(ruleset)
 
 
-def end_with_parent() -> None:
-    """Have this process killed when its parent ends, whatever it is doing (Linux)."""
+def end_with(parent: int) -> None:
+    """Have this process killed when its parent ends, whatever it is doing (Linux).
+
+    Parameters
+    ----------
+    parent : int
+        Its number; where it has ended already, so does this process.
+    """
     if sys.platform == "linux":
         _libc().prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:
+        os._exit(1)
 
 
 def _readable() -> Iterator[Path]:

@@ -26,6 +26,11 @@ from modalmotion.limits import ReadLimits
 
 _LONGEST_HEADER: Final = 1 << 24
 
+# What an answer that is not one, or none, may raise.
+BROKEN: Final = (
+    *(EOFError, OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError),
+)
+
 
 class ParserProcess:
     """A child process for parsers, started at the first file and again after it ended.
@@ -83,14 +88,11 @@ class ParserProcess:
         child = self._child
         if child.stdin is None or child.stdout is None:
             raise StoreError("The parser's process has no pipes.", remedy="Start it again.")
-        limits = {name: int(value) for name, value in asdict(self.limits).items()}
-        request = {"task": task, "bytes": len(data), "limits": limits, "seconds": self._seconds}
         try:
             with _killed_after(self._seconds, child) as is_late:
-                _send(child.stdin, json.dumps(request).encode(), data)
-                header = _receive_header(child.stdout)
-                answer = _receive_arrays(child.stdout, header, self.limits)
-        except (EOFError, OSError, ValueError, TypeError, KeyError) as error:
+                send(child.stdin, task, data, self.limits, self._seconds)
+                answer = receive(child.stdout, self.limits)
+        except BROKEN as error:
             self.close()
             if isinstance(error, InputError):
                 raise
@@ -101,15 +103,57 @@ class ParserProcess:
                     limit="parser_seconds",
                     details={"most": self._seconds},
                 ) from None
-            raise MalformedFileError(
-                "The reader of this format broke down on the file: it is damaged, or declares "
-                "more than it holds.",
-                remedy="Write the file anew, or send another format.",
-                details={"exit_status": child.returncode},
-            ) from None
-        if header["error"] is not None:
-            raise _rebuilt(header["error"])
+            raise broke_down() from None
+        if isinstance(answer, InputError):
+            raise answer
         return answer
+
+
+def broke_down() -> MalformedFileError:
+    """Make the error for a file that its parser did not outlive."""
+    return MalformedFileError(
+        "The reader of this format broke down on the file: it is damaged, or declares "
+        "more than it holds.",
+        remedy="Write the file anew, or send another format.",
+    )
+
+
+def send(
+    stream: IO[bytes], task: str, data: bytes, limits: ReadLimits, seconds: float | None = None
+) -> None:
+    """Send a file to a parser.
+
+    Parameters
+    ----------
+    stream : file
+    task : str
+    data : bytes
+    limits : ReadLimits
+    seconds : float, optional
+        Processor time after which it ends, roughly.
+    """
+    most = {name: int(value) for name, value in asdict(limits).items()}
+    request = {"task": task, "bytes": len(data), "limits": most, "seconds": seconds}
+    header = json.dumps(request).encode()
+    stream.write(len(header).to_bytes(8, "little"))
+    stream.write(header)
+    stream.write(data)
+    stream.flush()
+
+
+def receive(stream: IO[bytes], limits: ReadLimits) -> Answer | InputError:
+    """Receive what a parser answers: arrays, or what is wrong with the file.
+
+    Raises
+    ------
+    InputError
+        If it answers more than `limits` allow for.
+    OSError, EOFError, ValueError, TypeError, KeyError, AttributeError, RecursionError
+        If it ends, or what it answers is not an answer.
+    """
+    header = _receive_header(stream)
+    answer = _receive_arrays(stream, header, limits)
+    return answer if header["error"] is None else _rebuilt(header["error"])
 
 
 def _start() -> subprocess.Popen[bytes]:
@@ -136,13 +180,6 @@ def _killed_after(seconds: float, child: subprocess.Popen[bytes]) -> Iterator[th
         yield is_late
     finally:
         timer.cancel()
-
-
-def _send(stream: IO[bytes], header: bytes, data: bytes) -> None:
-    stream.write(len(header).to_bytes(8, "little"))
-    stream.write(header)
-    stream.write(data)
-    stream.flush()
 
 
 def _receive_header(stream: IO[bytes]) -> dict[str, Any]:

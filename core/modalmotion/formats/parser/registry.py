@@ -17,6 +17,13 @@ _TASKS: Final = {
     "vtp": "modalmotion.formats.vtk.vtk_polydata:parse_xml",
 }
 
+# What they import in turn.
+_LIBRARIES: Final = {
+    "hdf5": ("h5py", "encodings.ascii"),
+    "vtk": ("vtkmodules.vtkIOLegacy", "vtkmodules.util.numpy_support"),
+    "vtp": ("vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support"),
+}
+
 
 @dataclass(frozen=True)
 class ParserHere:
@@ -48,3 +55,10 @@ def parser_of(task: str) -> Callable[[bytes, ReadLimits], Parsed]:
     module, _, function = _TASKS[task].partition(":")
     parse: Callable[[bytes, ReadLimits], Parsed] = getattr(import_module(module), function)
     return parse
+
+
+def prepare(task: str) -> None:
+    """Import what a parser needs."""
+    parser_of(task)
+    for library in _LIBRARIES.get(task, ()):
+        import_module(library)

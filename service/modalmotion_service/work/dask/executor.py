@@ -139,6 +139,11 @@ class DaskExecutor(Engine):
         """Tasks that have not been sent to a worker yet, by lane."""
         return self._n_waiting
 
+    @property
+    def are_parsers_confined(self) -> None:
+        """Workers on other machines say it in their own logs."""
+        return
+
     def require_ready(self) -> None:
         """Raise ClusterError while there is no scheduler, or no worker that answers."""
         if self._n_places is None:

@@ -15,6 +15,7 @@ from distributed import Worker
 from modalmotion_service.environment import read_settings
 from modalmotion_service.log_lines import log_config
 from modalmotion_service.work.dask.logs import log_dask_as_json
+from modalmotion_service.work.parsing import say_whether_confined
 
 logger = logging.getLogger(__name__)
 
@@ -44,6 +45,7 @@ async def work_for(scheduler: str, n_processes: int, host: str | None) -> None:
     dask.config.update_defaults(_DEFAULTS)
     logging.config.dictConfig(log_config(read_settings().log_level))
     log_dask_as_json()
+    say_whether_confined()
     stop = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)

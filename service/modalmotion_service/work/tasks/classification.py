@@ -7,7 +7,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from modalmotion.classification import Classification, Model, ModelCard, classify, load_model
+from modalmotion.classification import (
+    Classification,
+    Model,
+    ModelCard,
+    classify,
+    load_model,
+    shipped_for,
+)
 from modalmotion.facts import Facts
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import model_from_hdf5, signature_from_hdf5
@@ -46,17 +53,17 @@ def name_class(
     facts : Facts
         Of the sequence; kept signatures have none.
     """
-    loaded = _loaded(model)
+    asked = loaded(model)
     kept = replace(signature_from_hdf5(signature), facts=facts)
-    imposed = loaded.readable.imposed_on(kept.surface, stated)
+    imposed = asked.readable.imposed_on(kept.surface, stated)
     return NamedClass(
-        classify(kept, loaded, coverage), None if imposed is None else imposed.topology
+        classify(kept, asked, coverage), None if imposed is None else imposed.topology
     )
 
 
 def require_loads(model: Path | str) -> None:
     """Load a model, which checks its file and its golden batch."""
-    _loaded(model)
+    loaded(model)
 
 
 def classify_upload(
@@ -67,7 +74,9 @@ def classify_upload(
 ) -> tuple[Classification, ReadingAnswer]:
     """Read an upload, fit it, and ask a model for the class of its motion."""
     reading = upload.read()
-    return classify(reading.sequence, _loaded(model), coverage), ReadingAnswer.of(reading)
+    if isinstance(model, str):
+        model = shipped_for(model, reading.sequence.facts)
+    return classify(reading.sequence, loaded(model), coverage), ReadingAnswer.of(reading)
 
 
 def draw_card(card: dict[str, Any], title: str) -> bytes:
@@ -79,5 +88,6 @@ def draw_card(card: dict[str, Any], title: str) -> bytes:
 
 # A file of a model never changes, and a version is never given twice.
 @lru_cache(maxsize=8)
-def _loaded(model: Path | str) -> Model:
+def loaded(model: Path | str) -> Model:
+    """Load a model, or give the one that was loaded before."""
     return model_from_hdf5(model) if isinstance(model, Path) else load_model(model)

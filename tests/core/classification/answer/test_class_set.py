@@ -30,22 +30,24 @@ def calibrated_model() -> Model:
 def test_a_set_holds_the_label_or_says_why_it_is_empty(
     calibrated_model: Model, top: float, coverage: float
 ) -> None:
-    held = class_set(calibrated_model, np.array([1.0 - top, top]), coverage)
+    held = class_set(
+        calibrated_model, np.array([1.0 - top, top]), calibrated_model.classes[1], coverage
+    )
     assert bool(held.classes) != bool(held.words)
     assert not held.classes or calibrated_model.classes[1] in held.classes
 
 
 def test_an_empty_set_keeps_the_label_at_a_level_that_has_one_and_takes_it_otherwise() -> None:
     model = calibrated()
-    rare = class_set(model, np.array([0.193, 0.807]), 0.9)
+    rare = class_set(model, np.array([0.193, 0.807]), "normal", 0.9)
     assert rare.classes == ()
     assert not rare.is_strange
     assert "At 98 % the set is not empty" in rare.words
-    strange = class_set(model, np.array([0.4, 0.6]), 0.9)
+    strange = class_set(model, np.array([0.4, 0.6]), "normal", 0.9)
     assert strange.classes == ()
     assert strange.is_strange
     # Of few cases nobody can say so.
-    assert not class_set(calibrated(20), np.array([0.4, 0.6]), 0.9).is_strange
+    assert not class_set(calibrated(20), np.array([0.4, 0.6]), "normal", 0.9).is_strange
 
 
 def test_an_answer_of_an_empty_set_says_so_and_a_strange_one_has_no_label() -> None:

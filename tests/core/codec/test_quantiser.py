@@ -1,0 +1,32 @@
+"""Steps that are finer than the numbers themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from modalmotion.codec.blocking import ModalBlock, attempt
+from modalmotion.codec.quantiser import MOST_STEPS, is_countable, quantise
+from modalmotion.codec.search import coarsest
+from modalmotion.codec.temporal import Temporal
+
+
+def test_numbers_are_whole_as_long_as_they_count_as_countable(rng: np.random.Generator) -> None:
+    coefficients = rng.normal(size=(4, 5))
+    largest = float(np.abs(coefficients).max())
+    finest = 1.01 * largest / MOST_STEPS
+    assert is_countable(coefficients, finest)
+    assert np.abs(quantise(coefficients, finest, 0.0) * finest - coefficients).max() < 2 * finest
+    for step in (0.9 * finest, 1e-300, 0.0, float("nan")):
+        assert not is_countable(coefficients, step)
+
+
+@pytest.mark.parametrize("kind", list(Temporal))
+def test_a_step_too_fine_for_whole_numbers_is_not_tried(
+    kind: Temporal, rng: np.random.Generator
+) -> None:
+    motion = ModalBlock(1e9 * rng.normal(size=(6, 3, 12)))
+    assert attempt(motion, kind, 1e-12) is None
+    # Whatever it is sent after, the search ends with a step that counts, or none.
+    trial = coarsest(motion, kind, 1e-30, 1e-3)
+    assert trial is None or trial.largest < MOST_STEPS

@@ -1,0 +1,93 @@
+"""Parsers of workers: one for an owner's turn, and the loss of one costs no task."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from access_parts import guarded
+from format_samples import VERTICES, vtp_text
+from worker_tasks import is_running, parse_and_tell
+
+from modalmotion_service.errors import CostError
+from modalmotion_service.work import parsing
+from modalmotion_service.work.owner import work_of
+from modalmotion_service.work.parsing import are_confined
+from modalmotion_service.work.pool import WorkerPool
+from modalmotion_service.work.terms import Terms
+
+pytest.importorskip("vtkmodules")
+
+SMALL = vtp_text(VERTICES[0])
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[WorkerPool]:
+    with WorkerPool(1, 300.0, 4_000_000_000) as made:
+        yield made
+
+
+def parsers(pool: WorkerPool, owner: str) -> tuple[int, int]:
+    """Have an owner's file parsed; the process that forks parsers, and the parser."""
+    with work_of(owner):
+        forks, parser = pool.submit(parse_and_tell, SMALL).result(timeout=120)
+    return forks, parser
+
+
+def require_ended(*pids: int) -> None:
+    end = time.monotonic() + 20
+    while any(map(is_running, pids)) and time.monotonic() < end:
+        time.sleep(0.01)
+    assert not any(map(is_running, pids))
+
+
+def test_a_parser_serves_one_owner_and_ends_with_the_turn(pool: WorkerPool) -> None:
+    forks, first = parsers(pool, "lab")
+    assert parsers(pool, "lab") == (forks, first)
+    same, others = parsers(pool, "ward")
+    assert same == forks
+    assert others != first
+    assert not is_running(first)
+
+
+@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_no_loss_of_a_parser_costs_a_task(
+    pool: WorkerPool, which: int, how: signal.Signals
+) -> None:
+    before = parsers(pool, "lab")
+    os.kill(before[which], how)
+    if how == signal.SIGKILL:
+        require_ended(before[1])
+    # Of what forks them only the next owner's file has need.
+    after = parsers(pool, "lab" if which else "ward")
+    assert after[0] != before[0]
+    require_ended(*before)
+
+
+def test_the_time_of_parsers_counts_among_the_means_of_a_task(pool: WorkerPool) -> None:
+    rng = np.random.default_rng(1)
+    faces = rng.integers(0, 5_000, size=(10_000, 3))
+    costly = vtp_text(rng.normal(size=(5_000, 3)), faces)
+    parsers(pool, "lab")
+    with pytest.raises(CostError):
+        pool.submit_for(Terms("lab", 1.0, 1.0), parse_and_tell, costly, 300).result(timeout=120)
+    assert parsers(pool, "lab")
+
+
+def test_the_service_says_whether_parsers_are_confined(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    with guarded(tmp_path / "one") as service:
+        answer = service.client.get("/health/ready")
+        assert answer.json()["parsers_confined"] is are_confined()
+    monkeypatch.setattr(parsing, "landlock_version", lambda: 0)
+    caplog.clear()
+    with guarded(tmp_path / "two") as service:
+        assert "not confined" in caplog.text
+        assert service.client.get("/health/ready").json()["parsers_confined"] is False
