@@ -10,7 +10,7 @@ from altered_beats import ALTERED
 from classify_samples import curves, curves_model
 
 from modalmotion.classification import FLAGS, classify, evaluate, load_model
-from modalmotion.classification.training.train_shipped import held_out_cases
+from modalmotion.classification.training.train_shipped import MATERIAL, held_out_cases
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.simulate import MotionClass, simulate_cohort
 
@@ -67,7 +67,7 @@ def test_a_flag_says_what_to_do() -> None:
 
 
 def test_training_cases_are_not_strange_and_held_out_ones_rarely() -> None:
-    found = evaluate(load_model(), held_out_cases(12, seed=93))
+    found = evaluate(load_model(), held_out_cases(MATERIAL, 12, seed=93))
     assert found.abstained <= 0.04
     answers = [classify(case.motion, curves_model()) for case in curves(12)]
     assert not any(answer.flags for answer in answers)

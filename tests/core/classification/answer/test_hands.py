@@ -12,7 +12,7 @@ from classify_samples import small_model
 
 from modalmotion.classification import TrainingCase, classify, load_model, train
 from modalmotion.classification.answer.hands import read_hands
-from modalmotion.classification.training.train_shipped import held_out_cases
+from modalmotion.classification.training.train_shipped import MATERIAL, held_out_cases
 from modalmotion.facts import Facts
 from modalmotion.facts.facts import Handedness
 from modalmotion.mesh.sequence import MeshSequence
@@ -69,7 +69,7 @@ def test_mirrored_normals_are_not_called_reduced_torsion() -> None:
 
 def test_nearly_all_recordings_lose_nothing_by_an_unknown_handedness() -> None:
     kept = []
-    for case in held_out_cases(8, seed=41):
+    for case in held_out_cases(MATERIAL, 8, seed=41):
         known = classify(case.motion)
         motion = replace(case.signature, facts=Facts())
         kept.append(classify(motion).label == known.label)
@@ -79,7 +79,7 @@ def test_nearly_all_recordings_lose_nothing_by_an_unknown_handedness() -> None:
 def test_a_model_of_recordings_that_state_none_takes_others_as_it_took_them() -> None:
     cases = [
         TrainingCase(replace(case.signature, facts=Facts()), case.label, str(k))
-        for k, case in enumerate(held_out_cases(4, seed=42))
+        for k, case in enumerate(held_out_cases(MATERIAL, 4, seed=42))
         if case.label in ("normal", "global hypokinesia")
     ]
     model = train(cases, "unknown")
