@@ -173,7 +173,7 @@ def _as_trained(cohort: list[_Recorded], folds: Sequence[Any]) -> tuple[Array, f
         start = time.perf_counter()
         fitted = fit_rows(table, inner, options)
         seconds += time.perf_counter() - start
-        readings, _ = fit_domain(table, inner).nearest(outer)
+        readings = fit_domain(table, inner).judge(outer).readings
         shares = fitted.probabilities(outer, readings, len(table.classes))
         right[outer] = shares.argmax(axis=1) == table.y[outer]
     return right, seconds / len(folds)

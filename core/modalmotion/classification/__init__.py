@@ -2,9 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-from modalmotion.classification.answer.classification import FLAGS, Classification
+from modalmotion.classification.answer.classification import Classification
 from modalmotion.classification.answer.classifier import classify
 from modalmotion.classification.answer.explanation import ModeContribution, only_modes
+from modalmotion.classification.answer.flags import FLAGS
 from modalmotion.classification.evaluation.comparison import Comparison, compare_models
 from modalmotion.classification.evaluation.deciding import decided
 from modalmotion.classification.evaluation.evaluation import Evaluation, evaluate

@@ -198,11 +198,14 @@ def answer_lines(result: Classification) -> str:
     else:
         lines = [f"{result.model}: {result.label}, probability {result.probability:.3f}"]
     lines += [f"flag: {flag}" for flag in result.flags]
-    shares = dict(zip(result.classes, result.probabilities.tolist(), strict=True))
-    for name, share in sorted(shares.items(), key=lambda item: -item[1]):
-        mark = "*" if name in result.class_set else " "
-        lines.append(f"  {share:6.3f} {mark} {name}")
-    lines.append(f"* cannot be ruled out at {100 * result.coverage:g} %")
+    # Equal probabilities are no measurement.
+    if result.label is not None:
+        shares = dict(zip(result.classes, result.probabilities.tolist(), strict=True))
+        for name, share in sorted(shares.items(), key=lambda item: -item[1]):
+            mark = "*" if name in result.class_set else " "
+            lines.append(f"  {share:6.3f} {mark} {name}")
+        if result.class_set:
+            lines.append(f"* cannot be ruled out at {100 * result.coverage:g} %")
     for part in result.explanation[:5]:
         lines.append(
             f"  {part.score:+7.2f}  {numeral(part.amplitude):>8} {part.unit or 'length units'}  "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, Final
 
 from modalmotion.classification.answer.classification import Classification
@@ -21,9 +22,17 @@ _AGAINST = "#b5533c"
 _MOST_CLASSES: Final = 20
 _MOST_MODES: Final = 10
 
+# Sentences below an answer; letters that fit into an inch, and inches that a line needs.
+_MOST_NOTES: Final = 3
+_LETTERS_PER_INCH: Final = 14.5
+_LINE: Final = 0.17
+
 
 def answer_figure(result: Classification) -> Figure:
     """Draw the probability of each class, the class set, and the reasons of the prediction.
+
+    Below are the first notes: why there is no class, or why no class is in the set, and what was
+    made of a handedness that is not stated. An answer without a class is these words alone.
 
     Parameters
     ----------
@@ -37,19 +46,31 @@ def answer_figure(result: Classification) -> Figure:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
+    has_label = result.label is not None
     n_classes = min(len(result.classes), _MOST_CLASSES)
     n_modes = min(len(result.explanation), _MOST_MODES)
     n_panels = 1 + bool(n_modes)
-    height = 1.6 + 0.34 * max(n_classes, n_modes, 3)
-    figure = Figure(figsize=(5.6 * n_panels + 0.6, height), dpi=110, layout="constrained")
+    width = 5.6 * n_panels + 0.6
+    # Equal probabilities are no measurement, so an answer without a class has no bars.
+    notes = result.notes[: len(result.flags) or _MOST_NOTES]
+    text = "\n".join(fill(note, int(_LETTERS_PER_INCH * width)) for note in notes)
+    bars = 1.6 + 0.34 * max(n_classes, n_modes, 3) if has_label else 0.6
+    height = bars + _LINE * (text.count("\n") + 1) * bool(text)
+    figure = Figure(figsize=(width, height), dpi=110)
     FigureCanvasAgg(figure)
-    panels = figure.subplots(1, n_panels, squeeze=False)[0]
-    _draw_classes(panels[0], result)
-    if n_modes:
-        _draw_modes(panels[1], result)
-    said = "no class" if result.label is None else f"{result.label}, {result.probability:.3f}"
+    if has_label:
+        panels = figure.subplots(1, n_panels, squeeze=False)[0]
+        _draw_classes(panels[0], result)
+        if n_modes:
+            _draw_modes(panels[1], result)
+    said = f"{result.label}, {result.probability:.3f}" if has_label else "no class"
     flags = f" ({', '.join(result.flags)})" if result.flags else ""
-    figure.suptitle(f"{result.model}: {said}{flags}", fontsize=12, color=_INK)
+    title = f"{result.model}: {said}{flags}"
+    figure.text(0.5, 1 - 0.1 / height, title, fontsize=12, color=_INK, ha="center", va="top")
+    figure.text(0.15 / width, 0.1 / height, text, fontsize=9, color=_INK, va="bottom")
+    if has_label:
+        below = (height - bars) / height
+        figure.tight_layout(rect=(0.0, below, 1.0, 1.0 - 0.35 / height))
     return figure
 
 
@@ -64,9 +85,11 @@ def _draw_classes(axes: Any, result: Classification) -> None:
     axes.set_yticks(range(len(ranked)), ranked, fontsize=9)
     axes.set_xlim(0.0, 1.12)
     axes.set_xlabel("probability", color=_INK)
-    axes.set_title(
-        f"Blue cannot be ruled out at {100 * result.coverage:g} %", fontsize=10, color=_INK
-    )
+    level = f"{100 * result.coverage:g} %"
+    title = f"Blue cannot be ruled out at {level}"
+    if not result.class_set:
+        title = f"Unlike every class at {level}"
+    axes.set_title(title, fontsize=10, color=_INK)
     _plain(axes)
 
 

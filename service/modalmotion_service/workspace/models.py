@@ -15,6 +15,7 @@ from modalmotion.classification import (
     load_model,
     shipped_for,
 )
+from modalmotion.classification.features.hand import hand_of
 from modalmotion.errors import NotFoundError, TopologyError
 from modalmotion.facts import NO_FACTS, UNKNOWN, Facts
 from modalmotion.hdf5.sealed import is_sound
@@ -234,7 +235,8 @@ class Models:
         parameters, known = self._analysis.resolved(sequence_id, model.parameters)
         facts = stated.over(known)
         tracking = facts.tracking if model.name == OFFSET_MODEL else UNKNOWN
-        key = classification_key(parameters, coverage, facts.covariates, tracking)
+        hand = hand_of(facts)
+        key = classification_key(parameters, coverage, facts.covariates, tracking, hand)
 
         async def named(asked: SignatureParameters, tell: StageReport) -> classification.NamedClass:
             def tell_of_signature(share: float, text: str) -> None:

@@ -10,14 +10,6 @@ from numpy.typing import NDArray
 from modalmotion.classification.answer.explanation import ModeContribution
 from modalmotion.representation import shown
 
-NO_MOTION = "no motion"
-NOISE = "noise"
-OUT_OF_DOMAIN = "out of domain"
-UNREADABLE = "unreadable"
-FLAGS = (NO_MOTION, NOISE, OUT_OF_DOMAIN, UNREADABLE)
-"""Nothing moves; nothing but noise moves; unlike any training case; not a signature that the
-model reads (another topology, other modes, one frame). Where one is set, there is no label."""
-
 
 @shown("label", "probability", "class_set", "coverage", "flags", "model")
 @dataclass(frozen=True, eq=False)
@@ -39,11 +31,12 @@ class Classification:
         They add up to 1.
     class_set : tuple of str
         Classes that cannot be ruled out: of cases like the training ones it holds the true
-        class with the probability `coverage`, whatever the class is.
+        class with the probability `coverage`, whatever the class is. Empty where the case is
+        like none at this level: a note says so.
     coverage : float
         The requested level.
     flags : tuple of str
-        Of `FLAGS`; empty where nothing speaks against the answer.
+        Of `flags.FLAGS`; empty where nothing speaks against the answer.
     explanation : tuple of ModeContribution
         Modes that moved the prediction, the strongest first; may be empty.
     notes : tuple of str

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.classification.answer.classification import (
-    NO_MOTION,
-    NOISE,
-    OUT_OF_DOMAIN,
-    UNREADABLE,
-    Classification,
-)
+from modalmotion.classification.answer.class_set import class_set, few_cases
+from modalmotion.classification.answer.classification import Classification
 from modalmotion.classification.answer.explanation import explain
+from modalmotion.classification.answer.flags import OUT_OF_DOMAIN, Flag
+from modalmotion.classification.answer.hands import read_hands
+from modalmotion.classification.answer.readability import unreadable
 from modalmotion.classification.covariates import with_covariates
-from modalmotion.classification.features import READINGS, Column, MotionFeatures, has_volume
 from modalmotion.classification.model.model import Model, Readable
 from modalmotion.classification.model.shipped import (
     DEFAULT_MODEL,
@@ -38,10 +33,6 @@ _REFERENCE_NOTE = (
 _TRACKING_NOTE = (
     "What the points follow is not stated, so only the surface was read, which shows no twist. "
     "If they follow the tissue (tagging, feature tracking), state tracking=material."
-)
-_OR_STATE = ", or state tracking=material if its points follow the tissue"
-_MIRRORED_NOTE = (
-    "The columns run left-handed about the axis from the apex; the motion was read accordingly."
 )
 
 
@@ -70,9 +61,9 @@ def classify(
     -------
     Classification
         Without a label, with equal probabilities and all classes in the set, where the model
-        cannot tell; flags and the first note say why. "No motion" is such an answer and no
-        class: it is a measurement against a limit, and amplitudes that are noise should not be
-        called a kind of motion.
+        cannot tell; flags and the first notes say why, and what to do. "No motion" is such an
+        answer and no class: it is a measurement against a limit, and amplitudes that are noise
+        should not be called a kind of motion.
 
     Raises
     ------
@@ -86,34 +77,27 @@ def classify(
     signature = with_covariates(motion, covariates) if covariates else motion
     if isinstance(signature, MeshSequence):
         signature = fitted_for(model, signature)
-    refusal = _unreadable(signature, model)
-    reading = None if refusal is not None else _read(signature, model)
-    if reading is not None:
-        refusal = reading.refusal
-    if reading is None or refusal is not None:
-        flag, why = refusal or (UNREADABLE, "")
-        return _abstention(signature, model, coverage, flag, why)
-    logs = model.log_shares(reading.values[None])
-    probabilities = np.exp(logs[0] - logs.max())
-    probabilities /= probabilities.sum()
+    refusal = unreadable(signature, model)
+    if refusal is not None:
+        return _abstention(signature, model, coverage, (refusal,))
+    read = read_hands(signature, model)
+    flags = read.better.flags(model.domain)
+    if flags:
+        return _abstention(signature, model, coverage, flags)
+    probabilities = read.probabilities
     label = model.label(probabilities)
-    notes = [*model.notes.get(label, ()), *model.notes.get("", ())]
+    held = class_set(model, probabilities, label, coverage)
+    if held.is_strange:
+        return _abstention(signature, model, coverage, (Flag(OUT_OF_DOMAIN, held.words),))
+    notes = [*read.notes(model.classes), held.words]
+    notes += [*model.notes.get(label, ()), *model.notes.get("", ())]
     if model.decision is not None:
         notes.append(model.decision.text)
     if model.signature_parameters.reference == MEAN != signature.parameters.reference:
         notes.append(_REFERENCE_NOTE)
     if model.name == OFFSET_MODEL and signature.facts.tracking == UNKNOWN:
         notes.insert(0, _TRACKING_NOTE)
-    if reading.is_mirrored:
-        notes.insert(0, _MIRRORED_NOTE)
-    few = model.calibration.too_few(coverage)
-    if few:
-        names = ", ".join(model.classes[k] for k in few)
-        notes.append(
-            f"Too few cases to rule out {names} at a coverage of {coverage:.3g}: every class set "
-            f"holds {'it' if len(few) == 1 else 'them'}."
-        )
-    held = model.calibration.holds(probabilities[None], coverage)[0]
+    notes.append(few_cases(model, coverage))
     return Classification(
         sequence_id=signature.sequence_id,
         model=model.name,
@@ -121,11 +105,11 @@ def classify(
         label=label,
         classes=model.classes,
         probabilities=probabilities,
-        class_set=tuple(c for c, keep in zip(model.classes, held, strict=True) if keep),
+        class_set=held.classes,
         coverage=coverage,
         flags=(),
-        explanation=explain(signature, model, reading.values, reading.columns, probabilities),
-        notes=tuple(notes),
+        explanation=explain(read.better, model, probabilities),
+        notes=tuple(filter(None, notes)),
         provenance=provenance(),
     )
 
@@ -151,16 +135,8 @@ def fitted_in(readable: Readable, sequence: MeshSequence) -> ModalSignature:
         return signature
 
 
-@dataclass(frozen=True, eq=False)
-class _Reading:
-    values: NDArray[np.float64]
-    columns: tuple[Column, ...]
-    is_mirrored: bool
-    refusal: tuple[str, str] | None
-
-
 def _abstention(
-    signature: ModalSignature, model: Model, coverage: float, flag: str, why: str
+    signature: ModalSignature, model: Model, coverage: float, flags: tuple[Flag, ...]
 ) -> Classification:
     n = len(model.classes)
     return Classification(
@@ -172,100 +148,8 @@ def _abstention(
         probabilities=np.full(n, 1.0 / n),
         class_set=model.classes,
         coverage=coverage,
-        flags=(flag,),
+        flags=tuple(flag.name for flag in flags),
         explanation=(),
-        notes=(why, *model.notes.get("", ())),
+        notes=(*(f"No class: {flag.words}." for flag in flags), *model.notes.get("", ())),
         provenance=provenance(),
     )
-
-
-def _unreadable(signature: ModalSignature, model: Model) -> tuple[str, str] | None:
-    """Flag and reason why the signature cannot be read by the model at all."""
-    readable, modes = model.readable, signature.modes
-    if signature.n_frames < 2:
-        return UNREADABLE, "No class: one frame shows no motion."
-    if signature.kind != readable.parameters.kind:
-        return UNREADABLE, (
-            f"No class: the model reads signatures of the kind {readable.parameters.kind}, and "
-            f"this one is of the kind {signature.kind}, which do not compare. Fit it with "
-            f"kind={readable.parameters.kind}{_OR_STATE if model.name == OFFSET_MODEL else ''}."
-        )
-    if signature.surface not in readable.topologies:
-        return OUT_OF_DOMAIN, (
-            f"No class: the model reads signatures of the topology "
-            f"{' or '.join(readable.topologies)}, this one's is {signature.surface}. State the "
-            "topology if it is wrong."
-        )
-    if modes.connectivity_id != readable.connectivity_id:
-        return OUT_OF_DOMAIN, (
-            "No class: the model reads recordings of one mesh only, and this is another: spring "
-            "modes do not compare between meshes."
-        )
-    if len(modes) != readable.n_modes:
-        return UNREADABLE, (
-            f"No class: the model reads signatures of {readable.n_modes} modes, this one has "
-            f"{len(modes)}. Fit it with {readable.n_modes} modes."
-        )
-    parameters, required = signature.parameters, readable.parameters
-    if (parameters.weights, parameters.remove_rotation, parameters.components) != (
-        required.weights,
-        required.remove_rotation,
-        required.components,
-    ):
-        return UNREADABLE, (
-            f"No class: the model reads signatures with {required.weights} weights, rotation "
-            f"{'removed' if required.remove_rotation else 'kept'} and {required.components} "
-            "components. Fit it with the model's signature parameters."
-        )
-    if model.walls and not _zero_is_known(signature):
-        return UNREADABLE, (
-            "No class: the model tells walls apart, but the zero of theta is not determined by "
-            "this shape. State the landmark theta_zero."
-        )
-    if model.reads_volume and not has_volume(signature):
-        return UNREADABLE, (
-            "No class: the model reads the enclosed volume, which this signature lacks or which "
-            "turns inside out. Fit a closed or cup-shaped surface with the model's signature "
-            "parameters."
-        )
-    if model.has_axis and not min(signature.lengths) > 0:
-        return UNREADABLE, "No class: the surface is collapsed in its reference frame."
-    return None
-
-
-def _zero_is_known(signature: ModalSignature) -> bool:
-    return signature.landmarks is not None and "theta_zero" not in signature.landmarks.weak
-
-
-def _read(signature: ModalSignature, model: Model) -> _Reading:
-    """Features in the reading that is nearest to what the model knows."""
-    seen = model.domain.reader.read(signature)
-    distances = model.distance(seen.kinds)
-    nearest = int(distances.argmin())
-    features = model.read(signature)
-    return _Reading(
-        values=features.values[nearest if len(features.values) > 1 else 0],
-        columns=features.columns,
-        is_mirrored=len(seen.values) > 1 and READINGS[nearest].is_mirrored,
-        refusal=_refusal(seen, float(distances[nearest]), model),
-    )
-
-
-def _refusal(features: MotionFeatures, distance: float, model: Model) -> tuple[str, str] | None:
-    domain = model.domain
-    if features.motion < domain.least_motion or features.motion == 0.0:
-        return NO_MOTION, (
-            f"No class, no motion: it deforms by {features.motion:.2%} of its size, less than "
-            f"{domain.least_motion:.2%}."
-        )
-    if features.smooth_share < domain.least_smooth:
-        return NOISE, (
-            "No class: the motion is mostly noise from frame to frame (a smooth one would hold "
-            f"1, this one {features.smooth_share:.2f})."
-        )
-    if distance > domain.limit:
-        return OUT_OF_DOMAIN, (
-            f"No class: the motion is unlike any that the model was trained on (distance "
-            f"{distance:.2f} from the nearest class, limit {domain.limit:.2f})."
-        )
-    return None

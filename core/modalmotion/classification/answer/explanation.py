@@ -18,6 +18,7 @@ from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 
 if TYPE_CHECKING:
+    from modalmotion.classification.answer.hands import Reading
     from modalmotion.classification.model.model import Model
 
 
@@ -45,21 +46,14 @@ class ModeContribution:
 
 
 def explain(
-    signature: ModalSignature,
-    model: Model,
-    values: NDArray[np.float64],
-    columns: tuple[Column, ...],
-    probabilities: NDArray[np.float64],
+    reading: Reading, model: Model, probabilities: NDArray[np.float64]
 ) -> tuple[ModeContribution, ...]:
     """Contributions of the modes to a prediction, the strongest first.
 
     Parameters
     ----------
-    signature : ModalSignature
+    reading : Reading
     model : Model
-    values : (features,) float64
-        As they were read.
-    columns : tuple of Column
     probabilities : (classes,) float64
 
     Returns
@@ -72,7 +66,8 @@ def explain(
     it takes from this one: the Shapley value of two players, the group and all others (Shapley,
     A value for n-person games, 1953). For a linear score these add up to the whole.
     """
-    players = _players(columns, signature.modes)
+    signature, values = reading.signature, reading.values
+    players = _players(reading.columns, signature.modes)
     if not players.modes:
         return ()
     member = players.member

@@ -25,6 +25,7 @@ def classification_key(
     coverage: float,
     covariates: Mapping[str, float | str] = NO_FACTS.covariates,
     tracking: str = UNKNOWN,
+    handedness: str = UNKNOWN,
 ) -> str:
     """Short name of a request to a model.
 
@@ -38,12 +39,16 @@ def classification_key(
         Those that the model may read.
     tracking : str
         What the points follow, where the answer's notes depend on it.
+    handedness : str
+        Of the coordinates; see `hand_of`.
     """
     text = f"{parameters.key} {coverage!r}"
     if covariates:
         text += f" {json.dumps(dict(covariates), sort_keys=True)}"
     if tracking != UNKNOWN:
         text += f" tracking {tracking}"
+    if handedness != UNKNOWN:
+        text += f" {handedness}"
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

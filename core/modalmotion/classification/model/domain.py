@@ -1,17 +1,31 @@
-"""The domain of a model: how far a case may be from the training cases."""
+"""The domain of a model: what a recording must be like for the model to know its motion."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.features import FeatureReader
-from modalmotion.numeric.frozen_arrays import FrozenArrays
+from modalmotion.classification.features.course import MEASURES
+from modalmotion.classification.features.twins import TWINS
 from modalmotion.representation import shown
+
+CHECKS: Final = ("kind", "place", *TWINS, "gap", "leap", "turns")
+"""What is measured of a recording: how far its kind of motion is from every class; how far its
+size, shape and amount of motion are from those of any training case; how much it looks like
+each of `TWINS`; and how it closes, leaps and repeats itself, beyond the training cases."""
+
+PLACE: Final = ("motion", *MEASURES[:2])
+"""Coordinates of a place: amount of motion (log), size and shape."""
+
+COURSE: Final = MEASURES[2:]
+
+# Neighbours among the training cases that a place is measured from.
+_N_NEIGHBOURS: Final = 5
 
 # Shares of the least motion and smoothness in training that a case must reach; and the highest
 # such limits, for cohorts that all move a great deal.
@@ -19,16 +33,62 @@ _SHARE_OF_LEAST: Final = 0.5
 _LEAST_MOTION: Final = 0.003
 _LEAST_SMOOTH: Final = 0.5
 
-# Shrinkage towards independent features where there are many cases.
-_LEAST_SHRINKAGE: Final = 1e-2
 
-# With too few cases for the requested share, the farthest one times this is the limit.
-_MARGIN: Final = 1.5
+class Sights(NamedTuple):
+    """Recordings as a domain sees them.
+
+    Parameters
+    ----------
+    kinds : (cases, readings, columns) float64
+        See `kind_of`.
+    allowed : (cases, readings) bool
+        See `readings_of`.
+    signs : (twins, columns) float64
+        See `twin_signs`.
+    measures : (cases, measures) float64
+        See `course.measures`.
+    """
+
+    kinds: NDArray[np.float64]
+    allowed: NDArray[np.bool_]
+    signs: NDArray[np.float64]
+    measures: NDArray[np.float64]
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """Coordinates of `PLACE`, (cases, 3) float64."""
+        return np.concatenate([self.kinds[:, :1, -1], self.measures[:, : len(PLACE) - 1]], axis=1)
+
+    def of(self, rows: NDArray[np.int64]) -> Sights:
+        """Those of some cases."""
+        return Sights(self.kinds[rows], self.allowed[rows], self.signs, self.measures[rows])
+
+
+class Judgement(NamedTuple):
+    """How recordings lie to a domain.
+
+    Parameters
+    ----------
+    readings : (cases,) int64
+        Nearest to a class.
+    scores : (cases, checks) float64
+        Of `CHECKS`: the larger the stranger.
+    gains : (cases, twins) float64
+        By how much nearer each twin is than the motion, in squares of the distance; where it is
+        not above 0 the motion is no such twin.
+    hand : (cases,) float64
+        Evidence for the mirror image of the motion, over that for the motion.
+    """
+
+    readings: NDArray[np.int64]
+    scores: NDArray[np.float64]
+    gains: NDArray[np.float64]
+    hand: NDArray[np.float64]
 
 
 @shown()
 @dataclass(frozen=True, eq=False)
-class Domain(FrozenArrays):
+class Domain:
     """Where the training cases lie.
 
     It has a reader of its own, so that it does not depend on the features that tell classes apart.
@@ -42,24 +102,54 @@ class Domain(FrozenArrays):
     whitening : (columns, columns) float64
         |(kind - mean) @ whitening| is the distance in standard deviations within a class
         (Mahalanobis), over the root of the number of columns.
-    limit : float
-        Distance from every class beyond which a motion is unlike any of the training.
+    points : (cases, 3) float64
+        Places of the training cases; see `PLACE`.
+    scales : (3,) float64
+        Standard deviations of these within a class; infinite for what is not compared.
+    directions : (twins, columns) float64
+        Along which kinds and their twins differ most, of unit variance within a class.
+    centres : (classes, twins) float64
+        Mean of each class along these.
+    course : (2, 3) float64
+        Mean and standard deviation of `COURSE`.
+    limits : (checks,) float64
+        Of the scores; infinite for what is not checked.
     least_motion : float
         Deformation, as a share of the surface's size, below which nothing moves.
     least_smooth : float
         Smooth share below which a motion is noise.
+    has_unit : bool or None
+        Whether sizes are in mm, or in units that nobody knows; None where both occur, so that
+        sizes are not compared.
+    hand_is_stated : bool
+        Whether the training cases state their handedness, so that right-handed ones are known.
+    hand_temperature : float
+        exp(-hand / temperature) is the likelihood of a motion over that of its mirror image.
     """
 
     reader: FeatureReader
     means: NDArray[np.float64]
     whitening: NDArray[np.float64]
-    limit: float
+    points: NDArray[np.float64]
+    scales: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    centres: NDArray[np.float64]
+    course: NDArray[np.float64]
+    limits: NDArray[np.float64]
     least_motion: float
     least_smooth: float
+    has_unit: bool | None
+    hand_is_stated: bool
+    hand_temperature: float
 
     def __post_init__(self) -> None:
-        self.means.setflags(write=False)
-        self.whitening.setflags(write=False)
+        for name in ARRAYS:
+            getattr(self, name).setflags(write=False)
+
+    @property
+    def limit(self) -> float:
+        """Distance from every class beyond which a motion is unlike any of the training."""
+        return float(self.limits[0])
 
     def distance(self, kinds: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance to the nearest class, (cases,) float64, of kinds (cases, columns)."""
@@ -74,42 +164,102 @@ class Domain(FrozenArrays):
         b = self.means @ self.whitening
         return b, np.einsum("ij,ij->i", b, b)
 
+    def judge(self, sights: Sights) -> Judgement:
+        """Measure what `CHECKS` names of some recordings."""
+        apart = self._apart(sights.kinds, sights.allowed)
+        readings = apart.argmin(axis=1)
+        every = np.arange(len(apart))
+        nearest = apart[every, readings]
+        # A twin keeps its distance where no column changes.
+        twins = [
+            nearest
+            if (signs > 0).all()
+            else self._apart(sights.kinds * signs, sights.allowed).min(axis=1)
+            for signs in sights.signs
+        ]
+        along = sights.kinds[every, readings] @ self.directions.T
+        # Of a twin the sign of its direction is the opposite.
+        own, turned = (self._beside(side * along) for side in (1.0, -1.0))
+        leaps = (sights.measures[:, len(PLACE) - 1 :] - self.course[0]) / self.course[1]
+        scores = [nearest[:, None], self._from_places(sights.places)[:, None], -own, leaps]
+        return Judgement(
+            readings=readings,
+            scores=np.nan_to_num(np.concatenate(scores, axis=1)),
+            gains=nearest[:, None] ** 2 - np.stack(twins, axis=1) ** 2,
+            hand=own[:, 0] ** 2 - turned[:, 0] ** 2,
+        )
 
-def domain_shape(
-    z: NDArray[np.float64], y: NDArray[np.int64], n_classes: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Class means, and the whitening of the shrunk covariance within classes."""
-    n, d = z.shape
-    counts = np.bincount(y, minlength=n_classes)
-    sums = np.zeros((n_classes, d))
-    np.add.at(sums, y, z)
-    means = sums / np.maximum(counts, 1)[:, None]
-    apart = z - means[y]
-    S = apart.T @ apart / n
-    variances = np.diag(S)
-    known = np.where(variances > 0, variances, 1.0)
-    # With fewer cases than features nothing is known of most directions.
-    share = max(_LEAST_SHRINKAGE, d / (n + d))
-    S = (1.0 - share) * S + share * np.diag(known)
-    L = np.linalg.cholesky(S)
-    whitening: NDArray[np.float64] = np.linalg.inv(L).T / np.sqrt(d)
-    return means, whitening
+    def nearby(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Places of the training cases that are nearest in size and shape, (cases, 5, 3)."""
+        apart = (places[:, None] - self.points) / self.scales
+        apart[:, :, 0] = 0.0
+        squares = (np.nan_to_num(apart) ** 2).sum(axis=2)
+        nearest = np.argsort(squares, axis=1, kind="stable")[:, :_N_NEIGHBOURS]
+        return np.asarray(self.points[nearest])
+
+    def _apart(self, kinds: NDArray[np.float64], allowed: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Distance of each reading, (cases, readings); infinite where it is not allowed."""
+        n, n_readings, d = kinds.shape
+        apart = self.distance(kinds.reshape(-1, d)).reshape(n, n_readings)
+        return np.where(allowed, apart, np.inf)
+
+    def _beside(self, along: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signed distance from the nearest class along each direction, (cases, twins)."""
+        apart = along[:, None] - self.centres
+        nearest = np.abs(apart).argmin(axis=1)[:, None]
+        return np.asarray(np.take_along_axis(apart, nearest, axis=1)[:, 0])
+
+    def _from_places(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distance from the neighbours among the training cases, (cases,)."""
+        n = min(_N_NEIGHBOURS, len(self.points))
+        if n == 0:
+            return np.zeros(len(places))
+        apart = np.nan_to_num((places[:, None] - self.points) / self.scales)
+        squares = np.einsum("ijk,ijk->ij", apart, apart)
+        return np.asarray(np.sqrt(np.partition(squares, n - 1, axis=1)[:, n - 1]))
 
 
-def domain_limit(held_out: NDArray[np.float64], known_share: float) -> float:
-    """Distance that a share of new cases stays within.
+ARRAYS: Final = (
+    "means",
+    "whitening",
+    "points",
+    "scales",
+    "directions",
+    "centres",
+    "course",
+    "limits",
+)
+"""Names of the arrays of a domain."""
 
-    Parameters
-    ----------
-    held_out : (cases,) float64
-        Distances of cases from a domain that they did not take part in.
-    known_share : float
-    """
-    n = len(held_out)
-    # The k-th of n is exceeded by a new one with probability 1 - k / (n + 1).
-    rank = int(np.ceil(known_share * (n + 1) - 1e-9))
-    ordered = np.sort(held_out)
-    return float(ordered[rank - 1]) if rank <= n else float(_MARGIN * ordered[-1])
+
+def of_kind_alone(
+    reader: FeatureReader,
+    means: NDArray[np.float64],
+    whitening: NDArray[np.float64],
+    limit: float,
+    *,
+    least_motion: float,
+    least_smooth: float,
+) -> Domain:
+    """Domain that checks the kind of motion and nothing else, as 0.1.0 did."""
+    limits = np.full(len(CHECKS), np.inf)
+    limits[0] = limit
+    return Domain(
+        reader=reader,
+        means=means,
+        whitening=whitening,
+        points=np.zeros((0, len(PLACE))),
+        scales=np.full(len(PLACE), np.inf),
+        directions=np.zeros((len(TWINS), means.shape[1])),
+        centres=np.zeros((len(means), len(TWINS))),
+        course=np.stack([np.zeros(len(COURSE)), np.full(len(COURSE), np.inf)]),
+        limits=limits,
+        least_motion=least_motion,
+        least_smooth=least_smooth,
+        has_unit=None,
+        hand_is_stated=False,
+        hand_temperature=1.0,
+    )
 
 
 def motion_limits(

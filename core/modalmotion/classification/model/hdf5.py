@@ -18,11 +18,12 @@ from modalmotion.classification.features import (
     FeatureReader,
     Further,
 )
+from modalmotion.classification.features.twins import TWINS
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
 from modalmotion.classification.model.cross_validation import validation_arrays, validation_of
 from modalmotion.classification.model.decision import Decision
-from modalmotion.classification.model.domain import Domain
+from modalmotion.classification.model.domain import ARRAYS, CHECKS, COURSE, PLACE, Domain
 from modalmotion.classification.model.member import Member
 from modalmotion.classification.model.model import Model, Readable
 from modalmotion.classification.model.record import ModelRecord, require_model_name
@@ -33,7 +34,7 @@ from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.representation import shown
 
-FORM: Final = Form("model", 4)
+FORM: Final = Form("model", 5)
 
 # The golden batch must come out as it was stored, up to the last digits.
 _GOLDEN_TOLERANCE: Final = 1e-9
@@ -58,7 +59,14 @@ _AXES: Final = {
     "machine": "byte",
     "means": "class, kind",
     "whitening": "kind, direction",
-    "limits": "limit",
+    "points": "case, place",
+    "scales": "place",
+    "directions": "twin, kind",
+    "centres": "class, twin",
+    "course": "mean or deviation, measure",
+    "limits": "check",
+    "least": "limit",
+    "domain": "",
     "n_scores": "class",
     "scores": "score",
     "decision": "",
@@ -241,9 +249,7 @@ def _arrays(model: Model) -> dict[str, NDArray[Any]]:
         "temperature": np.array(model.temperature, dtype=np.float64),
         "member_weights": np.array([m.weight for m in members], dtype=np.float64),
         "machine": np.frombuffer(members[0].machine, dtype=np.uint8),
-        "means": domain.means,
-        "whitening": domain.whitening,
-        "limits": np.array([domain.limit, domain.least_motion, domain.least_smooth]),
+        **domain_arrays(domain),
         "n_scores": np.array([len(of_class) for of_class in scores], dtype=np.int64),
         "scores": np.concatenate(scores),
         "golden_features": model.golden_features,
@@ -267,6 +273,16 @@ def _arrays(model: Model) -> dict[str, NDArray[Any]]:
     return {**arrays, **{name: json_text(name, text).values for name, text in texts.items()}}
 
 
+def domain_arrays(domain: Domain) -> dict[str, NDArray[Any]]:
+    """Take a domain to pieces, but for its reader."""
+    facts = {name: getattr(domain, name) for name in _DOMAIN}
+    return {
+        **{name: getattr(domain, name) for name in ARRAYS},
+        "least": np.array([domain.least_motion, domain.least_smooth]),
+        "domain": np.asarray(json_text("domain", facts).values),
+    }
+
+
 def _joined(arrays: list[NDArray[Any]]) -> NDArray[np.float64]:
     """Values of arrays one after another; of a complex one its real and imaginary parts."""
     flat = [np.stack([a.real, a.imag]) if np.iscomplexobj(a) else a for a in arrays]
@@ -282,6 +298,9 @@ def _reader_texts(reader: FeatureReader) -> dict[str, Any]:
     }
 
 
+# Of a domain.
+_DOMAIN: Final = ("has_unit", "hand_is_stated", "hand_temperature")
+
 # Of a reader.
 _FLAGS: Final = ("has_axis", "is_cycle", "walls", "adds_modes", "is_brief", "reads_motion")
 
@@ -293,8 +312,6 @@ def _model(stored_model: KeptModel, contents: Contents) -> Model:
     n = len(record.classes)
     d = sum(len(member.columns) for member in members)
     golden = contents.array("golden_features", (None, d))
-    means = contents.array("means", (n, None))
-    limit, least_motion, least_smooth = contents.array("limits", (3,)).tolist()
     n_scores = contents.array("n_scores", (n,)).astype(np.int64)
     scores = contents.array("scores", (int(n_scores.sum()),))
     n_modes = int(readable["n_modes"])
@@ -317,14 +334,7 @@ def _model(stored_model: KeptModel, contents: Contents) -> Model:
         ),
         members=members,
         temperature=float(contents.number("temperature")),
-        domain=Domain(
-            reader=_reader(contents.json("domain_reader", dict), _Values(np.zeros(0))),
-            means=means,
-            whitening=contents.array("whitening", (means.shape[1],) * 2),
-            limit=limit,
-            least_motion=least_motion,
-            least_smooth=least_smooth,
-        ),
+        domain=_domain(contents, n),
         calibration=Calibration(tuple(np.split(scores, np.cumsum(n_scores)[:-1]))),
         golden_features=golden,
         golden_probabilities=contents.array("golden_probabilities", (len(golden), n)),
@@ -337,6 +347,29 @@ def _model(stored_model: KeptModel, contents: Contents) -> Model:
         decision=Decision.from_json(record.classes, contents.json("decision", dict))
         if "decision" in contents.arrays
         else None,
+    )
+
+
+def _domain(contents: Contents, n: int) -> Domain:
+    means = contents.array("means", (n, None))
+    d, n_twins = means.shape[1], len(TWINS)
+    least_motion, least_smooth = contents.array("least", (2,)).tolist()
+    facts = contents.json("domain", dict)
+    return Domain(
+        reader=_reader(contents.json("domain_reader", dict), _Values(np.zeros(0))),
+        means=means,
+        whitening=contents.array("whitening", (d, d)),
+        points=contents.array("points", (None, len(PLACE))),
+        scales=contents.array("scales", (len(PLACE),)),
+        directions=contents.array("directions", (n_twins, d)),
+        centres=contents.array("centres", (n, n_twins)),
+        course=contents.array("course", (2, len(COURSE))),
+        limits=contents.array("limits", (len(CHECKS),)),
+        least_motion=least_motion,
+        least_smooth=least_smooth,
+        has_unit=None if facts["has_unit"] is None else bool(facts["has_unit"]),
+        hand_is_stated=bool(facts["hand_is_stated"]),
+        hand_temperature=float(facts["hand_temperature"]),
     )
 
 

@@ -24,7 +24,7 @@ from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
 from modalmotion.classification.model.cross_validation import CrossValidation
 from modalmotion.classification.model.decision import Decision
-from modalmotion.classification.model.domain import Domain
+from modalmotion.classification.model.domain import ARRAYS, Domain
 from modalmotion.classification.model.member import Member
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.frozen_arrays import FrozenArrays
@@ -223,6 +223,7 @@ def _identity(model: Model) -> dict[str, Any]:
             "limit": domain.limit,
             "least_motion": domain.least_motion,
             "least_smooth": domain.least_smooth,
+            **_checks_identity(domain),
         },
         "calibration": [_packed(scores) for scores in model.calibration.scores],
         "golden_features": _packed(model.golden_features),
@@ -277,6 +278,18 @@ def _reader_identity(reader: FeatureReader) -> dict[str, Any]:
             [c.name, c.mean, list(c.words), c.may_be_missing] for c in reader.covariates
         ]
     return values
+
+
+def _checks_identity(domain: Domain) -> dict[str, Any]:
+    # Models of 0.1.0 check the kind of motion alone, and keep their ids.
+    if not len(domain.points):
+        return {}
+    return {
+        **{name: _packed(getattr(domain, name)) for name in ARRAYS[2:]},
+        "has_unit": domain.has_unit,
+        "hand_is_stated": domain.hand_is_stated,
+        "hand_temperature": domain.hand_temperature,
+    }
 
 
 def _packed(array: NDArray[np.float64]) -> dict[str, Any]:

@@ -19,9 +19,12 @@ from modalmotion.classification.features import (
     motion_of,
     surface_size,
 )
+from modalmotion.classification.features.course import measures
+from modalmotion.classification.features.hand import hand_of, readings_of, right_handed
 from modalmotion.classification.options import MODE_COUNTS, MOST_HARMONICS, TrainingOptions
 from modalmotion.classification.training.cases import TrainingCase
 from modalmotion.classification.training.conditions import Conditions, conditions_of
+from modalmotion.facts import UNKNOWN
 from modalmotion.modes import Modes
 from modalmotion.signature.first_modes import first_modes, whole_count
 from modalmotion.signature.making import ModalSignature
@@ -92,6 +95,12 @@ class CaseRow:
     further : mapping of FurtherKey to (features,) float64
         Kinds that the case has.
     covariates : mapping of str to (float or str)
+    allowed : (readings,) bool
+        See `readings_of`.
+    measures : (measures,) float64
+        See `course.measures`.
+    has_unit, hand_is_stated : bool
+        Whether the unit and the handedness are known.
     """
 
     label: str
@@ -107,11 +116,15 @@ class CaseRow:
     terms: Mapping[TermsKey, MotionTerms]
     further: Mapping[FurtherKey, NDArray[np.float64]]
     covariates: Mapping[str, float | str]
+    allowed: NDArray[np.bool_]
+    measures: NDArray[np.float64]
+    has_unit: bool
+    hand_is_stated: bool
 
 
 def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
-    """Read the features of a case."""
-    signature = case.signature
+    """Read the features of a case, in right-handed coordinates where it states left-handed ones."""
+    signature = right_handed(case.signature)
     landmarks = signature.landmarks
     axis: dict[tuple[int, bool], AxisValues] = {}
     terms: dict[TermsKey, MotionTerms] = {}
@@ -143,6 +156,10 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
         terms=terms,
         further=further,
         covariates=case.covariates,
+        allowed=readings_of(signature),
+        measures=measures(signature),
+        has_unit=signature.unit is not None,
+        hand_is_stated=hand_of(signature.facts) != UNKNOWN,
     )
 
 

@@ -17,6 +17,7 @@ from modalmotion.classification.estimators.temperature import (
     softmax,
 )
 from modalmotion.classification.features import FeatureReader, Further
+from modalmotion.classification.model.domain import Judgement
 from modalmotion.classification.options import ClassWeights, Estimator, TrainingOptions
 from modalmotion.classification.training.case_groups import inner_groups
 from modalmotion.classification.training.domain_fit import fit_domain
@@ -256,7 +257,7 @@ def _fit(
     y, n_classes = table.y[rows], len(table.classes)
     reader = table.fitted(choice, rows, options.pose)
     values = table.features(reader)
-    X = best_readings(values[rows], y, n_classes)
+    X = best_readings(values[rows], y, n_classes, table.allowed[rows])
     estimator = MotionClassifier(str(options.estimator), _weights(table, options), options.seed)
     estimator.fit(X, y, inner_groups(y, table.groups[rows]))
     return MemberFit(reader, values, X, estimator, 1.0)
@@ -268,14 +269,14 @@ class HeldOut(NamedTuple):
     Parameters
     ----------
     probabilities : (cases, classes) float64
-    distances : (cases,) float64
-        From the nearest class.
+    judgement : Judgement
+        Of the fold's domain.
     choices : tuple of (str, float)
         The choices of features that the fold made, in words, and their weights; these sum to 1.
     """
 
     probabilities: NDArray[np.float64]
-    distances: NDArray[np.float64]
+    judgement: Judgement
     choices: tuple[tuple[str, float], ...]
 
 
@@ -287,9 +288,9 @@ def predict_fold(
 ) -> HeldOut:
     """Fit to some cases and predict others."""
     fold = fit_rows(table, inner, options)
-    readings, distances = fit_domain(table, inner).nearest(outer)
-    probabilities = fold.probabilities(outer, readings, len(table.classes))
-    return HeldOut(probabilities, distances, fold.choices)
+    judgement = fit_domain(table, inner).judge(outer)
+    probabilities = fold.probabilities(outer, judgement.readings, len(table.classes))
+    return HeldOut(probabilities, judgement, fold.choices)
 
 
 def _case_weights(

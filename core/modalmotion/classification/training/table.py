@@ -6,6 +6,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -21,6 +22,9 @@ from modalmotion.classification.features import (
     mean_motion,
     powers_of,
 )
+from modalmotion.classification.features.hand import theta_is_of_the_shape
+from modalmotion.classification.features.twins import of_kinds, twin_signs
+from modalmotion.classification.model.domain import Sights
 from modalmotion.classification.model.model import Readable
 from modalmotion.classification.options import PoseOf, TrainingOptions
 from modalmotion.classification.training.case_groups import group_cases
@@ -72,6 +76,14 @@ class CaseTable:
     covariates : tuple of mapping of str to (float or str)
         Of each case, those that may be features; what is unknown is missing.
     notes : tuple of str
+    allowed : (cases, readings) bool
+        See `readings_of`; of one reading where there is no axis.
+    measures : (cases, measures) float64
+        See `course.measures`.
+    has_unit : bool or None
+        Whether lengths have a unit; None where they have in some.
+    hand_is_stated : bool
+        Whether all cases state their handedness.
     numbers : (cases,) int64
         Of each case, as it was given.
     n_given : int
@@ -96,6 +108,10 @@ class CaseTable:
     rows: tuple[CaseRow, ...]
     covariates: tuple[Mapping[str, float | str], ...]
     notes: tuple[str, ...]
+    allowed: NDArray[np.bool_]
+    measures: NDArray[np.float64]
+    has_unit: bool | None
+    hand_is_stated: bool
     numbers: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     n_given: int = 0
     left_out: tuple[LeftOut, ...] = ()
@@ -168,6 +184,15 @@ class CaseTable:
     def columns(self, reader: FeatureReader) -> tuple[Column, ...]:
         """Names of the features."""
         return reader.read(self.example).columns
+
+    @cached_property
+    def sights(self) -> Sights:
+        """All cases as the domain sees them."""
+        reader = self.domain_reader
+        kinds = self.kinds(reader, self.features(reader), np.arange(len(self)))
+        turns = theta_is_of_the_shape(self.example)
+        signs = twin_signs(self.columns(reader), mirror_turns_theta=turns)
+        return Sights(kinds, self.allowed[:, : kinds.shape[1]], of_kinds(signs), self.measures)
 
 
 def _terms_key(reader: FeatureReader) -> TermsKey:
@@ -311,6 +336,7 @@ def _table(
     if mixed:
         notes = [*notes, f"{mixed} recordings are of two subjects each; these are kept together."]
     lines = sorted(f"{r.sequence_id} {r.label} {s}" for r, s in zip(rows, subjects, strict=True))
+    units = {row.has_unit for row in rows}
     reference = example.parameters.reference
     parameters = replace(
         example.parameters,
@@ -340,4 +366,8 @@ def _table(
         rows=tuple(rows),
         covariates=features_of([row.covariates for row in rows], options),
         notes=tuple(notes),
+        allowed=np.stack([row.allowed for row in rows]),
+        measures=np.stack([row.measures for row in rows]),
+        has_unit=units.pop() if len(units) == 1 else None,
+        hand_is_stated=all(row.hand_is_stated for row in rows),
     )

@@ -14,13 +14,13 @@ from modalmotion.classification.estimators.scorer import Blend, Scorer
 from modalmotion.classification.estimators.standards import standards
 from modalmotion.classification.model.conformal import Calibration, calibrate
 from modalmotion.classification.model.digits import rounded
-from modalmotion.classification.model.domain import Domain, domain_limit, motion_limits
+from modalmotion.classification.model.domain import ARRAYS, motion_limits
 from modalmotion.classification.model.member import Member
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.basis import collect_in_one_basis
 from modalmotion.classification.training.cases import AnyCase
-from modalmotion.classification.training.domain_fit import fit_domain
+from modalmotion.classification.training.domain_fit import fit_domain, with_limits
 from modalmotion.classification.training.fold_fit import (
     FoldFit,
     MemberFit,
@@ -113,7 +113,7 @@ def train(
     for number, fold in enumerate(folds):
         report(_READ + (1 - _READ) * (number + 1) / len(works), plan.describe(fold))
         held_out.append((fold, next(results)))
-    validation = validated(table, held_out[: len(plan.folds)])
+    validation = validated(table, held_out[: len(plan.folds)], is_grouped=plan.splits.is_grouped)
     model = _model(table, fitted, name, validation, options)
     card = training_card(table, options, plan, validation, held_out, fitted)
     report(1.0, "trained")
@@ -135,11 +135,12 @@ def _model(
 ) -> Model:
     domain = fit_domain(table, np.arange(len(table))).domain
     least_motion, least_smooth = motion_limits(*table.sizes(domain.reader).T)
-    limit = np.inf
     calibration = Calibration(tuple(np.zeros(0) for _ in table.classes))
     if validation is not None:
         # Of the first repetition, as always: see decision 29.
-        limit = domain_limit(validation.distances, options.known_share)
+        domain = with_limits(
+            domain, validation.scores, validation.hand, validation.groups, options.known_share
+        )
         first = validation.answers.probabilities[0]
         calibration = calibrate(first, table.y, len(table.classes))
     X = np.concatenate([member.X for member in fitted.members], axis=1)
@@ -148,19 +149,19 @@ def _model(
     members = tuple(_member(table, member) for member in fitted.members)
     if _has_closed(table) and not any(member.reader.walls for member in members):
         always = (WALLS_NOTE,)
+    arrays: dict[str, Any] = {array: rounded(getattr(domain, array)) for array in ARRAYS}
     model = Model(
         name=name,
         classes=table.classes,
         readable=table.readable,
         members=members,
         temperature=float(rounded(np.array(fitted.temperature))),
-        domain=Domain(
-            domain.reader,
-            rounded(domain.means),
-            rounded(domain.whitening),
-            float(rounded(np.array(limit))),
-            float(rounded(np.array(least_motion))),
-            float(rounded(np.array(least_smooth))),
+        domain=replace(
+            domain,
+            **arrays,
+            least_motion=float(rounded(np.array(least_motion))),
+            least_smooth=float(rounded(np.array(least_smooth))),
+            hand_temperature=float(rounded(np.array(domain.hand_temperature))),
         ),
         calibration=calibration,
         golden_features=golden,

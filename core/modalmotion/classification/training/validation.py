@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.model.cross_validation import CrossValidation
 from modalmotion.classification.model.digits import rounded
+from modalmotion.classification.model.domain import CHECKS
 from modalmotion.classification.training.fold_fit import HeldOut
 from modalmotion.classification.training.repetitions import PlannedFold
 from modalmotion.classification.training.table import CaseTable
@@ -21,27 +22,35 @@ class Validation(NamedTuple):
     Parameters
     ----------
     answers : CrossValidation
-    distances : (cases,) float64
-        From the nearest class, in the first repetition.
+    scores : (cases, checks) float64
+        See `Judgement`; these are of the first repetition.
+    hand : (cases,) float64
+    groups : (cases,) int64
+        Cases that are not independent of one another.
     """
 
     answers: CrossValidation
-    distances: NDArray[np.float64]
+    scores: NDArray[np.float64]
+    hand: NDArray[np.float64]
+    groups: NDArray[np.int64]
 
 
-def validated(table: CaseTable, folds: Sequence[tuple[PlannedFold, HeldOut]]) -> Validation | None:
+def validated(
+    table: CaseTable, folds: Sequence[tuple[PlannedFold, HeldOut]], *, is_grouped: bool
+) -> Validation | None:
     """Put the answers of folds together; None where there was no fold."""
     if not folds:
         return None
     n, n_repetitions = len(table), 1 + max(fold.repetition for fold, _ in folds)
     probabilities = np.zeros((n_repetitions, n, len(table.classes)))
     numbers = np.zeros((n_repetitions, n), dtype=np.int64)
-    distances = np.zeros(n)
+    scores, hand = np.zeros((n, len(CHECKS))), np.zeros(n)
     for fold, held_out in folds:
         probabilities[fold.repetition, fold.outer] = held_out.probabilities
         numbers[fold.repetition, fold.outer] = fold.fold
         if fold.repetition == 0:
-            distances[fold.outer] = held_out.distances
+            scores[fold.outer] = held_out.judgement.scores
+            hand[fold.outer] = held_out.judgement.hand
     answers = CrossValidation(
         classes=table.classes,
         sequence_ids=table.sequence_ids,
@@ -52,4 +61,4 @@ def validated(table: CaseTable, folds: Sequence[tuple[PlannedFold, HeldOut]]) ->
         probabilities=rounded(probabilities),
         folds=numbers,
     )
-    return Validation(answers, distances)
+    return Validation(answers, scores, hand, table.groups if is_grouped else np.arange(n))

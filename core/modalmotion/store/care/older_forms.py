@@ -21,7 +21,7 @@ from modalmotion.classification.estimators.scorer import Blend, Scorer
 from modalmotion.classification.features import Column, FeatureReader
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
-from modalmotion.classification.model.domain import Domain
+from modalmotion.classification.model.domain import of_kind_alone
 from modalmotion.classification.model.hdf5 import (
     kept_model,
     model_from_hdf5,
@@ -230,8 +230,8 @@ def _model(contents: Contents, _: Folder) -> bytes:
             ),
         ),
         temperature=1.0,
-        domain=Domain(
-            reader=FeatureReader(**reader),
+        domain=of_kind_alone(
+            FeatureReader(**reader),
             **{
                 **domain,
                 "means": _array(domain["means"]),

@@ -138,7 +138,10 @@ def test_the_card_is_json(small: Model) -> None:
 
 def test_the_id_is_of_what_an_answer_depends_on(small: Model) -> None:
     assert replace(small, card=replace(small.card, has_seen="more")).id == small.id
-    assert replace(small, domain=replace(small.domain, limit=5.0)).id != small.id
+    assert (
+        replace(small, domain=replace(small.domain, limits=small.domain.limits + 1.0)).id
+        != small.id
+    )
     assert replace(small, notes={"": ("other",)}).id != small.id
     assert replace(small, calibration=Calibration((np.zeros(1), np.zeros(1)))).id != small.id
 

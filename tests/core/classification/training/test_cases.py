@@ -10,6 +10,8 @@ from classify_samples import cohort
 from modalmotion import Facts, SignatureParameters, modal_signature
 from modalmotion.classification import CaseFile, TrainingCase, TrainingOptions, classify
 from modalmotion.classification.answer import classifier
+from modalmotion.classification.answer.readability import unreadable
+from modalmotion.classification.model.model import Model
 from modalmotion.classification.training.table import collect
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
@@ -61,13 +63,12 @@ def test_covariates_reach_the_model_that_is_asked(
     monkeypatch: pytest.MonkeyPatch, is_fitted: bool
 ) -> None:
     read: list[ModalSignature] = []
-    own = classifier._unreadable
 
-    def seen(signature: ModalSignature, *rest: object) -> object:
+    def seen(signature: ModalSignature, model: Model) -> object:
         read.append(signature)
-        return own(signature, *rest)  # type: ignore[arg-type]
+        return unreadable(signature, model)
 
-    monkeypatch.setattr(classifier, "_unreadable", seen)
+    monkeypatch.setattr(classifier, "unreadable", seen)
     motion: MeshSequence | ModalSignature = BEAT
     if is_fitted:
         motion = modal_signature(BEAT)

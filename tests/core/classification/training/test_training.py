@@ -196,7 +196,8 @@ def test_an_explanation_names_the_modes_that_move_the_answer() -> None:
     sequence = simulate_ventricle(grid=(12, 24))
     signature = modal_signature(sequence)
     model = train(cohort(12), "explained", replace(QUICK, modes=7, further=False))
-    model = replace(model, domain=replace(model.domain, limit=np.inf))
+    everything = np.full_like(model.domain.limits, np.inf)
+    model = replace(model, domain=replace(model.domain, limits=everything))
     # Of one choice, and linear.
     first = replace(model.members[0], weight=1.0)
     model = replace(model, members=(first,), temperature=1.0)

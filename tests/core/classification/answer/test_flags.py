@@ -1,0 +1,85 @@
+"""Each thing that is wrong with a recording has its flag, its words and its remedy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from altered_beats import ALTERED
+from classify_samples import curves, curves_model
+
+from modalmotion.classification import FLAGS, classify, evaluate, load_model
+from modalmotion.classification.training.train_shipped import MATERIAL, held_out_cases
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.simulate import MotionClass, simulate_cohort
+
+ORDINARY = (MotionClass.NORMAL, MotionClass.AKINESIA)
+
+
+def rates(kind: str, n: int, seed: int, *, any_class: bool = False) -> tuple[float, float]:
+    """Share of recordings that get no class, and of these with the flag that names it."""
+    rng = np.random.default_rng(seed)
+    alter, names = ALTERED[kind]
+    classes = tuple(MotionClass) if any_class else ORDINARY
+    flagged, named = [], []
+    for case in simulate_cohort(-(-n // len(classes)), rng=rng, classes=classes):
+        answer = classify(alter(case.sequence, rng))
+        flagged.append(bool(answer.flags))
+        assert set(answer.flags) <= set(FLAGS)
+        if answer.flags:
+            named.append(answer.flags[0] in names)
+            assert answer.label is None
+            assert len(answer.notes) >= len(answer.flags)
+    return float(np.mean(flagged)), float(np.mean(named))
+
+
+@pytest.mark.parametrize("kind", ALTERED)
+def test_what_is_wrong_is_named(kind: str) -> None:
+    flagged, named = rates(kind, 8, 90)
+    assert flagged >= 7 / 8
+    assert named >= 6 / 8
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("kind", ALTERED)
+def test_hundreds_of_each_kind_are_flagged(kind: str) -> None:
+    flagged, named = rates(kind, 200, 91)
+    assert flagged >= 0.95
+    assert named >= 0.8
+
+
+def test_a_flag_says_what_to_do() -> None:
+    rng = np.random.default_rng(95)
+    beat = next(simulate_cohort(1, rng=rng, classes=(MotionClass.NORMAL,))).sequence
+    texts = {
+        "size x1000": "Check the unit",
+        "mirrored": "State the handedness",
+        "time reversed": "Check the order",
+        "two beats": "Cut out one cycle",
+        "motion x3": "Check the scale",
+    }
+    for kind, text in texts.items():
+        note = classify(ALTERED[kind][0](beat, rng)).notes[0]
+        assert note.startswith("No class: ")
+        assert text in note
+        assert note.endswith(".")
+
+
+def test_training_cases_are_not_strange_and_held_out_ones_rarely() -> None:
+    found = evaluate(load_model(), held_out_cases(MATERIAL, 12, seed=93))
+    assert found.abstained <= 0.04
+    answers = [classify(case.motion, curves_model()) for case in curves(12)]
+    assert not any(answer.flags for answer in answers)
+
+
+def test_a_size_without_a_unit_is_not_compared_with_one_in_mm() -> None:
+    rng = np.random.default_rng(94)
+    beat = next(simulate_cohort(1, rng=rng, classes=(MotionClass.NORMAL,))).sequence
+
+    def sized(factor: float, unit: str | None) -> MeshSequence:
+        return replace(beat, vertices=factor * beat.vertices, unit=unit)
+
+    assert classify(sized(1000.0, "um")).label == classify(beat).label
+    assert classify(sized(1000.0, "mm")).flags == ("other size",)
+    assert classify(sized(1000.0, None)).label == classify(beat).label
