@@ -58,7 +58,7 @@ def curve(label: str, rng: np.random.Generator, n_frames: int = 24) -> MeshSeque
 
 
 @cache
-def curves(n_per_class: int, seed: int = 3) -> list[TrainingCase]:
+def curves(n_per_class: int, seed: int = 100) -> list[TrainingCase]:
     """Curves of two classes."""
     rng = np.random.default_rng(seed)
     parameters = SignatureParameters(modes=7)

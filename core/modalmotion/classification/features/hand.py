@@ -12,7 +12,7 @@ from modalmotion.classification.features.axis import READINGS
 from modalmotion.classification.features.axis_parts import has_axis, parts_of
 from modalmotion.facts import UNKNOWN, Facts
 from modalmotion.facts.facts import Handedness
-from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.template import Landmarks
 
 _OTHER: Final[dict[Handedness, Handedness]] = {"left": "right", "right": "left"}
@@ -30,7 +30,9 @@ def mirrored(signature: ModalSignature) -> ModalSignature:
     Only what features are read from is the mirror image: amplitudes and landmarks. Where the shape
     says which way theta runs it runs right-handed again; columns of a lattice stay as they are.
     """
-    amplitudes = signature.amplitudes * _FLIP
+    # An offset outward stays one in a mirror.
+    is_offset = signature.kind == SignatureKind.OFFSET
+    amplitudes = signature.amplitudes * (1.0 if is_offset else _FLIP)
     reference = signature.reference_amplitudes * _FLIP
     if theta_is_of_the_shape(signature):
         sines = signature.modes.is_sine
@@ -63,11 +65,14 @@ def readings_of(signature: ModalSignature) -> NDArray[np.bool_]:
     """Which of `READINGS` the shape of a surface with an axis allows, (readings,) bool.
 
     Those in which the axis of the motion, about which theta is right-handed, runs from the apex
-    end to the base end; all where the axis is not known.
+    end to the base end; all where the axis is not known. Offsets have no axis of their own: where
+    the shape gives theta its sense they are those in which it is right-handed.
     """
     both = np.array([reading.is_mirrored for reading in READINGS])
     if signature.landmarks is None or not has_axis(signature):
         return np.ones(len(READINGS), dtype=np.bool_)
+    if signature.kind == SignatureKind.OFFSET:
+        return ~both if theta_is_of_the_shape(signature) else np.ones_like(both)
     a = signature.amplitudes - signature.amplitudes.mean(axis=0)
     parts = parts_of(signature.modes)
     c, s = a[:, parts.cosines[parts.first]], a[:, parts.sines[parts.first]]

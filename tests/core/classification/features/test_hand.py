@@ -18,10 +18,11 @@ from modalmotion.classification.features.hand import (
 from modalmotion.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CYLINDER
-from modalmotion.signature.making import SignatureParameters, modal_signature
+from modalmotion.signature.making import SignatureKind, SignatureParameters, modal_signature
 from modalmotion.simulate import Acquisition, simulate_ventricle
 
 MEAN_SHAPE = SignatureParameters(modes=7, reference="mean")
+OFFSETS = replace(MEAN_SHAPE, kind=SignatureKind.OFFSET)
 
 
 @pytest.fixture(scope="module", params=["lattice", "cylinder", "triangles"])
@@ -36,11 +37,12 @@ def beat(request: pytest.FixtureRequest) -> MeshSequence:
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("walls", [False, True])
+@pytest.mark.parametrize("parameters", [MEAN_SHAPE, OFFSETS], ids=["material", "offset"])
 def test_a_mirrored_signature_is_that_of_the_mirrored_recording(
-    beat: MeshSequence, axis: int, walls: bool
+    beat: MeshSequence, axis: int, walls: bool, parameters: SignatureParameters
 ) -> None:
     image = replace(beat, vertices=beat.vertices * np.where(np.arange(3) == axis, -1, 1))
-    one, other = mirrored(modal_signature(beat, MEAN_SHAPE)), modal_signature(image, MEAN_SHAPE)
+    one, other = mirrored(modal_signature(beat, parameters)), modal_signature(image, parameters)
     assert readings_of(one).tolist() == readings_of(other).tolist()
     for reader in (FeatureReader(True, True, 2, walls), FeatureReader(False, True, 2, walls)):
         a, b = reader.read(one).values, reader.read(other).values

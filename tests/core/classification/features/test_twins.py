@@ -10,7 +10,12 @@ import pytest
 from modalmotion.classification.features import FeatureReader
 from modalmotion.classification.features.hand import mirrored, theta_is_of_the_shape
 from modalmotion.classification.features.twins import TWINS, of_kinds, twin_signs
-from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.making import (
+    ModalSignature,
+    SignatureKind,
+    SignatureParameters,
+    modal_signature,
+)
 from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simulate_ventricle
 
 READERS = {
@@ -23,16 +28,21 @@ READERS = {
 }
 
 
-@pytest.fixture(scope="module", params=[None, 500])
+CASES = [(n, kind) for n in (None, 500) for kind in SignatureKind]
+
+
+@pytest.fixture(scope="module", params=CASES, ids=str)
 def signature(request: pytest.FixtureRequest) -> ModalSignature:
     rng = np.random.default_rng(3)
     beat = simulate_ventricle(
         draw_parameters(MotionClass.DYSSYNCHRONY, rng),
-        n_vertices=request.param,
+        n_vertices=request.param[0],
         acquisition=Acquisition(n_frames=20, noise=0.3),
         rng=rng,
     )
-    return modal_signature(beat, SignatureParameters(modes=7, reference="mean"))
+    return modal_signature(
+        beat, SignatureParameters(modes=7, reference="mean", kind=request.param[1])
+    )
 
 
 @pytest.mark.parametrize("name", READERS)
