@@ -17,7 +17,7 @@ from remedy_sentences import named_in, remedies, sentences
 from template_surfaces import MAKERS, Moving, cut_in_two
 
 from modalmotion.choice.parameters import ModeOrder
-from modalmotion.classification import TrainingCase, TrainingOptions, train
+from modalmotion.classification import SignatureFeatures, TrainingCase, TrainingOptions, train
 from modalmotion.cli import main
 from modalmotion.clinical import clinical_readouts
 from modalmotion.codec import decode, encode
@@ -29,7 +29,12 @@ from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
 from modalmotion.modes.naming import modes_named, parse_label
 from modalmotion.modes.topology import CUP
 from modalmotion.signature.comparison import compare
-from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.making import (
+    ModalSignature,
+    SignatureKind,
+    SignatureParameters,
+    modal_signature,
+)
 from modalmotion.template import GivenLandmarks, make_template
 from modalmotion.template.body_frame import Components
 from modalmotion.template.vibration_modes import surface_modes
@@ -126,6 +131,16 @@ def of_balls(seed: int = 0, *, as_sequences: bool = False) -> list[TrainingCase]
             TrainingCase(moved if as_sequences else fitted(moved), f"{number % 2}", f"{number}")
         )
     return cases
+
+
+BEATS = [
+    case.motion for case in of_balls(as_sequences=True) if isinstance(case.motion, MeshSequence)
+]
+
+
+def refitted() -> ModalSignature:
+    parameters = SignatureFeatures().fit(BEATS).readable_.parameters
+    return modal_signature(BEATS[0], parameters)
 
 
 def with_one(text: str, place: int) -> object:
@@ -415,6 +430,32 @@ TRIED = (
         ),
     ),
     Try(
+        "Ask by modes, tolerance or tolerance_share, or for the kind material",
+        lambda: fitted(kind=SignatureKind.OFFSET, auto=True),
+        (
+            lambda _: fitted(kind=SignatureKind.OFFSET, modes=7),
+            lambda _: fitted(kind=SignatureKind.OFFSET, tolerance=5.0),
+            lambda _: fitted(kind=SignatureKind.OFFSET, tolerance_share=0.1),
+            lambda _: fitted(kind=SignatureKind.MATERIAL, auto=True),
+        ),
+    ),
+    Try(
+        "Leave the components out, or ask for the kind material",
+        lambda: fitted(kind=SignatureKind.OFFSET, components=Components.CYLINDRICAL),
+        (
+            lambda _: fitted(kind=SignatureKind.OFFSET),
+            lambda _: fitted(kind=SignatureKind.MATERIAL, components=Components.CYLINDRICAL),
+        ),
+    ),
+    Try(
+        "Fit it with the parameters in `readable_.parameters`, or give the sequence itself",
+        lambda: SignatureFeatures().fit(BEATS).transform([fitted(BEATS[0], modes=7)]),
+        (
+            lambda _: SignatureFeatures().fit(BEATS).transform([refitted()]),
+            lambda _: SignatureFeatures().fit(BEATS).transform(BEATS[:1]),
+        ),
+    ),
+    Try(
         "Leave those out, or state one topology for all (topology); only cups",
         lambda: train(
             [*of_balls(), TrainingCase(fitted(surface("torus"), modes=7), "0", "s")], "x", QUICK
@@ -525,6 +566,7 @@ def test_every_option_command_and_setting_that_is_named_exists() -> None:
 # They name an option and cannot be followed here: why, or where they are.
 ELSEWHERE = {
     "State the landmark theta_zero": "classification/features: of a cup whose zero is weak",
+    "To go on without such files use --skip-unreadable": "tests/core/cli/test_model_commands.py",
     "Name another owner of FOLDER: --owner": "tests/core/cli/test_store_commands.py",
     "Ask for less at once, or allow more as `most_bytes`": "tests/core/client",
     "Change it with `update_sequence`": "tests/core/store",

@@ -13,8 +13,6 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, Final
 
-from modalmotion_service.work.parsing import end_parser
-
 # Of the program itself, or by paths, which lie in one owner's folder.
 _OF_NOBODY: Final = frozenset({"_load_shipped", "_loaded", "_hints", "result_type"})
 
@@ -46,6 +44,9 @@ def attributed(function: Callable[..., Any], args: Any) -> tuple[Callable[..., A
 
 def serve(owner: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
     """Do a task for an owner, in a worker, which first forgets what it knows of others."""
+    # All formats, which the processes that only hand tasks on do without.
+    from modalmotion_service.work.parsing import end_parser
+
     if _served and _served[-1] != owner:
         for cache in remembering():
             cache.cache_clear()

@@ -23,6 +23,11 @@ CLOSED = [route for route in ROUTES if SCOPE_OF[route] is not OPEN]
 # What is the same for everybody, whatever its path names.
 SHARED = {"/metrics", "/v1/limits"}
 NEEDS_QUERY = {"/v1/sequences/{sequence_id}/distance": {"to": "0" * 64}}
+_CASES = [{"id": "0" * 64, "label": label} for label in ("normal", "weak")]
+NEEDS_BODY = {
+    ("PATCH", "/v1/sequences/{sequence_id}"): {"label": "mine"},
+    ("POST", "/v1/models/{name}/versions/{version}/evaluations"): {"sequences": _CASES},
+}
 
 
 def filled(template: str, ids: dict[str, str]) -> str:
@@ -140,7 +145,7 @@ def test_for_anothers_id_exactly_what_an_unknown_one_is_answered(
     service: Guarded, alices: dict[str, str], method: str, template: str
 ) -> None:
     """Bob may do everything, knows Alice's ids, and learns not even that they are there."""
-    body = {"label": "mine"} if method == "PATCH" else None
+    body = NEEDS_BODY.get((method, template))
     more: dict[str, Any] = {"json": body, "params": NEEDS_QUERY.get(template)}
     tag = {"If-None-Match": "*"}
     for headers in ({}, tag, {"Accept": "*/*"}, {"Prefer": "respond-async"}):

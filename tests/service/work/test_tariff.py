@@ -45,7 +45,8 @@ def upload(folder: Path, n_bytes: int, kind: Format | None = Format.RAW) -> Uplo
 
 
 def test_every_task_of_requests_has_a_price() -> None:
-    modules = [sequences, signatures, templates, derived, codec, tasks.classification]
+    modules = [sequences, signatures, templates, derived, codec]
+    modules += [tasks.classification, tasks.evaluation, tasks.features]
     public = {
         function
         for module in modules

@@ -19,7 +19,7 @@ from modalmotion.classification.features.hand import (
     theta_is_of_the_shape,
 )
 from modalmotion.classification.features.twins import of_kinds, twin_signs
-from modalmotion.classification.model.domain import Domain, Judgement, Sights
+from modalmotion.classification.model.domain import Domain, Judgement, Sights, sights_of
 from modalmotion.classification.model.model import Model
 from modalmotion.facts import UNKNOWN
 from modalmotion.signature.making import ModalSignature
@@ -174,5 +174,4 @@ def _sights(signature: ModalSignature, seen: MotionFeatures, domain: Domain) -> 
     values = measures(signature)
     if domain.has_unit is None or domain.has_unit != (signature.unit is not None):
         values[0] = math.nan
-    allowed = readings_of(signature)[None, : len(seen.kinds)]
-    return Sights(seen.kinds[None], allowed, of_kinds(signs), values[None])
+    return sights_of(seen.kinds[None], readings_of(signature)[None], of_kinds(signs), values[None])

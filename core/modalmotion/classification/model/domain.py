@@ -64,6 +64,18 @@ class Sights(NamedTuple):
         return Sights(self.kinds[rows], self.allowed[rows], self.signs, self.measures[rows])
 
 
+def sights_of(
+    kinds: NDArray[np.float64],
+    allowed: NDArray[np.bool_],
+    signs: NDArray[np.float64],
+    measures: NDArray[np.float64],
+) -> Sights:
+    """Sights, where all readings about an axis may be one for a reader that has none."""
+    if kinds.shape[1] == 1:
+        allowed = np.ones((len(kinds), 1), dtype=np.bool_)
+    return Sights(kinds, allowed, signs, measures)
+
+
 class Judgement(NamedTuple):
     """How recordings lie to a domain.
 

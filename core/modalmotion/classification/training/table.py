@@ -24,7 +24,7 @@ from modalmotion.classification.features import (
 )
 from modalmotion.classification.features.hand import theta_is_of_the_shape
 from modalmotion.classification.features.twins import of_kinds, twin_signs
-from modalmotion.classification.model.domain import Sights
+from modalmotion.classification.model.domain import Sights, sights_of
 from modalmotion.classification.model.model import Readable
 from modalmotion.classification.options import PoseOf, TrainingOptions
 from modalmotion.classification.training.case_groups import group_cases
@@ -192,7 +192,7 @@ class CaseTable:
         kinds = self.kinds(reader, self.features(reader), np.arange(len(self)))
         turns = theta_is_of_the_shape(self.example)
         signs = twin_signs(self.columns(reader), mirror_turns_theta=turns)
-        return Sights(kinds, self.allowed[:, : kinds.shape[1]], of_kinds(signs), self.measures)
+        return sights_of(kinds, self.allowed, of_kinds(signs), self.measures)
 
 
 def _terms_key(reader: FeatureReader) -> TermsKey:

@@ -214,7 +214,7 @@ def main(arguments: Sequence[str]) -> None:
         model = replace(model, card=replace(model.card, extra=extra))
         path = folder / f"{name}.h5"
         path.write_bytes(model_to_hdf5(model))
-        sys.stdout.write(f"{path} {model.id}\n{extra}\n")
+        sys.stdout.write(f"{path} {model.id}\n")
 
 
 def _record(evaluation: Evaluation) -> dict[str, object]:
