@@ -185,10 +185,10 @@ def test_a_surface_without_natural_coordinates_gets_the_modes_of_its_mesh(
     client: TestClient, npz: Callable[..., bytes]
 ) -> None:
     rng = np.random.default_rng(5)
-    # Two tetrahedra: two pieces, no cup and no cylinder.
-    faces = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]
-    faces += [[a + 4 for a in face] for face in faces]
-    vertices = rng.normal(size=(4, 8, 3))
+    # Five tetrahedra, so that there are the modes of every model: no cup and no cylinder.
+    one = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
+    faces = np.concatenate([one + 4 * k for k in range(5)])
+    vertices = rng.normal(size=(4, 20, 3))
     body = npz(vertices=vertices, faces=faces, unit="mm")
     here = client.post("/v1/sequences", content=body).headers["location"]
     answer = client.get(f"{here}/signature?modes=4").json()

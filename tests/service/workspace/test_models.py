@@ -186,7 +186,7 @@ def test_a_training_that_is_cancelled_leaves_nothing(
 
     from modalmotion_service.workspace.training import Trainer
 
-    async def endless(self: Trainer, *_: Any) -> list[Path]:
+    async def endless(self: Trainer, *_: Any, **_more: Any) -> list[Path]:
         await asyncio.sleep(3600)
         return []
 

@@ -18,6 +18,8 @@ from modalmotion.signature.making import ModalSignature, SignatureParameters
 
 # Cases that are read in one piece of work: some 0.1 s of it.
 _IN_ONE_PIECE: Final = 16
+# Surfaces of which several may be read about their axes together.
+_WITH_AXIS: Final = frozenset({"cup", "cylinder", "sphere"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,8 +174,10 @@ def require_alike(case: ReadCase, example: ReadCase, number: int) -> None:
             "kind.",
             details={"case": number, "sequence_id": case.row.sequence_id},
         )
+    # Surfaces that do not mix are named together, when all cases are known.
+    parted = case.surface != example.surface and not {case.surface, example.surface} <= _WITH_AXIS
     same = basis_of(case)[:-1] == basis_of(example)[:-1] and (
-        fits or len(case.modes) == len(example.modes)
+        fits or parted or len(case.modes) == len(example.modes)
     )
     if same and case.modes.connectivity_id != example.modes.connectivity_id:
         raise UnlikeCasesError(
