@@ -94,9 +94,10 @@ class TrainingOptions:
         weighed, too. None for 18, or as many as every recording can tell apart.
     topology : str or None
         Of the signatures: None lets the cases decide, all together. "mesh" for spring modes.
-    kind : SignatureKind
+    kind : SignatureKind or None
         Of the signatures: MATERIAL where vertices follow the tissue, OFFSET where they may slide
-        over it.
+        over it. None takes what all recordings state as their tracking; where some state none,
+        both kinds are weighed inside the folds, and the model reads the better one.
     harmonics : int
         Of each part of the motion.
     timing : Timing
@@ -134,7 +135,7 @@ class TrainingOptions:
 
     modes: int | None = None
     topology: str | None = None
-    kind: SignatureKind | str = SignatureKind.MATERIAL
+    kind: SignatureKind | str | None = None
     harmonics: int = 2
     timing: Timing | str = Timing.AUTO
     pose: PoseOf | str = PoseOf.ANY
@@ -162,6 +163,8 @@ class TrainingOptions:
             ("card", CardKind),
             ("on_error", OnError),
         ):
+            if name == "kind" and self.kind is None:
+                continue
             object.__setattr__(self, name, _member(kind, name, getattr(self, name)))
         for name, least, most in (
             ("modes", 1, MOST_MODES),
@@ -239,7 +242,7 @@ class TrainingOptions:
             reference=MEAN,
             topology=self.topology,
             volumes=self.further,
-            kind=SignatureKind(self.kind),
+            kind=SignatureKind.MATERIAL if self.kind is None else SignatureKind(self.kind),
         )
 
     def as_json(self) -> dict[str, Any]:

@@ -37,6 +37,8 @@ _HELP: Final = {
     "modes": "Modes of the signatures; 3 amplitudes a frame each.",
     "topology": "cup, sphere, ..., or mesh for spring modes; all cases decide it together by "
     "default.",
+    "kind": "material: points follow the tissue; offset: they may slide over it; by default what "
+    "all recordings state, and else the better of both.",
     "harmonics": "Harmonics of each part of the motion.",
     "timing": "cycle: one turn of a cycle; course: a movement with a beginning and an end.",
     "pose": "any: recordings may be turned any way; fixed: they share their coordinates.",

@@ -24,7 +24,7 @@ from modalmotion.errors import (
     TopologyError,
     UnlikeCasesError,
 )
-from modalmotion.signature.making import SignatureParameters
+from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore, model_from_hdf5
 from modalmotion_service.errors import CostError
 from modalmotion_service.work.executor import Engine
@@ -108,11 +108,18 @@ class Trainer:
         plan, image, other, progress = (self._spool.new_path() for _ in range(4))
         springs = replace(parameters, closed_form=False)
         leaves_out = options.on_error == OnError.LEAVE_OUT
+        weighs_kinds = options.kind is None and await asyncio.to_thread(self._may_slide, cases)
         try:
 
             async def train_with(asked: SignatureParameters, image: Path) -> None:
                 paths = await self._fit(cases, asked, report, leaves_out=leaves_out)
-                await asyncio.to_thread(_write_plan, plan, cases, paths)
+                offsets: list[Path | LeftOut] | None = None
+                if weighs_kinds:
+                    # Curves and volumes have none.
+                    with contextlib.suppress(ModalMotionError):
+                        other = replace(asked, kind=SignatureKind.OFFSET)
+                        offsets = await self._fit(cases, other, report, leaves_out=leaves_out)
+                await asyncio.to_thread(_write_plan, plan, cases, paths, offsets)
                 with work_of(str(self._store.root)):
                     future = self._engine.submit_for(
                         Terms(self._owner),
@@ -169,6 +176,11 @@ class Trainer:
         finally:
             for path in (plan, image, other, progress):
                 remove_with_beside(path)
+
+    def _may_slide(self, cases: list[Case]) -> bool:
+        """Whether some recordings do not state that their points follow the tissue."""
+        records = (self._store.sequence_record(case.id) for case in cases)
+        return any(str(record.facts.tracking) != SignatureKind.MATERIAL for record in records)
 
     async def _fit(
         self,
@@ -237,13 +249,22 @@ def _n_cases(image: Path) -> int:
     return sum(model_from_hdf5(image).card.n_cases.values())
 
 
-def _write_plan(plan: Path, cases: list[Case], paths: list[Path | LeftOut]) -> None:
+def _write_plan(
+    plan: Path,
+    cases: list[Case],
+    paths: list[Path | LeftOut],
+    offsets: list[Path | LeftOut] | None,
+) -> None:
     # A line for each case: the worker reads them one by one.
     with plan.open("w") as file:
-        for case, path in zip(cases, paths, strict=True):
+        for number, case in enumerate(cases):
             line: dict[str, Any] = asdict(case)
-            if isinstance(path, LeftOut):
-                line["left_out"] = path.reason
+            files = [paths[number], paths[number] if offsets is None else offsets[number]]
+            left_out = [one for one in files if isinstance(one, LeftOut)]
+            if left_out:
+                line["left_out"] = left_out[0].reason
             else:
-                line["path"] = str(path)
+                line["path"] = str(files[0])
+                if offsets is not None:
+                    line["offsets"] = str(files[1])
             file.write(json.dumps(line) + "\n")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from modalmotion.classification.features.axis_parts import Parts, parts_of, readable_modes
 from modalmotion.classification.features.columns import Column, MotionFeatures
 from modalmotion.classification.features.temporal import (
-    elapsed_share,
+    cycle_share,
     harmonics,
     one_turn,
     smooth_share,
@@ -133,7 +133,7 @@ def axis_features(
     n, n_modes = len(a), len(modes)
     # Components along e1, e2 and e3.
     b = (a.reshape(-1, 3) @ frame).reshape(n, n_modes, 3)
-    share = elapsed_share(signature)
+    share = cycle_share(signature)
     count = max(n_signed, n_sized)
     spectrum = harmonics(share, b.reshape(n, -1), count).reshape(count, n_modes, 3)
     signed, x, y = _read(spectrum, parts, _radial_line(b, parts))

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.features.temporal import elapsed_share, harmonics, one_turn
+from modalmotion.classification.features.temporal import cycle_share, harmonics, one_turn
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.signature.making import ModalSignature
 
@@ -42,7 +42,7 @@ def measures(signature: ModalSignature) -> NDArray[np.float64]:
             _log(size * known),
             _elongation(signature.reference_amplitudes),
             *_steps(a),
-            _turns(elapsed_share(turn), a),
+            _turns(cycle_share(turn), a),
         ]
     )
 

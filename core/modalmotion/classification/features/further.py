@@ -15,6 +15,7 @@ from modalmotion.classification.features.columns import Column
 from modalmotion.classification.features.invariants import Waves, invariant_columns, invariants
 from modalmotion.classification.features.temporal import (
     cosines,
+    cycle_share,
     elapsed_share,
     harmonics,
     one_turn,
@@ -176,7 +177,7 @@ def volume_curve(signature: ModalSignature, *, is_cycle: bool) -> Array:
         share = elapsed_share(signature)
         return cosines(share, relative[:, None], 2 * _N_CURVE)[:, 0]
     turn = one_turn(signature)
-    share = elapsed_share(turn)
+    share = cycle_share(turn)
     terms = harmonics(share, relative[: turn.n_frames, None], _N_CURVE)[:, 0]
     phase = float(np.angle(terms[0]))
     terms = terms * np.exp(-1j * phase * np.arange(1, _N_CURVE + 1))

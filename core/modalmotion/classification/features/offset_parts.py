@@ -18,7 +18,7 @@ from modalmotion.classification.features.axis import READINGS
 from modalmotion.classification.features.axis_parts import parts_of, readable_modes
 from modalmotion.classification.features.columns import Column, MotionFeatures
 from modalmotion.classification.features.temporal import (
-    elapsed_share,
+    cycle_share,
     harmonics,
     one_turn,
     smooth_share,
@@ -87,7 +87,7 @@ def offset_features(
     a /= math.sqrt(around)
     a *= 100.0
     a -= np.add.reduce(a) / len(a)
-    share, count = elapsed_share(signature), max(n_signed, n_sized)
+    share, count = cycle_share(signature), max(n_signed, n_sized)
     spectrum = harmonics(share, a, count)
     # At phase 0 the narrowing, which is the opposite of "radial 0", is at its height.
     clock = cmath.phase(-spectrum[0, layout.levels[0]])

@@ -29,6 +29,7 @@ from modalmotion.classification.features.offset_parts import offset_features
 from modalmotion.classification.features.summary import summary, summary_columns
 from modalmotion.classification.features.temporal import (
     cosines,
+    cycle_share,
     elapsed_share,
     harmonics,
     one_turn,
@@ -254,7 +255,8 @@ def motion_of(signature: ModalSignature, reader: FeatureReader) -> MotionTerms:
     a = signature.body_amplitudes / surface_size(signature)
     a = a - a.mean(axis=0)
     n_frames = len(a)
-    share, flat = elapsed_share(signature), a.reshape(n_frames, -1)
+    share = cycle_share(signature) if reader.is_cycle else elapsed_share(signature)
+    flat = a.reshape(n_frames, -1)
     if reader.is_cycle:
         terms = harmonics(share, flat, reader.n_harmonics)
     else:

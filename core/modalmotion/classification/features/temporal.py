@@ -21,6 +21,10 @@ _RANK_TOLERANCE: Final = 1e-8
 _N_DESIGNS: Final = 32
 # Share of the motion below which the last frame repeats the first: what float32 leaves of it.
 _REPEATED: Final = 1e-4
+# Share of its period that a recording must cover for its phases to be told by the period.
+_MOST_OF_PERIOD: Final = 0.75
+# Share by which times may exceed a period: both may have been rounded.
+_ROUNDED: Final = 1e-6
 
 Complex = NDArray[np.complex128]
 
@@ -73,6 +77,24 @@ def elapsed_share(signature: ModalSignature) -> NDArray[np.float64]:
     elapsed: NDArray[np.float64] = signature.times - signature.times[0]
     elapsed /= elapsed[-1]
     return elapsed
+
+
+def cycle_share(signature: ModalSignature) -> NDArray[np.float64]:
+    """Time of each frame as `elapsed_share` has it, or by the period where that is stated.
+
+    In units in which `cycle_angle` gives the phase: a last frame that is a whole period after the
+    first has the same. A recording of less than most of its period does not say what the rest is
+    like, and is taken as a cycle of its own.
+    """
+    share, n = elapsed_share(signature), signature.n_frames
+    period, times = signature.facts.period, signature.times
+    if period is None or times is None:
+        return share
+    covered = float(times[-1] - times[0]) / period
+    # Longer than its period is only what was made of other recordings.
+    if not _MOST_OF_PERIOD <= covered <= 1.0 + _ROUNDED:
+        return share
+    return share * (covered * n / (n - 1))
 
 
 def cycle_angle(share: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -101,6 +101,8 @@ class CaseRow:
         See `course.measures`.
     has_unit, hand_is_stated : bool
         Whether the unit and the handedness are known.
+    tracking : str
+        As the facts state it.
     """
 
     label: str
@@ -120,6 +122,7 @@ class CaseRow:
     measures: NDArray[np.float64]
     has_unit: bool
     hand_is_stated: bool
+    tracking: str
 
 
 def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
@@ -160,6 +163,7 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
         measures=measures(signature),
         has_unit=signature.unit is not None,
         hand_is_stated=hand_of(signature.facts) != UNKNOWN,
+        tracking=signature.facts.tracking,
     )
 
 

@@ -83,11 +83,14 @@ class FoldFit:
         See `pooled`.
     classes : (seen,) int64
         Those that the estimators have seen.
+    loss : float, nats
+        Mean log loss of the cases that were left out; NaN where none could be.
     """
 
     members: tuple[MemberFit, ...]
     temperature: float
     classes: NDArray[np.int64]
+    loss: float
 
     def probabilities(
         self, rows: NDArray[np.int64], readings: NDArray[np.int64], n_classes: int
@@ -124,7 +127,7 @@ def fit_rows(table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions
     if np.isnan(fits[0].estimator.held_out_).any():
         # Nothing says which is better.
         only = fits[0] if len(compared) == len(rows) else _fit(table, fits[0].reader, rows, options)
-        return FoldFit((replace(only, weight=1.0),), 1.0, only.estimator.classes_)
+        return FoldFit((replace(only, weight=1.0),), 1.0, only.estimator.classes_, np.nan)
     kinds = _kinds(table, compared, options)
     if Further.VOLUME in kinds:
         volume = replace(_beside_motion(table), further=(Further.VOLUME,))
@@ -135,11 +138,11 @@ def fit_rows(table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions
         larger = _pool(table, [*fits, *more], compared, options)
         if _surely_gains(pool.losses, larger.losses, table.groups[compared]):
             pool = larger
-    kept = list(pool.members)
+    kept, loss = list(pool.members), float(pool.losses.mean())
     if len(compared) < len(rows) or quick is not options:
         kept = [replace(_fit(table, fit.reader, rows, options), weight=fit.weight) for fit in kept]
         pool = _pool(table, kept, rows, options, [fit.weight for fit in kept])
-    return FoldFit(pool.members, pool.temperature, pool.members[0].estimator.classes_)
+    return FoldFit(pool.members, pool.temperature, pool.members[0].estimator.classes_, loss)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,11 +276,14 @@ class HeldOut(NamedTuple):
         Of the fold's domain.
     choices : tuple of (str, float)
         The choices of features that the fold made, in words, and their weights; these sum to 1.
+    loss : float
+        See `FoldFit`.
     """
 
     probabilities: NDArray[np.float64]
     judgement: Judgement
     choices: tuple[tuple[str, float], ...]
+    loss: float
 
 
 def predict_fold(
@@ -290,7 +296,7 @@ def predict_fold(
     fold = fit_rows(table, inner, options)
     judgement = fit_domain(table, inner).judge(outer)
     probabilities = fold.probabilities(outer, judgement.readings, len(table.classes))
-    return HeldOut(probabilities, judgement, fold.choices)
+    return HeldOut(probabilities, judgement, fold.choices, fold.loss)
 
 
 def _case_weights(

@@ -84,6 +84,10 @@ class CaseTable:
         Whether lengths have a unit; None where they have in some.
     hand_is_stated : bool
         Whether all cases state their handedness.
+    trackings : frozenset of str
+        What the cases state of their points.
+    is_fitted : bool
+        Whether all cases came as sequences.
     numbers : (cases,) int64
         Of each case, as it was given.
     n_given : int
@@ -112,6 +116,8 @@ class CaseTable:
     measures: NDArray[np.float64]
     has_unit: bool | None
     hand_is_stated: bool
+    trackings: frozenset[str]
+    is_fitted: bool = False
     numbers: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     n_given: int = 0
     left_out: tuple[LeftOut, ...] = ()
@@ -291,6 +297,7 @@ def _collected(
         own = folds_by(options.fold, [row.covariates for row in rows], numbers)
     return replace(
         table,
+        is_fitted=all(case.is_fitted for case in kept.cases),
         numbers=np.array(numbers),
         own_folds=own,
         n_given=len(kept.cases) + len(kept.left_out),
@@ -370,4 +377,5 @@ def _table(
         measures=np.stack([row.measures for row in rows]),
         has_unit=units.pop() if len(units) == 1 else None,
         hand_is_stated=all(row.hand_is_stated for row in rows),
+        trackings=frozenset(row.tracking for row in rows),
     )

@@ -18,7 +18,6 @@ from modalmotion.classification.model.domain import ARRAYS, motion_limits
 from modalmotion.classification.model.member import Member
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.options import TrainingOptions
-from modalmotion.classification.training.basis import collect_in_one_basis
 from modalmotion.classification.training.cases import AnyCase
 from modalmotion.classification.training.domain_fit import fit_domain, with_limits
 from modalmotion.classification.training.fold_fit import (
@@ -27,7 +26,14 @@ from modalmotion.classification.training.fold_fit import (
     fit_rows,
     predict_fold,
 )
-from modalmotion.classification.training.own_folds import Folds, folds_of
+from modalmotion.classification.training.kinds import (
+    better,
+    collect_kinds,
+    kind_note,
+    kind_of_table,
+    of_better_kind,
+)
+from modalmotion.classification.training.own_folds import Fold, Folds, folds_of
 from modalmotion.classification.training.repetitions import plan_folds
 from modalmotion.classification.training.table import CaseTable
 from modalmotion.classification.training.training_card import empty_card, training_card
@@ -50,6 +56,7 @@ def train(
     options: TrainingOptions | None = None,
     progress: Callable[[float, str], None] | None = None,
     cv: Folds | None = None,
+    offsets: Iterable[AnyCase] | None = None,
 ) -> Model:
     """Train a model on labelled recordings.
 
@@ -57,7 +64,7 @@ def train(
     ----------
     cases : iterable of TrainingCase or CaseSource
         Read a few at a time; nothing but their features is kept. An iterator of sequences is
-        held in memory, for these may have to be fitted twice: see `collect_in_one_basis`.
+        held in memory, for these may have to be fitted several times: see `collect_kinds`.
     name : str
     options : TrainingOptions, optional
     progress : callable, optional
@@ -65,6 +72,9 @@ def train(
     cv : splitter of scikit-learn or iterable of (indices, indices), optional
         Folds of your own that predict each case once; indices count the cases from 0. See also
         the options `fold` and `groups`.
+    offsets : iterable of TrainingCase or CaseSource, optional
+        The same cases with their signatures of the kind offset, where `cases` are signatures and
+        both kinds are to be weighed. Sequences are fitted in both by themselves.
 
     Returns
     -------
@@ -91,34 +101,49 @@ def train(
     if options is None:
         options = TrainingOptions()
     report = progress or _silent
-    n_cases = len(cases) if isinstance(cases, Sized) else 0
+    n_readings = len(cases) if isinstance(cases, Sized) else 0
+    if options.kind is None:
+        n_readings *= 2
 
     def reading(number: int) -> None:
-        share = _READ * (number / n_cases) if n_cases else 0.0
+        share = _READ * (number / n_readings) if n_readings else 0.0
         report(share, f"reading case {number}")
 
-    table = collect_in_one_basis(cases, options, reading)
+    tables = collect_kinds(cases, offsets, options, reading)
     if cv is not None:
-        labels = [table.classes[k] for k in table.y]
-        own = folds_of(cv, table.numbers, table.n_given, labels, table.groups)
-        table = replace(table, own_folds=own)
-    plan = plan_folds(table, options)
+        own = _own_folds(tables[0], cv)
+        tables = tuple(replace(table, own_folds=own) for table in tables)
+    plan = plan_folds(tables[0], options)
     folds = [*plan.folds, *plan.curve]
-    works = [delayed(fit_rows)(table, np.arange(len(table)), options)]
-    works += [delayed(predict_fold)(table, fold.inner, fold.outer, options) for fold in folds]
+    works = [delayed(fit_rows)(table, np.arange(len(table)), options) for table in tables]
+    works += [
+        delayed(predict_fold)(table, fold.inner, fold.outer, options)
+        for fold in folds
+        for table in tables
+    ]
     results = Parallel(return_as="generator", batch_size=1)(works)
     report(_READ, "all cases")
-    fitted = next(results)
+    fits = [next(results) for _ in tables]
+    final = better(fits)
+    table, fitted = tables[final], fits[final]
     held_out = []
     for number, fold in enumerate(folds):
-        report(_READ + (1 - _READ) * (number + 1) / len(works), plan.describe(fold))
-        held_out.append((fold, next(results)))
+        report(_READ + (1 - _READ) * (number + 1) / (len(folds) + 1), plan.describe(fold))
+        answers = [next(results) for _ in tables]
+        held_out.append((fold, of_better_kind(tables, answers, final)))
+    options = replace(options, kind=kind_of_table(table))
     validation = validated(table, held_out[: len(plan.folds)], is_grouped=plan.splits.is_grouped)
     model = _model(table, fitted, name, validation, options)
     card = training_card(table, options, plan, validation, held_out, fitted)
     report(1.0, "trained")
-    notes = (*table.notes, *plan.splits.notes, *card.notes)
+    weighed = () if len(tables) == 1 else (kind_note(tables, fits),)
+    notes = (*table.notes, *weighed, *plan.splits.notes, *card.notes)
     return replace(model, card=replace(card, notes=notes))
+
+
+def _own_folds(table: CaseTable, cv: Folds) -> tuple[Fold, ...]:
+    labels = [table.classes[k] for k in table.y]
+    return folds_of(cv, table.numbers, table.n_given, labels, table.groups)
 
 
 def _silent(share: float, text: str) -> None:

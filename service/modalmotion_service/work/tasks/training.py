@@ -34,8 +34,9 @@ def train_model(
     Parameters
     ----------
     plan : Path
-        A line of JSON for each case: `id`, `label`, `subject`, `covariates` and the `path` of its
-        signature; or `left_out`, the reason why it has none.
+        A line of JSON for each case: `id`, `label`, `subject`, `covariates`, the `path` of its
+        signature and, where both kinds are weighed, that of its `offsets`; or `left_out`, the
+        reason why it has none.
     name : str
     options : dict
         As `TrainingOptions.as_json` gives them.
@@ -61,7 +62,10 @@ def train_model(
     chosen = TrainingOptions.from_json(options)
 
     def work() -> Model:
-        return train(_Cases(plan), name, chosen, report)
+        offsets = _Cases(plan, "offsets")
+        return train(
+            *(_Cases(plan), name, chosen, report), offsets=offsets if offsets.are_there else None
+        )
 
     if scheduler is not None:
         model = _on_workers(work, scheduler)
@@ -114,10 +118,17 @@ class _Unfitted:
 class _Cases:
     """Cases of a plan, line by line."""
 
-    def __init__(self, plan: Path) -> None:
+    def __init__(self, plan: Path, which: str = "path") -> None:
         self._plan = plan
+        self._which = which
         with plan.open() as lines:
             self._n_cases = sum(1 for _ in lines)
+
+    @property
+    def are_there(self) -> bool:
+        """Whether the plan has such signatures."""
+        with self._plan.open() as lines:
+            return any(self._which in json.loads(line) for line in lines)
 
     def __len__(self) -> int:
         return self._n_cases
@@ -130,6 +141,6 @@ class _Cases:
                     yield _Unfitted(case_name(case["id"]), case["left_out"])
                     continue
                 yield CaseFile(
-                    *(Path(case["path"]), case["id"], case["label"], case["subject"]),
+                    *(Path(case[self._which]), case["id"], case["label"], case["subject"]),
                     covariates=Named(case["covariates"]),
                 )

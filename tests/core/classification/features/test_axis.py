@@ -55,7 +55,8 @@ def with_amplitudes(
     times: ArrayLike | None = None,
 ) -> ModalSignature:
     stamps = None if times is None else np.asarray(times, dtype=np.float64)
-    return replace(signature, amplitudes=amplitudes, times=stamps)
+    facts = replace(signature.facts, period=None)
+    return replace(signature, amplitudes=amplitudes, times=stamps, facts=facts)
 
 
 def assert_same(a: MotionFeatures, b: MotionFeatures, atol: float = 1e-9) -> None:

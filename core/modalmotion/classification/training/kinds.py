@@ -1,0 +1,102 @@
+"""The kinds of signature that a cohort may be read in, and which of them predicts better."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from modalmotion.classification.options import TrainingOptions
+from modalmotion.classification.training.basis import collect_in_one_basis
+from modalmotion.classification.training.cases import AnyCase
+from modalmotion.classification.training.fold_fit import FoldFit, HeldOut
+from modalmotion.classification.training.table import CaseTable
+from modalmotion.errors import ModalMotionError
+from modalmotion.signature.making import SignatureKind
+
+
+def collect_kinds(
+    cases: Iterable[AnyCase],
+    offsets: Iterable[AnyCase] | None,
+    options: TrainingOptions,
+    progress: Callable[[int], None] | None = None,
+) -> tuple[CaseTable, ...]:
+    """Read the features of a cohort in each kind of signature that may suit it.
+
+    Recordings that state what their points follow are read so. Where some do not, they are read
+    as displacements and as offsets, except on shapes that have no offsets.
+
+    Parameters
+    ----------
+    cases : iterable of TrainingCase or CaseSource
+    offsets : iterable of TrainingCase or CaseSource, or None
+        The same cases with their signatures of the kind offset, where `cases` are signatures.
+    options : TrainingOptions
+        With a kind, that one alone is read.
+    progress : callable, optional
+        Called with the number of readings that are done.
+
+    Returns
+    -------
+    tuple of CaseTable
+        One or two, of the same cases; displacements first.
+
+    Raises
+    ------
+    ModalMotionError
+        See `collect_in_one_basis`.
+    """
+    if options.kind is not None:
+        return (collect_in_one_basis(cases, options, progress),)
+    # They may be read twice.
+    cohort = list(cases) if iter(cases) is cases else cases
+    first = collect_in_one_basis(cohort, options, progress)
+    if first.trackings == {SignatureKind.MATERIAL} or not (first.is_fitted or offsets):
+        return (first,)
+    try:
+        second = collect_in_one_basis(
+            cohort if offsets is None else offsets,
+            replace(options, kind=SignatureKind.OFFSET),
+            None if progress is None else lambda done: progress(first.n_given + done),
+        )
+    except ModalMotionError:
+        return (first,)
+    if first.trackings == {SignatureKind.OFFSET}:
+        return (second,)
+    return (first, second) if np.array_equal(first.numbers, second.numbers) else (first,)
+
+
+def better(fits: Sequence[FoldFit | HeldOut]) -> int:
+    """Place of the fit that predicts cases left out best; the first where nothing says which."""
+    losses = np.array([fit.loss for fit in fits])
+    return 0 if np.isnan(losses).any() else int(losses.argmin())
+
+
+def kind_of_table(table: CaseTable) -> SignatureKind:
+    """Kind of the signatures that were read."""
+    return SignatureKind(table.example.kind)
+
+
+def kind_note(tables: Sequence[CaseTable], fits: Sequence[FoldFit]) -> str:
+    """Say which kind a model reads, and how much better it predicts."""
+    best = better(fits)
+    losses = {kind_of_table(t): f.loss for t, f in zip(tables, fits, strict=True)}
+    said = ", ".join(f"{kind} {loss:.3f}" for kind, loss in losses.items())
+    return (
+        "The recordings do not state whether their points follow the tissue. Both kinds of "
+        f"signature were weighed inside the folds (log loss of cases left out: {said}), and the "
+        f"model reads {kind_of_table(tables[best])}. State the option kind to decide otherwise."
+    )
+
+
+def of_better_kind(tables: Sequence[CaseTable], answers: Sequence[HeldOut], final: int) -> HeldOut:
+    """Answers of a fold by the kind that it chose, judged by the domain of the final model."""
+    if len(tables) == 1:
+        return answers[0]
+    best = better(answers)
+    kind = kind_of_table(tables[best])
+    return answers[best]._replace(
+        judgement=answers[final].judgement,
+        choices=tuple((f"{kind}: {name}", weight) for name, weight in answers[best].choices),
+    )
