@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from training_cohort import CLASSES, N_PER_CLASS, Trained, cohort, finished, send
+from training_cohort import CLASSES, N_PER_CLASS, QUICK, Trained, cohort, finished, send
 
 
 def assert_problem(answer: Any, status: int, code: str, *words: str) -> dict[str, Any]:
@@ -176,6 +176,27 @@ def test_a_damaged_model_is_refused_and_others_are_served(trained: Trained) -> N
     assert trained.client.get("/v1/models/wall-motion").status_code == 200
     # It can be removed like any other.
     assert trained.client.delete("/v1/models/damaged/versions/1").status_code == 204
+
+
+def test_both_kinds_are_weighed_where_points_may_slide(trained: Trained) -> None:
+    client = trained.client
+    ids = send(client, cohort(3, seed=77))
+
+    def card(name: str) -> dict[str, Any]:
+        body = {"name": name, "sequences": ids, "options": {**QUICK, "modes": 7, "folds": 2}}
+        job = finished(client, client.post("/v1/models", json=body).json())
+        assert job["state"] == "succeeded", job
+        answer: dict[str, Any] = client.get(f"/v1/models/{name}").json()["card"]
+        return answer
+
+    stated = card("stated")
+    assert stated["options"]["kind"] == "material"
+    assert not any("Both kinds" in note for note in stated["notes"])
+    for sequence_id in ids:
+        client.patch(f"/v1/sequences/{sequence_id}", json={"facts": None})
+    unstated = card("unstated")
+    assert any("Both kinds" in note for note in unstated["notes"])
+    assert unstated["options"]["kind"] in ("material", "offset")
 
 
 def test_a_training_that_is_cancelled_leaves_nothing(
