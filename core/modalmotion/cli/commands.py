@@ -14,7 +14,10 @@ COMMANDS: Final = {
     "animate": ("modes_commands", "Add modes over the surface in FILE and let them swing."),
     "classify": ("model_commands", "Name the motion class of the sequence in FILE."),
     "compare-models": ("model_commands", "Compare two models, on the same labelled sequences."),
-    "decide": ("model_commands", "Write MODEL with a rule by which its probabilities become a label."),
+    "decide": (
+        "model_commands",
+        "Write MODEL with a rule by which its probabilities become a label.",
+    ),
     "decode": ("codec_commands", "Decode a compressed STREAM, or some of its frames."),
     "encode": ("codec_commands", "Compress the sequence in FILE at an error that you choose."),
     "evaluate": ("model_commands", "Test MODEL, a file or a name, on labelled sequences."),
