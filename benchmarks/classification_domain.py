@@ -16,9 +16,11 @@ from modalmotion.classification.training.train_shipped import MATERIAL, held_out
 from modalmotion.formats import read_sequence
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, modal_signature
+from modalmotion.simulate import MotionClass, simulate_cohort
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
+from altered_beats import ALTERED
 from foreign_motions import FLAGGED, REPORTED, driven_by, figures
 from project import DATA
 
@@ -51,7 +53,30 @@ def run(folder: Path, n: int = N_OF_A_KIND, n_held_out: int = N_HELD_OUT) -> lis
     count, share, flags, classes = held_out
     cells = ("held-out ventricles", str(count), f"{share:.1f} %", flags, classes)
     table.add_at_most(share, MOST_HELD_OUT, *cells)
-    return [table, _real()]
+    return [table, _altered(n), _real()]
+
+
+def _altered(n: int) -> Table:
+    """Beats of all classes in equal parts, altered; unsure where the set holds not one class."""
+    table = Table(
+        "Altered beats", ("what", "n", "flagged", "unsure", "flagged, unsure or right", "flags")
+    )
+    for name, (alter, _) in ALTERED.items():
+        rng = np.random.default_rng(SEED)
+        flags: Counter[str] = Counter()
+        unsure = right = 0
+        for case in simulate_cohort(n // len(MotionClass), rng=rng):
+            answer = classify(alter(case.sequence, rng))
+            flags.update(answer.flags[:1])
+            if not answer.flags:
+                unsure += len(answer.class_set) != 1
+                right += answer.class_set == (str(case.label),)
+        total = n // len(MotionClass) * len(MotionClass)
+        sound = 100.0 * (flags.total() + unsure + right) / total
+        said = ", ".join(f"{k} {v}" for k, v in flags.most_common())
+        cells = (f"{100 * k / total:.1f} %" for k in (flags.total(), unsure))
+        table.add_at_least(sound, LEAST, name, str(total), *cells, f"{sound:.1f} %", said)
+    return table
 
 
 def rate(motions: Iterable[ModalSignature | MeshSequence]) -> Rate:

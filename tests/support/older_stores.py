@@ -19,6 +19,7 @@ from sealed_files import sealed
 from modalmotion.choice.parameters import SignatureParameters, parameters_as_json
 from modalmotion.classification import Classification, Model
 from modalmotion.classification.features import FeatureReader
+from modalmotion.classification.model.domain import of_kind_alone
 from modalmotion.mesh.sequence import MeshSequence
 
 INTENDED_USE = "Description of surface motion."
@@ -92,7 +93,12 @@ def old_kind(model: Model) -> Model:
     member = replace(model.members[0], weight=1.0)
     values = {name: getattr(member.reader, name) for name in (*OLD_READER, "typical")}
     reader = FeatureReader(**values)
-    domain = replace(model.domain, reader=reader)
+    known = model.domain
+    domain = of_kind_alone(
+        *(reader, known.means, known.whitening, known.limit),
+        least_motion=known.least_motion,
+        least_smooth=known.least_smooth,
+    )
     d = len(member.columns)
     one = replace(
         model,
@@ -133,8 +139,14 @@ def old_model(model: Model, version: int, *, machine: bytes = b"", training: str
         "scorers": [_plain(scorer) for scorer in blend.scorers],
         "temperature": blend.temperature,
         "machine": base64.b64encode(machine).decode(),
-        # It read what the model did.
-        "domain": {k: v for k, v in _plain(domain).items() if k != "reader"},
+        # It read what the model did, and checked nothing else.
+        "domain": {
+            "means": _packed(domain.means),
+            "whitening": _packed(domain.whitening),
+            "limit": domain.limit,
+            "least_motion": domain.least_motion,
+            "least_smooth": domain.least_smooth,
+        },
         "calibration": [_packed(scores) for scores in model.calibration.scores],
         "golden_features": _packed(model.golden_features),
         "golden_probabilities": _packed(model.golden_probabilities),

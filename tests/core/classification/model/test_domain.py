@@ -28,7 +28,7 @@ def flagged(
 ) -> float:
     """Share without a class, from either model."""
     found = [
-        classify(sequence.with_facts(Facts(tracking=tracking)))
+        classify(sequence.with_facts(Facts(tracking=tracking, handedness="right")))
         for sequence in sequences
         for tracking in trackings
     ]
