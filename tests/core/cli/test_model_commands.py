@@ -23,7 +23,7 @@ from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simu
 from modalmotion.store import model_from_hdf5
 
 N_PER_CLASS = 6
-QUICK = ("--estimator", "linear", "--repetitions", "2")
+QUICK = ("--estimator", "linear", "--repetitions", "2", "--kind", "material")
 CLASSES = (MotionClass.NORMAL, MotionClass.HYPOKINESIA)
 
 

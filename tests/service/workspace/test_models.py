@@ -183,7 +183,11 @@ def test_both_kinds_are_weighed_where_points_may_slide(trained: Trained) -> None
     ids = send(client, cohort(3, seed=77))
 
     def card(name: str) -> dict[str, Any]:
-        body = {"name": name, "sequences": ids, "options": {**QUICK, "modes": 7, "folds": 2}}
+        body = {
+            "name": name,
+            "sequences": ids,
+            "options": {**QUICK, "kind": None, "modes": 7, "folds": 2},
+        }
         job = finished(client, client.post("/v1/models", json=body).json())
         assert job["state"] == "succeeded", job
         answer: dict[str, Any] = client.get(f"/v1/models/{name}").json()["card"]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from altered_beats import mirror_image
-from classify_samples import small_model
+from classify_samples import QUICK_CARD, small_model
 
 from modalmotion.classification import TrainingCase, classify, load_model, train
 from modalmotion.classification.answer.hands import read_hands
@@ -82,7 +82,7 @@ def test_a_model_of_recordings_that_state_none_takes_others_as_it_took_them() ->
         for k, case in enumerate(held_out_cases(MATERIAL, 4, seed=42))
         if case.label in ("normal", "global hypokinesia")
     ]
-    model = train(cases, "unknown")
+    model = train(cases, "unknown", QUICK_CARD)
     assert not model.domain.hand_is_stated
     assert read_hands(cases[0].signature, model).other is None
     assert small_model().domain.hand_is_stated

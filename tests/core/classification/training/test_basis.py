@@ -23,7 +23,12 @@ from modalmotion.signature.making import SignatureParameters, modal_signature
 
 def quick(topology: str | None = None) -> TrainingOptions:
     return TrainingOptions(
-        folds=2, estimator="linear", topology=topology, repetitions=1, card="quick"
+        folds=2,
+        estimator="linear",
+        topology=topology,
+        kind="material",
+        repetitions=1,
+        card="quick",
     )
 
 

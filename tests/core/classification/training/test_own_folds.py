@@ -38,7 +38,7 @@ def cases(*, subject: str | None = None) -> list[TrainingCase]:
 
 
 def options(**more: Any) -> TrainingOptions:
-    return TrainingOptions(estimator="linear", **more)
+    return TrainingOptions(**{"estimator": "linear", "repetitions": 1, "card": "quick", **more})
 
 
 def table(**more: Any) -> CaseTable:

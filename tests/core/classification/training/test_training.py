@@ -178,7 +178,7 @@ def test_weights_of_a_class_that_no_case_has_are_refused_with_the_names_that_the
 def test_class_weights_pull_towards_a_class() -> None:
     cases = cohort(6)
     plain, pulled = (
-        train(cases, "weights", TrainingOptions(class_weights=weights, estimator="linear"))
+        train(cases, "weights", replace(QUICK, class_weights=weights))
         for weights in ("none", {"normal": 50.0})
     )
     k = plain.classes.index("normal")
