@@ -44,6 +44,9 @@ def test_its_code_runs_and_says_what_it_says(
                     assert repr(value) == stated, code
                     n_compared += 1
     finally:
+        for value in namespace.values():
+            if isinstance(value, Client):
+                value.close()
         service.stop()
-    assert n_compared == 26
+    assert n_compared == 30
     assert (tmp_path / "beat.glb").is_file()
