@@ -261,7 +261,11 @@ def _fit(
     reader = table.fitted(choice, rows, options.pose)
     values = table.features(reader)
     X = best_readings(values[rows], y, n_classes, table.allowed[rows])
-    estimator = MotionClassifier(str(options.estimator), _weights(table, options), options.seed)
+    kind = str(options.estimator)
+    if kind == Estimator.AUTO and not reader.reads_motion and reader.further == (Further.VOLUME,):
+        # Two numbers, from few cases on: a width chosen on these costs more than it finds.
+        kind = Estimator.LINEAR
+    estimator = MotionClassifier(str(kind), _weights(table, options), options.seed)
     estimator.fit(X, y, inner_groups(y, table.groups[rows]))
     return MemberFit(reader, values, X, estimator, 1.0)
 

@@ -74,7 +74,7 @@ class Recipe:
 MATERIAL: Final = Recipe(
     DEFAULT_MODEL,
     TrainingOptions(
-        modes=7,
+        modes=12,
         kind=SignatureKind.MATERIAL,
         further=False,
         known_share=KNOWN_SHARE,
