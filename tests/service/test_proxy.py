@@ -170,6 +170,11 @@ def test_a_request_is_found_by_its_id_in_all_logs_and_a_name_in_none(proxied: Pr
     with AuditLog(proxied.service.data_dir) as log:
         entries = log.page(limit=5)
     assert request_id in [entry.event.request_id for entry in entries]
+    # Written when the answer is on its way.
+    for _ in range(100):
+        if request_id in proxied.service.log.read_text():
+            break
+        time.sleep(0.02)
     assert request_id in proxied.service.log.read_text()
     (line,) = [
         line for line in (folder / "modalmotion.log").read_text().splitlines() if request_id in line

@@ -336,6 +336,7 @@ def test_covariates_travel_to_the_model_and_are_part_of_the_question(trained: Tr
     client, sequence_id = trained.client, trained.ids[1]
     here = f"/v1/sequences/{sequence_id}"
     asked = {"model": "wall-motion", "coverage": 0.77}
+    facts = client.get(here).json()["facts"]
 
     def status(**more: Any) -> int:
         answer = client.post(f"{here}/classifications", json={**asked, **more})
@@ -348,7 +349,8 @@ def test_covariates_travel_to_the_model_and_are_part_of_the_question(trained: Tr
     client.patch(here, json={"facts": {"covariates": {"age": 61}}})
     assert status() == status(covariates={"age": 61.0}) == 200
     assert status(covariates={"age": 62}) == 201
-    client.patch(here, json={"facts": {"covariates": {}}})
+    client.patch(here, json={"facts": None})
+    client.patch(here, json={"facts": facts})
     assert status() == 200
     refused = client.post(f"{here}/classifications", json={"covariates": {"age": [1]}})
     assert (refused.status_code, refused.json()["code"]) == (422, "bad_parameter")

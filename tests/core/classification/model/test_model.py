@@ -15,6 +15,7 @@ import pytest
 from classify_samples import cohort, small_model
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from sealed_files import changed, put, sealed
 
@@ -106,9 +107,11 @@ def test_the_distance_is_that_of_the_kind_of_motion_from_the_nearest_class(small
         assert distance == pytest.approx(min(apart))
 
 
-@given(st.lists(st.floats(-1e6, 1e6), min_size=35, max_size=35))
-def test_probabilities_add_up_to_one_however_far_the_features_lie(values: list[float]) -> None:
-    shares = load_model().probabilities(np.array([values]))
+@given(arrays(np.float64, len(load_model().columns), elements=st.floats(-1e6, 1e6)))
+def test_probabilities_add_up_to_one_however_far_the_features_lie(
+    values: NDArray[np.float64],
+) -> None:
+    shares = load_model().probabilities(values[None])
     assert shares.sum() == pytest.approx(1.0)
     assert (shares >= 0).all()
 

@@ -49,7 +49,7 @@ CLEAR = {
     },
     MotionClass.REDUCED_TORSION: {"apex_rotation": 1.0, "base_rotation": 1.0},
 }
-PARAMETERS = SignatureParameters(reference=MEAN)
+PARAMETERS = load_model().signature_parameters
 CHANGES = [
     "moved",
     "start angle",
@@ -218,20 +218,20 @@ def test_two_frames_get_an_answer_or_a_reason() -> None:
 def test_a_signature_of_one_frame_as_reference_is_answered_with_a_note() -> None:
     sequence = ventricle(MotionClass.DYSSYNCHRONY)
     for reference in (0, 1):
-        found = classify(modal_signature(sequence, SignatureParameters(reference=reference)))
+        found = classify(modal_signature(sequence, replace(PARAMETERS, reference=reference)))
         assert found.label == MotionClass.DYSSYNCHRONY
         assert any("mean shape" in note for note in found.notes)
 
 
 def test_a_sequence_is_fitted_as_the_model_asks() -> None:
     model = load_model()
-    assert model.signature_parameters == SignatureParameters(reference=MEAN)
+    assert model.signature_parameters == SignatureParameters(modes=13, reference=MEAN)
     sequence = ventricle(MotionClass.DYSSYNCHRONY)
     one, other = answer(sequence), classify(modal_signature(sequence, PARAMETERS))
     assert np.array_equal(one.probabilities, other.probabilities)
     assert one.notes == other.notes
     assert not any("mean shape" in note for note in one.notes)
-    assert model.readable.n_modes == len(lowest_modes(CUP, 7))
+    assert model.readable.n_modes == len(lowest_modes(CUP, 13))
 
 
 @pytest.mark.parametrize("label", OFFSET.classes)
