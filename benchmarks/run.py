@@ -15,6 +15,7 @@ MODULES = (
     "tradeoff",
     "tradeoff_front",
     "codec",
+    "tracking",
     "classification",
     "classification_domain",
     "classification_invariance",

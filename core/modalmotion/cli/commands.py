@@ -35,6 +35,7 @@ COMMANDS: Final = {
         "store_commands",
         "Look after a folder of results: back up, verify, rebuild, export.",
     ),
+    "track": ("track_command", "Track a surface through the frames in IN."),
     "tradeoff": ("tradeoff_command", "Measure what each choice of modes costs and loses."),
     "train": ("model_commands", "Train a model on labelled sequences."),
 }

@@ -1,0 +1,161 @@
+"""Command that tracks a surface through clouds, contours or changing meshes."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from modalmotion.cli.options import example, json_option, list_written, output_option, plot_option
+from modalmotion.cli.outputs import write_picture
+from modalmotion.errors import ParameterError
+from modalmotion.formats import read_sequence, write_npz
+from modalmotion.numerals import numeral
+from modalmotion.pictures.track import data_figure
+from modalmotion.store import write_atomic
+from modalmotion.tracking import Track
+from modalmotion.tracking import track as tracked
+from modalmotion.tracking.hdf5 import track_to_hdf5
+from modalmotion.tracking.reading import read_observed
+
+
+@click.command(epilog=example("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm"))
+@click.argument("source", metavar="IN", type=click.Path(exists=True, path_type=Path))
+@output_option(
+    "File to write: the sequence (.npz), or the whole track (.h5).", ".npz", ".h5", ".hdf5"
+)
+@click.option(
+    "--landmarks",
+    multiple=True,
+    metavar="NAME=X,Y,Z",
+    help="Place of the apex or the base in the reference frame; once for each.",
+)
+@click.option(
+    "--start", type=click.Path(exists=True, path_type=Path), help="A surface to start from."
+)
+@click.option("--topology", help="Of a start without a surface: cup, sphere, cylinder, ...")
+@click.option("--modes", default=37, show_default=True, help="Modes, 3 amplitudes a frame each.")
+@click.option("--tolerance", type=float, help="What the modes may leave, in mm: takes as many.")
+@click.option(
+    "--time",
+    type=click.Choice(["cycle", "open"]),
+    default="cycle",
+    show_default=True,
+    help="Whether the frames are one period, or part of a motion.",
+)
+@click.option("--frame-interval", type=float, help="Seconds from frame to frame.")
+@click.option("--reference", default=0, show_default=True, help="Frame that it starts from.")
+@click.option("--unit", help="Length unit: m, cm, mm, um or nm.")
+@click.option(
+    "--contours",
+    multiple=True,
+    default=["LV_ENDOCARDIAL"],
+    show_default=True,
+    help="Of typed contours: parts of the names to read.",
+)
+@plot_option
+@json_option
+def track(
+    source: Path,
+    output: Path,
+    landmarks: tuple[str, ...],
+    start: Path | None,
+    contours: tuple[str, ...],
+    frame_interval: float | None,
+    unit: str | None,
+    plot: Path | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Track a surface through the frames in IN, which need not correspond.
+
+    IN is a folder or zip with one mesh, cloud or set of contours a frame, or an npz of points and
+    offsets. The motion follows the data along the surface's normals.
+    """
+    with click.progressbar(length=1, label="frames", file=sys.stderr) as bar:
+
+        def shown(done: int, total: int) -> None:
+            bar.length = total
+            bar.update(done - bar.pos)
+
+        recorded = read_observed(source, contours=contours)
+        marks = {**recorded.landmarks, **dict(map(_landmark, landmarks))}
+        times = recorded.times
+        if frame_interval is not None:
+            times = frame_interval * np.arange(len(recorded.frames), dtype=np.float64)
+        surface = None if start is None else read_sequence(start).sequence
+        result = tracked(
+            recorded.frames,
+            start=surface,
+            landmarks=marks,
+            times=times,
+            unit=unit or recorded.unit,
+            progress=shown,
+            **options,
+        )
+    is_npz = output.suffix.lower() == ".npz"
+    data = write_npz(result.sequence) if is_npz else track_to_hdf5(result)
+    write_atomic(output, data)
+    if plot is not None:
+        write_picture(data_figure(result, recorded.frames), plot)
+    if as_json:
+        click.echo(json.dumps(_numbers(result), indent=2))
+    else:
+        notes = [f"note: {note}" for note in (*recorded.notes, *result.notes)]
+        click.echo("\n".join([*_lines(result), *notes]))
+    list_written(output, plot, as_json=as_json)
+
+
+def _landmark(text: str) -> tuple[str, tuple[float, ...]]:
+    name, _, place = text.partition("=")
+    try:
+        x, y, z = (float(part) for part in place.split(","))
+    except ValueError:
+        raise ParameterError(
+            f"The landmark {text[:60]!r} is not NAME=X,Y,Z.", remedy="Write --landmarks apex=1,2,3."
+        ) from None
+    return name, (x, y, z)
+
+
+def _lines(result: Track) -> list[str]:
+    unit = result.sequence.unit or "length units"
+    seen = result.residuals[np.isfinite(result.residuals[:, 0]), 0]
+    across, along = np.median(result.deviations, axis=(0, 1))
+    lines = [
+        (
+            f"{result.n_frames} frames in {len(result.modes)} modes of a "
+            f"{result.template.topology.name}; {len(result.unseen)} without points"
+        ),
+        f"residual RMS {numeral(float(seen.mean()), 2)} {unit}, noise {result.noise.sd:.3g} {unit}",
+        f"stated error {across:.2g} {unit} across the surface, {along:.2g} {unit} along it",
+    ]
+    if result.ejection_fraction is not None and result.ejection_fraction_bound is not None:
+        bound = result.ejection_fraction_bound
+        lines.append(f"volume change {result.ejection_fraction:.1f} % +- {bound:.1f}")
+    if result.gap is not None:
+        lines.append(f"both ways round the cycle end {result.gap:.2g} {unit} apart")
+    return lines
+
+
+def _numbers(result: Track) -> dict[str, object]:
+    return {
+        "sequence_id": result.sequence.id,
+        "frames": result.n_frames,
+        "modes": len(result.modes),
+        "topology": result.template.topology.name,
+        "unit": result.sequence.unit,
+        "noise": result.noise.sd,
+        "residual_rms": [None if np.isnan(r) else r for r in result.residuals[:, 0].tolist()],
+        "inliers": result.inliers.tolist(),
+        "coverage": result.coverage.tolist(),
+        "unseen": list(result.unseen),
+        "gap": result.gap,
+        "determined": result.determined.tolist(),
+        "ejection_fraction": result.ejection_fraction,
+        "ejection_fraction_bound": result.ejection_fraction_bound,
+        "notes": list(result.notes),
+    }

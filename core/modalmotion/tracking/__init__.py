@@ -1,0 +1,7 @@
+"""Tracking of surfaces through observations without correspondence."""
+
+from modalmotion.tracking.making import track
+from modalmotion.tracking.observation import Observation, of_surface
+from modalmotion.tracking.result import Track
+
+__all__ = ["Observation", "Track", "of_surface", "track"]

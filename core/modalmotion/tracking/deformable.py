@@ -1,0 +1,81 @@
+"""A surface or curve that deforms in its closed-form modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.modes import ModeSet, lowest_modes, whole_count
+from modalmotion.modes.topology import CLOSED, OPEN_CURVE
+from modalmotion.numeric.products import product
+from modalmotion.template import Template
+from modalmotion.template.loose_vertices import shapes_of
+
+
+@dataclass(frozen=True, eq=False)
+class Deformable:
+    """Positions x = x0 + Phi a, superposition (2) on a reference shape.
+
+    Parameters
+    ----------
+    template : Template
+        Of the reference shape x0.
+    modes : ModeSet
+    shapes : (vertices, modes) float64
+        Phi.
+    wavenumbers : (modes,) float64, 1
+        |k| on the template's own lengths, times their geometric mean, so that no unit is left.
+    """
+
+    template: Template
+    modes: ModeSet
+    shapes: NDArray[np.float64]
+    wavenumbers: NDArray[np.float64]
+
+    @staticmethod
+    def of(template: Template, n_modes: int) -> Deformable:
+        """Take the lowest modes of a template, rounded up so that no pair is split."""
+        modes = lowest_modes(template.topology, whole_count(template.topology, n_modes))
+        k = modes.wavenumbers_on(template.lengths)
+        length = float(np.exp(np.log(np.array(template.lengths)).mean()))
+        return Deformable(template, modes, shapes_of(modes, template), k * length)
+
+    def __len__(self) -> int:
+        return len(self.modes)
+
+    def positions(self, amplitudes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Positions, (vertices, 3), for amplitudes (modes, 3)."""
+        return self.template.vertices + product(self.shapes, amplitudes)
+
+    @cached_property
+    def size(self) -> float:
+        """RMS distance of the reference from its centroid, length unit."""
+        x, w = self.template.vertices, self.template.weights[:, None]
+        r = x - (w * x).sum(axis=0)
+        return float(np.sqrt((w * r * r).sum()))
+
+    @cached_property
+    def cells(self) -> NDArray[np.int64]:
+        """Triangles, (cells, 3), or segments of a curve, (cells, 2)."""
+        if self.template.topology.n_axes > 1:
+            a, b, c = self.template.faces.T
+            proper: NDArray[np.int64] = self.template.faces[(a != b) & (b != c) & (c != a)]
+            return proper
+        n = self.template.n_vertices
+        start = np.arange(n if self.template.topology.ends[0] == CLOSED else n - 1)
+        return np.stack([start, (start + 1) % n], axis=1)
+
+    @cached_property
+    def rim(self) -> NDArray[np.bool_]:
+        """Vertices where the surface ends, (vertices,)."""
+        rim = np.zeros(self.template.n_vertices, dtype=np.bool_)
+        if self.template.topology == OPEN_CURVE:
+            rim[[0, -1]] = True
+        if self.cells.shape[1] == 3:
+            sides = np.sort(self.cells[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+            sides, counts = np.unique(sides, axis=0, return_counts=True)
+            rim[sides[counts == 1]] = True
+        return rim

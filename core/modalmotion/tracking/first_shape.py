@@ -1,0 +1,79 @@
+"""The shape of the reference frame, where no surface comes with the data."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from modalmotion.errors import ShapeError
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.modes.topology import CUP, SPHERE, Topology
+from modalmotion.template import Template, make_template
+from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.folding import require_unfolded
+from modalmotion.tracking.observation import Frame
+from modalmotion.tracking.passes import evidence, first_guess
+from modalmotion.tracking.settling import settle
+from modalmotion.tracking.start import start_shape
+
+# Modes of the shape that a start from landmarks is brought to, and how often its prior is renewed.
+_SHAPE_MODES: Final = 111
+_SHAPE_ROUNDS: Final = 4
+
+
+def shape_in(
+    frame: Frame, number: int, topology: Topology | str | None
+) -> tuple[Template, tuple[int, ...] | None]:
+    """Bring a start by landmarks to the points of one frame.
+
+    Parameters
+    ----------
+    frame : Frame
+    number : int
+        Of the frame, for errors.
+    topology : Topology or str, optional
+        Cup where apex and base are stated, else sphere.
+
+    Returns
+    -------
+    Template
+        Of the shape that was reached.
+    grid : tuple of int or None
+        Its lattice.
+
+    Raises
+    ------
+    InputError
+        If there are too few points, or the landmarks that the topology needs are missing.
+    """
+    places = {
+        name: part.points[i]
+        for part in frame
+        for i, name in enumerate(part.places or ())
+        if isinstance(name, str)
+    }
+    if isinstance(topology, str):
+        topology = Topology.parse(topology)
+    if topology is None:
+        topology = CUP if {"apex", "base"} <= set(places) else SPHERE
+    points = [part.points for part in frame if not part.is_landmark]
+    cloud = np.concatenate(points) if points else np.zeros((0, 3))
+    if len(cloud) < 4:
+        raise ShapeError(
+            f"Frame {number}, which the shape is taken from, has {len(cloud)} points.",
+            remedy="Name a reference frame with more points, or give a surface as start.",
+            frame=number,
+        )
+    rough = start_shape(topology, cloud, places)
+    surface = Deformable.of(make_template(rough), _SHAPE_MODES)
+    prior, noise = first_guess(surface)
+    a = np.zeros((len(surface), 3))
+    for _ in range(_SHAPE_ROUNDS):
+        own = settle(surface, frame, a, prior.variances(surface.wavenumbers), noise)
+        a = own.amplitudes
+        prior, noise = evidence(surface, [own], prior)
+    shape = surface.positions(a)
+    require_unfolded(surface, shape[None])
+    fitted = mesh_sequence(shape[None], rough.faces, grid=rough.grid, topology=topology)
+    return make_template(fitted), rough.grid

@@ -1,0 +1,45 @@
+"""Surfaces that fold over themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ShapeError
+from modalmotion.mesh.areas import face_normals
+from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.tracking.deformable import Deformable
+
+# Share of the area in triangles turned against their neighbours. A single sliver may turn.
+_MOST_FOLDED = 0.01
+
+
+def require_unfolded(surface: Deformable, vertices: NDArray[np.float64]) -> None:
+    """Check that the map from the start to each frame has no negative Jacobian.
+
+    Parameters
+    ----------
+    surface : Deformable
+    vertices : (frames, vertices, 3) float64, length unit
+
+    Raises
+    ------
+    ShapeError
+        Naming the first frame with more than 1 % of the area turned over.
+    """
+    if surface.cells.shape[1] != 3:
+        return
+    for frame, x in enumerate(vertices):
+        own = face_normals(x, surface.cells)
+        around = vertex_normals(x, surface.cells)[surface.cells].sum(axis=1)
+        areas = np.linalg.norm(own, axis=1)
+        folded = float(areas[(own * around).sum(axis=1) < 0].sum() / (areas.sum() or 1.0))
+        if not folded <= _MOST_FOLDED:
+            raise ShapeError(
+                f"In frame {frame} the surface folds over itself on {folded:.0%} of its area: the "
+                "data do not fit a surface of this topology from this start.",
+                remedy="Check the landmarks and the topology, ask for fewer modes, or give a "
+                "surface near the data as start.",
+                frame=frame,
+                details={"folded": folded},
+            )

@@ -1,0 +1,209 @@
+"""What one frame's observations say of the amplitudes, linear about a shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError
+from modalmotion.numeric.products import product
+from modalmotion.tracking.closest import closest_points
+from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.noise import Noise, robust_weights
+from modalmotion.tracking.observation import Frame, Observation, Place
+
+# A foot whose distance is not along the normal is on the rim, and pulls along it: such points say
+# nothing of where the rim is. Least share of the distance along the normal.
+_ALONG: Final = 0.6
+
+# Of the axis: openings this near to an end are that end's.
+_NEAR_END: Final = 0.25
+
+_ROWS_AT_ONCE: Final = 4096
+
+# Places of the six entries of a symmetric 3 x 3 matrix.
+_UPPER: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Quadratic data term a'Aa / 2 - b'a of one frame, and the residuals it comes from.
+
+    Parameters
+    ----------
+    matrix : (3 modes, 3 modes) float64
+        A; the column of mode j and direction i is 3 j + i.
+    vector : (3 modes,) float64
+        b.
+    points : (n, 3) float64, length unit
+    residuals : (n, 3) float64, length unit
+        From the surface to each point, across it.
+    weights : (n,) float64
+        That they counted with, from 0 of a stray to 1.
+    feet : (n, corners) int64
+        Corners of the triangle next to each.
+    noise_share : float
+        Of the variance that the points counted with, the part that is noise of their own.
+    """
+
+    matrix: NDArray[np.float64]
+    vector: NDArray[np.float64]
+    points: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    feet: NDArray[np.int64]
+    noise_share: float
+
+
+def information(
+    surface: Deformable, amplitudes: NDArray[np.float64], frame: Frame, noise: Noise
+) -> Information:
+    """Linearise the data term about amplitudes, (modes, 3) float64."""
+    m = len(surface)
+    A, b = np.zeros((3, 3, m, m)), np.zeros((m, 3))
+    x = surface.positions(amplitudes)
+    residuals, weights, feet = [np.zeros((0, 3))], [np.zeros(0)], []
+    own = total = 0.0
+    for part in frame:
+        if part.is_landmark:
+            _add_landmarks(surface, x, part, noise, A, b)
+        elif len(part):
+            r, w, corners, variance = _add_points(surface, x, part, noise, A, b)
+            own += float((w * noise.own(part.sd)).sum())
+            total += float((w * variance).sum())
+            residuals.append(r)
+            weights.append(w)
+            feet.append(corners)
+    matrix = np.ascontiguousarray(A.transpose(2, 0, 3, 1).reshape(3 * m, 3 * m))
+    # (y - x(a)) is what b came from: the target is that much beyond a.
+    vector = b.ravel() + product(matrix, amplitudes.reshape(-1, 1))[:, 0]
+    points = [part.points for part in frame if not part.is_landmark and len(part)]
+    return Information(
+        matrix,
+        vector,
+        np.concatenate([np.zeros((0, 3)), *points]),
+        np.concatenate(residuals),
+        np.concatenate(weights),
+        np.concatenate(feet) if feet else np.zeros((0, surface.cells.shape[1]), dtype=np.int64),
+        own / total if total > 0 else 1.0,
+    )
+
+
+def _add_points(
+    surface: Deformable,
+    x: NDArray[np.float64],
+    part: Observation,
+    noise: Noise,
+    A: NDArray[np.float64],
+    b: NDArray[np.float64],
+) -> tuple[
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.int64],
+    NDArray[np.float64] | float,
+]:
+    found = closest_points(part.points, x, surface.cells)
+    normals = found.normals if part.normals is None else part.normals[:, None]
+    gap = part.points - found.feet
+    along = (normals * gap[:, None]).sum(axis=-1)
+    size = np.linalg.norm(along, axis=1)
+    at_rim = surface.rim[found.corners].any(axis=1)
+    on_rim = at_rim & (size < _ALONG * found.distances)
+    if part.normals is None and surface.cells.shape[1] == 3:
+        # Across a ridge the force turns with the point, and does not jump from side to side.
+        ridge = (found.shares.min(axis=1) <= 0.0) & ~at_rim & (found.distances > 0.0)
+        normals[ridge, 0] = gap[ridge] / found.distances[ridge, None]
+        along[ridge, 0] = size[ridge] = found.distances[ridge]
+    kept = ~on_rim
+    weights = np.zeros(len(part))
+    weights[kept] = robust_weights(size[kept], noise.total)
+    counted = weights if part.weights is None else weights * part.weights
+    variance = noise.variances(part.sd, float(counted.sum()))
+    strength = counted / variance
+    # Q = n n' of each point: A += phi phi' (x) Q, b += phi (x) Q (y - x).
+    m = len(surface)
+    for start in range(0, len(part), _ROWS_AT_ONCE):
+        rows = slice(start, start + _ROWS_AT_ONCE)
+        phi = (found.shares[rows, :, None] * surface.shapes[found.corners[rows]]).sum(axis=1)
+        n, s = normals[rows], strength[rows]
+        pull = s[:, None] * (n * along[rows][:, :, None]).sum(axis=1)
+        sided = np.empty((len(phi), 6 * m + 3))
+        for k, (i, j) in enumerate(_UPPER):
+            q = s * (n[:, :, i] * n[:, :, j]).sum(axis=1)
+            np.multiply(phi, q[:, None], out=sided[:, k * m : (k + 1) * m])
+        sided[:, 6 * m :] = pull
+        sums = product(np.ascontiguousarray(phi.T), sided)
+        for k, (i, j) in enumerate(_UPPER):
+            block = sums[:, k * m : (k + 1) * m]
+            A[i, j] += block
+            if i != j:
+                A[j, i] += block
+        b += sums[:, 6 * m :]
+    return (normals * along[:, :, None]).sum(axis=1), weights, found.corners, variance
+
+
+def _add_landmarks(
+    surface: Deformable,
+    x: NDArray[np.float64],
+    part: Observation,
+    noise: Noise,
+    A: NDArray[np.float64],
+    b: NDArray[np.float64],
+) -> None:
+    for row, place in enumerate(part.places or ()):
+        vertices, shares = place_on(surface, place)
+        phi = (shares[:, None] * surface.shapes[vertices]).sum(axis=0)
+        gap = part.points[row] - (shares[:, None] * x[vertices]).sum(axis=0)
+        sd = part.sd[row] if isinstance(part.sd, np.ndarray) else None
+        weight = 1.0 if part.weights is None else float(part.weights[row])
+        strength = weight / float(noise.variances(sd, 1.0))
+        for i in range(3):
+            A[i, i] += strength * phi[:, None] * phi
+        b += strength * phi[:, None] * gap
+
+
+def place_on(surface: Deformable, place: Place) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Vertices of a landmark's place, and their shares in it.
+
+    Raises
+    ------
+    ParameterError
+        If the surface has no such place.
+    """
+    template = surface.template
+    if isinstance(place, str):
+        vertices, shares = _named(surface, place)
+    else:
+        vertices = np.atleast_1d(np.asarray(place, dtype=np.int64))
+        shares = np.full(len(vertices), 1.0 / max(1, len(vertices)))
+    if not len(vertices) or not 0 <= vertices.min() <= vertices.max() < template.n_vertices:
+        raise ParameterError(
+            f"The landmark {place!r:.60} is no place of the surface, which is a "
+            f"{template.topology} of {template.n_vertices} vertices.",
+            remedy="Name apex or base where the surface has such an end, or vertices of the start.",
+        )
+    return vertices, shares
+
+
+def _named(surface: Deformable, name: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Mean of the vertices at an end of the axis: of a rim by length, of a pole alike."""
+    template = surface.template
+    none = np.zeros(0, dtype=np.int64)
+    if name not in ("apex", "base") or not template.coordinates.shape[1]:
+        return none, np.zeros(0)
+    s = template.coordinates[:, 0]
+    at_end = surface.rim & (np.abs(s - (0.0 if name == "apex" else 1.0)) < _NEAR_END)
+    if surface.cells.shape[1] == 3 and at_end.any():
+        sides = surface.cells[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        sides = sides[at_end[sides].all(axis=1)]
+        x = template.vertices
+        length = np.linalg.norm(x[sides[:, 0]] - x[sides[:, 1]], axis=1)
+        total = np.bincount(sides.ravel(), np.repeat(length, 2), minlength=len(x))
+        vertices = np.flatnonzero(total)
+        return vertices, total[vertices] / total.sum()
+    end = s.min() if name == "apex" else s.max()
+    vertices = np.flatnonzero(np.abs(s - end) <= 1e-9)
+    return vertices, np.full(len(vertices), 1.0 / len(vertices))

@@ -1,0 +1,294 @@
+"""Tracking: from observations of a surface to its motion, each with its uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError, ShapeError, ToleranceError
+from modalmotion.facts import Facts
+from modalmotion.mesh import face_areas
+from modalmotion.mesh.checks import require_times
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.modes import whole_count
+from modalmotion.modes.topology import Topology
+from modalmotion.numeric.kinds import whole
+from modalmotion.progress import Progress
+from modalmotion.template import Template, make_template
+from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.first_shape import shape_in
+from modalmotion.tracking.folding import require_unfolded
+from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.notes import notes_on
+from modalmotion.tracking.observation import Frame, observed_frames, of_surface
+from modalmotion.tracking.passes import Pass, again, both_ways, energy, evidence, first_guess
+from modalmotion.tracking.posterior import across_covariance, deviations_at, volume_deviation
+from modalmotion.tracking.prior import Prior
+from modalmotion.tracking.quality import quality_of
+from modalmotion.tracking.request import in_unit, phases_of, with_landmarks
+from modalmotion.tracking.result import Track, cavity_in, normals_of, volume_gradient
+from modalmotion.tracking.together import Together, chain_of, together
+
+Time: TypeAlias = Literal["cycle", "open"]
+Start: TypeAlias = MeshSequence | Template
+
+_MOST_MODES: Final = 400
+_MOST_TRIES: Final = 6
+
+
+def track(
+    observed: MeshSequence | Sequence[Any],
+    *,
+    start: Start | None = None,
+    topology: Topology | str | None = None,
+    landmarks: Mapping[str, Any] | None = None,
+    modes: int = 37,
+    tolerance: float | None = None,
+    time: Time = "cycle",
+    times: Any = None,
+    period: float | None = None,
+    unit: str | None = None,
+    reference: int | None = 0,
+    progress: Progress | None = None,
+) -> Track:
+    """Track a surface through observations that do not correspond from frame to frame.
+
+    Parameters
+    ----------
+    observed : MeshSequence or sequence
+        For each frame an array (n, 3) of points, a mesh (vertices, faces) of any connectivity,
+        an `Observation` or several, or None where the frame is missing.
+    start : MeshSequence or Template, optional
+        A surface whose vertices the result has; of a sequence its first frame is read. Without
+        it a spheroid, tube, sheet, ellipse or line is placed by landmarks and brought to the
+        reference frame's points.
+    topology : Topology or str, optional
+        Of a start without a surface: cup where apex and base are stated, else sphere.
+    landmarks : mapping of "apex" and "base" to (3,) or (frames, 3) array_like, optional
+        In the length unit of the points. One place is that in the reference frame; of several a
+        row of NaN is unknown. The end of a surface is what points cannot show: state it in as
+        many frames as can be.
+    modes : int
+        Rounded up so that no pair is split.
+    tolerance : float, mm, optional
+        RMS, along the normal, of what the modes may leave: as many modes are taken as needed.
+    time : {"cycle", "open"}
+        Whether the frames are one period, or part of a motion.
+    times : (frames,) array_like, s, optional
+        Regular where None.
+    period : float, s, optional
+        Of the cycle; by default the times and one mean step.
+    unit : str, optional
+        Length unit: m, cm, mm, um or nm.
+    reference : int or None
+        Frame whose surface the start is, exactly; None where it is the surface of none. Without
+        a start it is the frame that the shape is taken from.
+    progress : callable, optional
+        Called with the number of steps done and of all.
+
+    Returns
+    -------
+    Track
+
+    Raises
+    ------
+    InputError
+        Naming the frame, the limit and the remedy.
+    """
+    if isinstance(observed, MeshSequence):
+        times = observed.times if times is None else times
+        unit = observed.unit if unit is None else unit
+        period = observed.facts.period if period is None else period
+        observed = [of_surface(x, observed.faces) for x in observed.vertices]
+    seen, notes = observed_frames(observed)
+    n_frames = len(seen)
+    if time not in ("cycle", "open"):
+        raise ParameterError(
+            f"The time is {time!r:.40}.", remedy="Use cycle for one whole period, or open."
+        )
+    is_closed = time == "cycle"
+    modes = whole("modes", modes)
+    limit = None if tolerance is None else in_unit(tolerance, unit)
+    at = None if times is None else require_times(times, n_frames)
+    phases = phases_of(at, n_frames, period, is_closed=is_closed)
+    first = _require_reference(reference, n_frames)
+    frames = with_landmarks(seen, landmarks, first)
+    unseen = tuple(k for k, frame in enumerate(seen) if not any(map(len, frame)))
+    if first in unseen and start is None:
+        first = next(k for k in range(n_frames) if k not in unseen)
+        notes += (f"Nothing was observed in the reference; the shape is that of frame {first}.",)
+    done = _counted(progress, 4 * n_frames)
+    if start is None:
+        template, grid = shape_in(frames[first], first, topology)
+    else:
+        template = start if isinstance(start, Template) else make_template(start)
+        grid = start.grid if isinstance(start, MeshSequence) else None
+    pinned = None if start is None or reference is None else first
+    surface = Deformable.of(template, modes)
+    _require_size(surface)
+    prior, noise = first_guess(surface)
+    here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=done)
+    gap = here.gap
+    prior, noise = evidence(surface, here.frames, prior)
+    for attempt in range(_MOST_TRIES):
+        here = again(surface, frames, here.amplitudes(len(surface)), prior, noise, done)
+        prior, noise = evidence(surface, here.frames, prior)
+        left = _left(surface, here, prior, noise, pinned)
+        if limit is None or left <= limit:
+            break
+        n_modes = _modes_needed(surface, left, prior, limit, seen, attempt)
+        surface = Deformable.of(template, n_modes)
+        # What the modes leave now, until the data say so themselves.
+        beyond, n_values = prior.beyond(surface.wavenumbers, template.topology.n_axes)
+        truncation = min(noise.truncation, limit, beyond**0.5)
+        noise = replace(noise, truncation=truncation, n_values=n_values)
+    noises = [noise.of_frame(energy(surface, a, prior)) for a in here.amplitudes(len(surface))]
+    Q, h0, prior = chain_of(surface, here, prior, phases, is_closed=is_closed, pinned=pinned)
+    found = together(surface, frames, here, prior, noises, Q, pinned, done)
+    vertices = np.stack([surface.positions(a) for a in found.amplitudes])
+    require_unfolded(surface, vertices)
+    truncations = np.array([own.truncation for own in noises])
+    deviations, volume_deviations = _deviations(surface, vertices, found, noises, pinned)
+    if pinned is not None:
+        truncations[pinned] = 0.0
+    quality = np.array([quality_of(surface, info) for info in found.information])
+    result = Track(
+        sequence=mesh_sequence(
+            vertices,
+            template.faces,
+            grid=grid,
+            topology=template.topology,
+            times=at,
+            unit=unit,
+            facts=Facts(tracking="offset", period=period),
+        ),
+        template=template,
+        modes=surface.modes,
+        amplitudes=found.amplitudes,
+        covariances=found.lasting,
+        prior=prior,
+        noise=noise,
+        truncations=truncations,
+        deviations=deviations,
+        volume_deviations=volume_deviations,
+        harmonic=h0,
+        residuals=np.ascontiguousarray(quality[:, :2]),
+        inliers=np.ascontiguousarray(quality[:, 2]),
+        coverage=np.ascontiguousarray(quality[:, 3]),
+        unseen=unseen,
+        gap=gap,
+        reference=pinned,
+        notes=notes,
+        provenance={
+            "modes": len(surface),
+            "requested_modes": modes,
+            "tolerance_mm": tolerance,
+            "time": time,
+            "reference": None if reference is None else int(reference),
+            "template_id": template.id,
+        },
+    )
+    return replace(result, notes=(*notes, *notes_on(result)))
+
+
+def _require_reference(reference: int | None, n_frames: int) -> int:
+    """Frame that tracking starts from."""
+    if reference is None:
+        return 0
+    is_whole = type(reference) is int or isinstance(reference, np.integer)
+    if not is_whole or not 0 <= reference < n_frames:
+        raise ParameterError(
+            f"The reference is frame {reference!r:.40}, but there are {n_frames} frames (0 to "
+            f"{n_frames - 1}).",
+            remedy="Name a frame, counted from 0, or None where the start belongs to none.",
+        )
+    return int(reference)
+
+
+def _counted(progress: Progress | None, n_steps: int) -> Callable[[], None]:
+    """Step that reports itself; more steps than foreseen are not reported."""
+    count = 0
+
+    def done() -> None:
+        nonlocal count
+        count += 1
+        if progress is not None and count <= n_steps:
+            progress(count, n_steps)
+
+    return done
+
+
+def _deviations(
+    surface: Deformable,
+    vertices: NDArray[np.float64],
+    found: Together,
+    noises: Sequence[Noise],
+    pinned: int | None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Deviations of vertices and of volumes; none where the surface is known."""
+    template = surface.template
+    cavity = cavity_in(template)
+    of_vertices = np.zeros((*vertices.shape[:2], 2))
+    of_volumes = None if cavity is None else np.zeros(len(vertices))
+    for k, x in enumerate(vertices):
+        if k == pinned:
+            continue
+        across = across_covariance(found.seen[k], found.information[k])
+        T = noises[k].truncation
+        of_vertices[k] = deviations_at(
+            surface.shapes, normals_of(template, x), across, found.lasting[k], T
+        )
+        if cavity is not None and of_volumes is not None:
+            gradient = surface.shapes.T @ volume_gradient(cavity, x)
+            area = float(face_areas(x, cavity.faces).sum())
+            of_volumes[k] = volume_deviation(gradient, across, area, T, noises[k].n_values)
+    return of_vertices, of_volumes
+
+
+def _require_size(surface: Deformable) -> None:
+    if not (np.isfinite(surface.size) and min(surface.template.lengths) > 0):
+        raise ShapeError(
+            "The start has no extent along one of its axes, so no modes can be told apart on it.",
+            remedy="Give a surface as start that is spread out, or other landmarks.",
+        )
+
+
+def _left(surface: Deformable, here: Pass, prior: Prior, noise: Noise, pinned: int | None) -> float:
+    """RMS over the frames of what the modes leave, a frame that is known left out."""
+    amplitudes = here.amplitudes(len(surface))
+    frames = [k for k in range(len(amplitudes)) if k != pinned]
+    own = [noise.of_frame(energy(surface, amplitudes[k], prior)).truncation for k in frames]
+    return float(np.sqrt(np.mean(np.square(own)))) if own else 0.0
+
+
+def _modes_needed(
+    surface: Deformable,
+    left: float,
+    prior: Prior,
+    limit: float,
+    frames: Sequence[Frame],
+    attempt: int,
+) -> int:
+    """Modes after which the energy that the law leaves beyond them is within the limit."""
+    axes = surface.template.topology.n_axes
+    q = 2.0 * prior.power / axes
+    m = len(surface)
+    # sum_{j > m} v_j falls as m^(1 - q).
+    needed = int(np.ceil(m * max(1.2, 1.1 * (left / limit) ** (2.0 / (q - 1.0)))))
+    points = int(np.median([sum(map(len, frame)) for frame in frames if frame] or [0]))
+    most = min(_MOST_MODES, points // 3, surface.template.n_vertices // 3)
+    if m >= most or attempt == _MOST_TRIES - 1:
+        raise ToleranceError(
+            f"{m} modes leave {left:.3g} of the length unit, more than the tolerance "
+            f"of {limit:.3g}; {points} points a frame cannot show more modes.",
+            remedy="Ask for a larger tolerance, or send more points and a finer start.",
+            details={"modes": m, "most": most, "reached": left},
+        )
+    needed = min(needed, most)
+    while whole_count(surface.template.topology, needed) > most and needed > m + 1:
+        needed -= 1
+    return needed

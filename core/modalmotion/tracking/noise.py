@@ -1,0 +1,204 @@
+"""What separates data from the surface in its modes: noise, truncation and strays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+from scipy.spatial import cKDTree
+
+from modalmotion.representation import shown
+
+# Tukey's biweight with 95 % efficiency on Gaussian residuals.
+_TUKEY: Final = 4.685
+
+# Share of Gaussian errors within one standard deviation, and the size that as large a share of
+# errors across a surface, and across a curve in two directions, stays below.
+_WITHIN: Final = 0.6827
+_SIZE_WITHIN: Final = {2: 1.0, 1: 1.5152}
+
+# Standard deviation of Gaussian residuals over their median size.
+_PER_MEDIAN: Final = 1.4826
+
+# Of the noise's variance: less of what the modes leave has no shape. Four times as much mean square
+# as its 68 % say is said by strays.
+_SHOWN: Final = 0.05
+_HIGHEST_PEAK: Final = 4.0
+
+# Of the whole residual: clean data would let the noise vanish, and weights with it.
+_LEAST_SHARE: Final = 0.05
+
+
+@shown()
+@dataclass(frozen=True)
+class Noise:
+    """Spread of residuals.
+
+    Residuals are not white. What the modes leave is smooth: as many points as one likes see
+    only a limited number of independent values of it, so that the variance of a mean does not
+    fall below truncation^2 / n_values.
+
+    Parameters
+    ----------
+    sd : float, length unit
+        Of one point, independent of all others.
+    truncation : float, length unit
+        What the modes leave, along the normal, in a frame whose amplitudes are as large as the
+        prior says; afterwards that of one frame.
+    n_values : float
+        Independent values of it on the whole surface.
+    bending : float
+        Share of truncation^2 that rises as the square of the frame's energy, and not as the
+        energy: large motion bends what the modes know as straight.
+    peak : float
+        RMS of what the modes leave over the size that 68 % of it stay below.
+    """
+
+    sd: float
+    truncation: float
+    n_values: float
+    bending: float = 0.0
+    peak: float = 1.0
+
+    @property
+    def total(self) -> float:
+        """RMS distance of a point from the surface in its modes, length unit."""
+        return float(np.hypot(self.sd, self.truncation))
+
+    def of_frame(self, energy: float) -> Noise:
+        """Noise of a frame with so much energy, the mean of a^2 over its prior variance."""
+        rise = energy * (1.0 - self.bending + self.bending * energy)
+        return replace(self, truncation=self.truncation * float(np.sqrt(rise)), bending=0.0)
+
+    def longer(self, lasting: float) -> Noise:
+        """Noise whose truncation so many frames have in common."""
+        return replace(self, truncation=self.truncation * float(np.sqrt(lasting)))
+
+    def own(self, sd: NDArray[np.float64] | float | None) -> NDArray[np.float64] | float:
+        """Variance of each point's own noise, length unit squared; of all where it is unknown."""
+        variance: NDArray[np.float64] | float = np.square(self.sd if sd is None else sd)
+        return variance
+
+    def variances(
+        self, sd: NDArray[np.float64] | float | None, n_points: float
+    ) -> NDArray[np.float64] | float:
+        """Variance that each of so many points counts with, length unit squared.
+
+        Parameters
+        ----------
+        sd : float or (n,) float64, length unit, or None
+            Its own standard deviation where it is known.
+        n_points : float
+            Points in the frame.
+
+        Notes
+        -----
+        var(mean) = sd^2 / n + truncation^2 / n_values, so each of n counts with n times that.
+        """
+        share = max(1.0, n_points / self.n_values)
+        total: NDArray[np.float64] | float = self.own(sd) + self.truncation**2 * share
+        return total
+
+
+class Residuals(NamedTuple):
+    """What the fit of one frame leaves.
+
+    Parameters
+    ----------
+    points, residuals : (n, 3) float64, length unit
+    weights : (n,) float64
+    n_spent : float
+        Amplitudes that the data have set.
+    energy : float
+        Mean over the modes of a^2 over its prior variance.
+    """
+
+    points: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    n_spent: float
+    energy: float
+
+
+def noise_of(frames: Sequence[Residuals], n_values: float, n_axes: int) -> Noise:
+    """Noise under which the residuals are as large, and as much alike, as they are.
+
+    Noise of a point says nothing of that of its neighbour; what the modes leave is nearly the
+    same at both, and has no part in their difference. Where the surface has hardly moved hardly
+    anything is left: truncation^2 is as large as the energy of a frame, and fitted to it. What is
+    left is large in few places and small in most, so sizes are those that 68 % stay below, as an
+    interval of one standard deviation says, and not root mean squares.
+
+    Parameters
+    ----------
+    frames : sequence of Residuals
+    n_values : float
+        Independent values of the truncation.
+    n_axes : int
+        2 of a surface, 1 of a curve.
+    """
+    sizes = [_sizes(frame) for frame in frames]
+    weights, totals, own = np.array(sizes).reshape(-1, 3).T
+    totals, own = totals / _SIZE_WITHIN[n_axes] ** 2, own / _SIZE_WITHIN[n_axes] ** 2
+    squares = np.array([_mean_square(frame) for frame in frames]) / (3 - n_axes)
+    n = max(float(weights.sum()), 1e-300)
+    # The fit takes a part of each residual.
+    spent = np.array([frame.n_spent for frame in frames])
+    totals = totals * weights / np.maximum(weights - spent, np.maximum(0.25 * weights, 1e-300))
+    mean = float((weights * totals).sum()) / n
+    sd = max(min(float((weights * own).sum()) / n, mean), _LEAST_SHARE**2 * mean)
+    energies = np.array([frame.energy for frame in frames])
+    # truncation^2 = alpha e + beta e^2, neither below zero, weighted by points.
+    root = np.sqrt(weights / n)
+    rises = np.stack([energies, energies**2], axis=1) * root[:, None]
+    unit = mean if mean > 0 else 1.0
+    (alpha, beta), _ = nnls(rises, np.maximum(totals - sd, 0.0) / unit * root)
+    rise = float(alpha + beta) * unit
+    bending = float(beta / (alpha + beta)) if rise > 0 else 0.0
+    peak = 1.0
+    smooth = float((weights * (totals - sd)).sum()) / n
+    if smooth > _SHOWN * sd:
+        peak = float((weights * (squares - sd)).sum()) / n / smooth
+    peak = float(np.sqrt(np.clip(peak, 1.0, _HIGHEST_PEAK)))
+    return Noise(float(np.sqrt(sd)), float(np.sqrt(rise)), n_values, bending, peak)
+
+
+def _mean_square(frame: Residuals) -> float:
+    r = frame.residuals[frame.weights > 0]
+    return float((r * r).sum(axis=1).mean()) if len(r) else 0.0
+
+
+def _sizes(frame: Residuals) -> tuple[float, float, float]:
+    """Sum of weights, square of the size of residuals and of half the differences of neighbours."""
+    kept = frame.weights > 0
+    total = float(frame.weights.sum())
+    if kept.sum() < 2:
+        return total, 0.0, 0.0
+    r = frame.residuals[kept]
+    # Neighbours on the surface: those in space have noise alike.
+    feet = frame.points[kept] - r
+    other = cKDTree(feet).query(feet, k=2)[1][:, 1]
+    size = float(np.quantile(np.linalg.norm(r, axis=1), _WITHIN))
+    apart = float(np.quantile(np.linalg.norm(r - r[other], axis=1), _WITHIN))
+    return total, size**2, apart**2 / 2.0
+
+
+def robust_weights(residuals: NDArray[np.float64], total: float) -> NDArray[np.float64]:
+    """Tukey's biweights (1 - (r/cs)^2)^2, zero beyond c s.
+
+    Parameters
+    ----------
+    residuals : (n,) float64, length unit
+    total : float, length unit
+        Residuals of this size are expected, and never strays.
+    """
+    if not len(residuals):
+        return residuals
+    spread = max(total, _PER_MEDIAN * float(np.median(np.abs(residuals))), 1e-300)
+    u = np.minimum(np.abs(residuals) / (_TUKEY * spread), 1.0)
+    weights: NDArray[np.float64] = (1.0 - u * u) ** 2
+    return weights

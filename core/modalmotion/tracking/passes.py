@@ -1,0 +1,163 @@
+"""Passes over the frames, each at rest by itself, and what they say of prior and noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.noise import Noise, Residuals, noise_of
+from modalmotion.tracking.observation import Frame
+from modalmotion.tracking.prior import Prior, most_likely_prior
+from modalmotion.tracking.settling import Settled, settle
+
+# Of the size: no prior and no noise is narrower.
+LEAST: Final = 1e-9
+
+# Of the size: what points may be off the start by at first.
+_FIRST_NOISE: Final = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Pass:
+    """All frames at rest, each by itself.
+
+    Parameters
+    ----------
+    frames : list of Settled or None
+        None where nothing was observed.
+    gap : float or None, length unit
+        RMS distance between the two shapes of the frame at which both ways round meet.
+    """
+
+    frames: list[Settled | None]
+    gap: float | None
+
+    def amplitudes(self, n_modes: int) -> NDArray[np.float64]:
+        """Amplitudes, (frames, n_modes, 3); those of a missing frame are its neighbour's."""
+        full = np.zeros((len(self.frames), n_modes, 3))
+        for k, settled in enumerate(self.frames):
+            if settled is not None:
+                full[k, : len(settled.amplitudes)] = settled.amplitudes
+            elif k:
+                full[k] = full[k - 1]
+        return full
+
+
+def both_ways(
+    surface: Deformable,
+    frames: Sequence[Frame],
+    reference: int,
+    prior: Prior,
+    noise: Noise,
+    *,
+    is_closed: bool,
+    done: Callable[[], None],
+) -> Pass:
+    """Settle frame after frame from the reference on, round a cycle in both ways until they meet.
+
+    Parameters
+    ----------
+    surface : Deformable
+    frames : sequence of Frame
+    reference : int
+    prior : Prior
+    noise : Noise
+    is_closed : bool
+    done : callable
+        Called after each frame.
+    """
+    n = len(frames)
+    variances = prior.variances(surface.wavenumbers)
+    settled: list[Settled | None] = [None] * n
+
+    def walk(path: Sequence[int], a: NDArray[np.float64]) -> NDArray[np.float64]:
+        for k in path:
+            if any(len(part) for part in frames[k]):
+                settled[k] = own = settle(surface, frames[k], a, variances, noise)
+                a = own.amplitudes
+            done()
+        return a
+
+    first = walk([reference], np.zeros((len(surface), 3)))
+    if not is_closed:
+        walk(range(reference + 1, n), first)
+        walk(range(reference - 1, -1, -1), first)
+        return Pass(settled, None)
+    half = n // 2
+    there = walk([(reference + i) % n for i in range(1, half + 1)], first)
+    back = walk([(reference - i) % n for i in range(1, n - half)], first)
+    meeting = frames[(reference + half) % n]
+    gap = None
+    if n > 2 and any(len(part) for part in meeting):
+        other = settle(surface, meeting, back, variances, noise).amplitudes
+        # The shapes have mean square 1.
+        gap = float(np.linalg.norm(other - there))
+    return Pass(settled, gap)
+
+
+def again(
+    surface: Deformable,
+    frames: Sequence[Frame],
+    before: NDArray[np.float64],
+    prior: Prior,
+    noise: Noise,
+    done: Callable[[], None],
+) -> Pass:
+    """Settle all frames from where they are, amplitudes (frames, modes, 3)."""
+    variances = prior.variances(surface.wavenumbers)
+    settled: list[Settled | None] = []
+    for frame, a in zip(frames, before, strict=True):
+        seen = any(len(part) for part in frame)
+        own = noise.of_frame(energy(surface, a, prior))
+        settled.append(settle(surface, frame, a, variances, own) if seen else None)
+        done()
+    return Pass(settled, None)
+
+
+def evidence(
+    surface: Deformable, settled: Sequence[Settled | None], prior: Prior
+) -> tuple[Prior, Noise]:
+    """Find the prior and the noise under which frames at rest are the most likely."""
+    n = len(surface)
+    energies, determined = np.zeros(n), np.zeros(n)
+    v = prior.variances(surface.wavenumbers)
+    kept = [own for own in settled if own is not None]
+    for own in kept:
+        energies += (own.amplitudes**2).sum(axis=1)
+        share = 1.0 - np.diag(own.covariance).reshape(-1, 3) / v[:, None]
+        determined += np.maximum(share, 0.0).sum(axis=1)
+    least = LEAST * surface.size
+    found = most_likely_prior(surface.wavenumbers, energies, determined, least)
+    _, n_values = found.beyond(surface.wavenumbers, surface.template.topology.n_axes)
+    left = [
+        Residuals(
+            own.information.points,
+            own.information.residuals,
+            own.information.weights,
+            # tr (A C): the amplitudes that the data have set.
+            float((own.information.matrix * own.covariance).sum()),
+            energy(surface, own.amplitudes, found),
+        )
+        for own in kept
+    ]
+    noise = noise_of(left, n_values, surface.template.topology.n_axes)
+    return found, replace(noise, sd=max(noise.sd, least))
+
+
+def energy(surface: Deformable, amplitudes: NDArray[np.float64], prior: Prior) -> float:
+    """Mean over modes and directions of a^2 over its prior variance, translation left out."""
+    moves = surface.wavenumbers > 0
+    v = prior.variances(surface.wavenumbers)[moves]
+    return float((amplitudes[moves] ** 2 / v[:, None]).mean())
+
+
+def first_guess(surface: Deformable) -> tuple[Prior, Noise]:
+    """Prior and noise before anything was seen."""
+    prior = Prior.broad(surface.size)
+    beyond, n_values = prior.beyond(surface.wavenumbers, surface.template.topology.n_axes)
+    return prior, Noise(_FIRST_NOISE * surface.size, float(np.sqrt(beyond)), n_values)

@@ -1,0 +1,99 @@
+"""How far vertices may be off, across the surface and along it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.numeric.products import product
+from modalmotion.tracking.information import Information
+
+
+def deviations_at(
+    shapes: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    across: NDArray[np.float64],
+    along: NDArray[np.float64],
+    truncation: float,
+) -> NDArray[np.float64]:
+    """State how far each vertex may be off along its normal, and in each tangent direction.
+
+    Parameters
+    ----------
+    shapes : (vertices, modes) float64
+    normals : (vertices, 3) float64
+    across : (3 modes, 3 modes) float64, length unit squared
+        As `across_covariance` returns it.
+    along : (3 modes, 3 modes) float64, length unit squared
+        Of the amplitudes, where frames that see the same truncation count as one.
+    truncation : float, length unit
+        T, of what the modes leave in each direction.
+
+    Returns
+    -------
+    (vertices, 2) float64, length unit
+    """
+    n = np.einsum("vi,vij,vj->v", normals, _at(shapes, across), normals)
+    full = _at(shapes, along)
+    rest = np.trace(full, axis1=1, axis2=2) - np.einsum("vi,vij,vj->v", normals, full, normals)
+    variances = np.stack([n, rest / 2.0], axis=1) + truncation**2
+    deviations: NDArray[np.float64] = np.sqrt(np.maximum(variances, 0.0))
+    return deviations
+
+
+def across_covariance(seen: NDArray[np.float64], info: Information) -> NDArray[np.float64]:
+    """Covariance of the amplitudes as far as it shows across the surface.
+
+    Parameters
+    ----------
+    seen : (3 modes, 3 modes) float64, length unit squared
+        C, of the amplitudes, as they were estimated.
+    info : Information
+        A, that it comes from, and the share q of it that is noise.
+
+    Notes
+    -----
+    Noise, and truncation, reach the amplitudes through C A C. Along the surface nothing shows it.
+    Across, what truncation does to the amplitudes is in the residuals already, from which T is
+    taken: there only the share of the noise counts, C - (1 - q) C A C.
+    """
+    return seen - (1.0 - info.noise_share) * product(product(seen, info.matrix), seen)
+
+
+def volume_deviation(
+    gradient: NDArray[np.float64],
+    across: NDArray[np.float64],
+    area: float,
+    truncation: float,
+    n_values: float,
+) -> float:
+    """State how far a volume may be off, length unit cubed.
+
+    The volume is linear in small changes of the amplitudes. What the modes leave has a mean over
+    the surface of truncation / sqrt(n_values).
+
+    Parameters
+    ----------
+    gradient : (modes, 3) float64, length unit squared
+        Of the volume by the amplitudes.
+    across : (3 modes, 3 modes) float64, length unit squared
+        As `across_covariance` returns it.
+    area : float, length unit squared
+    truncation : float, length unit
+    n_values : float
+    """
+    g = gradient.reshape(-1, 1)
+    variance = float((g * product(across, g)).sum()) + (area * truncation) ** 2 / n_values
+    return float(np.sqrt(max(variance, 0.0)))
+
+
+def _at(shapes: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance of each vertex, (vertices, 3, 3)."""
+    m = shapes.shape[1]
+    C = covariance.reshape(m, 3, m, 3)
+    full = np.empty((len(shapes), 3, 3))
+    for i in range(3):
+        for j in range(i, 3):
+            half = product(shapes, np.ascontiguousarray(C[:, i, :, j]))
+            full[:, i, j] = full[:, j, i] = (half * shapes).sum(axis=1)
+    return full

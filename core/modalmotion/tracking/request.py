@@ -1,0 +1,80 @@
+"""What a request for a track means: its landmarks, its times, its tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.mesh.sequence import MM_PER_UNIT
+from modalmotion.tracking.observation import NAMED_PLACES, Frame, Observation
+
+
+def in_unit(tolerance: float, unit: str | None) -> float:
+    """Return a tolerance in mm in the unit of the points."""
+    if not (np.isfinite(tolerance) and tolerance > 0):
+        raise ParameterError(
+            f"The tolerance is {tolerance!r}.", remedy="Give a finite number of mm above zero."
+        )
+    if unit not in MM_PER_UNIT:
+        raise ParameterError(
+            "A tolerance in mm needs the unit of the points, which is unknown.",
+            remedy=f"State the unit: one of {', '.join(MM_PER_UNIT)}.",
+        )
+    return tolerance / MM_PER_UNIT[unit]
+
+
+def phases_of(
+    times: NDArray[np.float64] | None, n: int, period: float | None, *, is_closed: bool
+) -> NDArray[np.float64]:
+    """Find the place of each frame in the cycle, or in the recording, 0 to 1."""
+    if times is None or n == 1:
+        return np.arange(n) / max(1, n if is_closed else n - 1)
+    span = float(times[-1] - times[0])
+    whole_time = span
+    if is_closed:
+        whole_time = span * n / (n - 1) if period is None else float(period)
+        if not whole_time > span:
+            raise ParameterError(
+                f"The times span {span:g} s, the whole period of {whole_time:g} s: the last frame "
+                "is the first again.",
+                remedy="Leave the last frame out, state a longer period, or track with time open.",
+                frame=n - 1,
+            )
+    phases: NDArray[np.float64] = (times - times[0]) / whole_time
+    return phases
+
+
+def with_landmarks(
+    frames: tuple[Frame, ...], landmarks: Mapping[str, Any] | None, reference: int
+) -> tuple[Frame, ...]:
+    """Add stated landmarks to the frames that they are known in."""
+    if not landmarks:
+        return frames
+    full = list(frames)
+    for name, value in landmarks.items():
+        places = np.asarray(value, dtype=np.float64)
+        if name not in NAMED_PLACES:
+            raise ParameterError(
+                f"The landmark '{name}' places nothing.",
+                remedy="State apex and base; other places as Observation(points, places=...).",
+                details={"landmark": name},
+            )
+        if places.shape == (3,):
+            row = np.full((len(frames), 3), np.nan)
+            row[reference] = places
+            places = row
+        if places.shape != (len(frames), 3):
+            raise ShapeError(
+                f"The landmark '{name}' has the shape {places.shape}; there are {len(frames)} "
+                "frames.",
+                remedy="Give one place, or one for each frame with NaN where it is unknown.",
+                details={"landmark": name},
+            )
+        for k, place in enumerate(places):
+            if np.isfinite(place).all():
+                full[k] = (*full[k], Observation(place[None], places=(name,)))
+    return tuple(full)

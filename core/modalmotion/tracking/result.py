@@ -1,0 +1,235 @@
+"""Tracks: what was found of a surface's motion, and how well."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import TopologyError
+from modalmotion.mesh.cavity import Cavity, cavity_of
+from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.modes import ModeSet
+from modalmotion.modes.topology import PLANE
+from modalmotion.numeric.frozen_arrays import FrozenArrays
+from modalmotion.representation import shown
+from modalmotion.template.loose_vertices import shapes_of
+from modalmotion.template.template import Template
+from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.prior import Prior
+
+
+@shown("sequence", "modes", "noise", "prior", "gap", "unseen")
+@dataclass(frozen=True, eq=False)
+class Track(FrozenArrays):
+    """Motion of a surface found from observations, with its uncertainty.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+        The surface in every frame, its facts saying that it was tracked as offsets: along its
+        normals it follows the data, along itself the prior.
+    template : Template
+        Of the start, whose shape amplitudes are counted from.
+    modes : ModeSet
+    amplitudes : (frames, modes, 3) float64, length unit
+    covariances : (frames, 3 modes, 3 modes) float64, length unit squared
+        Of the amplitudes; row 3 j + i is mode j in direction i.
+    prior : Prior
+    noise : Noise
+    truncations : (frames,) float64, length unit
+        RMS, in each direction, of what the modes leave.
+    deviations : (frames, vertices, 2) float64, length unit
+        Standard deviation of each vertex along its normal, and in each direction of the tangent
+        plane, what the modes leave included.
+    harmonic : float
+        Harmonic of the cycle, or of an open recording, from which on motion is held down.
+    volume_deviations : (frames,) float64, length unit cubed, or None
+        Standard deviation of each volume; None of what encloses none.
+    residuals : (frames, 2) float64, length unit
+        RMS and 95th percentile of the distances of the points that counted; NaN without any.
+    inliers : (frames,) float64
+        Share of the points that counted, 0 to 1; 0 without any.
+    coverage : (frames,) float64
+        Share of the surface that points lie at, 0 to 1.
+    unseen : tuple of int
+        Frames without a point: there the chain of time alone speaks.
+    gap : float or None, length unit
+        RMS distance between the shapes that both ways round the cycle end at, before all frames
+        were estimated together; None where time is open.
+    reference : int or None
+        Frame whose surface the start is, exactly; None where it is none's.
+    notes : tuple of str
+    provenance : mapping
+        Parameters and versions, for files.
+    """
+
+    sequence: MeshSequence
+    template: Template
+    modes: ModeSet
+    amplitudes: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    prior: Prior
+    noise: Noise
+    truncations: NDArray[np.float64]
+    deviations: NDArray[np.float64]
+    volume_deviations: NDArray[np.float64] | None
+    harmonic: float
+    residuals: NDArray[np.float64]
+    inliers: NDArray[np.float64]
+    coverage: NDArray[np.float64]
+    unseen: tuple[int, ...]
+    gap: float | None
+    reference: int | None
+    notes: tuple[str, ...]
+    provenance: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        for name in (
+            "amplitudes",
+            "covariances",
+            "truncations",
+            "deviations",
+            "residuals",
+            "inliers",
+            "coverage",
+        ):
+            getattr(self, name).setflags(write=False)
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.amplitudes)
+
+    @cached_property
+    def wavenumbers(self) -> NDArray[np.float64]:
+        """|k| of each mode times the surface's length, (modes,) float64."""
+        length = float(np.exp(np.log(np.array(self.template.lengths)).mean()))
+        k: NDArray[np.float64] = self.modes.wavenumbers_on(self.template.lengths) * length
+        return k
+
+    @cached_property
+    def shapes(self) -> NDArray[np.float64]:
+        """Phi at the vertices, (vertices, modes) float64."""
+        return shapes_of(self.modes, self.template)
+
+    @cached_property
+    def mode_deviations(self) -> NDArray[np.float64]:
+        """Standard deviation of each amplitude across the surface and along it.
+
+        Returns
+        -------
+        (frames, modes, 2) float64, length unit
+            Of the part of the mode's motion along the normal, and of that in each direction of
+            the tangent plane, RMS over the surface.
+        """
+        m = len(self.modes)
+        deviations = np.empty((self.n_frames, m, 2))
+        share = self.template.weights[:, None] * self.shapes**2
+        share /= share.sum(axis=0)
+        for f in range(self.n_frames):
+            n = normals_of(self.template, self.sequence.vertices[f].astype(np.float64))
+            N = np.einsum("vm,vi,vj->mij", share, n, n)
+            own = self.covariances[f].reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m), :]
+            across = np.einsum("mij,mij->m", N, own)
+            along = (np.trace(own, axis1=1, axis2=2) - across) / 2
+            deviations[f] = np.sqrt(np.maximum(np.stack([across, along], axis=1), 0.0))
+        return deviations
+
+    @cached_property
+    def amplitude_deviations(self) -> NDArray[np.float64]:
+        """Standard deviation of each amplitude, (frames, modes, 3) float64, length unit."""
+        variances = np.diagonal(self.covariances, axis1=1, axis2=2)
+        sds = np.sqrt(np.maximum(variances, 0.0))
+        return np.asarray(sds.reshape(self.n_frames, -1, 3), dtype=np.float64)
+
+    @cached_property
+    def determined(self) -> NDArray[np.float64]:
+        """Share of each mode that the data have set, across the surface and along it.
+
+        Returns
+        -------
+        (modes, 2) float64
+            1 - posterior / prior variance, mean over the frames with points: below 0.5 the
+            prior has set it, and it counts as undetermined.
+        """
+        seen = [f for f in range(self.n_frames) if f not in self.unseen and f != self.reference]
+        prior = self.prior.variances(self.wavenumbers)[:, None]
+        kept = self.mode_deviations[seen or slice(None)]
+        return np.asarray(np.clip(1.0 - (kept**2).mean(axis=0) / prior, 0.0, 1.0))
+
+    @cached_property
+    def volumes(self) -> NDArray[np.float64] | None:
+        """Volume in each frame, (frames,) float64, length unit cubed; None of what has none."""
+        cavity = cavity_in(self.template)
+        if cavity is None:
+            return None
+        return np.abs(cavity.volume(self.sequence.vertices.astype(np.float64)))
+
+    @property
+    def ejection_fraction(self) -> float | None:
+        """Share of the largest volume that the smallest lacks, percent; None without volumes."""
+        v = self.volumes
+        if v is None or self.n_frames < 2 or not v.max() > 0:
+            return None
+        return float(100.0 * (1.0 - v.min() / v.max()))
+
+    @property
+    def ejection_fraction_bound(self) -> float | None:
+        """Two standard deviations of it, percentage points; None without volumes.
+
+        dEF = (dV_ES - (1 - EF) dV_ED) / V_ED, the errors of both frames as if independent.
+        """
+        v, sd, fraction = self.volumes, self.volume_deviations, self.ejection_fraction
+        if v is None or sd is None or fraction is None:
+            return None
+        ed, es = int(v.argmax()), int(v.argmin())
+        left = 1.0 - fraction / 100.0
+        return float(200.0 * np.hypot(sd[es], left * sd[ed]) / v[ed])
+
+
+def normals_of(template: Template, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Take unit normals of a surface, (vertices, 3); of a curve directions from its middle."""
+    if len(template.faces):
+        return vertex_normals(x, template.faces)
+    tangents = np.gradient(x, axis=0)
+    t = _unit(tangents)
+    r = x - x.mean(axis=0)
+    return _unit(r - (r * t).sum(axis=1, keepdims=True) * t)
+
+
+def _unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
+    size = np.linalg.norm(v, axis=1, keepdims=True)
+    unit: NDArray[np.float64] = v / np.where(size > 0, size, 1.0)
+    return unit
+
+
+def cavity_in(template: Template) -> Cavity | None:
+    """Cavity of a surface; None of a curve and of what encloses nothing."""
+    if template.topology.n_axes != 2 or template.topology == PLANE:
+        return None
+    try:
+        return cavity_of(template.faces, template.n_vertices)
+    except TopologyError:
+        return None
+
+
+def volume_gradient(cavity: Cavity, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Differentiate the volume by each vertex, (vertices, 3) float64, length unit squared."""
+    x = x - x[cavity.faces[0, 0]]
+    total = np.zeros_like(x)
+    for k in range(3):
+        b, c = (x[cavity.faces[:, (k + i) % 3]] for i in (1, 2))
+        np.add.at(total, cavity.faces[:, k], np.cross(b, c) / 6.0)
+    for edges in cavity.openings:
+        start, end = x[edges[:, 0]], x[edges[:, 1]]
+        centre = start.mean(axis=0)
+        np.add.at(total, edges[:, 1], np.cross(start, centre) / 6.0)
+        np.add.at(total, edges[:, 0], np.cross(centre, end) / 6.0)
+        total[edges[:, 0]] += np.cross(end, start).sum(axis=0) / 6.0 / len(edges)
+    return total

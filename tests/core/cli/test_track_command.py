@@ -1,0 +1,62 @@
+"""The command that tracks: from files to a sequence, a track and a picture."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from click.testing import CliRunner
+from clouds import breathing_spheroid, sampled
+
+from modalmotion.cli import main
+from modalmotion.formats import read_npz
+from modalmotion.tracking.hdf5 import track_from_hdf5
+
+BALL = breathing_spheroid(3)
+
+
+def clouds_in(folder: Path) -> Path:
+    rng = np.random.default_rng(0)
+    for k, x in enumerate(BALL.vertices):
+        np.savetxt(folder / f"f_{k}.xyz", sampled(x, BALL.faces, 150, rng, 0.3))
+    return folder
+
+
+def run(*words: object) -> str:
+    result = CliRunner().invoke(main, ["track", *map(str, words)])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_a_folder_becomes_a_sequence_and_a_picture(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    source = clouds_in(tmp_path / "in")
+    output, plot = tmp_path / "beat.npz", tmp_path / "beat.png"
+    text = run(source, "-o", output, "--modes", 7, "--unit", "mm", "--plot", plot)
+    assert "3 frames in 7 modes of a sphere" in text
+    assert "mm across the surface" in text
+    sequence = read_npz(output.read_bytes()).sequence
+    assert sequence.n_frames == 3
+    assert sequence.facts.tracking == "offset"
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_whole_track_and_its_figures(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    source, output = clouds_in(tmp_path / "in"), tmp_path / "beat.h5"
+    words = (source, "-o", output, "--modes", 7, "--json", "--frame-interval", 0.1)
+    numbers = json.loads(run(*words, "--time", "open"))
+    assert numbers["frames"] == 3
+    assert numbers["gap"] is None
+    track = track_from_hdf5(output.read_bytes())
+    assert track.sequence.id == numbers["sequence_id"]
+    assert track.sequence.times is not None
+
+
+def test_a_landmark_that_is_none_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    words = [str(clouds_in(tmp_path / "in")), "-o", str(tmp_path / "b.npz")]
+    result = CliRunner().invoke(main, ["track", *words, "--landmarks", "apex=1,2"])
+    assert result.exit_code != 0
+    assert "apex=1,2,3" in result.output

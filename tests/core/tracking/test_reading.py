@@ -1,0 +1,101 @@
+"""Observations from files: meshes, clouds and contours, one a frame, or all in one npz."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from clouds import breathing_spheroid, sampled
+
+from modalmotion.errors import InputError, MalformedFileError, ParameterError
+from modalmotion.formats.ply.ply import write_ply
+from modalmotion.tracking.reading import read_observed
+
+BALL = breathing_spheroid(3)
+X = BALL.vertices.astype(np.float64)
+HEADING = "x\ty\tz\tcontour type\tframeID\tweight\ttime frame"
+
+
+def test_meshes_of_other_connectivity_come_in_natural_order(tmp_path: Path) -> None:
+    for k, number in enumerate((1, 2, 10)):
+        faces = BALL.faces[k:]
+        (tmp_path / f"scan_{number}.ply").write_bytes(write_ply(X[k], faces, {}))
+    (tmp_path / "notes.md").write_text("none")
+    seen: list[tuple[int, int]] = []
+    found = read_observed(tmp_path, progress=lambda *step: seen.append(step))
+    assert [frame[0].points[5] for frame in found.frames] == [pytest.approx(x[5]) for x in X]
+    assert found.frames[0][0].weights is not None
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_clouds_are_text_or_ply_without_triangles(tmp_path: Path) -> None:
+    (tmp_path / "a_1.csv").write_text("x,y,z\n1,2,3\n4,5,6\n")
+    (tmp_path / "a_2.xyz").write_text("1 2 3 255 0 0\n\n4;5;6\n")
+    (tmp_path / "a_3.ply").write_bytes(write_ply(X[0][:4], np.zeros((0, 3), np.int64), {}))
+    found = read_observed(tmp_path)
+    assert [len(frame[0]) for frame in found.frames] == [2, 2, 4]
+    assert found.frames[0][0].points[1].tolist() == [4.0, 5.0, 6.0]
+
+
+def test_a_zip_is_read_as_its_folder(tmp_path: Path) -> None:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for k in range(3):
+            archive.writestr(f"in/f{k}.xyz", "\n".join(" ".join(map(str, p)) for p in X[k][:9]))
+    (tmp_path / "frames.zip").write_bytes(buffer.getvalue())
+    found = read_observed(tmp_path / "frames.zip")
+    assert found.frames[2][0].points == pytest.approx(X[2][:9])
+
+
+def test_an_npz_has_points_and_offsets(tmp_path: Path) -> None:
+    clouds = [sampled(x, BALL.faces, 20 + k, np.random.default_rng(k)) for k, x in enumerate(X)]
+    path = tmp_path / "clouds.npz"
+    offsets = np.cumsum([0, *map(len, clouds)])
+    np.savez(path, points=np.concatenate(clouds), offsets=offsets, unit="mm", apex=np.zeros(3))
+    found = read_observed(path)
+    assert [len(frame[0]) for frame in found.frames] == [20, 21, 22]
+    assert found.unit == "mm"
+    assert found.landmarks["apex"].tolist() == [0.0, 0.0, 0.0]
+    np.savez(path, points=np.concatenate(clouds), offsets=offsets[:-1])
+    with pytest.raises(MalformedFileError, match="offsets do not run"):
+        read_observed(path)
+    np.savez(path, vertices=X)
+    with pytest.raises(MalformedFileError, match="not points and offsets"):
+        read_observed(path)
+
+
+def test_guide_points_are_contours_with_landmarks(tmp_path: Path) -> None:
+    for k in range(2):
+        rows = [HEADING, f"1\t2\t{k}\tSAX_LV_ENDOCARDIAL\t2\t1.0\t0"]
+        rows += [f"4\t5\t6\tSAX_LV_EPICARDIAL\t2\t1.0\t{k}", f"0\t0\t9\tMITRAL_VALVE\t1\t1.0\t{k}"]
+        if k == 0:
+            rows += ["0\t0\t-9\tAPEX_POINT\t1\t1.0\t0"]
+        (tmp_path / f"GPFile_{k:03d}.txt").write_text("\n".join(rows))
+    (tmp_path / "SliceInfoFile.txt").write_text("image.dcm\tsliceID:\t1")
+    found = read_observed(tmp_path)
+    assert found.frames[1][0].points.tolist() == [[1.0, 2.0, 1.0]]
+    assert found.landmarks["base"].tolist() == [[0, 0, 9], [0, 0, 9]]
+    assert found.landmarks["apex"][0].tolist() == [0, 0, -9]
+    assert np.isnan(found.landmarks["apex"][1]).all()
+    outer = read_observed(tmp_path, contours=["LV_EPICARDIAL"])
+    assert outer.frames[0][0].points.tolist() == [[4.0, 5.0, 6.0]]
+    with pytest.raises(ParameterError, match="SAX_LV_ENDOCARDIAL"):
+        read_observed(tmp_path, contours=["AORTA_WALL"])
+
+
+def test_what_cannot_be_read_names_frame_and_file(tmp_path: Path) -> None:
+    with pytest.raises(MalformedFileError, match="None of 0 files"):
+        read_observed(tmp_path)
+    (tmp_path / "a_1.xyz").write_text("1 2 3\n")
+    (tmp_path / "a_2.xyz").write_text("1 2 3\n4 five 6\n")
+    with pytest.raises(InputError, match=r"Frame 1 \('a_2.xyz'\): Line 2") as caught:
+        read_observed(tmp_path)
+    assert caught.value.frame == 1
+    (tmp_path / "a_2.xyz").write_text("1 2 3\nnan 0 0\n")
+    with pytest.raises(InputError, match=r"Frame 1 .*not finite"):
+        read_observed(tmp_path)
+    with pytest.raises(MalformedFileError, match="neither a zip"):
+        read_observed(tmp_path / "a_1.xyz")
