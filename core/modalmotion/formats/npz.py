@@ -13,6 +13,7 @@ import io
 import json
 import re
 import zipfile
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
@@ -56,31 +57,7 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     InputError
         If the arrays do not form a sequence.
     """
-    if not data:
-        raise _malformed("The file is empty.")
-    limits = limits.of_file(len(data))
-    try:
-        archive = zipfile.ZipFile(io.BytesIO(data))
-    except UNREADABLE as error:
-        raise _malformed(
-            f"These {len(data)} bytes are not a readable .npz archive (the file may be cut short)."
-        ) from error
-    with archive:
-        members: dict[str, zipfile.ZipInfo] = {}
-        for info in archive.infolist():
-            name = info.filename.removesuffix(".npy")
-            if name in members:
-                raise _malformed(f"The archive holds {name[:40]!r} twice.")
-            members[name] = info
-        if "vertices" not in members:
-            raise _malformed(f"The archive holds {_listing(list(members))} but no 'vertices'.")
-        headers: dict[str, _Header] = {
-            name: _read_header(archive, members[name]) for name in _KNOWN if name in members
-        }
-        _require_limits(headers, limits)
-        arrays: dict[str, np.ndarray[Any, Any]] = {
-            name: _read_array(archive, members[name], headers[name]) for name in headers
-        }
+    arrays, names = read_arrays(data, _KNOWN, ("vertices",), limits.of_file(len(data)))
     if "times" in arrays and "times_ms" in arrays:
         raise ShapeError(
             "The archive holds both 'times' and 'times_ms'.", remedy="Keep one of them."
@@ -103,12 +80,64 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     )
     return Reading(
         sequence,
-        ignored=tuple(name for name in members if name not in _KNOWN),
+        ignored=tuple(name for name in names if name not in _KNOWN),
         format="npz",
         unit_from=None if sequence.unit is None else "file",
         times_from=None if sequence.times is None else "file",
         notes=notes,
     )
+
+
+def read_arrays(
+    data: bytes, known: Iterable[str], needed: Iterable[str], limits: ReadLimits = NO_LIMITS
+) -> tuple[dict[str, np.ndarray[Any, Any]], tuple[str, ...]]:
+    """Read arrays of an .npz archive, their sizes checked before any of them is read.
+
+    Parameters
+    ----------
+    data : bytes
+    known : iterable of str
+        Names of the arrays that are read.
+    needed : iterable of str
+        Those of them that must be there.
+    limits : ReadLimits, optional
+
+    Returns
+    -------
+    dict of str to array, tuple of str
+        Those that are there, and the names of all.
+
+    Raises
+    ------
+    MalformedFileError, LimitError
+        As `read_npz` says.
+    """
+    if not data:
+        raise _malformed("The file is empty.")
+    try:
+        archive = zipfile.ZipFile(io.BytesIO(data))
+    except UNREADABLE as error:
+        raise _malformed(
+            f"These {len(data)} bytes are not a readable .npz archive (the file may be cut short)."
+        ) from error
+    with archive:
+        members: dict[str, zipfile.ZipInfo] = {}
+        for info in archive.infolist():
+            name = info.filename.removesuffix(".npy")
+            if name in members:
+                raise _malformed(f"The archive holds {name[:40]!r} twice.")
+            members[name] = info
+        for name in needed:
+            if name not in members:
+                raise _malformed(f"The archive holds {_listing(list(members))} but no {name!r}.")
+        headers: dict[str, _Header] = {
+            name: _read_header(archive, members[name]) for name in known if name in members
+        }
+        _require_limits(headers, limits)
+        arrays: dict[str, np.ndarray[Any, Any]] = {
+            name: _read_array(archive, members[name], headers[name]) for name in headers
+        }
+    return arrays, tuple(members)
 
 
 def write_npz(sequence: MeshSequence) -> bytes:

@@ -22,6 +22,7 @@ from modalmotion.formats.frames.names import (
     require_safe_name,
 )
 from modalmotion.formats.mesh_file import read_mesh
+from modalmotion.formats.npz import read_arrays
 from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.text import lines_of
@@ -230,22 +231,16 @@ def _rows(parts: Mapping[str, list[list[float]]], names: Iterable[str]) -> NDArr
 
 
 def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
+    names = ("points", "offsets", "times", "unit", *NAMED_PLACES)
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            limits.require("decompressed_bytes", sum(i.file_size for i in file.zip.infolist()))
-            arrays: dict[str, Any] = {name: file[name] for name in file.files}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise MalformedFileError(
-            "The npz cannot be read.", remedy="Write it again with numpy.savez."
-        ) from error
-    points, offsets = arrays.get("points"), arrays.get("offsets")
-    if points is None or offsets is None:
-        raise MalformedFileError(
-            f"The npz has {', '.join(sorted(arrays)) or 'nothing'}, but not points and offsets.",
-            remedy="Give points (n, 3) and offsets (frames + 1,): the first row of each frame, and "
-            "the end.",
+        arrays, _ = read_arrays(data, names, names[:2], limits.of_file(len(data)))
+    except MalformedFileError as error:
+        error.remedy = (
+            "Write it with numpy.savez: points (n, 3) and offsets (frames + 1,), the first row of "
+            "each frame, and the end. A sequence of one mesh needs no tracking."
         )
-    offsets = np.asarray(offsets)
+        raise
+    points, offsets = arrays["points"], arrays["offsets"]
     n = len(points) if np.ndim(points) == 2 else -1
     is_whole = offsets.ndim == 1 and offsets.dtype.kind in "iu" and offsets.size > 1
     if (
@@ -259,9 +254,18 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
             remedy="Give whole numbers that do not fall: the first row of each frame, and the end.",
         )
     limits.require("frames", offsets.size - 1)
-    frames = tuple((Observation(points[a:b]),) for a, b in pairwise(offsets))
+    frames = tuple(_frame_of_npz(points[a:b], k) for k, (a, b) in enumerate(pairwise(offsets)))
     landmarks = {
         name: np.asarray(arrays[name], dtype=np.float64) for name in NAMED_PLACES if name in arrays
     }
     unit = str(arrays["unit"][()]) if "unit" in arrays else None
     return Recorded(frames, landmarks, arrays.get("times"), unit)
+
+
+def _frame_of_npz(points: NDArray[Any], frame: int) -> tuple[Observation]:
+    try:
+        return (Observation(points),)
+    except InputError as error:
+        error.frame = frame
+        error.message = f"Frame {frame}: {error.message}"
+        raise

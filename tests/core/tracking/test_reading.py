@@ -63,8 +63,20 @@ def test_an_npz_has_points_and_offsets(tmp_path: Path) -> None:
     with pytest.raises(MalformedFileError, match="offsets do not run"):
         read_observed(path)
     np.savez(path, vertices=X)
-    with pytest.raises(MalformedFileError, match="not points and offsets"):
+    with pytest.raises(MalformedFileError, match="no 'points'") as caught:
         read_observed(path)
+    assert "needs no tracking" in caught.value.remedy
+    broken = np.concatenate(clouds)
+    broken[25, 1] = np.nan
+    np.savez(path, points=broken, offsets=offsets)
+    with pytest.raises(InputError, match=r"Frame 1: Point 5 is not finite") as wrong:
+        read_observed(path)
+    assert wrong.value.frame == 1
+    whole = path.read_bytes()
+    for content in (b"", whole[: len(whole) // 2], b"\x93NUMPY" + bytes(200)):
+        path.write_bytes(content)
+        with pytest.raises(MalformedFileError, match=r"empty|cut short"):
+            read_observed(path)
 
 
 def test_guide_points_are_contours_with_landmarks(tmp_path: Path) -> None:
