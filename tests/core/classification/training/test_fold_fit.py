@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from classify_samples import curves
+from classify_samples import TWO, curves
 
-from modalmotion.classification import TrainingOptions
+from modalmotion.classification import TrainingCase, TrainingOptions
 from modalmotion.classification.model.domain import CHECKS
-from modalmotion.classification.training.fold_fit import predict_fold
+from modalmotion.classification.training.fold_fit import fit_rows, predict_fold
 from modalmotion.classification.training.table import collect
+from modalmotion.signature.making import modal_signature
+from modalmotion.simulate import simulate_cohort
 
 
 def test_a_fold_predicts_its_outer_cases_and_says_what_it_chose() -> None:
@@ -22,3 +24,18 @@ def test_a_fold_predicts_its_outer_cases_and_says_what_it_chose() -> None:
     known = {text.split(" of ")[0].split(",")[0] for text, _ in held_out.choices}
     assert known <= {"a few numbers", "modes", "modes and their terms"}
     np.testing.assert_allclose(sum(weight for _, weight in held_out.choices), 1.0)
+
+
+def test_the_volume_alone_leads_few_cases_and_is_read_linearly() -> None:
+    options = TrainingOptions(modes=7)
+    cohort = simulate_cohort(4, rng=np.random.default_rng(1), classes=TWO)
+    cases = [
+        TrainingCase(
+            modal_signature(case.sequence, options.signature_parameters), str(case.label), str(k)
+        )
+        for k, case in enumerate(cohort)
+    ]
+    fit = fit_rows(collect(cases, options), np.arange(len(cases)), options)
+    (volume,) = [member for member in fit.members if not member.reader.reads_motion]
+    assert volume is fit.members[0]
+    assert volume.estimator.kind_ == "linear"
