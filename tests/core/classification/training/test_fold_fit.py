@@ -28,14 +28,14 @@ def test_a_fold_predicts_its_outer_cases_and_says_what_it_chose() -> None:
 
 def test_the_volume_alone_leads_few_cases_and_is_read_linearly() -> None:
     options = TrainingOptions(modes=7)
-    cohort = simulate_cohort(4, rng=np.random.default_rng(1), classes=TWO)
-    cases = [
-        TrainingCase(
-            modal_signature(case.sequence, options.signature_parameters), str(case.label), str(k)
-        )
-        for k, case in enumerate(cohort)
-    ]
-    fit = fit_rows(collect(cases, options), np.arange(len(cases)), options)
-    (volume,) = [member for member in fit.members if not member.reader.reads_motion]
-    assert volume is fit.members[0]
-    assert volume.estimator.kind_ == "linear"
+    for seed in range(4):
+        cohort = simulate_cohort(4, rng=np.random.default_rng(seed), classes=TWO)
+        parameters = options.signature_parameters
+        cases = [
+            TrainingCase(modal_signature(case.sequence, parameters), str(case.label), str(k))
+            for k, case in enumerate(cohort)
+        ]
+        fit = fit_rows(collect(cases, options), np.arange(len(cases)), options)
+        (volume,) = [member for member in fit.members if not member.reader.reads_motion]
+        assert volume is fit.members[0]
+        assert volume.estimator.kind_ == "linear"
