@@ -11,7 +11,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -39,8 +39,8 @@ class RunningService:
     port: int = 0
     process: subprocess.Popen[bytes] | WarmProcess | None = None
     log: Path = Path()
-    program: Sequence[str] = ()
-    """In place of `modalmotion serve`: takes the port and the folder."""
+    most_files: int = 0
+    """What it may open at most, unless that is 0."""
     is_warm: bool = True
     """Whether what it imports is imported already; not where the start itself is the point."""
 
@@ -53,7 +53,7 @@ class RunningService:
             self.log = self.data_dir.parent / "service.log"
         # Its own group, so that a test can end it with all of its workers.
         with self.log.open("ab") as sink:
-            if self.is_warm and not self.program:
+            if self.is_warm:
                 self.process = start_warm(
                     "server",
                     *self._program()[1:],
@@ -61,6 +61,7 @@ class RunningService:
                     folder=Path.cwd(),
                     sink=sink,
                     is_session=True,
+                    most_files=self.most_files,
                 )
             else:
                 self.process = subprocess.Popen(
@@ -70,19 +71,17 @@ class RunningService:
                     stderr=subprocess.STDOUT,
                     start_new_session=True,
                 )
-        for _ in range(300):
+        for _ in range(1000):
             try:
                 if self.request("GET", "/health/ready").status == 200:
                     return self
             except OSError:
                 assert self.process.poll() is None, self.log.read_text()[-3000:]
-            time.sleep(0.05)
+            time.sleep(0.02)
         raise AssertionError(f"not ready: {self.log.read_text()[-3000:]}")
 
     def _program(self) -> list[str]:
         port, folder = str(self.port), str(self.data_dir)
-        if self.program:
-            return [*self.program, port, folder]
         return ["-m", "modalmotion", "serve", "--port", port, "--data-dir", folder]
 
     @property

@@ -103,7 +103,8 @@ def engine_client(
 def beat() -> bytes:
     """A simulated ventricle's beat, as a file."""
     rng = np.random.default_rng(7)
-    return write_npz(simulate_ventricle(acquisition=Acquisition(noise=0.3), rng=rng))
+    noisy = Acquisition(noise=0.3)
+    return write_npz(simulate_ventricle(grid=(8, 16), acquisition=noisy, rng=rng))
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ import fcntl
 import importlib
 import json
 import os
+import resource
 import runpy
 import selectors
 import signal
@@ -118,6 +119,7 @@ class _WarmStart:
         sink: IO[bytes],
         is_session: bool,
         passed: Sequence[int],
+        most_files: int,
     ) -> WarmProcess:
         request = {
             "arguments": list(arguments),
@@ -125,6 +127,7 @@ class _WarmStart:
             "folder": str(folder),
             "is_session": is_session,
             "names": list(passed),
+            "most_files": most_files,
         }
         with self._lock:
             socket.send_fds(self._socket, [json.dumps(request).encode()], [sink.fileno(), *passed])
@@ -165,6 +168,7 @@ def start_warm(
     sink: IO[bytes],
     is_session: bool = False,
     passed: Sequence[int] = (),
+    most_files: int = 0,
 ) -> WarmProcess:
     """Start `python -m arguments`; a server's warnings are errors.
 
@@ -184,8 +188,12 @@ def start_warm(
         Whether it has a session of its own.
     passed : sequence of int
         Open files that it has under the same numbers.
+    most_files : int
+        What it may open at most, unless that is 0.
     """
-    return _warm_start(kind).process(arguments, environment, folder, sink, is_session, passed)
+    return _warm_start(kind).process(
+        arguments, environment, folder, sink, is_session, passed, most_files
+    )
 
 
 # What follows runs in the warm process.
@@ -239,6 +247,8 @@ def _as_anew(request: dict[str, Any], output: int, *passed: int) -> Callable[[],
     os.environ.clear()
     os.environ.update(request["environment"])
     _have_a_fork_server()
+    if most := request["most_files"]:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     module, *rest = request["arguments"]
 
     def run() -> None:
