@@ -107,9 +107,8 @@ class TrackParameters:
             reference=self.reference,
             progress=progress,
         )
-        facts = result.sequence.facts.over(replace(self.facts, landmarks={}))
         return replace(
             result,
-            sequence=result.sequence.with_facts(facts),
+            sequence=result.sequence.with_facts(result.sequence.facts.over(self.facts)),
             notes=(*recorded.notes, *result.notes),
         )

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import InputError, MalformedFileError, ParameterError
+from modalmotion.errors import InputError, MalformedFileError, ParameterError, ShapeError
 from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
 from modalmotion.formats.frames.archive import opened
 from modalmotion.formats.frames.names import FRAME_SUFFIXES, is_hidden, natural_key
@@ -37,7 +37,7 @@ _APEX: Final = "APEX_POINT"
 USUAL_CONTOURS: Final = ("LV_ENDOCARDIAL",)
 """Parts of the names of typed contours that are read where nobody says which."""
 
-_REMEDY: Final = "Send a folder or zip of one file a frame, or an npz of points and offsets."
+_REMEDY: Final = "Use a zip or folder of one file a frame, or an npz of points and offsets."
 
 
 @shown("frames", "unit", "landmarks")
@@ -258,6 +258,12 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
     names = ("points", "offsets", "times", "unit", *NAMED_PLACES)
     try:
         arrays, _ = read_arrays(data, names, names[:2], limits.of_file(len(data)))
+    except ShapeError as error:
+        error.remedy = (
+            "Store points, offsets, times, apex and base (3,) or (frames, 3) as numbers, and the "
+            "unit as text."
+        )
+        raise
     except MalformedFileError as error:
         error.remedy = (
             "Write it with numpy.savez: points (n, 3) and offsets (frames + 1,), the first row of "
@@ -278,6 +284,7 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
             remedy="Give whole numbers that do not fall: the first row of each frame, and the end.",
         )
     limits.require("frames", offsets.size - 1)
+    limits.require("vertices", int(np.diff(offsets).max()))
     frames = tuple(_frame_of_npz(points[a:b], k) for k, (a, b) in enumerate(pairwise(offsets)))
     landmarks = {
         name: np.asarray(arrays[name], dtype=np.float64) for name in NAMED_PLACES if name in arrays

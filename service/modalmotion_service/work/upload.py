@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from modalmotion.formats import Reading, ReadOptions, read_sequence
 from modalmotion.progress import Progress
+from modalmotion.tracking.reading import Recorded, read_observed
 from modalmotion_service.work.parsing import parser_for
 
 
@@ -38,3 +40,22 @@ class Upload:
         """
         parser = parser_for(self.options.limits)
         return read_sequence(self.path.read_bytes(), self.options, parser=parser, progress=progress)
+
+    def observed(self, contours: Sequence[str], progress: Progress | None = None) -> Recorded:
+        """Read it as observations that do not correspond, in a worker.
+
+        Parameters
+        ----------
+        contours : sequence of str
+            Of typed contours: parts of the names of those to read.
+        progress : callable, optional
+
+        Raises
+        ------
+        InputError
+            If it is not understood, or beyond a limit.
+        """
+        parser = parser_for(self.options.limits)
+        return read_observed(
+            self.path.read_bytes(), contours=contours, parser=parser, progress=progress
+        )
