@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from clouds import as_npz, breathing_spheroid, small_recording
+from clouds import Floats, as_npz, breathing_spheroid, small_recording
 from fastapi.testclient import TestClient
 from job_requests import ASYNC, finished
 from services import served
@@ -173,8 +173,8 @@ def zipped(**files: bytes) -> bytes:
     return buffer.getvalue()
 
 
-POINTS = np.arange(90.0).reshape(30, 3)
-WITH_NAN = np.where(np.arange(90).reshape(30, 3) == 50, np.nan, POINTS)
+POINTS: Floats = np.arange(90.0, dtype=np.float64).reshape(30, 3)
+WITH_NAN: Floats = np.where(np.arange(90).reshape(30, 3) == 50, np.nan, POINTS)
 
 
 @pytest.mark.parametrize(
