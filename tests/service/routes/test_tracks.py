@@ -16,6 +16,7 @@ from services import served
 
 from modalmotion.facts import Facts
 from modalmotion.formats import write_npz
+from modalmotion.formats.ply.ply import write_ply
 from modalmotion.store import track_from_hdf5, track_to_hdf5
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tracking.reading import read_observed
@@ -230,3 +231,21 @@ def test_a_job_under_way_is_cancelled_and_leaves_nothing(tmp_path: Path) -> None
         assert client.post(HERE, content=small_recording(2), params=FEW).status_code == 201
         spool = client.app.state.owners.local.spool  # type: ignore[attr-defined]
         assert list(spool.folder.iterdir()) == []
+
+
+def test_what_has_no_one_mesh_is_sent_here_by_the_door_of_sequences(client: TestClient) -> None:
+    ball = breathing_spheroid(2)
+    meshes = {
+        f"f{k}_dot_ply": write_ply(x, ball.faces[k:], {}) for k, x in enumerate(ball.vertices)
+    }
+    bodies = {
+        "other faces": zipped(**meshes),
+        "clouds in files": zipped(f1_dot_xyz=b"0 0 0\n"),
+        "clouds in arrays": as_npz([POINTS] * 2),
+    }
+    for kind, body in bodies.items():
+        for path in ("/v1/sequences", "/v1/signature", "/v1/templates"):
+            answer = client.post(path, content=body)
+            assert answer.status_code in (400, 422), kind
+            assert "POST /v1/tracks" in answer.json()["remedy"], (kind, answer.text)
+    assert client.post(HERE, content=bodies["other faces"], params=FEW).status_code == 201
