@@ -16,12 +16,13 @@ import zipfile
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 
 from modalmotion.errors import MalformedFileError, ShapeError
 from modalmotion.facts import NAMES, Facts, facts_as_json, facts_from_texts
+from modalmotion.formats.frames.frame import TRACK
 from modalmotion.formats.result import Reading
 from modalmotion.formats.zip_member import UNREADABLE, member_content
 from modalmotion.limits import NO_LIMITS, ReadLimits
@@ -57,7 +58,12 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     InputError
         If the arrays do not form a sequence.
     """
-    arrays, names = read_arrays(data, _KNOWN, ("vertices",), limits.of_file(len(data)))
+    try:
+        arrays, names = read_arrays(data, _KNOWN, ("vertices",), limits.of_file(len(data)))
+    except MalformedFileError as error:
+        if {"points", "offsets"} <= set(cast("list[str]", error.details.get("arrays", []))):
+            error.remedy = f"Clouds of points are for {TRACK}."
+        raise
     if "times" in arrays and "times_ms" in arrays:
         raise ShapeError(
             "The archive holds both 'times' and 'times_ms'.", remedy="Keep one of them."
@@ -129,7 +135,10 @@ def read_arrays(
             members[name] = info
         for name in needed:
             if name not in members:
-                raise _malformed(f"The archive holds {_listing(list(members))} but no {name!r}.")
+                raise _malformed(
+                    f"The archive holds {_listing(list(members))} but no {name!r}.",
+                    details={"arrays": [own[:40] for own in list(members)[:20]]},
+                )
         headers: dict[str, _Header] = {
             name: _read_header(archive, members[name]) for name in known if name in members
         }

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -14,19 +11,16 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import InputError, MalformedFileError, ParameterError
-from modalmotion.formats.frames.names import (
-    FRAME_SUFFIXES,
-    is_hidden,
-    natural_key,
-    require_safe_name,
-)
+from modalmotion.errors import InputError, MalformedFileError, ParameterError, ShapeError
+from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
+from modalmotion.formats.frames.archive import opened
+from modalmotion.formats.frames.names import FRAME_SUFFIXES, is_hidden, natural_key
 from modalmotion.formats.mesh_file import read_mesh
 from modalmotion.formats.npz import read_arrays
 from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.text import lines_of
-from modalmotion.limits import ReadLimits
+from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.tracking.observation import NAMED_PLACES, Observation, of_surface
@@ -39,7 +33,11 @@ _GUIDE_POINTS: Final = "GPFile"
 _GUIDE_COLUMNS: Final = 7
 _VALVES: Final = ("MITRAL_VALVE", "AORTA_VALVE")
 _APEX: Final = "APEX_POINT"
-_USUAL_CONTOURS: Final = "LV_ENDOCARDIAL"
+
+USUAL_CONTOURS: Final = ("LV_ENDOCARDIAL",)
+"""Parts of the names of typed contours that are read where nobody says which."""
+
+_REMEDY: Final = "Use a zip or folder of one file a frame, or an npz of points and offsets."
 
 
 @shown("frames", "unit", "landmarks")
@@ -65,62 +63,83 @@ class Recorded:
 
 
 def read_observed(
-    source: Path,
+    source: bytes | Path,
     *,
-    contours: Sequence[str] = (_USUAL_CONTOURS,),
+    contours: Sequence[str] = USUAL_CONTOURS,
     progress: Progress | None = None,
     limits: ReadLimits | None = None,
+    parser: Parser | None = None,
 ) -> Recorded:
     """Read the observations in a folder or zip of one file a frame, or in one npz.
 
     Parameters
     ----------
-    source : Path
-        Frames come in the natural order of the numbers in their names. An npz has `points` (n, 3)
-        and `offsets` (frames + 1,), the first row of each frame and the end, and maybe `times`
-        and `unit`.
+    source : bytes or Path
+        Bytes are read without opening a file. Frames come in the natural order of the numbers in
+        their names. An npz has `points` (n, 3) and `offsets` (frames + 1,), the first row of each
+        frame and the end, and maybe `times` and `unit`.
     contours : sequence of str
         Of files of typed contours (biv-me's GPFile): parts of the names of the types to read.
     progress : callable, optional
         Called with the frames read and all of them.
     limits : ReadLimits, optional
+    parser : Parser, optional
+        Parser to reuse for many files; its own limits then hold.
 
     Raises
     ------
     InputError
         Naming the frame and the file that cannot be read.
     """
-    limits = ReadLimits() if limits is None else limits
+    if parser is None:
+        with ParserProcess(DEFAULT_LIMITS if limits is None else limits) as own:
+            return _read(source, contours, own, progress)
+    return _read(source, contours, parser, progress)
+
+
+def _read(
+    source: bytes | Path, contours: Sequence[str], parser: Parser, progress: Progress | None
+) -> Recorded:
+    if isinstance(source, bytes):
+        return _of_bytes(source, contours, parser, progress)
     if source.is_dir():
-        names = {path.name: path.read_bytes for path in source.iterdir() if path.is_file()}
-        return _of_files(names, contours, limits, progress)
+        files = {path.name: path.read_bytes for path in source.iterdir() if path.is_file()}
+        return _of_files(files, contours, parser, progress)
     try:
         data = source.read_bytes()
     except OSError as error:
         raise MalformedFileError(
-            f"'{source.name}' cannot be read: {error.strerror}.",
-            remedy="Name a folder or zip of one file a frame, or an npz of points and offsets.",
+            f"'{source.name}' cannot be read: {error.strerror}.", remedy=_REMEDY
         ) from error
-    if source.suffix.lower() == ".npz":
-        return _of_npz(data, limits)
-    if not zipfile.is_zipfile(io.BytesIO(data)):
-        raise MalformedFileError(
-            f"'{source.name}' is neither a zip of frames nor an npz of points.",
-            remedy="Name a folder or zip of one file a frame, or an npz of points and offsets.",
-        )
-    with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        members = [info for info in archive.infolist() if not info.is_dir()]
-        for info in members:
-            require_safe_name(info.orig_filename)
-        limits.require("decompressed_bytes", sum(info.file_size for info in members))
-        names = {info.filename: partial(archive.read, info) for info in members}
-        return _of_files(names, contours, limits, progress)
+    return _of_bytes(data, contours, parser, progress)
+
+
+def _of_bytes(
+    data: bytes, contours: Sequence[str], parser: Parser, progress: Progress | None
+) -> Recorded:
+    if not data:
+        raise MalformedFileError("The file is empty.", remedy=_REMEDY)
+    kind = detect_format(data)
+    if kind is Format.NPZ:
+        return _of_npz(data, parser.limits)
+    if kind is Format.ZIP:
+        with opened(data, parser) as archive:
+            files = {name: member.read for name, member in archive.members.items()}
+            return _of_files(files, contours, archive.parser, progress)
+    if kind in MESH_FORMATS:
+        return Recorded(((_of_mesh(data, parser),),), {})
+    if kind is None:
+        raise MalformedFileError(unknown_format(data).message, remedy=_REMEDY)
+    raise MalformedFileError(
+        f"The file is {kind.upper()}, which holds a sequence of one mesh.",
+        remedy=f"Its vertices correspond: it needs no tracking. {_REMEDY}",
+    )
 
 
 def _of_files(
     files: Mapping[str, Callable[[], bytes]],
     contours: Sequence[str],
-    limits: ReadLimits,
+    parser: Parser,
     progress: Progress | None,
 ) -> Recorded:
     kinds = (*FRAME_SUFFIXES, *CLOUD_SUFFIXES)
@@ -134,20 +153,19 @@ def _of_files(
             f"None of {len(files)} files is a frame.",
             remedy=f"Give one file a frame, ending with {', '.join(kinds)}.",
         )
-    limits.require("frames", len(names))
+    parser.limits.require("frames", len(names))
     frames, landmarks = [], []
-    with ParserProcess(limits) as parser:
-        for k, name in enumerate(names):
-            try:
-                points, marks = _frame(name, files[name](), contours, parser)
-            except InputError as error:
-                error.frame = k if error.frame is None else error.frame
-                error.message = f"Frame {k} ({Path(name).name[-60:]!r}): {error.message}"
-                raise
-            frames.append((points,))
-            landmarks.append(marks)
-            if progress is not None:
-                progress(k + 1, len(names))
+    for k, name in enumerate(names):
+        try:
+            points, marks = _frame(name, files[name](), contours, parser)
+        except InputError as error:
+            error.frame = k if error.frame is None else error.frame
+            error.message = f"Frame {k} ({Path(name).name[-60:]!r}): {error.message}"
+            raise
+        frames.append((points,))
+        landmarks.append(marks)
+        if progress is not None:
+            progress(k + 1, len(names))
     stated = {name for marks in landmarks for name in marks}
     nowhere = np.full(3, np.nan)
     return Recorded(
@@ -162,11 +180,17 @@ def _frame(
     if Path(name).name.startswith(_GUIDE_POINTS):
         return _guide_points(data, contours)
     if name.lower().endswith(CLOUD_SUFFIXES):
-        return Observation(_cloud(data)), {}
+        points = _cloud(data)
+        parser.limits.require("vertices", len(points))
+        return Observation(points), {}
+    return _of_mesh(data, parser), {}
+
+
+def _of_mesh(data: bytes, parser: Parser) -> Observation:
     mesh, _ = read_mesh(data, None, parser)
     if not len(mesh.faces):
-        return Observation(mesh.positions.astype(np.float64)), {}
-    return of_surface(mesh.positions, mesh.faces), {}
+        return Observation(mesh.positions.astype(np.float64))
+    return of_surface(mesh.positions, mesh.faces)
 
 
 def _cloud(data: bytes) -> NDArray[np.float64]:
@@ -234,6 +258,12 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
     names = ("points", "offsets", "times", "unit", *NAMED_PLACES)
     try:
         arrays, _ = read_arrays(data, names, names[:2], limits.of_file(len(data)))
+    except ShapeError as error:
+        error.remedy = (
+            "Store points, offsets, times, apex and base (3,) or (frames, 3) as numbers, and the "
+            "unit as text."
+        )
+        raise
     except MalformedFileError as error:
         error.remedy = (
             "Write it with numpy.savez: points (n, 3) and offsets (frames + 1,), the first row of "
@@ -254,6 +284,7 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
             remedy="Give whole numbers that do not fall: the first row of each frame, and the end.",
         )
     limits.require("frames", offsets.size - 1)
+    limits.require("vertices", int(np.diff(offsets).max()))
     frames = tuple(_frame_of_npz(points[a:b], k) for k, (a, b) in enumerate(pairwise(offsets)))
     landmarks = {
         name: np.asarray(arrays[name], dtype=np.float64) for name in NAMED_PLACES if name in arrays

@@ -296,6 +296,7 @@ def test_curves_are_tracked_too() -> None:
         ({"time": "never"}, "cycle"),
         ({"reference": 99}, "counted from 0"),
         ({"modes": 0}, "mode"),
+        ({"modes": 1}, "translation at most"),
         ({"landmarks": {"nose": (0.0, 0.0, 0.0)}}, "apex and base"),
         ({"landmarks": {"apex": np.zeros((3, 3))}}, "one for each frame"),
         ({"topology": "cup"}, "apex=x,y,z"),

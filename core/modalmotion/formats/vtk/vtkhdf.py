@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ConnectivityError, MalformedFileError, ShapeError
+from modalmotion.formats.frames.frame import ONE_MESH
 from modalmotion.formats.parser.answer import Parsed
 from modalmotion.formats.polygons import Triangles, triangulate
 from modalmotion.limits import ReadLimits
@@ -170,7 +171,7 @@ def _same_faces(cells: _Cells, steps: _Steps, limits: ReadLimits) -> Triangles:
         elif not (np.array_equal(first[0], offsets) and np.array_equal(first[1], corners)):
             raise ConnectivityError(
                 f"Frame {frame} has other faces than frame 0.",
-                remedy="Send one mesh that moves: the same faces in every frame.",
+                remedy=ONE_MESH,
                 frame=frame,
             )
     if first is None:
@@ -190,7 +191,7 @@ def _positions(
         frame = int(different[0])
         raise ShapeError(
             f"Frame {frame} has {n_points[frame]} vertices, frame 0 has {n_points[0]}.",
-            remedy="Send one mesh that moves: the same vertices in every frame.",
+            remedy=ONE_MESH,
             frame=frame,
         )
     n = int(n_points[0])
