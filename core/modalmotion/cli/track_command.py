@@ -19,8 +19,9 @@ from modalmotion.pictures.track import data_figure
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
+from modalmotion.tracking.landmark_file import read_landmark_file
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
-from modalmotion.tracking.reading import USUAL_CONTOURS, read_observed
+from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded, read_observed
 
 
 @click.command(epilog=example("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm"))
@@ -31,8 +32,9 @@ from modalmotion.tracking.reading import USUAL_CONTOURS, read_observed
 @click.option(
     "--landmarks",
     multiple=True,
-    metavar="NAME=X,Y,Z",
-    help="Place of the apex or the base in the reference frame; once for each.",
+    metavar="NAME=X,Y,Z|FILE",
+    help="Place of the apex or the base in the reference frame, or a file of landmarks (ours, or "
+    "Slicer's .mrk.json); once for each.",
 )
 @click.option(
     "--start", type=click.Path(exists=True, path_type=Path), help="A surface to start from."
@@ -82,10 +84,11 @@ def track(
             bar.length = total
             bar.update(done - bar.pos)
 
-        parameters = TrackParameters(
-            contours=contours, landmarks=dict(map(_landmark, landmarks)), **options
-        )
         recorded = read_observed(source, contours=contours)
+        marks: dict[str, Any] = {}
+        for text in landmarks:
+            marks |= _landmarks(text, recorded, options["unit"])
+        parameters = TrackParameters(contours=contours, landmarks=marks, **options)
         surface = None if start is None else read_sequence(start).sequence
         result = parameters.follow(recorded, start=surface, progress=shown)
     is_npz = output.suffix.lower() == ".npz"
@@ -101,15 +104,21 @@ def track(
     list_written(output, plot, as_json=as_json)
 
 
-def _landmark(text: str) -> tuple[str, tuple[float, ...]]:
+def _landmarks(text: str, recorded: Recorded, unit: str | None) -> dict[str, Any]:
+    """Read a landmark, or a file of some."""
+    path = Path(text)
+    if path.is_file():
+        file = read_landmark_file(path.read_bytes())
+        return dict(file.for_points(recorded.coordinates, unit or recorded.unit))
     name, _, place = text.partition("=")
     try:
         x, y, z = (float(part) for part in place.split(","))
     except ValueError:
         raise ParameterError(
-            f"The landmark {text[:60]!r} is not NAME=X,Y,Z.", remedy="Write --landmarks apex=1,2,3."
+            f"The landmark {text[:60]!r} is neither NAME=X,Y,Z nor a file.",
+            remedy="Write --landmarks apex=1,2,3, or --landmarks FILE.mrk.json.",
         ) from None
-    return name, (x, y, z)
+    return {name: (x, y, z)}
 
 
 def _lines(result: Track) -> list[str]:

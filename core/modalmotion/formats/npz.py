@@ -79,9 +79,9 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
         given_up(vertices),
         arrays.get("faces"),
         grid=arrays.get("grid"),
-        topology=_text(arrays, "topology"),
+        topology=text_in(arrays, "topology"),
         times=times,
-        unit=_text(arrays, "unit"),
+        unit=text_in(arrays, "unit"),
         facts=_facts(arrays),
     )
     return Reading(
@@ -276,7 +276,14 @@ def _read_array(
     return array.reshape(header.shape, order="F" if header.fortran_order else "C")
 
 
-def _text(arrays: dict[str, np.ndarray[Any, Any]], name: str) -> str | None:
+def text_in(arrays: dict[str, np.ndarray[Any, Any]], name: str) -> str | None:
+    """Read an array that is one text; None where it is empty or not there.
+
+    Raises
+    ------
+    ShapeError
+        If it is not one text.
+    """
     if name not in arrays:
         return None
     array = arrays[name]
@@ -290,7 +297,7 @@ def _text(arrays: dict[str, np.ndarray[Any, Any]], name: str) -> str | None:
 
 
 def _facts(arrays: dict[str, np.ndarray[Any, Any]]) -> Facts:
-    texts: dict[str, Any] = {name: _text(arrays, name) for name in NAMES if name != "period"}
+    texts: dict[str, Any] = {name: text_in(arrays, name) for name in NAMES if name != "period"}
     if "period" in arrays:
         if arrays["period"].size != 1:
             raise ShapeError(

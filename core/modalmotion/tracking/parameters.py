@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.errors import ParameterError
-from modalmotion.facts import NO_FACTS, Facts
+from modalmotion.facts import NO_FACTS, UNKNOWN, Facts, facts_patched
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.tracking.making import Start, Time, track
@@ -65,6 +65,12 @@ class TrackParameters:
                 details={"fact": "tracking"},
             )
 
+    @property
+    def coordinates(self) -> str | None:
+        """Coordinate system that is stated, None for none."""
+        stated = self.facts.coordinates
+        return None if stated == UNKNOWN else stated
+
     def follow(
         self,
         recorded: Recorded,
@@ -107,8 +113,11 @@ class TrackParameters:
             reference=self.reference,
             progress=progress,
         )
+        facts = result.sequence.facts.over(self.facts)
+        if recorded.coordinates is not None and facts.coordinates == UNKNOWN:
+            facts = facts_patched(facts, {"coordinates": recorded.coordinates})
         return replace(
             result,
-            sequence=result.sequence.with_facts(result.sequence.facts.over(self.facts)),
+            sequence=result.sequence.with_facts(facts),
             notes=(*recorded.notes, *result.notes),
         )

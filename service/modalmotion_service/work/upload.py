@@ -49,13 +49,20 @@ class Upload:
             error.remedy = error.remedy.replace(TRACK, "POST /v1/tracks")
             raise
 
-    def observed(self, contours: Sequence[str], progress: Progress | None = None) -> Recorded:
+    def observed(
+        self,
+        contours: Sequence[str],
+        coordinates: str | None = None,
+        progress: Progress | None = None,
+    ) -> Recorded:
         """Read it as observations that do not correspond, in a worker.
 
         Parameters
         ----------
         contours : sequence of str
             Of typed contours: parts of the names of those to read.
+        coordinates : str, optional
+            Of points whose files state none.
         progress : callable, optional
 
         Raises
@@ -65,5 +72,9 @@ class Upload:
         """
         parser = parser_for(self.options.limits)
         return read_observed(
-            self.path.read_bytes(), contours=contours, parser=parser, progress=progress
+            self.path.read_bytes(),
+            contours=contours,
+            coordinates=coordinates,
+            parser=parser,
+            progress=progress,
         )

@@ -54,7 +54,9 @@ def follow(
     watch = Stopwatch(_SHARES, ProgressFile(progress).write)
     with watch.stage("read") as report:
         recorded = upload.observed(
-            parameters.contours, lambda done, total: report(done / max(total, 1))
+            parameters.contours,
+            parameters.coordinates,
+            lambda done, total: report(done / max(total, 1)),
         )
         surface = None if start is None else sequence_from_hdf5(start)
     with watch.stage("track") as report:
