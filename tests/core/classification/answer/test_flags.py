@@ -11,8 +11,9 @@ from altered_beats import ALTERED
 from classify_samples import curves, curves_model
 
 from modalmotion.classification import FLAGS, classify
+from modalmotion.errors import ModeCountError
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.simulate import MotionClass, simulate_cohort
+from modalmotion.simulate import MotionClass, simulate_cohort, simulate_ventricle
 
 ORDINARY = (MotionClass.NORMAL, MotionClass.AKINESIA)
 
@@ -88,3 +89,12 @@ def test_a_size_without_a_unit_is_not_compared_with_one_in_mm() -> None:
     assert classify(sized(1000.0, "um")).label == classify(beat).label
     assert classify(sized(1000.0, "mm")).flags == ("other size",)
     assert classify(sized(1000.0, None)).label == classify(beat).label
+
+
+def test_a_lattice_of_too_few_nodes_gets_no_class_or_a_way_to_one() -> None:
+    coarse = classify(simulate_ventricle(grid=(4, 4)))
+    assert coarse.flags == ("unreadable",)
+    assert "too few nodes" in coarse.notes[0]
+    with pytest.raises(ModeCountError, match="The model reads 13 modes") as caught:
+        classify(simulate_ventricle(grid=(2, 4)))
+    assert "finer mesh" in caught.value.remedy
