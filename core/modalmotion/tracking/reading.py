@@ -50,7 +50,7 @@ USUAL_CONTOURS: Final = ("LV_ENDOCARDIAL",)
 
 _NOWHERE: Final = np.full(3, np.nan)
 
-_REMEDY: Final = "Use a zip or folder of one file a frame, or an npz of points and offsets."
+_REMEDY: Final = "Use a zip or folder of one file a frame, an npz of points and offsets, or VTKHDF."
 
 
 @shown("frames", "unit", "landmarks")
@@ -94,7 +94,7 @@ def read_observed(
     source : bytes or Path
         Bytes are read without opening a file. Frames come in the natural order of the numbers in
         their names. An npz has `points` (n, 3) and `offsets` (frames + 1,), the first row of each
-        frame and the end, and maybe `times` and `unit`.
+        frame and the end, and maybe `times` and `unit`. VTKHDF has points in each step.
     contours : sequence of str
         Of files of typed contours (biv-me's GPFile): parts of the names of the types to read.
     coordinates : {"LPS", "RAS"}, optional
@@ -153,6 +153,8 @@ def _of_bytes(
         with opened(data, parser) as archive:
             files = {name: member.read for name, member in archive.members.items()}
             return _of_files(files, stated, archive.parser, progress)
+    if kind is Format.HDF5:
+        return _of_vtkhdf(data, parser)
     if kind in MESH_FORMATS:
         one = _of_mesh(data, parser)
         return Recorded(
@@ -386,7 +388,7 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
         )
     limits.require("frames", offsets.size - 1)
     limits.require("vertices", int(np.diff(offsets).max()))
-    frames = tuple(_frame_of_npz(points[a:b], k) for k, (a, b) in enumerate(pairwise(offsets)))
+    frames = tuple(_cloud_of(points[a:b], k) for k, (a, b) in enumerate(pairwise(offsets)))
     landmarks = landmarks_from_json(text_in(arrays, "landmarks") or "{}")
     for name in NAMED_PLACES:
         if name in arrays:
@@ -395,7 +397,14 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
     return Recorded(frames, landmarks, arrays.get("times"), unit, coordinates=coordinates)
 
 
-def _frame_of_npz(points: NDArray[Any], frame: int) -> tuple[Observation]:
+def _of_vtkhdf(data: bytes, parser: Parser) -> Recorded:
+    answer = parser.parse("clouds", data)
+    points, offsets = answer.arrays["points"], answer.arrays["offsets"]
+    frames = tuple(_cloud_of(points[a:b], k) for k, (a, b) in enumerate(pairwise(offsets)))
+    return Recorded(frames, {}, answer.arrays.get("times"), answer.info["unit"])
+
+
+def _cloud_of(points: NDArray[Any], frame: int) -> tuple[Observation]:
     try:
         return (Observation(points),)
     except InputError as error:
