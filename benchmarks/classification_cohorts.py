@@ -69,7 +69,7 @@ def run(folder: Path, seeds: Sequence[int] = SEEDS) -> list[Table]:
 
 
 def synthetic(name: str, seed: int) -> list[TrainingCase]:
-    """Recordings of a synthetic cohort."""
+    """Simulate a synthetic cohort of that name."""
     return [
         TrainingCase(case.sequence, case.label, case.person)
         for case in recordings(COHORTS[name], seed)
