@@ -23,7 +23,7 @@ from modalmotion.classification.features import surface_size
 from modalmotion.classification.measures.intervals import share_interval
 from modalmotion.formats import read_sequence
 from modalmotion.signature.distance import resample_to_phase
-from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
+from modalmotion.signature.making import ModalSignature, SignatureParameters
 
 # Features were chosen on cohorts of the seeds 1 to 3.
 SEEDS: Final = (4,)
@@ -87,7 +87,7 @@ def _windows(name: str) -> list[TrainingCase]:
     The half stands for the subject. A figure at rest is at rest in several motions; such windows
     are left out.
     """
-    cases: list[TrainingCase] = []
+    cases: list[tuple[str, TrainingCase]] = []
     names: dict[str, set[str]] = {}
     for path in sorted((DATA / name).glob("*.npz")):
         sequence = read_sequence(path).sequence
@@ -96,9 +96,9 @@ def _windows(name: str) -> list[TrainingCase]:
             n = min(WINDOW, last - first)
             for start in range(first, last - n + 1, max(1, n // 3)):
                 part = replace(sequence, vertices=sequence.vertices[start : start + n], times=None)
-                cases.append(TrainingCase(part, path.stem, f"{path.stem} {k}"))
+                cases.append((part.id, TrainingCase(part, path.stem, f"{path.stem} {k}")))
                 names.setdefault(part.id, set()).add(path.stem)
-    return [case for case in cases if len(names[case.motion.id]) == 1]
+    return [case for sequence_id, case in cases if len(names[sequence_id]) == 1]
 
 
 def _folds(cases: list[TrainingCase]) -> Folds:
@@ -148,11 +148,11 @@ def _compared(cases: list[TrainingCase], folds: Folds) -> dict[str, _Run]:
 
 def _signatures(cases: list[TrainingCase]) -> list[ModalSignature]:
     """Seven modes of each, in closed form if all surfaces have the same."""
-    of_each = [modal_signature(case.motion) for case in cases]
+    of_each = [case.fitted(SignatureParameters()).signature for case in cases]
     if len({signature.surface for signature in of_each}) == 1:
         return of_each
     springs = SignatureParameters(closed_form=False)
-    return [modal_signature(case.motion, springs) for case in cases]
+    return [case.fitted(springs).signature for case in cases]
 
 
 def _trajectories(signature: ModalSignature, *, closed: bool) -> Array:
