@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+# Of the matrices of groups that are solved with at once.
+_MOST_NUMBERS: Final = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +107,12 @@ class Ridge:
                 leverage = shares @ (U[:, 0] ** 2).T
                 left[:, members[:, 0]] = residuals[:, members[:, 0]] / (1.0 - leverage)[..., None]
                 continue
-            for k in range(len(penalties)):
-                H = (U * shares[k]) @ U.transpose(0, 2, 1)
-                left[k, members] = np.linalg.solve(np.eye(size) - H, residuals[k, members])
+            # As many penalties at once as memory has room for.
+            step = max(1, _MOST_NUMBERS // (members.size * size))
+            for k in range(0, len(penalties), step):
+                some = slice(k, k + step)
+                H = (U * shares[some, None, None]) @ U.transpose(0, 2, 1)
+                left[some, members] = np.linalg.solve(np.eye(size) - H, residuals[some, members])
         scores: NDArray[np.float64] = (Y - left) / self.targets.roots[:, None]
         return scores
 
