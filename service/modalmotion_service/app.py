@@ -44,6 +44,7 @@ from modalmotion_service.routes import (
     sequences,
     signatures,
     templates,
+    tracks,
     tradeoff,
 )
 from modalmotion_service.settings import Settings
@@ -66,7 +67,7 @@ def judged_routes() -> list[BaseRoute]:
     """All routes, made once for all applications of a process: it takes longer than all else."""
     router = APIRouter(dependencies=[Depends(require_judged)])
     for module in (
-        *(sequences, signatures, sent_signature, tradeoff, readouts, templates, codec),
+        *(sequences, tracks, signatures, sent_signature, tradeoff, readouts, templates, codec),
         *(classifications, classify, models, evaluations, features, jobs, limits),
         *(audit, health, kserve, prometheus, documentation),
     ):

@@ -20,6 +20,7 @@ from modalmotion_service.settings import Settings
 NOBODYS = {
     "sequence_id": "0" * 64,
     "template_id": "0" * 64,
+    "track_id": "0" * 64,
     "job_id": "0" * 32,
     "name": "nobodys",
     "model_name": "nobodys",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -57,3 +59,17 @@ def breathing_spheroid(n_frames: int = 6, bend: float = 0.0) -> MeshSequence:
     phase = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n_frames) / n_frames)
     shrink = 1.0 - phase[:, None] * np.array([0.2, 0.16, 0.1])
     return mesh_sequence(x * shrink[:, None], base.faces, unit="mm")
+
+
+def as_npz(clouds: list[Floats], **more: object) -> bytes:
+    """Write clouds of all frames as one file."""
+    buffer = io.BytesIO()
+    offsets = np.cumsum([0, *map(len, clouds)])
+    np.savez(buffer, points=np.concatenate(clouds), offsets=offsets, **more)  # type: ignore[arg-type]
+    return buffer.getvalue()
+
+
+def small_recording(n_frames: int = 4, seed: int = 0) -> bytes:
+    """Clouds of a spheroid that contracts, few enough to be tracked in a moment."""
+    beat, rng = breathing_spheroid(n_frames), np.random.default_rng(seed)
+    return as_npz([sampled(x, beat.faces, 80, rng, 0.3) for x in beat.vertices], unit="mm")

@@ -31,7 +31,15 @@ from typing import IO, Any, Final
 
 _TASKS: Final = [
     f"modalmotion_service.work.tasks.{name}"
-    for name in ("sequences", "signatures", "templates", "derived", "codec", "classification")
+    for name in (
+        "sequences",
+        "signatures",
+        "templates",
+        "derived",
+        "codec",
+        "classification",
+        "tracks",
+    )
 ]
 _SERVER: Final = [
     *("modalmotion.cli", "modalmotion_service.commands.serve"),

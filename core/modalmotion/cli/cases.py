@@ -172,7 +172,7 @@ class LabelledSequence:
 
         file = self.file
         try:
-            sequence = read(file.path, quiet=True, facts=file.facts, **self.stated)
+            sequence = read(file.path, is_one_of_many=True, facts=file.facts, **self.stated)
         except ModalMotionError as error:
             raise named(error, str(file.path)) from error
         return TrainingCase(sequence, file.label, file.subject, name=str(file.path))

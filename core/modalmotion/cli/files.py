@@ -59,25 +59,27 @@ sequence_argument = several(
 
 
 def read(
-    source: Path, *, quiet: bool = False, facts: Facts = NO_FACTS, **stated: Any
+    source: Path, *, is_one_of_many: bool = False, facts: Facts = NO_FACTS, **stated: Any
 ) -> MeshSequence:
     """Read a sequence: a file, a folder of frames, or a pattern of their names.
 
     Frames that are files of their own show a progress bar; unused content and assumptions are
-    printed, unless this is one file of many (`quiet`).
+    printed. One file of many is quiet, and tracked first where it holds no one mesh.
 
     Parameters
     ----------
     source : Path
-    quiet : bool
+    is_one_of_many : bool
     facts : Facts
         Override the file's own; options that state facts override these.
     **stated
         Other fields of `ReadOptions`, and options that state facts.
     """
     options = ReadOptions(facts=stated_facts(stated).over(facts), **stated)
-    if quiet:
-        return read_sequence(source, options).sequence
+    if is_one_of_many:
+        from modalmotion.tracking.recording import sequence_of
+
+        return sequence_of(source, options)
     with _FrameBar() as bar:
         result = read_sequence(source, options, progress=bar)
     if result.ignored:

@@ -32,7 +32,7 @@ from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.naming import parse_label
-from modalmotion.modes.topology import Topology
+from modalmotion.modes.topology import MESH, Topology
 from modalmotion.numerals import counted, numeral
 from modalmotion.signature.making import (
     SignatureParameters,
@@ -216,8 +216,11 @@ def _surface(
             if named.n_axes == 3:
                 return _Surface(lattice, None, None)
             return _Surface(lattice, make_template(standard_surface(lattice)), None)
-    sequence = read(source, grid=grid, topology=topology, **stated)
-    parameters = resolve_parameters(sequence, SignatureParameters())
+    # A word for how the surface is read, not for what it is.
+    springs = topology == MESH
+    sequence = read(source, grid=grid, topology=None if springs else topology, **stated)
+    request = SignatureParameters(topology=MESH) if springs else SignatureParameters()
+    parameters = resolve_parameters(sequence, request)
     return _Surface(None, resolve_template(sequence, parameters), sequence.unit)
 
 

@@ -18,9 +18,10 @@ from modalmotion.numerals import numeral
 from modalmotion.pictures.track import data_figure
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
-from modalmotion.tracking import track as tracked
 from modalmotion.tracking.hdf5 import track_to_hdf5
-from modalmotion.tracking.reading import read_observed
+from modalmotion.tracking.landmark_file import read_landmark_file
+from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
+from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded, read_observed
 
 
 @click.command(epilog=example("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm"))
@@ -31,14 +32,17 @@ from modalmotion.tracking.reading import read_observed
 @click.option(
     "--landmarks",
     multiple=True,
-    metavar="NAME=X,Y,Z",
-    help="Place of the apex or the base in the reference frame; once for each.",
+    metavar="NAME=X,Y,Z|FILE",
+    help="Place of the apex or the base in the reference frame, or a file of landmarks (ours, or "
+    "Slicer's .mrk.json); once for each.",
 )
 @click.option(
     "--start", type=click.Path(exists=True, path_type=Path), help="A surface to start from."
 )
 @click.option("--topology", help="Of a start without a surface: cup, sphere, cylinder, ...")
-@click.option("--modes", default=37, show_default=True, help="Modes, 3 amplitudes a frame each.")
+@click.option(
+    "--modes", default=USUAL_MODES, show_default=True, help="Modes, 3 amplitudes a frame each."
+)
 @click.option("--tolerance", type=float, help="What the modes may leave, in mm: takes as many.")
 @click.option(
     "--time",
@@ -53,7 +57,7 @@ from modalmotion.tracking.reading import read_observed
 @click.option(
     "--contours",
     multiple=True,
-    default=["LV_ENDOCARDIAL"],
+    default=USUAL_CONTOURS,
     show_default=True,
     help="Of typed contours: parts of the names to read.",
 )
@@ -65,8 +69,6 @@ def track(
     landmarks: tuple[str, ...],
     start: Path | None,
     contours: tuple[str, ...],
-    frame_interval: float | None,
-    unit: str | None,
     plot: Path | None,
     as_json: bool,
     **options: Any,
@@ -83,20 +85,12 @@ def track(
             bar.update(done - bar.pos)
 
         recorded = read_observed(source, contours=contours)
-        marks = {**recorded.landmarks, **dict(map(_landmark, landmarks))}
-        times = recorded.times
-        if frame_interval is not None:
-            times = frame_interval * np.arange(len(recorded.frames), dtype=np.float64)
+        marks: dict[str, Any] = {}
+        for text in landmarks:
+            marks |= _landmarks(text, recorded, options["unit"])
+        parameters = TrackParameters(contours=contours, landmarks=marks, **options)
         surface = None if start is None else read_sequence(start).sequence
-        result = tracked(
-            recorded.frames,
-            start=surface,
-            landmarks=marks,
-            times=times,
-            unit=unit or recorded.unit,
-            progress=shown,
-            **options,
-        )
+        result = parameters.follow(recorded, start=surface, progress=shown)
     is_npz = output.suffix.lower() == ".npz"
     data = write_npz(result.sequence) if is_npz else track_to_hdf5(result)
     write_atomic(output, data)
@@ -105,20 +99,26 @@ def track(
     if as_json:
         click.echo(json.dumps(_numbers(result), indent=2))
     else:
-        notes = [f"note: {note}" for note in (*recorded.notes, *result.notes)]
+        notes = [f"note: {note}" for note in result.notes]
         click.echo("\n".join([*_lines(result), *notes]))
     list_written(output, plot, as_json=as_json)
 
 
-def _landmark(text: str) -> tuple[str, tuple[float, ...]]:
+def _landmarks(text: str, recorded: Recorded, unit: str | None) -> dict[str, Any]:
+    """Read a landmark, or a file of some."""
+    path = Path(text)
+    if path.is_file():
+        file = read_landmark_file(path.read_bytes())
+        return dict(file.for_points(recorded.coordinates, unit or recorded.unit))
     name, _, place = text.partition("=")
     try:
         x, y, z = (float(part) for part in place.split(","))
     except ValueError:
         raise ParameterError(
-            f"The landmark {text[:60]!r} is not NAME=X,Y,Z.", remedy="Write --landmarks apex=1,2,3."
+            f"The landmark {text[:60]!r} is neither NAME=X,Y,Z nor a file.",
+            remedy="Write --landmarks apex=1,2,3, or --landmarks FILE.mrk.json.",
         ) from None
-    return name, (x, y, z)
+    return {name: (x, y, z)}
 
 
 def _lines(result: Track) -> list[str]:

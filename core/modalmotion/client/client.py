@@ -19,6 +19,7 @@ from modalmotion.client.retries import Retries
 from modalmotion.client.sequence_calls import SequenceCalls
 from modalmotion.client.signature_calls import SignatureCalls
 from modalmotion.client.template_calls import TemplateCalls
+from modalmotion.client.track_calls import TrackCalls
 
 if TYPE_CHECKING:
     import httpx2
@@ -32,6 +33,7 @@ class Client(
     FeatureCalls,
     CodecCalls,
     TemplateCalls,
+    TrackCalls,
 ):
     """A service: use it in a `with` block, or close it.
 

@@ -16,12 +16,13 @@ import zipfile
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 
 from modalmotion.errors import MalformedFileError, ShapeError
 from modalmotion.facts import NAMES, Facts, facts_as_json, facts_from_texts
+from modalmotion.formats.frames.frame import TRACK
 from modalmotion.formats.result import Reading
 from modalmotion.formats.zip_member import UNREADABLE, member_content
 from modalmotion.limits import NO_LIMITS, ReadLimits
@@ -57,7 +58,12 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     InputError
         If the arrays do not form a sequence.
     """
-    arrays, names = read_arrays(data, _KNOWN, ("vertices",), limits.of_file(len(data)))
+    try:
+        arrays, names = read_arrays(data, _KNOWN, ("vertices",), limits.of_file(len(data)))
+    except MalformedFileError as error:
+        if {"points", "offsets"} <= set(cast("list[str]", error.details.get("arrays", []))):
+            error.remedy = f"Clouds of points are for {TRACK}."
+        raise
     if "times" in arrays and "times_ms" in arrays:
         raise ShapeError(
             "The archive holds both 'times' and 'times_ms'.", remedy="Keep one of them."
@@ -73,9 +79,9 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
         given_up(vertices),
         arrays.get("faces"),
         grid=arrays.get("grid"),
-        topology=_text(arrays, "topology"),
+        topology=text_in(arrays, "topology"),
         times=times,
-        unit=_text(arrays, "unit"),
+        unit=text_in(arrays, "unit"),
         facts=_facts(arrays),
     )
     return Reading(
@@ -129,7 +135,10 @@ def read_arrays(
             members[name] = info
         for name in needed:
             if name not in members:
-                raise _malformed(f"The archive holds {_listing(list(members))} but no {name!r}.")
+                raise _malformed(
+                    f"The archive holds {_listing(list(members))} but no {name!r}.",
+                    details={"arrays": [own[:40] for own in list(members)[:20]]},
+                )
         headers: dict[str, _Header] = {
             name: _read_header(archive, members[name]) for name in known if name in members
         }
@@ -267,7 +276,14 @@ def _read_array(
     return array.reshape(header.shape, order="F" if header.fortran_order else "C")
 
 
-def _text(arrays: dict[str, np.ndarray[Any, Any]], name: str) -> str | None:
+def text_in(arrays: dict[str, np.ndarray[Any, Any]], name: str) -> str | None:
+    """Read an array that is one text; None where it is empty or not there.
+
+    Raises
+    ------
+    ShapeError
+        If it is not one text.
+    """
     if name not in arrays:
         return None
     array = arrays[name]
@@ -281,7 +297,7 @@ def _text(arrays: dict[str, np.ndarray[Any, Any]], name: str) -> str | None:
 
 
 def _facts(arrays: dict[str, np.ndarray[Any, Any]]) -> Facts:
-    texts: dict[str, Any] = {name: _text(arrays, name) for name in NAMES if name != "period"}
+    texts: dict[str, Any] = {name: text_in(arrays, name) for name in NAMES if name != "period"}
     if "period" in arrays:
         if arrays["period"].size != 1:
             raise ShapeError(

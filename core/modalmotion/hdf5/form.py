@@ -23,7 +23,7 @@ class Form:
     Parameters
     ----------
     kind : str
-        "signature", "sequence", "classification", "model", "template" or "export".
+        "signature", "sequence", "classification", "track", "model", "template" or "export".
     version : int
         Raised when what is written changes; `store rebuild` then rewrites older files.
     """

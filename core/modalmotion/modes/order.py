@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import LimitError, ModeCountError, ParameterError, ShapeError
 from modalmotion.modes.label import half_periods
 from modalmotion.modes.mode_set import ModeSet
+from modalmotion.modes.modes import Modes
 from modalmotion.modes.topology import CLOSED, End, Topology
 from modalmotion.numeric.kinds import whole
 
@@ -75,6 +76,25 @@ def whole_count(topology: Topology, n_modes: int, shape: tuple[int, ...] | None 
         return n_modes
     more = lowest_modes(topology, n_modes + 1, shape)
     return n_modes + int(more.is_sine[-1])
+
+
+def common_count(modes: Modes) -> int:
+    """Count the first modes that every surface of the topology has, whatever its nodes.
+
+    A lattice of few nodes has no modes beyond its Nyquist wavenumbers: from there on its order
+    names others. Of one mesh, whose modes belong to no other, it is all.
+    """
+    if modes.topology is None:
+        return len(modes)
+    usual = lowest_modes(modes.topology, len(modes))
+    is_same = (usual.wavenumbers == modes.wavenumbers).all(axis=1) & (
+        usual.is_sine == modes.is_sine
+    )
+    if is_same.all():
+        return len(modes)
+    n = int(is_same.argmin())
+    # No cosine without its sine.
+    return n - int(usual.is_sine[n])
 
 
 def all_modes(topology: Topology, shape: tuple[int, ...]) -> ModeSet:

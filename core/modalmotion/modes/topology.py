@@ -110,6 +110,13 @@ class Topology:
             If the text names no topology.
         """
         word = text.split("(")[0].strip().lower().replace("_", " ")
+        if word == MESH:
+            raise TopologyError(
+                "'mesh' says how a surface is read, by the springs along its edges, and not what "
+                "surface it is.",
+                remedy="Leave the topology out where a recording is described, and ask for "
+                "topology=mesh where a signature, a trade-off, a template or a model is made.",
+            )
         for ends, name in _NAMES.items():
             if word == name:
                 return Topology(ends)

@@ -100,6 +100,6 @@ class Beat:
 
 def _ramp(time: NDArray[np.float64], start: float, end: float) -> NDArray[np.float64]:
     """Rise from 0 to 1 with two continuous derivatives."""
-    x = np.clip((time - start) / (end - start), 0.0, 1.0)
+    x = np.minimum(np.maximum((time - start) / (end - start), 0.0), 1.0)
     risen: NDArray[np.float64] = x - np.sin(2 * np.pi * x) / (2 * np.pi)
     return risen

@@ -37,6 +37,49 @@ _QUADRATURE: Final = np.polynomial.legendre.leggauss(8)
 
 
 @dataclass(frozen=True, eq=False)
+class Moment:
+    """One time of the beat, but for how far the wall contracts towards the axis.
+
+    Parameters
+    ----------
+    radii : (points,) float64, mm
+        Of the resting wall.
+    restraint : (points,) float64
+        Share of the radial contraction that the fibrous ring leaves.
+    contraction : (points,) float64
+    across : two of (points,) float64
+        Cosine and sine of the azimuths.
+    heights : (points,) float64, mm
+    individual : (points, 3) float64, mm
+        Added to all that.
+    """
+
+    radii: NDArray[np.float64]
+    restraint: NDArray[np.float64]
+    contraction: NDArray[np.float64]
+    across: tuple[NDArray[np.float64], NDArray[np.float64]]
+    heights: NDArray[np.float64]
+    individual: NDArray[np.float64]
+
+    def positions(self, radial: float) -> NDArray[np.float64]:
+        """Positions in the body frame: origin at the resting apex, z from apex to base.
+
+        Parameters
+        ----------
+        radial : float
+            Radial contraction of a wall that contracts fully, as a share of its radius.
+
+        Returns
+        -------
+        (points, 3) float64, mm
+        """
+        r = self.radii * (1.0 - radial * self.restraint * self.contraction)
+        x = np.stack([r * self.across[0], r * self.across[1], self.heights], axis=1)
+        x += self.individual
+        return x
+
+
+@dataclass(frozen=True, eq=False)
 class MaterialPoints:
     """Material points of one ventricle with everything that moves them.
 
@@ -57,44 +100,37 @@ class MaterialPoints:
     lag: SmoothField
 
     def positions(self, time: float, radial: float) -> NDArray[np.float64]:
-        """Positions in the body frame: origin at the resting apex, z from apex to base.
+        """Positions at a time, (points, 3) float64, mm: see `at` and `Moment.positions`."""
+        return self.at(time).positions(radial)
+
+    def at(self, time: float) -> Moment:
+        """All of a time that does not depend on the radial contraction.
 
         Parameters
         ----------
         time : float, s
             Since end diastole, 0 to one period.
-        radial : float
-            Radial contraction of a wall that contracts fully, as a share of its radius.
-
-        Returns
-        -------
-        (points, 3) float64, mm
         """
         p, beat = self.parameters, self.parameters.beat
         nu, theta, s = self.polar_angles, self.azimuths, self.spheroid
         q, q_below = self._contraction(time)
-        twist = beat.twist(time)
-
-        r = s.radius_at(nu) * (1.0 - radial * self._restraint * q)
         # z(nu) = int_0^nu (1 - e q) dz/dnu dnu along the meridian, by Gauss's rule
         shortened = 1.0 - p.longitudinal_shortening * q_below
         z = (shortened * self._height_steps).sum(axis=0)
         rise = p.apex_share * p.longitudinal_shortening * p.length
         # Seen from the apex counterclockwise is clockwise about the axis: hence the minus.
         level = s.height_at(nu) / p.length
-        turn = -np.radians(p.apex_rotation - level * p.twist) * twist
-        x = np.stack(
-            [
-                r * np.cos(theta + turn),
-                r * np.sin(theta + turn),
-                z + rise * beat.contraction(time, np.zeros(1)),
-            ],
-            axis=1,
-        )
+        turn = -np.radians(p.apex_rotation - level * p.twist) * beat.twist(time)
         in_time, late = beat.contraction(time, p.delay / 2 + np.array([0.0, _LAG]))
         shape, displacement, lag = self._individual
-        x += shape + in_time * displacement + (late - in_time) * lag
-        return x
+        return Moment(
+            radii=s.radius_at(nu),
+            restraint=self._restraint,
+            contraction=q,
+            across=(np.cos(theta + turn), np.sin(theta + turn)),
+            heights=z + rise * beat.contraction(time, np.zeros(1)),
+            individual=shape + in_time * displacement + (late - in_time) * lag,
+        )
 
     @cached_property
     def spheroid(self) -> Spheroid:

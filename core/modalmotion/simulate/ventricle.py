@@ -15,7 +15,7 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
 from modalmotion.numeric.kinds import real, whole, whole_numbers
 from modalmotion.representation import shown
-from modalmotion.simulate.motion import MaterialPoints
+from modalmotion.simulate.motion import MaterialPoints, Moment
 from modalmotion.simulate.parameters import VentricleParameters
 from modalmotion.simulate.pose import Pose
 from modalmotion.simulate.spheroid import Spacing, Spheroid
@@ -185,35 +185,35 @@ def _radial_contraction(motion: MaterialPoints, points: Points) -> float:
     time = (beat.end_systole + beat.relaxed) / 2
     times = np.linspace(0.6 * beat.end_systole, beat.relaxed + p.delay, _N_SEARCH_TIMES)
     step = times[1] - times[0]
+    moments, full = [search.at(t) for t in times], search.at(0.0)
     # Where walls are late, the time of the smallest volume depends a little on the contraction.
     for _ in range(2):
-        radial = _solve(search, cavity, time)
-        volumes = [_volume(search, cavity, t, radial) for t in times]
-        if min(volumes) > (1.0 - _SMALLEST_EJECTION) * _volume(search, cavity, 0.0, radial):
+        radial = _solve(p, cavity, full, search.at(time))
+        volumes = [_volume(cavity, moment, radial) for moment in moments]
+        if min(volumes) > (1.0 - _SMALLEST_EJECTION) * _volume(cavity, full, radial):
             break
         time = times[int(np.argmin(volumes))]
-    cavity = Cavity(points.faces)
-    radial = _solve(motion, cavity, time)
+    cavity, full = Cavity(points.faces), motion.at(0.0)
+    radial = _solve(p, cavity, full, motion.at(time))
 
     def volume(time: float) -> float:
-        return _volume(motion, cavity, time, radial)
+        return _volume(cavity, motion.at(time), radial)
 
     # While the volume rests, untwisting changes that of a polyhedron in the sixth digit.
     time = min((time, beat.end_systole, beat.relaxed), key=volume)
     bounds = (time - step, time + step)
     time = minimize_scalar(volume, bounds=bounds, method="bounded", options={"xatol": 1e-5}).x
-    return _solve(motion, cavity, time)
+    return _solve(p, cavity, full, motion.at(time))
 
 
-def _volume(motion: MaterialPoints, cavity: Cavity, time: float, radial: float) -> float:
-    return float(cavity.volume(motion.positions(time, radial)))
+def _volume(cavity: Cavity, moment: Moment, radial: float) -> float:
+    return float(cavity.volume(moment.positions(radial)))
 
 
-def _solve(motion: MaterialPoints, cavity: Cavity, time: float) -> float:
-    """Radial contraction with which the volume at `time` is the end-systolic one."""
-    p = motion.parameters
-    full = cavity.volume(motion.positions(0.0, 0.0))
-    passive, pull = motion.positions(time, 0.0), motion.positions(time, 1.0)
+def _solve(p: VentricleParameters, cavity: Cavity, relaxed: Moment, moment: Moment) -> float:
+    """Radial contraction with which the volume at `moment` is the end-systolic one."""
+    full = cavity.volume(relaxed.positions(0.0))
+    passive, pull = moment.positions(0.0), moment.positions(1.0)
     pull -= passive
 
     def excess(radial: float) -> float:

@@ -32,7 +32,9 @@ from modalmotion.store.record import UNSET, SequenceRecord, Unset, record_of, re
 from modalmotion.store.results import ResultStore, signature_image
 from modalmotion.store.sequences import upload_image
 from modalmotion.store.staging import StagedSignature
+from modalmotion.store.tracks import track_image
 from modalmotion.template.hdf5 import template_from_hdf5, template_to_hdf5
+from modalmotion.tracking.hdf5 import track_from_hdf5, track_to_hdf5
 
 __all__ = [
     "NAME_PATTERN",
@@ -72,6 +74,9 @@ __all__ = [
     "signature_to_hdf5",
     "template_from_hdf5",
     "template_to_hdf5",
+    "track_from_hdf5",
+    "track_image",
+    "track_to_hdf5",
     "upload_image",
     "verify",
     "write_atomic",

@@ -11,6 +11,7 @@
     sequences/ab/<id>.deleted                       a deletion that is under way
     signatures/ab/<id>-<key>.h5
     classifications/ab/<id>-<model id>-<key>.h5
+    tracks/ab/<id>-<first digits of the id>.h5      how the sequence was tracked
     models/<name>/<version>.h5
     models/<name>/<version>.deleted                 stays, so that the number is never used again
     deleted/ab/<digest of an id>                    tombstone of a sequence or template
@@ -40,7 +41,7 @@ _MODEL: Final = re.compile(rf"({VERSION_PATTERN})\.(h5|deleted)")
 _COHORT_FILES: Final = ("cohort.jsonl", "cohort.csv")
 _INDEX_FILES: Final = ("index.sqlite", "index.sqlite-wal", "index.sqlite-shm")
 
-ResultKind = Literal["signature", "classification"]
+ResultKind = Literal["signature", "classification", "track"]
 
 
 class ResultName(NamedTuple):
@@ -48,18 +49,23 @@ class ResultName(NamedTuple):
 
     Parameters
     ----------
-    kind : "signature" or "classification"
+    kind : "signature", "classification" or "track"
     sequence_id : str
     model_id : str
-        Empty for a signature.
+        Of a classification; else empty.
     key : str
-        Of the signature's parameters.
+        Of the signature's parameters; of a track see `track_name`.
     """
 
     kind: ResultKind
     sequence_id: str
     model_id: str
     key: str
+
+
+def track_name(sequence_id: str) -> ResultName:
+    """Name of the track that made a sequence: there is one at most, so its key says nothing."""
+    return ResultName("track", sequence_id, "", sequence_id[:16])
 
 
 @dataclass(frozen=True)
@@ -214,7 +220,7 @@ class Folder:
             else:
                 match = _RESULT.fullmatch(name)
                 kind = _RESULT_FOLDERS[folder]
-                if match is not None and (match[2] is None) == (kind == "signature"):
+                if match is not None and (match[2] is not None) == (kind == "classification"):
                     scan.results.add(ResultName(kind, match[1], match[2] or "", match[3]))
                     return
         scan.foreign.append(path)
@@ -226,6 +232,7 @@ class Folder:
 _RESULT_FOLDERS: Final[dict[str, ResultKind]] = {
     "signatures": "signature",
     "classifications": "classification",
+    "tracks": "track",
 }
 # Files under way; keys and audit log; stores of owners other than the folder's own; what a
 # cluster's workers are known by.

@@ -18,9 +18,10 @@ from modalmotion.store.folder import ResultKind, ResultName, is_id, is_key
 from modalmotion.store.models import ModelStore
 from modalmotion.store.staging import StagedSignature, Transfer
 from modalmotion.store.templates import TemplateStore
+from modalmotion.store.tracks import TrackStore
 
 
-class ResultStore(TemplateStore, ModelStore):
+class ResultStore(TemplateStore, TrackStore, ModelStore):
     """Immutable results in files, found through an index; nothing acknowledged is lost.
 
     Safe for any number of threads of one process, which holds the folder's lock from `open`
@@ -264,4 +265,4 @@ def signature_image(signature: ModalSignature) -> bytes:
 
 
 def _is_name(name: ResultName) -> bool:
-    return is_key(name.key) and (name.kind == "signature" or is_id(name.model_id))
+    return is_key(name.key) and (name.kind != "classification" or is_id(name.model_id))

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 from modalmotion.errors import NotFoundError, ParameterError
 from modalmotion.facts import NO_FACTS, Facts
-from modalmotion.hdf5.sealed import is_sound, load_sealed
+from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
 from modalmotion.mesh.hdf5 import read_sequence, sequence_to_hdf5
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.store.deletion import begin_deletion, finish_deletion
-from modalmotion.store.folder import is_id
+from modalmotion.store.folder import ResultName, is_id
 from modalmotion.store.index.cursor import now
 from modalmotion.store.index.index import SequencePage
 from modalmotion.store.opening import Opening, unknown_sequence
@@ -110,8 +111,12 @@ class SequenceStore(Opening):
         return self._put(named, lambda: load_sealed(image)[1])
 
     def _put(
-        self, record: SequenceRecord, image: Callable[[], bytes]
+        self,
+        record: SequenceRecord,
+        image: Callable[[], bytes],
+        results: Mapping[ResultName, Callable[[], bytes]] = MappingProxyType({}),
     ) -> tuple[SequenceRecord, bool]:
+        """Keep a sequence, and results of it, wholly or not at all; tell whether any is new."""
         require_name("subject", record.subject)
         require_name("label", record.label)
         if not is_id(record.id):
@@ -120,9 +125,18 @@ class SequenceStore(Opening):
         with self._changing(record.id):
             upload = self._folder.upload(record.id)
             known = index.find(record.id)
-            if known is not None and (not self.keep_uploads or is_sound(upload)):
+            is_new = known is None or any(index.digest(name) is None for name in results)
+            missing = [
+                name
+                for name in results
+                if index.digest(name) is None or not is_sound(self._folder.result(name))
+            ]
+            is_there = known is not None and (not self.keep_uploads or is_sound(upload))
+            if known is not None and is_there and not missing:
                 return known, False
-            if known is None:
+            if known is not None and is_there:
+                record = known
+            elif known is None:
                 # The time is taken here, where no deletion can come between.
                 record = replace(record, has_upload=self.keep_uploads, created=now())
             else:
@@ -131,10 +145,13 @@ class SequenceStore(Opening):
             # The record first: vertices alone would come back from a crash without a subject.
             if record != known:
                 files.append((self._folder.record(record.id), record_to_json(record)))
-            if self.keep_uploads:
+            if self.keep_uploads and not is_there:
                 files.append((upload, image()))
-            self._write(files, lambda: index.put(record))
-            return record, known is None
+            images = {name: results[name]() for name in missing}
+            files += [(self._folder.result(name), data) for name, data in images.items()]
+            digests = {name: digest_of(data) for name, data in images.items()}
+            self._write(files, lambda: index.put_all([record], digests))
+            return record, is_new
 
     def sequence_path(self, sequence_id: str) -> Path:
         """HDF5 file of a sequence's vertices.

@@ -28,7 +28,7 @@ TOMBSTONE_DAYS: Final = 90
 _STEP_SECONDS: Final = 0.01
 
 _OWNERS: Final = "owners"
-_BY_ID: Final = ("sequences", "signatures", "classifications", "templates")
+_BY_ID: Final = ("sequences", "signatures", "classifications", "tracks", "templates")
 _ID: Final = re.compile(r"[0-9a-f]{64}")
 
 

@@ -100,8 +100,19 @@ def track_from_hdf5(source: bytes | Path) -> Track:
     StoreError
         As `Form.read` says.
     """
+    return read_track(source)[0]
+
+
+def read_track(source: bytes | Path) -> tuple[Track, Contents]:
+    """Read a track, and the contents of its file besides.
+
+    Raises
+    ------
+    StoreError
+        As `Form.read` says.
+    """
     with FORM.read(source) as contents:
-        return _track(contents)
+        return _track(contents), contents
 
 
 def _estimate(track: Track) -> dict[str, object]:

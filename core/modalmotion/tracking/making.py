@@ -9,7 +9,7 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError, ShapeError, ToleranceError
+from modalmotion.errors import ModeCountError, ParameterError, ShapeError, ToleranceError
 from modalmotion.facts import Facts
 from modalmotion.mesh import face_areas
 from modalmotion.mesh.checks import require_times
@@ -36,7 +36,9 @@ from modalmotion.tracking.together import Together, chain_of, together
 Time: TypeAlias = Literal["cycle", "open"]
 Start: TypeAlias = MeshSequence | Template
 
-_MOST_MODES: Final = 400
+MOST_MODES: Final = 400
+"""That a tolerance may lead to, and that a service takes."""
+
 _MOST_TRIES: Final = 6
 
 
@@ -73,7 +75,7 @@ def track(
         row of NaN is unknown. The end of a surface is what points cannot show: state it in as
         many frames as can be.
     modes : int
-        Rounded up so that no pair is split.
+        At least 2; rounded up so that no pair is split.
     tolerance : float, mm, optional
         RMS, along the normal, of what the modes may leave: as many modes are taken as needed.
     time : {"cycle", "open"}
@@ -121,6 +123,11 @@ def track(
     if first in unseen and start is None:
         first = next(k for k in range(n_frames) if k not in unseen)
         notes += (f"Nothing was observed in the reference; the shape is that of frame {first}.",)
+    if modes < 2:
+        raise ModeCountError(
+            f"{modes} modes are a translation at most, which no surface is tracked by.",
+            remedy="Ask for 2 modes or more; 37 are usual.",
+        )
     done = _counted(progress, 4 * n_frames)
     if start is None:
         template, grid = shape_in(frames[first], first, topology)
@@ -280,7 +287,7 @@ def _modes_needed(
     # sum_{j > m} v_j falls as m^(1 - q).
     needed = int(np.ceil(m * max(1.2, 1.1 * (left / limit) ** (2.0 / (q - 1.0)))))
     points = int(np.median([sum(map(len, frame)) for frame in frames if frame] or [0]))
-    most = min(_MOST_MODES, points // 3, surface.template.n_vertices // 3)
+    most = min(MOST_MODES, points // 3, surface.template.n_vertices // 3)
     if m >= most or attempt == _MOST_TRIES - 1:
         raise ToleranceError(
             f"{m} modes leave {left:.3g} of the length unit, more than the tolerance "

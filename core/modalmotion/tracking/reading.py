@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import InputError, MalformedFileError, ParameterError
+from modalmotion.errors import InputError, MalformedFileError, ParameterError, ShapeError
+from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
+from modalmotion.formats.frames.archive import opened
+from modalmotion.formats.frames.listing import list_frames, notes_on_numbers
 from modalmotion.formats.frames.names import (
     FRAME_SUFFIXES,
+    SERIES_SUFFIXES,
     is_hidden,
     natural_key,
-    require_safe_name,
 )
 from modalmotion.formats.mesh_file import read_mesh
-from modalmotion.formats.npz import read_arrays
+from modalmotion.formats.npz import read_arrays, text_in
 from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.text import lines_of
-from modalmotion.limits import ReadLimits
+from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
+from modalmotion.tracking.landmark_file import LANDMARK_SUFFIXES, read_landmark_file
+from modalmotion.tracking.landmarks import landmarks_from_json
 from modalmotion.tracking.observation import NAMED_PLACES, Observation, of_surface
+
+Floats: TypeAlias = NDArray[np.float64]
 
 CLOUD_SUFFIXES: Final = (".csv", ".xyz", ".txt")
 """Ends of the names of files of points, three numbers a line."""
@@ -39,7 +44,13 @@ _GUIDE_POINTS: Final = "GPFile"
 _GUIDE_COLUMNS: Final = 7
 _VALVES: Final = ("MITRAL_VALVE", "AORTA_VALVE")
 _APEX: Final = "APEX_POINT"
-_USUAL_CONTOURS: Final = "LV_ENDOCARDIAL"
+
+USUAL_CONTOURS: Final = ("LV_ENDOCARDIAL",)
+"""Parts of the names of typed contours that are read where nobody says which."""
+
+_NOWHERE: Final = np.full(3, np.nan)
+
+_REMEDY: Final = "Use a zip or folder of one file a frame, an npz of points and offsets, or VTKHDF."
 
 
 @shown("frames", "unit", "landmarks")
@@ -55,6 +66,8 @@ class Recorded:
     times : (frames,) float64, s, or None
     unit : str or None
     notes : tuple of str
+    coordinates : {"LPS", "RAS"} or None
+        As the files of the points state it; landmarks are in the same.
     """
 
     frames: tuple[tuple[Observation, ...], ...]
@@ -62,111 +75,225 @@ class Recorded:
     times: NDArray[np.float64] | None = None
     unit: str | None = None
     notes: tuple[str, ...] = ()
+    coordinates: str | None = None
 
 
 def read_observed(
-    source: Path,
+    source: bytes | Path,
     *,
-    contours: Sequence[str] = (_USUAL_CONTOURS,),
+    contours: Sequence[str] = USUAL_CONTOURS,
+    coordinates: str | None = None,
     progress: Progress | None = None,
     limits: ReadLimits | None = None,
+    parser: Parser | None = None,
 ) -> Recorded:
     """Read the observations in a folder or zip of one file a frame, or in one npz.
 
     Parameters
     ----------
-    source : Path
-        Frames come in the natural order of the numbers in their names. An npz has `points` (n, 3)
-        and `offsets` (frames + 1,), the first row of each frame and the end, and maybe `times`
-        and `unit`.
+    source : bytes or Path
+        Bytes are read without opening a file. Frames come in the natural order of the numbers in
+        their names. An npz has `points` (n, 3) and `offsets` (frames + 1,), the first row of each
+        frame and the end, and maybe `times` and `unit`. VTKHDF has points in each step.
     contours : sequence of str
         Of files of typed contours (biv-me's GPFile): parts of the names of the types to read.
+    coordinates : {"LPS", "RAS"}, optional
+        Of the points, where no file states it: files of landmarks are turned to it.
     progress : callable, optional
         Called with the frames read and all of them.
     limits : ReadLimits, optional
+    parser : Parser, optional
+        Parser to reuse for many files; its own limits then hold.
 
     Raises
     ------
     InputError
         Naming the frame and the file that cannot be read.
     """
-    limits = ReadLimits() if limits is None else limits
+    if parser is None:
+        with ParserProcess(DEFAULT_LIMITS if limits is None else limits) as own:
+            return _read(source, _Statements(contours, coordinates), own, progress)
+    return _read(source, _Statements(contours, coordinates), parser, progress)
+
+
+@dataclass(frozen=True)
+class _Statements:
+    """What the caller says of the files."""
+
+    contours: Sequence[str]
+    coordinates: str | None
+
+
+def _read(
+    source: bytes | Path, stated: _Statements, parser: Parser, progress: Progress | None
+) -> Recorded:
+    if isinstance(source, bytes):
+        return _of_bytes(source, stated, parser, progress)
     if source.is_dir():
-        names = {path.name: path.read_bytes for path in source.iterdir() if path.is_file()}
-        return _of_files(names, contours, limits, progress)
+        files = {path.name: path.read_bytes for path in source.iterdir() if path.is_file()}
+        return _of_files(files, stated, parser, progress)
     try:
         data = source.read_bytes()
     except OSError as error:
         raise MalformedFileError(
-            f"'{source.name}' cannot be read: {error.strerror}.",
-            remedy="Name a folder or zip of one file a frame, or an npz of points and offsets.",
+            f"'{source.name}' cannot be read: {error.strerror}.", remedy=_REMEDY
         ) from error
-    if source.suffix.lower() == ".npz":
-        return _of_npz(data, limits)
-    if not zipfile.is_zipfile(io.BytesIO(data)):
-        raise MalformedFileError(
-            f"'{source.name}' is neither a zip of frames nor an npz of points.",
-            remedy="Name a folder or zip of one file a frame, or an npz of points and offsets.",
+    return _of_bytes(data, stated, parser, progress)
+
+
+def _of_bytes(
+    data: bytes, stated: _Statements, parser: Parser, progress: Progress | None
+) -> Recorded:
+    if not data:
+        raise MalformedFileError("The file is empty.", remedy=_REMEDY)
+    kind = detect_format(data)
+    if kind is Format.NPZ:
+        return _of_npz(data, parser.limits)
+    if kind is Format.ZIP:
+        with opened(data, parser) as archive:
+            files = {name: member.read for name, member in archive.members.items()}
+            return _of_files(files, stated, archive.parser, progress)
+    if kind is Format.HDF5:
+        return _of_vtkhdf(data, parser)
+    if kind in MESH_FORMATS:
+        one = _of_mesh(data, parser)
+        return Recorded(
+            ((one.points,),), {}, unit=one.states.get("unit"), coordinates=one.coordinates
         )
-    with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        members = [info for info in archive.infolist() if not info.is_dir()]
-        for info in members:
-            require_safe_name(info.orig_filename)
-        limits.require("decompressed_bytes", sum(info.file_size for info in members))
-        names = {info.filename: partial(archive.read, info) for info in members}
-        return _of_files(names, contours, limits, progress)
+    if kind is None:
+        raise MalformedFileError(unknown_format(data).message, remedy=_REMEDY)
+    raise MalformedFileError(
+        f"The file is {kind.upper()}, which holds a sequence of one mesh.",
+        remedy=f"Its vertices correspond: it needs no tracking. {_REMEDY}",
+    )
 
 
 def _of_files(
     files: Mapping[str, Callable[[], bytes]],
-    contours: Sequence[str],
-    limits: ReadLimits,
+    stated: _Statements,
+    parser: Parser,
     progress: Progress | None,
 ) -> Recorded:
-    kinds = (*FRAME_SUFFIXES, *CLOUD_SUFFIXES)
-    names = sorted(
-        (n for n in files if not is_hidden(n) and n.lower().endswith(kinds)), key=natural_key
+    visible = [name for name in files if not is_hidden(name)]
+    names, times, notes = _listed(visible, files, parser.limits)
+    parser.limits.require("frames", len(names))
+    frames: list[_FrameFile] = []
+    for k, name in enumerate(names):
+        with _named(k, name):
+            frames.append(_frame(name, files[name](), stated.contours, parser))
+            if frames[k].coordinates != frames[0].coordinates:
+                raise ShapeError(
+                    f"Its coordinate system is {frames[k].coordinates}, that of frame 0 "
+                    f"{frames[0].coordinates}.",
+                    remedy="Save all frames in one coordinate system.",
+                )
+        if progress is not None:
+            progress(k + 1, len(names))
+    landmarks = _per_frame([frame.landmarks for frame in frames])
+    coordinates, unit = frames[0].coordinates, frames[0].states.get("unit")
+    if times is None and all("time" in frame.states for frame in frames):
+        times = tuple(float(frame.states["time"]) for frame in frames)
+    for name in sorted(visible, key=natural_key):
+        if name.lower().endswith(LANDMARK_SUFFIXES):
+            with _named(None, name):
+                file = read_landmark_file(files[name]())
+                places = file.for_points(coordinates or stated.coordinates, unit)
+            landmarks |= _in_frame(places, _frame_of(name, names), len(names), landmarks)
+            notes += file.notes
+    at = None if times is None else np.array(times, dtype=np.float64)
+    return Recorded(
+        tuple((frame.points,) for frame in frames), landmarks, at, unit, notes, coordinates
     )
-    guided = [n for n in names if Path(n).name.startswith(_GUIDE_POINTS)]
-    names = guided or names
+
+
+def _listed(
+    visible: list[str], files: Mapping[str, Callable[[], bytes]], limits: ReadLimits
+) -> tuple[tuple[str, ...], tuple[float, ...] | None, tuple[str, ...]]:
+    """Choose the frames among files, in the order of time; with times and notes."""
+    if any(name.lower().endswith(SERIES_SUFFIXES) for name in visible):
+        listing = list_frames(visible, lambda name: files[name](), limits)
+        return listing.names, listing.times, listing.notes
+    kinds = (*FRAME_SUFFIXES, *CLOUD_SUFFIXES)
+    names = sorted((name for name in visible if name.lower().endswith(kinds)), key=natural_key)
+    names = [n for n in names if Path(n).name.startswith(_GUIDE_POINTS)] or names
     if not names:
         raise MalformedFileError(
             f"None of {len(files)} files is a frame.",
             remedy=f"Give one file a frame, ending with {', '.join(kinds)}.",
         )
-    limits.require("frames", len(names))
-    frames, landmarks = [], []
-    with ParserProcess(limits) as parser:
-        for k, name in enumerate(names):
-            try:
-                points, marks = _frame(name, files[name](), contours, parser)
-            except InputError as error:
-                error.frame = k if error.frame is None else error.frame
-                error.message = f"Frame {k} ({Path(name).name[-60:]!r}): {error.message}"
-                raise
-            frames.append((points,))
-            landmarks.append(marks)
-            if progress is not None:
-                progress(k + 1, len(names))
-    stated = {name for marks in landmarks for name in marks}
-    nowhere = np.full(3, np.nan)
-    return Recorded(
-        tuple(frames),
-        {name: np.stack([m.get(name, nowhere) for m in landmarks]) for name in sorted(stated)},
-    )
+    return tuple(names), None, notes_on_numbers(tuple(names))
 
 
-def _frame(
-    name: str, data: bytes, contours: Sequence[str], parser: Parser
-) -> tuple[Observation, dict[str, NDArray[np.float64]]]:
+def _per_frame(marks: Sequence[Mapping[str, Floats]]) -> dict[str, Floats]:
+    """Join the landmarks of frames to rows, NaN where a frame states none."""
+    names = sorted({name for own in marks for name in own})
+    return {name: np.stack([own.get(name, _NOWHERE) for own in marks]) for name in names}
+
+
+def _in_frame(
+    places: Mapping[str, Floats], frame: int | None, n_frames: int, known: Mapping[str, Floats]
+) -> dict[str, Floats]:
+    """Put the places of a file that belongs to one frame there, beside what is known of others."""
+    if frame is None:
+        return dict(places)
+    rows = {}
+    for name, place in places.items():
+        rows[name] = np.array(known.get(name, np.broadcast_to(_NOWHERE, (n_frames, 3))))
+        rows[name][frame] = place
+    return rows
+
+
+def _frame_of(name: str, frames: Sequence[str]) -> int | None:
+    """Frame that a file of landmarks belongs to by its name: scan_3.mrk.json to scan_3.ply."""
+    stem = name.lower().removesuffix("landmarks.json").removesuffix(".mrk.json").rstrip("._-")
+    stems = [frame.lower().rpartition(".")[0] for frame in frames]
+    return stems.index(stem) if stems.count(stem) == 1 else None
+
+
+@contextmanager
+def _named(frame: int | None, name: str) -> Iterator[None]:
+    """Name the file, and the frame, in what is wrong with it."""
+    try:
+        yield
+    except InputError as error:
+        where = repr(Path(name).name[-60:])
+        if frame is not None:
+            error.frame = frame if error.frame is None else error.frame
+            where = f"Frame {frame} ({where})"
+        error.message = f"{where}: {error.message}"
+        raise
+
+
+@dataclass(frozen=True, eq=False)
+class _FrameFile:
+    """One frame as its file states it."""
+
+    points: Observation
+    landmarks: Mapping[str, Floats] = field(default_factory=dict)
+    states: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def coordinates(self) -> str | None:
+        return self.states.get("coordinate_system")
+
+
+def _frame(name: str, data: bytes, contours: Sequence[str], parser: Parser) -> _FrameFile:
     if Path(name).name.startswith(_GUIDE_POINTS):
-        return _guide_points(data, contours)
+        return _FrameFile(*_guide_points(data, contours))
     if name.lower().endswith(CLOUD_SUFFIXES):
-        return Observation(_cloud(data)), {}
+        points = _cloud(data)
+        parser.limits.require("vertices", len(points))
+        return _FrameFile(Observation(points))
+    return _of_mesh(data, parser)
+
+
+def _of_mesh(data: bytes, parser: Parser) -> _FrameFile:
     mesh, _ = read_mesh(data, None, parser)
-    if not len(mesh.faces):
-        return Observation(mesh.positions.astype(np.float64)), {}
-    return of_surface(mesh.positions, mesh.faces), {}
+    if len(mesh.faces):
+        points = of_surface(mesh.positions, mesh.faces)
+    else:
+        points = Observation(mesh.positions.astype(np.float64))
+    return _FrameFile(points, states=dict(mesh.statements))
 
 
 def _cloud(data: bytes) -> NDArray[np.float64]:
@@ -231,9 +358,15 @@ def _rows(parts: Mapping[str, list[list[float]]], names: Iterable[str]) -> NDArr
 
 
 def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
-    names = ("points", "offsets", "times", "unit", *NAMED_PLACES)
+    names = ("points", "offsets", "times", "unit", "coordinates", "landmarks", *NAMED_PLACES)
     try:
         arrays, _ = read_arrays(data, names, names[:2], limits.of_file(len(data)))
+    except ShapeError as error:
+        error.remedy = (
+            "Store points, offsets, times, apex and base (3,) or (frames, 3) as numbers; unit, "
+            "coordinates and landmarks (JSON) as text."
+        )
+        raise
     except MalformedFileError as error:
         error.remedy = (
             "Write it with numpy.savez: points (n, 3) and offsets (frames + 1,), the first row of "
@@ -254,15 +387,24 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
             remedy="Give whole numbers that do not fall: the first row of each frame, and the end.",
         )
     limits.require("frames", offsets.size - 1)
-    frames = tuple(_frame_of_npz(points[a:b], k) for k, (a, b) in enumerate(pairwise(offsets)))
-    landmarks = {
-        name: np.asarray(arrays[name], dtype=np.float64) for name in NAMED_PLACES if name in arrays
-    }
-    unit = str(arrays["unit"][()]) if "unit" in arrays else None
-    return Recorded(frames, landmarks, arrays.get("times"), unit)
+    limits.require("vertices", int(np.diff(offsets).max()))
+    frames = tuple(_cloud_of(points[a:b], k) for k, (a, b) in enumerate(pairwise(offsets)))
+    landmarks = landmarks_from_json(text_in(arrays, "landmarks") or "{}")
+    for name in NAMED_PLACES:
+        if name in arrays:
+            landmarks[name] = np.asarray(arrays[name], dtype=np.float64)
+    unit, coordinates = text_in(arrays, "unit"), text_in(arrays, "coordinates")
+    return Recorded(frames, landmarks, arrays.get("times"), unit, coordinates=coordinates)
 
 
-def _frame_of_npz(points: NDArray[Any], frame: int) -> tuple[Observation]:
+def _of_vtkhdf(data: bytes, parser: Parser) -> Recorded:
+    answer = parser.parse("clouds", data)
+    points, offsets = answer.arrays["points"], answer.arrays["offsets"]
+    frames = tuple(_cloud_of(points[a:b], k) for k, (a, b) in enumerate(pairwise(offsets)))
+    return Recorded(frames, {}, answer.arrays.get("times"), answer.info["unit"])
+
+
+def _cloud_of(points: NDArray[Any], frame: int) -> tuple[Observation]:
     try:
         return (Observation(points),)
     except InputError as error:

@@ -55,6 +55,7 @@ def with_landmarks(
     if not landmarks:
         return frames
     full = list(frames)
+    box = _box(frames)
     for name, value in landmarks.items():
         places = np.asarray(value, dtype=np.float64)
         if name not in NAMED_PLACES:
@@ -76,5 +77,34 @@ def with_landmarks(
             )
         for k, place in enumerate(places):
             if np.isfinite(place).all():
+                _require_near(name, k, place, box)
                 full[k] = (*full[k], Observation(place[None], places=(name,)))
     return tuple(full)
+
+
+def _box(frames: tuple[Frame, ...]) -> NDArray[np.float64] | None:
+    """Corners of the box around all points, (2, 3); None without points."""
+    parts = [part.points for frame in frames for part in frame if len(part)]
+    if not parts:
+        return None
+    points = np.concatenate(parts)
+    return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+def _require_near(
+    name: str, frame: int, place: NDArray[np.float64], box: NDArray[np.float64] | None
+) -> None:
+    """Refuse a landmark farther from the points than they spread: it is in other coordinates."""
+    if box is None:
+        return
+    outside = float(np.linalg.norm(np.maximum(np.maximum(box[0] - place, place - box[1]), 0.0)))
+    spread = float(np.linalg.norm(box[1] - box[0]))
+    if outside > spread > 0:
+        raise ParameterError(
+            f"The landmark '{name}' in frame {frame} lies {outside:.3g} from the points, which "
+            f"spread over {spread:.3g}.",
+            remedy="State it in the unit and the coordinate system of the points (LPS and RAS "
+            "differ in the signs of x and y).",
+            frame=frame,
+            details={"landmark": name, "distance": outside, "spread": spread},
+        )

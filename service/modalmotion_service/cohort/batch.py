@@ -7,7 +7,7 @@ from pathlib import Path
 
 from modalmotion.errors import ModalMotionError
 from modalmotion.facts import Facts
-from modalmotion.formats import ReadOptions, read_sequence
+from modalmotion.formats import ReadOptions
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import (
     SequenceRecord,
@@ -18,6 +18,7 @@ from modalmotion.store import (
     upload_image,
 )
 from modalmotion.store.disk.group_commit import GroupCommit
+from modalmotion.tracking.recording import sequence_of
 from modalmotion_service.work.parsing import parser_for
 
 
@@ -115,11 +116,11 @@ def sign_batch(
     with GroupCommit() as files:
         for item in items:
             try:
-                sequence = read_sequence(
+                sequence = sequence_of(
                     item.path,
                     replace(options, facts=item.facts.over(options.facts)),
                     parser=parser,
-                ).sequence
+                )
                 signature = modal_signature(sequence, parameters, template=shared)
             except ModalMotionError as error:
                 outcomes.append(Refused(error.code, str(error)))

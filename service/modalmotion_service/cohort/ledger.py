@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from modalmotion.store import write_atomic
 
@@ -77,10 +78,10 @@ class Ledger:
                 yield Done(**json.loads(line))
 
 
-def stamp_of(path: Path) -> str:
+def stamp_of(path: Path, landmarks: Mapping[str, object] = MappingProxyType({})) -> str:
     """Digest of names, sizes and times of change of a file, or of those in a folder or pattern.
 
-    It detects a replaced file without reading it.
+    It detects a replaced file without reading it, and other landmarks, which tracking starts from.
     """
     if path.is_dir():
         files = sorted(path.iterdir())
@@ -88,4 +89,5 @@ def stamp_of(path: Path) -> str:
         files = [path] if path.exists() else sorted(path.parent.glob(path.name))
     statuses = [(file.name, file.stat()) for file in files]
     seen = [(name, status.st_size, status.st_mtime_ns) for name, status in statuses]
-    return hashlib.sha256(repr(seen).encode()).hexdigest()[:16]
+    stated = (seen, sorted(landmarks.items())) if landmarks else seen
+    return hashlib.sha256(repr(stated).encode()).hexdigest()[:16]

@@ -215,7 +215,7 @@ class _Run:
 
     def _is_known(self, entry: Entry) -> bool:
         try:
-            stamp = stamp_of(entry.path)
+            stamp = stamp_of(entry.path, entry.facts.landmarks)
         except OSError:
             # A worker tries to read it, and says why it cannot.
             stamp = ""

@@ -20,7 +20,7 @@ from modalmotion_service.work.engine import open_engine
 
 _STATED = ("unit", "format", "frame_interval", "n_vertices", "topology", "grid")
 _PARAMETERS = (
-    *("modes", "reference", "weights", "merge_vertices", "components", "remove_rotation"),
+    *("modes", "kind", "reference", "weights", "merge_vertices", "components", "remove_rotation"),
 )
 
 _MOST_PRINTED = 50

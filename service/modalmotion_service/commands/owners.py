@@ -6,13 +6,14 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, get_args
 
 import click
 
 from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.store.disk.atomic import cannot_write, sync_folder
 from modalmotion.store.disk.lock import folder_lock
+from modalmotion.store.folder import ResultKind
 from modalmotion.store.tombstones import bury, digest_of_owner
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.principal import LOCAL
@@ -66,7 +67,7 @@ def usage_of(data_dir: Path) -> Iterator[Usage]:
         yield Usage(
             owner,
             _count(root / "sequences", "*/*.json"),
-            _count(root / "signatures", "*/*.h5") + _count(root / "classifications", "*/*.h5"),
+            sum(_count(root / f"{kind}s", "*/*.h5") for kind in get_args(ResultKind)),
             _count(root / "models", "*/*.h5"),
             sum(sizes),
             active.count(owner),

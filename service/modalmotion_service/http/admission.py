@@ -22,7 +22,7 @@ from modalmotion_service.http.problems import problem_of
 
 UPLOADS: Final = frozenset(
     f"/v1/{name}"
-    for name in ("sequences", "signature", "templates", "encode", "decode", "classify")
+    for name in ("sequences", "tracks", "signature", "templates", "encode", "decode", "classify")
 )
 """Routes whose body goes to a file as it comes. All others hold it in memory, as JSON."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.exceptions import RequestValidationError
@@ -33,6 +33,8 @@ from modalmotion_service.schemas import (
 )
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.erasure import erase
+
+NamedQuery = TypeVar("NamedQuery", bound=BaseModel)
 
 router = APIRouter(
     prefix="/v1/sequences", tags=["sequences"], responses=PROBLEMS, route_class=JsonRoute
@@ -94,7 +96,7 @@ async def upload(
         return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
 
 
-def named(query: UploadQuery, names: dict[str, str]) -> UploadQuery:
+def named(query: NamedQuery, names: dict[str, str]) -> NamedQuery:
     """Add subject and label of a form to a query that does not state them.
 
     Raises
@@ -104,7 +106,7 @@ def named(query: UploadQuery, names: dict[str, str]) -> UploadQuery:
     """
     stated = query.model_dump(exclude_unset=True)
     try:
-        return UploadQuery.model_validate({**names, **stated}) if names else query
+        return type(query).model_validate({**names, **stated}) if names else query
     except ValidationError as error:
         raise RequestValidationError(
             [{**item, "loc": ("form", *item["loc"])} for item in error.errors()]

@@ -33,6 +33,13 @@ PLACE: Final[Any] = Field(
 )
 
 
+POINT: Final[Any] = Field(
+    None,
+    pattern=f"^{_NUMBER},{_NUMBER},{_NUMBER}$",
+    description="Landmark in the reference frame, x,y,z in the unit of the points.",
+)
+
+
 TOPOLOGY: Final[Any] = Field(
     None,
     max_length=80,

@@ -29,7 +29,15 @@ from modalmotion_service.work.temporary import require_temporary_folder
 
 _PRELOADED: Final = [
     f"modalmotion_service.work.tasks.{name}"
-    for name in ("sequences", "signatures", "templates", "derived", "codec", "classification")
+    for name in (
+        "sequences",
+        "signatures",
+        "templates",
+        "derived",
+        "codec",
+        "classification",
+        "tracks",
+    )
 ]
 
 # For a process to be forked and to say that it is there. The first imports all that tasks need.

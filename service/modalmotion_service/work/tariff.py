@@ -12,6 +12,7 @@ from modalmotion.errors import InputError
 from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion.formats.detect import Format, detect_format
 from modalmotion.signature.making import SignatureParameters
+from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tradeoff.predicted_time import (
     most_modes,
     reading_seconds,
@@ -29,6 +30,7 @@ from modalmotion_service.work.tasks import (
     sequences,
     signatures,
     templates,
+    tracks,
 )
 from modalmotion_service.work.terms import Terms
 from modalmotion_service.work.upload import Upload
@@ -53,6 +55,14 @@ _MODE: Final = 1e-8
 # s for a case whose answer is measured, and compared in thousands of resamples.
 _CASE: Final = 1e-3
 _COMPARED: Final = 1e-2
+
+# s for a byte of points, and for one in 37 modes: frames of some 500 points take 0.12 s in them,
+# and the square of that in more.
+_OF_POINTS: Final = 5e-6
+_OF_TRACKED_MODES: Final = 1e-5 / 37**2
+# Modes that a tolerance may end at.
+_MODES_OF_TOLERANCE: Final = 150
+_TRACK: Final = 1.0
 
 _HEAD_BYTES: Final = 1024
 
@@ -164,6 +174,13 @@ def _packing(args: Sequence[Any]) -> float:
     return _reading(args) + _PACKED * len(args[0])
 
 
+def _tracking(args: Sequence[Any]) -> float:
+    parameters = next(one for one in args if isinstance(one, TrackParameters))
+    modes = max(parameters.modes, 0 if parameters.tolerance is None else _MODES_OF_TOLERANCE)
+    of_byte = _OF_POINTS + _OF_TRACKED_MODES * modes**2
+    return _TRACK + _reading(args) + of_byte * _bytes(args[:1])
+
+
 _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     sequences.ingest: _reading,
     signatures.sign: _signature,
@@ -192,5 +209,9 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     derived.read_out: _read_out,
     derived.measure_trade: _trade,
     derived.superpose: _superposed,
+    tracks.follow: _tracking,
+    tracks.describe_track: _reading,
+    tracks.track_with_facts: _reading,
+    tracks.draw_track: _picture,
     features.tabulate: lambda args: _TABLE + _packing(args),
 }

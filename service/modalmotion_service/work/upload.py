@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from modalmotion.errors import InputError
 from modalmotion.formats import Reading, ReadOptions, read_sequence
+from modalmotion.formats.frames.frame import TRACK
 from modalmotion.progress import Progress
+from modalmotion.tracking.reading import Recorded, read_observed
 from modalmotion_service.work.parsing import parser_for
 
 
@@ -37,4 +41,40 @@ class Upload:
             If it is not understood, or beyond a limit.
         """
         parser = parser_for(self.options.limits)
-        return read_sequence(self.path.read_bytes(), self.options, parser=parser, progress=progress)
+        data = self.path.read_bytes()
+        try:
+            return read_sequence(data, self.options, parser=parser, progress=progress)
+        except InputError as error:
+            # As this door is called here.
+            error.remedy = error.remedy.replace(TRACK, "POST /v1/tracks")
+            raise
+
+    def observed(
+        self,
+        contours: Sequence[str],
+        coordinates: str | None = None,
+        progress: Progress | None = None,
+    ) -> Recorded:
+        """Read it as observations that do not correspond, in a worker.
+
+        Parameters
+        ----------
+        contours : sequence of str
+            Of typed contours: parts of the names of those to read.
+        coordinates : str, optional
+            Of points whose files state none.
+        progress : callable, optional
+
+        Raises
+        ------
+        InputError
+            If it is not understood, or beyond a limit.
+        """
+        parser = parser_for(self.options.limits)
+        return read_observed(
+            self.path.read_bytes(),
+            contours=contours,
+            coordinates=coordinates,
+            parser=parser,
+            progress=progress,
+        )

@@ -100,8 +100,8 @@ class Analysis:
         """
 
         async def make(tell: StageReport) -> KeptUpload:
-            with self._image() as image, stage("worker"):
-                work = self._followed(tell, sequences.ingest, upload, image)
+            with self.image() as image, stage("worker"):
+                work = self.followed(tell, sequences.ingest, upload, image)
                 sent, reading, milliseconds = await work
                 add_milliseconds(milliseconds)
                 with stage("store"):
@@ -111,7 +111,7 @@ class Analysis:
             filled: tuple[str, ...] = ()
             if not is_new:
                 record, filled = await asyncio.to_thread(
-                    self._complete, record.id, subject, label, upload.options.facts, sent.facts
+                    self.completed, record.id, subject, label, upload.options.facts, sent.facts
                 )
                 if filled:
                     reading.notes.append(
@@ -127,7 +127,7 @@ class Analysis:
 
         return await self._shared_work.join(upload.path, make, report)
 
-    def _complete(
+    def completed(
         self,
         sequence_id: str,
         subject: str | None,
@@ -135,6 +135,13 @@ class Analysis:
         facts: Facts,
         offered: Facts,
     ) -> tuple[SequenceRecord, tuple[str, ...]]:
+        """Fill in what is not known of a stored sequence; gives the names of that too.
+
+        Raises
+        ------
+        ConflictError
+            If something is known to be otherwise.
+        """
         try:
             return self._store.complete_sequence(
                 sequence_id, subject=subject, label=label, facts=facts, offered=offered
@@ -174,9 +181,9 @@ class Analysis:
         async def make(tell: StageReport) -> Path:
             sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
             template = self._template_path(parameters)
-            with self._image() as image, stage("worker"):
+            with self.image() as image, stage("worker"):
                 add_milliseconds(
-                    await self._followed(
+                    await self.followed(
                         *(tell, signatures.sign, sequence, parameters, template, image)
                     )
                 )
@@ -237,7 +244,7 @@ class Analysis:
         """Make and store the template of an upload; tell whether it is new."""
 
         async def make(_: StageReport) -> tuple[TemplateAnswer, bool]:
-            with self._image() as image, stage("worker"):
+            with self.image() as image, stage("worker"):
                 work = self.work(templates.make_template, upload, parameters, image)
                 answer, milliseconds = await work
                 add_milliseconds(milliseconds)
@@ -312,7 +319,7 @@ class Analysis:
         """Measure a trade into a file, which the caller removes."""
         sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
         with self._output() as output, stage("worker"):
-            spent = await self._followed(
+            spent = await self.followed(
                 report,
                 derived.measure_trade,
                 sequence,
@@ -337,9 +344,9 @@ class Analysis:
         with self._output() as output, stage("encode"):
             if isinstance(source, str):
                 path = await asyncio.to_thread(self._store.sequence_path, source)
-                work = self._followed(report, codec.encode_kept, path, target, output)
+                work = self.followed(report, codec.encode_kept, path, target, output)
             else:
-                work = self._followed(report, codec.encode_upload, source, target, output)
+                work = self.followed(report, codec.encode_upload, source, target, output)
             return output, await work
 
     async def decoded(
@@ -396,7 +403,7 @@ class Analysis:
             future = self.engine.submit_for(terms, task, *args, **kwargs)
         return await asyncio.wrap_future(future)
 
-    async def _followed(self, report: StageReport, task: Callable[..., T], *args: Any) -> T:
+    async def followed(self, report: StageReport, task: Callable[..., T], *args: Any) -> T:
         """Have a worker do a task whose last argument is a `ProgressFile`; report what it tells."""
         progress = self._spool.new_path()
         try:
@@ -405,7 +412,8 @@ class Analysis:
             remove_with_beside(progress)
 
     @contextmanager
-    def _image(self) -> Iterator[Path]:
+    def image(self) -> Iterator[Path]:
+        """Name a file for a worker to write, which is removed in the end."""
         with self._output() as path:
             try:
                 yield path

@@ -35,7 +35,12 @@ async def erase(state: State, sequence_id: str) -> None:
 
 
 async def _forget(state: State, sequence_id: str) -> None:
-    link = f"/v1/sequences/{sequence_id}"
+    # A track has the id of its sequence.
+    for kind in ("sequences", "tracks"):
+        await _forget_at(state, sequence_id, f"/v1/{kind}/{sequence_id}")
+
+
+async def _forget_at(state: State, sequence_id: str, link: str) -> None:
     for job in await asyncio.to_thread(state.jobs.about, sequence_id, link):
         # One that ends by itself just now is as good.
         with contextlib.suppress(ConflictError, NotFoundError):

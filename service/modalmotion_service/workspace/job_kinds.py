@@ -10,6 +10,7 @@ from urllib.parse import urlencode
 from modalmotion.classification import TrainingOptions
 from modalmotion.errors import LostFileError
 from modalmotion.facts import Facts, facts_from_json
+from modalmotion.formats import ReadOptions
 from modalmotion_service.http.negotiation import HDF5, NPZ
 from modalmotion_service.schemas import (
     ManySignatures,
@@ -17,6 +18,7 @@ from modalmotion_service.schemas import (
     UploadQuery,
 )
 from modalmotion_service.schemas.request_queries import TemplateQuery
+from modalmotion_service.schemas.tracks import TrackQuery
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
@@ -27,11 +29,12 @@ from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.replies import Replies
 from modalmotion_service.workspace.reply_kinds import OF_UPLOADS
 from modalmotion_service.workspace.spool import Spool
+from modalmotion_service.workspace.tracks import Tracks
 from modalmotion_service.workspace.training import Trainer
 from modalmotion_service.workspace.training_set import read_cases
 
 # Kinds of jobs whose request names a file in the spool, kept until the job is finished.
-_WITH_FILES: Final = ("upload", "template", "training")
+_WITH_FILES: Final = ("upload", "template", "track", "training")
 
 
 def trainings_at_once(settings: Settings) -> int:
@@ -45,6 +48,7 @@ def make_runner(
     spool: Spool,
     analysis: Analysis,
     models: Models,
+    tracks: Tracks,
     trainer: Trainer,
     replies: Replies,
 ) -> JobRunner:
@@ -76,6 +80,14 @@ def make_runner(
         answer, _is_new = await analysis.template(sent, query.parameters())
         return {"link": answer.links["self"]}
 
+    async def track(request: Any, report: Report) -> Any:
+        query = TrackQuery(**request["query"])
+        parameters = query.parameters(facts_from_json(request["facts"]))
+        sent = Upload(_spooled(spool, request), ReadOptions(limits=settings.read_limits))
+        names = {"subject": query.subject, "label": query.label}
+        result = await tracks.keep(sent, parameters, query.start, **names, report=report)
+        return {"link": f"/v1/tracks/{result.record.id}"}
+
     def reply(kind: str) -> Handler:
         async def handler(request: Any, report: Report) -> Any:
             if "file" in request:
@@ -106,6 +118,7 @@ def make_runner(
             "signature": signature,
             "signatures": signatures,
             "template": template,
+            "track": track,
             "classification": classification,
             "training": training,
             **{kind: reply(kind) for kind in replies.kinds},

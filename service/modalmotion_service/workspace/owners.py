@@ -30,6 +30,7 @@ from modalmotion_service.workspace.reply_kinds import make_replies
 from modalmotion_service.workspace.retention import Retention
 from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.state import State
+from modalmotion_service.workspace.tracks import Tracks
 from modalmotion_service.workspace.training import Trainer
 
 logger = logging.getLogger(__name__)
@@ -175,17 +176,20 @@ class Owners:
             spool.clear(keep=await asyncio.to_thread(retention.needed))
             tariff = Tariff(owner, settings.task_cost_factor, settings.task_cost_seconds)
             analysis = Analysis(store, self._engine, spool, tariff)
-            models = Models(store, analysis)
+            models, tracks = Models(store, analysis), Tracks(store, analysis)
             trainer = Trainer(
                 *(owner, store, analysis, self._training_engine, spool),
                 settings.scheduler,
                 settings.workers,
             )
             replies = make_replies(
-                settings, spool, analysis, models, Evaluations(store, analysis, models)
+                *(settings, spool, analysis, models, tracks),
+                Evaluations(store, analysis, models),
             )
-            runner = make_runner(settings, jobs, spool, analysis, models, trainer, replies)
-            state = State(settings, store, spool, analysis, models, jobs, runner, replies, keys)
+            runner = make_runner(settings, jobs, spool, analysis, models, tracks, trainer, replies)
+            state = State(
+                *(settings, store, spool, analysis, models, tracks), jobs, runner, replies, keys
+            )
             await runner.resume()
         except BaseException:
             await asyncio.to_thread(store.close)

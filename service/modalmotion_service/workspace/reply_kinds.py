@@ -29,6 +29,7 @@ from modalmotion_service.schemas.request_queries import (
     ReconstructionQuery,
     TemplateQuery,
 )
+from modalmotion_service.schemas.tracks import TrackViewQuery
 from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.upload import Upload
@@ -39,6 +40,7 @@ from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.replies import Maker, Replies, Reply, Request
 from modalmotion_service.workspace.spool import Spool
+from modalmotion_service.workspace.tracks import Tracks
 from modalmotion_service.workspace.training_set import cases_from_json
 
 Query = TypeVar("Query", bound=BaseModel)
@@ -66,6 +68,7 @@ def make_replies(
     spool: Spool,
     analysis: Analysis,
     models: Models,
+    tracks: Tracks,
     evaluations: Evaluations,
 ) -> Replies:
     """Make the maker of all kinds."""
@@ -175,6 +178,16 @@ def make_replies(
         answer = await analysis.describe_template(template_id)
         return Reply(answer.model_dump_json().encode(), media_type)
 
+    async def track_view(request: Request, _: Report) -> Reply:
+        track_id, media_type = request["sequence_id"], request["media_type"]
+        if media_type == PNG:
+            query = query_of(request, TrackViewQuery)
+            return Reply(await tracks.draw(track_id, query), media_type)
+        if media_type == HDF5:
+            return Reply(await tracks.as_hdf5(track_id), media_type)
+        answer = await tracks.describe(track_id)
+        return Reply(answer.model_dump_json().encode(), media_type)
+
     async def evaluation(request: Request, report: Report) -> Reply:
         model = await asyncio.to_thread(models.choose, request["model"])
         cases = cases_from_json(request["cases"])
@@ -225,6 +238,7 @@ def make_replies(
         "template-modes": template_modes,
         "template-view": template_view,
         "model-view": model_view,
+        "track-view": track_view,
         "evaluation": evaluation,
         "comparison": comparison,
         "held-out": held_out,

@@ -13,6 +13,7 @@ from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.replies import Replies
 from modalmotion_service.workspace.spool import Spool
+from modalmotion_service.workspace.tracks import Tracks
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class State:
     spool : Spool
     analysis : Analysis
     models : Models
+    tracks : Tracks
     jobs : Jobs
     runner : JobRunner
     replies : Replies
@@ -37,6 +39,7 @@ class State:
     spool: Spool
     analysis: Analysis
     models: Models
+    tracks: Tracks
     jobs: Jobs
     runner: JobRunner
     replies: Replies

@@ -37,6 +37,8 @@ def test_the_table_of_a_lattice_and_of_a_file(beat: Path) -> None:
     own = json.loads(run("modes", beat, "--modes", 3, "--json").output)
     assert own["surface"] == "cup"
     assert [mode["label"] for mode in own["modes"]][-1] == "(0, 1, sin)"
+    springs = json.loads(run("modes", beat, "--topology", "mesh", "--json").output)
+    assert springs["surface"] == "mesh"
     lengths = make_template(read_sequence(beat).sequence).lengths
     assert own["modes"][1]["angular_frequency"] == pytest.approx(np.pi / lengths[0])
 

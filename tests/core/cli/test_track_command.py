@@ -60,3 +60,13 @@ def test_a_landmark_that_is_none_is_refused(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["track", *words, "--landmarks", "apex=1,2"])
     assert result.exit_code != 0
     assert "apex=1,2,3" in result.output
+
+
+def test_landmarks_come_from_a_file_too(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    words = [str(clouds_in(tmp_path / "in")), "-o", str(tmp_path / "b.npz")]
+    file = tmp_path / "ends.mrk.json"
+    file.write_text('{"coordinates": "RAS", "landmarks": {"apex": [900, 0, 0]}}')
+    result = CliRunner().invoke(main, ["track", *words, "--landmarks", str(file)])
+    # Read and turned: the points are some 40 mm wide.
+    assert "'apex' in frame 0 lies 8" in result.output

@@ -16,6 +16,7 @@ from modalmotion.errors import StoreError
 ARGUMENTS: dict[str, Any] = {
     "sequence_id": "a" * 64,
     "template_id": "a" * 64,
+    "track_id": "a" * 64,
     "name": "walls",
     "cases": ["a" * 64],
 }

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from modalmotion.errors import LimitError, ModeCountError
 from modalmotion.modes import ModeLabel, all_modes, lowest_modes, whole_count
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.order import squared_keys
+from modalmotion.modes.order import common_count, squared_keys
 from modalmotion.modes.topology import (
     CLOSED,
     CLOSED_CURVE,
@@ -222,3 +222,15 @@ def test_wavenumbers_too_large_to_square_are_refused() -> None:
 
 def test_every_topology_is_listed_with_a_shape_that_fits() -> None:
     assert all(fits(topology, (2, 2, 2)[: topology.n_axes]) for topology in TOPOLOGIES)
+
+
+@pytest.mark.parametrize("topology", [CUP, CYLINDER, SPHERE, TORUS, PLANE])
+def test_a_lattice_of_few_nodes_has_the_first_modes_and_then_others(topology: Topology) -> None:
+    fine, coarse = lowest_modes(topology, 16, (32, 64)), lowest_modes(topology, 16, (4, 4))
+    assert common_count(fine) == 16
+    n = common_count(coarse)
+    assert 3 <= n < 16
+    assert coarse.labels[:n] == fine.labels[:n]
+    assert coarse.labels[: n + 2] != fine.labels[: n + 2]
+    # Pairs are whole.
+    assert whole_count(topology, n) == n

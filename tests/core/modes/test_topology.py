@@ -68,3 +68,9 @@ def test_other_words_name_no_topology(text: str) -> None:
     with pytest.raises(TopologyError, match="names no topology") as caught:
         Topology.parse(text)
     assert len(str(caught.value)) <= 400
+
+
+def test_the_word_mesh_is_told_where_it_belongs() -> None:
+    with pytest.raises(TopologyError, match="how a surface is read") as caught:
+        Topology.parse("mesh")
+    assert "topology=mesh" in caught.value.remedy

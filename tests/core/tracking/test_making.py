@@ -296,6 +296,7 @@ def test_curves_are_tracked_too() -> None:
         ({"time": "never"}, "cycle"),
         ({"reference": 99}, "counted from 0"),
         ({"modes": 0}, "mode"),
+        ({"modes": 1}, "translation at most"),
         ({"landmarks": {"nose": (0.0, 0.0, 0.0)}}, "apex and base"),
         ({"landmarks": {"apex": np.zeros((3, 3))}}, "one for each frame"),
         ({"topology": "cup"}, "apex=x,y,z"),
@@ -310,6 +311,15 @@ def test_what_cannot_be_asked_is_refused_with_a_remedy(
     with pytest.raises(InputError, match=match) as caught:
         track(clouds_of(BALL), **changes)  # type: ignore[arg-type]
     assert caught.value.remedy
+
+
+def test_points_without_extent_and_beyond_all_numbers_are_refused() -> None:
+    for frames in ([np.zeros((50, 3))] * 2, [x * 1e-200 for x in clouds_of(BALL)]):
+        with pytest.raises(ShapeError, match="lie in one place") as caught:
+            track(frames)
+        assert caught.value.frame == 0
+    with pytest.raises(ParameterError, match=r"Frame 0: A coordinate is .* larger unit"):
+        track([x * 1e100 for x in clouds_of(BALL)])
 
 
 def test_too_few_points_for_a_shape_are_refused() -> None:

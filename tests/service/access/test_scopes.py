@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from access_parts import NOBODYS, Guarded, guarded, json_body
+from clouds import small_recording
 from fastapi.testclient import TestClient
 from starlette.routing import Route
 
@@ -50,6 +51,8 @@ def alices(service: Guarded, beat: bytes) -> dict[str, str]:
     assert service.ask("alice", "GET", f"{here}/signature").status_code == 200
     assert service.ask("alice", "POST", f"{here}/classifications").status_code == 201
     template = service.ask("alice", "POST", "/v1/templates", content=beat).json()["id"]
+    sent = {"content": small_recording(2), "params": {"modes": 2}}
+    track = service.ask("alice", "POST", "/v1/tracks", **sent).json()["id"]
     body = json_body([sequence_id])
     body["headers"]["Prefer"] = "respond-async"
     job = service.ask("alice", "POST", "/v1/signatures/query", **body).json()["id"]
@@ -60,7 +63,8 @@ def alices(service: Guarded, beat: bytes) -> dict[str, str]:
     model = {"name": "hers", "model_name": "hers", "version": "1"}
     assert service.ask("alice", "GET", "/v1/models/hers/versions/1").status_code == 200
     assert service.ask("alice", "GET", "/v2/models/hers/ready").status_code == 200
-    return {"sequence_id": sequence_id, "template_id": template, "job_id": job, **model}
+    ids = {"sequence_id": sequence_id, "template_id": template, "track_id": track}
+    return {**ids, "job_id": job, **model}
 
 
 def test_every_route_of_the_app_has_a_scope_and_every_scope_a_route() -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from clouds import small_recording
 from dask_cluster import DaskCluster
 from warm_start import WarmProcess, start_warm
 
@@ -189,6 +190,33 @@ def test_a_services_folder_is_not_a_cohorts(tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match="data folder of a service"):
         sign_cohort(job, lambda folder: WorkerPool(1, 60, 1 << 30))
     assert waiting.exists()
+
+
+def test_rows_of_clouds_are_tracked_first_and_again_where_their_landmarks_change(
+    tmp_path: Path,
+) -> None:
+    write_cohort(tmp_path / "in", 1)
+    (tmp_path / "in" / "clouds.npz").write_bytes(small_recording(2))
+    out = tmp_path / "out"
+
+    def run(apex: str) -> tuple[str, str, str]:
+        rows = ("path;landmark:apex;landmark:base", "s0000.npz;;", f"clouds.npz;{apex};0,0,40")
+        (tmp_path / "in" / "m.csv").write_text("\n".join(rows))
+        words = [str(tmp_path / "in" / "m.csv"), "-o", str(out), "--workers", "1"]
+        found = CliRunner().invoke(cohort, [*words, "--kind", "offset"])
+        assert found.exit_code == 0, found.output
+        sequence, cloud = csv.DictReader((out / "cohort.csv").read_text().splitlines())
+        return sequence["sequence_id"], cloud["sequence_id"], found.output
+
+    first = run("0,0,-40")
+    with ResultStore(out) as store:
+        assert store.sequence_record(first[0]).facts.tracking == "unknown"
+        record = store.sequence_record(first[1])
+        assert (record.facts.tracking, record.topology) == ("offset", "cup")
+    again = run("0,0,-40")
+    assert again[:2] == first[:2]
+    assert "2 known" in again[2]
+    assert run("0,0,-38")[1] != first[1]
 
 
 def test_one_template_serves_a_cohort(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import requests
 import schemathesis
 from access_parts import Guarded, guarded, json_body
 from asgi_session import session_of
+from clouds import small_recording
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from project import ROOT
@@ -47,6 +48,7 @@ def small(seed: int = 3) -> bytes:
 NEEDED = {
     "/v1/sequences/{sequence_id}/distance": {"to": "{sequence_id}"},
     "/v1/encode": {"rms": "0.5"},
+    "/v1/tracks": {"modes": "2"},
     "/v1/sequences/{sequence_id}/encoded": {"rms": "0.5"},
 }
 
@@ -57,7 +59,7 @@ class Service:
     session: requests.Session
     token: str
     ids: dict[str, str]
-    stream: bytes
+    bodies: dict[str, bytes]
     statuses: dict[str, Counter[int]] = field(default_factory=dict)
 
     def check(self, case: Any) -> None:
@@ -83,6 +85,8 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
         sequences = [answer.json()["id"] for answer in sent]
         sequence = sequences[3]
         template = ask("lab", "POST", "/v1/templates", content=small()).json()["id"]
+        cloud = small_recording(2)
+        track = ask("lab", "POST", "/v1/tracks?modes=2", content=cloud).json()["id"]
         body = json_body([sequence])
         body["headers"]["Prefer"] = "respond-async"
         job = ask("lab", "POST", "/v1/signatures/query", **body).json()["id"]
@@ -91,13 +95,15 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
         ids = {
             "sequence_id": sequence,
             "template_id": template,
+            "track_id": track,
             "job_id": job,
             "model_name": "ventricle-simulated",
             "name": "kept",
             "version": "1",
             **{f"sequence_{n}": found_id for n, found_id in enumerate(sequences)},
         }
-        yield Service(found, session_of(found.client), found.token("lab"), ids, stream)
+        bodies = {"/v1/decode": stream, "/v1/tracks": cloud}
+        yield Service(found, session_of(found.client), found.token("lab"), ids, bodies)
 
 
 def strategies(operation: Any, service: Service) -> list[st.SearchStrategy[Any]]:
@@ -107,7 +113,7 @@ def strategies(operation: Any, service: Service) -> list[st.SearchStrategy[Any]]
     more: dict[str, Any] = {"path_parameters": known} if known else {}
     media_types = operation.get_request_payload_content_types()
     if "application/octet-stream" in media_types:
-        body = service.stream if operation.path.endswith("decode") else small()
+        body = service.bodies.get(operation.path) or small()
         more.update(body=body, media_type="application/octet-stream")
     elif operation.path.endswith("query"):
         more.update(body={"ids": [service.ids["sequence_id"]]}, media_type="application/json")

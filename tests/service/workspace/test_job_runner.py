@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from clouds import small_recording
 from fastapi.testclient import TestClient
 from job_requests import ASYNC, finished
 
@@ -195,6 +196,9 @@ def test_the_progress_of_every_kind_of_job_moves_and_never_falls(
         answer = client.request(method, f"{here}/{path}", headers=ASYNC)
         assert answer.status_code == 202, answer.text
         jobs.append(finished(client, answer.json()))
+    cloud = small_recording(3)
+    answer = client.post("/v1/tracks?modes=4", content=cloud, headers=ASYNC)
+    jobs.append(finished(client, answer.json()))
     several = {"ids": [moved.id], "modes": 4}
     answer = client.post("/v1/signatures/query", json=several, headers=ASYNC)
     jobs.append(finished(client, answer.json()))

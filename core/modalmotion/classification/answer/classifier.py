@@ -21,7 +21,7 @@ from modalmotion.classification.model.shipped import (
     shipped_for,
 )
 from modalmotion.classification.options import require_coverage
-from modalmotion.errors import TopologyError
+from modalmotion.errors import ModeCountError, TopologyError
 from modalmotion.facts import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
 from modalmotion.signature.making import ModalSignature, modal_signature, provenance
@@ -125,7 +125,16 @@ def fitted_in(readable: Readable, sequence: MeshSequence) -> ModalSignature:
     One recording of a mesh may look like another topology than the rest, as where an axis
     bends; the readable one is then imposed, unless the sequence states its own.
     """
-    signature = modal_signature(sequence, readable.parameters)
+    try:
+        signature = modal_signature(sequence, readable.parameters)
+    except ModeCountError as error:
+        raise ModeCountError(
+            f"The model reads {readable.n_modes} modes, and this recording's vertices do not tell "
+            f"as many apart. {error.message}",
+            remedy="Send a finer mesh, or train a model on recordings like this one: it reads as "
+            "many modes as they have.",
+            details=error.details,
+        ) from error
     imposed = readable.imposed_on(signature.surface, sequence.topology)
     if imposed is None:
         return signature

@@ -8,6 +8,7 @@ from modalmotion.classification.answer.flags import OUT_OF_DOMAIN, UNREADABLE, F
 from modalmotion.classification.features import has_volume
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.model.shipped import OFFSET_MODEL
+from modalmotion.modes.order import common_count
 from modalmotion.signature.making import ModalSignature
 
 _OR_STATE: Final = ", or state tracking=material if its points follow the tissue"
@@ -43,6 +44,13 @@ def unreadable(signature: ModalSignature, model: Model) -> Flag | None:
             UNREADABLE,
             f"the model reads signatures of {readable.n_modes} modes, this one has "
             f"{len(modes)}. Fit it with {readable.n_modes} modes",
+        )
+    if common_count(modes) < len(modes):
+        return Flag(
+            UNREADABLE,
+            f"the model reads the first {len(modes)} modes of a {signature.surface}, and from mode "
+            f"{common_count(modes) + 1} on this signature's are others: its lattice has too few "
+            "nodes, or its order is not the fixed one. Send a finer one, or fit it in that order",
         )
     parameters, required = signature.parameters, readable.parameters
     if (parameters.weights, parameters.remove_rotation, parameters.components) != (

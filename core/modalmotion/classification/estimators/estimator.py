@@ -15,15 +15,22 @@ from sklearn.utils.class_weight import compute_class_weight
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from modalmotion.classification.estimators.ridge import INTERCEPT, Ridge, kernel_ridge, ridge
+from modalmotion.classification.estimators.ridge import (
+    INTERCEPT,
+    Ridge,
+    Targets,
+    kernel_ridge,
+    ridge,
+    targets,
+)
 from modalmotion.classification.estimators.scorer import Blend, Scorer, blended, kernel
 from modalmotion.classification.estimators.shrinkage import shrunk_solution
-from modalmotion.classification.estimators.standards import standards
+from modalmotion.classification.estimators.standards import class_means, standards
 from modalmotion.classification.estimators.temperature import (
     case_losses,
     fit_temperature,
     fit_temperatures,
-    log_loss,
+    log_losses,
     softmax,
 )
 
@@ -108,29 +115,54 @@ class MotionClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         ValueError
             If there are fewer than two classes, or an option has no such value.
         """
-        if self.kind not in KINDS:
-            raise ValueError(f"kind={self.kind!r} is not one of {', '.join(KINDS)}.")
         X, y = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(y)
-        self.classes_, place = np.unique(y, return_inverse=True)
-        if len(self.classes_) < 2:
-            raise ValueError("A classifier needs at least two classes, only one class is given.")
-        g = np.arange(len(y)) if groups is None else np.unique(groups, return_inverse=True)[1]
+        classes, place = np.unique(y, return_inverse=True)
         weight_of = self.class_weight
         if isinstance(weight_of, Mapping):
-            weight_of = {label: weight_of.get(label, 1.0) for label in self.classes_}
-        per_class = compute_class_weight(weight_of, classes=self.classes_, y=y)
+            weight_of = {label: weight_of.get(label, 1.0) for label in classes}
+        per_class = compute_class_weight(weight_of, classes=classes, y=y)
+        g = np.arange(len(y)) if groups is None else np.unique(groups, return_inverse=True)[1]
+        return self.fit_places(X, classes, place, per_class, g)
+
+    def fit_places(
+        self,
+        X: Array,
+        classes: NDArray[Any],
+        place: NDArray[np.int64],
+        per_class: Array,
+        groups: NDArray[np.int64],
+    ) -> MotionClassifier:
+        """Fit to what `fit` has checked.
+
+        Parameters
+        ----------
+        X : (cases, features) float64
+        classes : (classes,) array
+        place : (cases,) int64
+            Of the label of each case among the classes.
+        per_class : (classes,) float64
+            Weights.
+        groups : (cases,) int64
+            Counted from 0.
+        """
+        if self.kind not in KINDS:
+            raise ValueError(f"kind={self.kind!r} is not one of {', '.join(KINDS)}.")
+        if len(classes) < 2:
+            raise ValueError("A classifier needs at least two classes, only one class is given.")
+        self.classes_ = classes
+        self.n_features_in_ = X.shape[1]
         self._centre, self._scale = standards(X)
         z = (X - self._centre) / self._scale
         self.blend_: Blend | None = None
         self.loss_ = float("nan")
-        self.losses_ = np.full(len(y), np.nan)
-        self.held_out_ = np.full((len(y), len(self.classes_)), np.nan)
+        self.losses_ = np.full(len(place), np.nan)
+        self.held_out_ = np.full((len(place), len(self.classes_)), np.nan)
         if self.kind in ("svm", "forest"):
             self.kind_ = self.kind
             self._fit_machine(z, place, dict(enumerate(per_class.tolist())))
         else:
-            self._fit_blend(z, place, per_class, g)
+            self._fit_blend(z, place, per_class, groups)
         return self
 
     def decision_function(self, X: Any) -> Array:
@@ -231,7 +263,7 @@ def _linear(z: Array, y: NDArray[np.int64], per_class: Array, groups: NDArray[np
         held_out[test] = z[test] @ W + b
     W, b = _discriminant(z, y, per_class)
     temperature = fit_temperature(held_out, y, per_class[y])
-    loss = log_loss(held_out / temperature, y, per_class[y])
+    loss = float(log_losses(held_out[None] / temperature, y, per_class[y])[0])
     return _Fitted(Scorer(np.zeros((0, z.shape[1])), 0.0, W, b, temperature), held_out, loss)
 
 
@@ -239,9 +271,7 @@ def _discriminant(z: Array, y: NDArray[np.int64], per_class: Array) -> tuple[Arr
     """Weights and intercepts of log p(k | z) = z' S^-1 m_k - m_k' S^-1 m_k / 2 + log prior_k."""
     n_classes = len(per_class)
     counts = np.bincount(y, minlength=n_classes)
-    sums = np.zeros((n_classes, z.shape[1]))
-    np.add.at(sums, y, z)
-    means = sums / np.maximum(counts, 1)[:, None]
+    means = class_means(z, y, n_classes)
     W = shrunk_solution(z - means[y], means.T)
     prior = np.maximum(counts, 1e-3) * per_class
     b = np.log(prior / prior.sum()) - 0.5 * np.einsum("kd,dk->k", means, W)
@@ -262,36 +292,31 @@ def _kernel(
     if n > _MOST_ANCHORS:
         sample = np.random.default_rng(seed).permutation(n)[:_MOST_ANCHORS]
         anchors = z[np.sort(sample)]
-    best: _Fitted | None = None
-    for width in _WIDTHS:
-        fitted, B = _prepared(z, anchors, width / d, (y, n_classes, weights, groups))
-        penalties = np.array(_PENALTIES)
-        scores = fitted.held_out(penalties * n)
-        temperatures = fit_temperatures(scores, y, weights)
-        for penalty, held_out, temperature in zip(
-            penalties.tolist(), scores, temperatures.tolist(), strict=True
-        ):
-            loss = log_loss(held_out / temperature, y, weights)
-            if best is None or loss < best.loss:
-                W = fitted.weights(penalty * n)
-                of_anchors = W[:-1] if B is None else B @ W[:-1]
-                scorer = Scorer(anchors, width / d, of_anchors, W[-1] * INTERCEPT, temperature)
-                best = _Fitted(scorer, held_out, loss)
-    assert best is not None  # noqa: S101 (there are widths and penalties)
-    return best
+    penalties = np.array(_PENALTIES) * n
+    wanted = targets(y, n_classes, weights, groups)
+    ridges = [_prepared(z, anchors, width / d, wanted) for width in _WIDTHS]
+    scores = np.concatenate([fitted.held_out(penalties) for fitted, _ in ridges])
+    temperatures = fit_temperatures(scores, y, weights)
+    losses = log_losses(scores / temperatures[:, None, None], y, weights)
+    # A loss is not a number where a case alone decides its own score.
+    best = int(np.where(np.isnan(losses), np.inf, losses).argmin())
+    of_width, of_penalty = divmod(best, len(penalties))
+    fitted, B = ridges[of_width]
+    W = fitted.weights(float(penalties[of_penalty]))
+    of_anchors = W[:-1] if B is None else B @ W[:-1]
+    temperature = float(temperatures[best])
+    scorer = Scorer(anchors, _WIDTHS[of_width] / d, of_anchors, W[-1] * INTERCEPT, temperature)
+    return _Fitted(scorer, scores[best], float(losses[best]))
 
 
 def _prepared(
-    z: Array,
-    anchors: Array,
-    gamma: float,
-    cases: tuple[NDArray[np.int64], int, Array, NDArray[np.int64]],
+    z: Array, anchors: Array, gamma: float, wanted: Targets
 ) -> tuple[Ridge, Array | None]:
     """Prepare a regression on kernels, and what turns its weights into the anchors'."""
     if len(anchors) == len(z):
-        return kernel_ridge(kernel(z, z, gamma), *cases), None
+        return kernel_ridge(kernel(z, z, gamma), wanted), None
     features, B = _nystrom(z, anchors, gamma)
-    return ridge(features, *cases), B
+    return ridge(features, wanted), B
 
 
 def _nystrom(z: Array, anchors: Array, gamma: float) -> tuple[Array, Array]:

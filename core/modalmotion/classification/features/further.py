@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -136,10 +137,11 @@ def rest_shape_columns(waves: Waves) -> tuple[Column, ...]:
     return tuple(Column(f"rest shape: {column.name}", (), 0.0) for column in _still(waves))
 
 
-def _still(waves: Waves) -> list[Column]:
+@lru_cache(maxsize=64)
+def _still(waves: Waves) -> tuple[Column, ...]:
     """Columns of one still term: nothing is ahead of anything."""
     columns = invariant_columns(waves, 1, 3, is_cycle=False)
-    return [c for c in columns if c.name.startswith(("size", "together", "spread"))]
+    return tuple(c for c in columns if c.name.startswith(("size", "together", "spread")))
 
 
 def has_volume(signature: ModalSignature) -> bool:

@@ -96,6 +96,7 @@ def invariants(
     return np.concatenate(parts)
 
 
+@lru_cache(maxsize=64)
 def invariant_columns(
     waves: Waves, n_terms: int, n_directions: int, *, is_cycle: bool
 ) -> tuple[Column, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -11,23 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.choice.parameters import parameters_as_json, parameters_from_json
-from modalmotion.classification.estimators.scorer import Blend, Scorer
-from modalmotion.classification.features import (
-    Column,
-    CovariateColumn,
-    FeatureReader,
-    Further,
-)
-from modalmotion.classification.features.twins import TWINS
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import Calibration
 from modalmotion.classification.model.cross_validation import validation_arrays, validation_of
 from modalmotion.classification.model.decision import Decision
-from modalmotion.classification.model.domain import ARRAYS, CHECKS, COURSE, PLACE, Domain
-from modalmotion.classification.model.member import Member
+from modalmotion.classification.model.kept_domain import domain_arrays, domain_of
+from modalmotion.classification.model.kept_members import (
+    member_arrays,
+    members_of,
+    reader_texts,
+)
 from modalmotion.classification.model.model import Model, Readable
 from modalmotion.classification.model.record import ModelRecord, require_model_name
-from modalmotion.classification.options import MOST_HARMONICS
 from modalmotion.errors import CorruptFileError, ModelNotReproducedError
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form
@@ -231,24 +225,11 @@ def stored_model_in(contents: Contents) -> KeptModel:
 
 def _arrays(model: Model) -> dict[str, NDArray[Any]]:
     domain, members = model.domain, model.members
-    scorers = [scorer for member in members for scorer in member.blend.scorers]
     scores = model.calibration.scores
     # Members have features of their own: their arrays follow one another, row by row.
     arrays = {
-        "typical": _joined([t for m in members if (t := m.reader.typical) is not None]),
-        "centre": model.centre,
-        "scale": np.concatenate([m.blend.scale for m in members]),
-        "n_scorers": np.array([len(m.blend.scorers) for m in members], dtype=np.int64),
-        "n_anchors": np.array([len(s.anchors) for s in scorers], dtype=np.int64),
-        "anchors": _joined([s.anchors for s in scorers]),
-        "gammas": np.array([s.gamma for s in scorers], dtype=np.float64),
-        "weights": _joined([s.weights for s in scorers]),
-        "intercepts": np.array([s.intercepts for s in scorers]).reshape(-1, len(model.classes)),
-        "scorer_temperatures": np.array([s.temperature for s in scorers], dtype=np.float64),
-        "temperatures": np.array([m.blend.temperature for m in members], dtype=np.float64),
+        **member_arrays(members, len(model.classes)),
         "temperature": np.array(model.temperature, dtype=np.float64),
-        "member_weights": np.array([m.weight for m in members], dtype=np.float64),
-        "machine": np.frombuffer(members[0].machine, dtype=np.uint8),
         **domain_arrays(domain),
         "n_scores": np.array([len(of_class) for of_class in scores], dtype=np.int64),
         "scores": np.concatenate(scores),
@@ -263,8 +244,8 @@ def _arrays(model: Model) -> dict[str, NDArray[Any]]:
             "n_modes": model.readable.n_modes,
             "connectivity_id": model.readable.connectivity_id,
         },
-        "readers": [_reader_texts(member.reader) for member in members],
-        "domain_reader": _reader_texts(domain.reader),
+        "readers": [reader_texts(member.reader) for member in members],
+        "domain_reader": reader_texts(domain.reader),
         "columns": [[[c.name, c.modes, c.power] for c in member.columns] for member in members],
         "notes": model.notes,
     }
@@ -273,42 +254,10 @@ def _arrays(model: Model) -> dict[str, NDArray[Any]]:
     return {**arrays, **{name: json_text(name, text).values for name, text in texts.items()}}
 
 
-def domain_arrays(domain: Domain) -> dict[str, NDArray[Any]]:
-    """Take a domain to pieces, but for its reader."""
-    facts = {name: getattr(domain, name) for name in _DOMAIN}
-    return {
-        **{name: getattr(domain, name) for name in ARRAYS},
-        "least": np.array([domain.least_motion, domain.least_smooth]),
-        "domain": np.asarray(json_text("domain", facts).values),
-    }
-
-
-def _joined(arrays: list[NDArray[Any]]) -> NDArray[np.float64]:
-    """Values of arrays one after another; of a complex one its real and imaginary parts."""
-    flat = [np.stack([a.real, a.imag]) if np.iscomplexobj(a) else a for a in arrays]
-    return np.concatenate([np.zeros(0), *(a.ravel() for a in flat)])
-
-
-def _reader_texts(reader: FeatureReader) -> dict[str, Any]:
-    return {
-        **{name: getattr(reader, name) for name in (*_FLAGS, "n_harmonics", "n_modes")},
-        "typical": None if reader.typical is None else reader.typical.shape,
-        "further": reader.further,
-        "covariates": [[c.name, c.mean, c.words, c.may_be_missing] for c in reader.covariates],
-    }
-
-
-# Of a domain.
-_DOMAIN: Final = ("has_unit", "hand_is_stated", "hand_temperature")
-
-# Of a reader.
-_FLAGS: Final = ("has_axis", "is_cycle", "walls", "adds_modes", "is_brief", "reads_motion")
-
-
 def _model(stored_model: KeptModel, contents: Contents) -> Model:
     record = stored_model.record
     readable = contents.json("readable", dict)
-    members = _members(contents, len(record.classes))
+    members = members_of(contents, len(record.classes))
     n = len(record.classes)
     d = sum(len(member.columns) for member in members)
     golden = contents.array("golden_features", (None, d))
@@ -334,7 +283,7 @@ def _model(stored_model: KeptModel, contents: Contents) -> Model:
         ),
         members=members,
         temperature=float(contents.number("temperature")),
-        domain=_domain(contents, n),
+        domain=domain_of(contents, n),
         calibration=Calibration(tuple(np.split(scores, np.cumsum(n_scores)[:-1]))),
         golden_features=golden,
         golden_probabilities=contents.array("golden_probabilities", (len(golden), n)),
@@ -347,128 +296,6 @@ def _model(stored_model: KeptModel, contents: Contents) -> Model:
         decision=Decision.from_json(record.classes, contents.json("decision", dict))
         if "decision" in contents.arrays
         else None,
-    )
-
-
-def _domain(contents: Contents, n: int) -> Domain:
-    means = contents.array("means", (n, None))
-    d, n_twins = means.shape[1], len(TWINS)
-    least_motion, least_smooth = contents.array("least", (2,)).tolist()
-    facts = contents.json("domain", dict)
-    return Domain(
-        reader=_reader(contents.json("domain_reader", dict), _Values(np.zeros(0))),
-        means=means,
-        whitening=contents.array("whitening", (d, d)),
-        points=contents.array("points", (None, len(PLACE))),
-        scales=contents.array("scales", (len(PLACE),)),
-        directions=contents.array("directions", (n_twins, d)),
-        centres=contents.array("centres", (n, n_twins)),
-        course=contents.array("course", (2, len(COURSE))),
-        limits=contents.array("limits", (len(CHECKS),)),
-        least_motion=least_motion,
-        least_smooth=least_smooth,
-        has_unit=None if facts["has_unit"] is None else bool(facts["has_unit"]),
-        hand_is_stated=bool(facts["hand_is_stated"]),
-        hand_temperature=float(facts["hand_temperature"]),
-    )
-
-
-class _Values:
-    """Values of several arrays, taken one after another.
-
-    Parameters
-    ----------
-    values : (values,) float64
-    """
-
-    def __init__(self, values: NDArray[np.float64]) -> None:
-        self._values = values
-
-    def take(self, *shape: int) -> NDArray[np.float64]:
-        """Give the next array.
-
-        Raises
-        ------
-        ValueError
-            If there are too few values.
-        """
-        n = math.prod(shape)
-        if min(shape, default=0) < 0 or n > len(self._values):
-            raise ValueError("an array of the model is too short")
-        taken, self._values = self._values[:n], self._values[n:]
-        return taken.reshape(shape).copy()
-
-    def require_end(self) -> None:
-        """Check that nothing is left."""
-        if len(self._values):
-            raise ValueError("an array of the model is too long")
-
-
-def _members(contents: Contents, n: int) -> tuple[Member, ...]:
-    """Members of a model of n classes."""
-    readers, columns = contents.json("readers", list), contents.json("columns", list)
-    k = len(readers)
-    if k < 1 or len(columns) != k:
-        raise ValueError("the parts of the model do not fit together")
-    n_scorers = contents.array("n_scorers", (k,)).astype(np.int64)
-    s = int(n_scorers.sum())
-    machine = contents.array("machine", (None,)).astype(np.uint8).tobytes()
-    if (n_scorers < 0).any() or any((n_scorers == 0) != bool(machine)) or (machine and k > 1):
-        raise ValueError("the parts of the model do not fit together")
-    n_anchors = contents.array("n_anchors", (s,)).astype(np.int64).tolist()
-    gammas = contents.array("gammas", (s,)).tolist()
-    intercepts = contents.array("intercepts", (s, n))
-    of_scorers = contents.array("scorer_temperatures", (s,)).tolist()
-    temperatures = contents.array("temperatures", (k,)).tolist()
-    weights = contents.array("member_weights", (k,)).tolist()
-    typical, centre, scale, anchors, coefficients = (
-        _Values(contents.array(name, (None,)))
-        for name in ("typical", "centre", "scale", "anchors", "weights")
-    )
-    members, place = [], 0
-    for j in range(k):
-        features = tuple(
-            Column(str(name), tuple(map(int, modes)), float(power))
-            for name, modes, power in columns[j]
-        )
-        d = len(features)
-        # A linear scorer has no anchors, and weighs the features.
-        scorers = tuple(
-            Scorer(
-                anchors=anchors.take(n_anchors[i], d),
-                gamma=gammas[i],
-                weights=coefficients.take(n_anchors[i] or d, n),
-                intercepts=intercepts[i],
-                temperature=of_scorers[i],
-            )
-            for i in range(place, place + int(n_scorers[j]))
-        )
-        place += int(n_scorers[j])
-        blend = Blend(centre.take(d), scale.take(d), scorers, temperatures[j])
-        members.append(Member(_reader(readers[j], typical), features, blend, machine, weights[j]))
-    for values in (typical, centre, scale, anchors, coefficients):
-        values.require_end()
-    return tuple(members)
-
-
-def _reader(values: dict[str, Any], typical: _Values) -> FeatureReader:
-    n_harmonics, n_modes = int(values["n_harmonics"]), int(values["n_modes"])
-    if not 1 <= n_harmonics <= MOST_HARMONICS or n_modes < 0:
-        raise ValueError(f"it reads {n_harmonics} harmonics of {n_modes} modes")
-    motion = None
-    if values["typical"] is not None:
-        real, imaginary = typical.take(2, *map(int, values["typical"]))
-        motion = real + 1j * imaginary
-    return FeatureReader(
-        n_harmonics=n_harmonics,
-        n_modes=n_modes,
-        typical=motion,
-        further=tuple(Further(kind) for kind in values["further"]),
-        covariates=tuple(
-            CovariateColumn(str(name), float(mean), tuple(map(str, words)), bool(may_be_missing))
-            for name, mean, words, may_be_missing in values["covariates"]
-        ),
-        **{name: bool(values[name]) for name in _FLAGS},
     )
 
 

@@ -26,6 +26,7 @@ from modalmotion.classification.training.cases import TrainingCase
 from modalmotion.classification.training.conditions import Conditions, conditions_of
 from modalmotion.facts import UNKNOWN
 from modalmotion.modes import Modes
+from modalmotion.modes.order import common_count
 from modalmotion.signature.first_modes import first_modes, whole_count
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template.landmarks import WEAK
@@ -168,9 +169,10 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
 
 
 def mode_counts(modes: Modes) -> tuple[int, ...]:
-    """Numbers of first modes that features are read of: the usual ones, and all."""
-    usual = {whole_count(modes, n) for n in MODE_COUNTS if n <= len(modes)}
-    return tuple(sorted(usual | {len(modes)}))
+    """Numbers of first modes that features are read of: the usual ones, and all that compare."""
+    most = common_count(modes)
+    usual = {whole_count(modes, n) for n in MODE_COUNTS if n <= most}
+    return tuple(sorted({n for n in usual if n <= most} | {most}))
 
 
 def harmonic_counts(n_harmonics: int, *, is_cycle: bool) -> tuple[int, ...]:

@@ -166,12 +166,13 @@ def _pool(
     order = [k for k in np.argsort(-known, kind="stable") if known[k] >= _LEAST_WEIGHT]
     shares = (known[order] / known[order].sum()).tolist()
     members = tuple(replace(fits[k], weight=w) for k, w in zip(order, shares, strict=True))
-    y = np.searchsorted(members[0].estimator.classes_, table.y[rows])
+    classes = members[0].estimator.classes_
+    y = np.searchsorted(classes, table.y[rows])
     held_out = pooled([m.estimator.held_out_ for m in members], shares)
     temperature = 1.0
     # The probabilities of one alone are reliable already.
     if len(members) > 1:
-        temperature = fit_temperature(held_out, y, _case_weights(table, rows, options))
+        temperature = fit_temperature(held_out, y, _class_weights(table, classes, y, options)[y])
     return _Pool(members, temperature, case_losses(held_out / temperature, y))
 
 
@@ -265,8 +266,10 @@ def _fit(
     if kind == Estimator.AUTO and not reader.reads_motion and reader.further == (Further.VOLUME,):
         # Two numbers, from few cases on: a width chosen on these costs more than it finds.
         kind = Estimator.LINEAR
-    estimator = MotionClassifier(str(kind), _weights(table, options), options.seed)
-    estimator.fit(X, y, inner_groups(y, table.groups[rows]))
+    classes, place = np.unique(y, return_inverse=True)
+    _, groups = np.unique(inner_groups(y, table.groups[rows]), return_inverse=True)
+    estimator = MotionClassifier(str(kind), random_state=options.seed)
+    estimator.fit_places(X, classes, place, _class_weights(table, classes, place, options), groups)
     return MemberFit(reader, values, X, estimator, 1.0)
 
 
@@ -303,22 +306,16 @@ def predict_fold(
     return HeldOut(probabilities, judgement, fold.choices, fold.loss)
 
 
-def _case_weights(
-    table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions
-) -> NDArray[np.float64] | None:
-    """Weight of each case by its class; None where all count alike."""
-    weights = _weights(table, options)
-    if weights is None:
-        return None
-    y = table.y[rows]
-    if isinstance(weights, Mapping):
-        return np.array([weights.get(int(k), 1.0) for k in y])
-    counts = np.bincount(y, minlength=len(table.classes))
-    return np.asarray(1.0 / counts[y])
-
-
-def _weights(table: CaseTable, options: TrainingOptions) -> Any:
+def _class_weights(
+    table: CaseTable,
+    classes: NDArray[np.int64],
+    place: NDArray[np.int64],
+    options: TrainingOptions,
+) -> NDArray[np.float64]:
+    """Weight of each class, (classes,), of cases whose classes have these places."""
     weights = options.class_weights
     if isinstance(weights, Mapping):
-        return {table.classes.index(k): w for k, w in weights.items() if k in table.classes}
-    return None if weights == ClassWeights.NONE else str(weights)
+        return np.array([weights.get(table.classes[k], 1.0) for k in classes])
+    if weights == ClassWeights.NONE:
+        return np.ones(len(classes))
+    return np.asarray(len(place) / (len(classes) * np.bincount(place)))

@@ -7,6 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.classification.estimators.standards import class_means
+
 # Times that the readings are chosen anew from the classes they gave.
 _N_ROUNDS: Final = 5
 
@@ -53,10 +55,7 @@ def class_shape(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Class means, and the whitening of the shrunk covariance within classes."""
     n, d = z.shape
-    counts = np.bincount(y, minlength=n_classes)
-    sums = np.zeros((n_classes, d))
-    np.add.at(sums, y, z)
-    means = sums / np.maximum(counts, 1)[:, None]
+    means = class_means(z, y, n_classes)
     apart = z - means[y]
     S = apart.T @ apart / n
     variances = np.diag(S)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import io
 import stat
 import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
@@ -53,6 +56,50 @@ def read_zip(data: bytes, parser: Parser, progress: Progress | None = None) -> R
     InputError
         If the frames do not form a sequence; frame and file are named.
     """
+    with opened(data, parser) as archive:
+        members, parser = archive.members, archive.parser
+        limits = parser.limits
+        listing = list_frames(list(members), lambda name: members[name].read(), limits)
+        # A list may name one frame many times.
+        limits.require("decompressed_bytes", sum(members[n].n_bytes for n in listing.names))
+        files = [FrameFile(name, members[name].read) for name in listing.names]
+        return listing.complete(read_frames(files, parser, listing.times, progress))
+
+
+@dataclass(frozen=True)
+class Member:
+    """A file in an archive.
+
+    Parameters
+    ----------
+    read : callable
+        Returns the bytes.
+    n_bytes : int
+        That it declares; no more are read.
+    """
+
+    read: Callable[[], bytes]
+    n_bytes: int
+
+
+@dataclass(frozen=True)
+class OpenArchive:
+    """An archive whose declared sizes and names have been checked.
+
+    Parameters
+    ----------
+    members : dict of str to Member
+    parser : Parser
+        For what is inside, with the limits on an archive of that size.
+    """
+
+    members: dict[str, Member]
+    parser: Parser
+
+
+@contextmanager
+def opened(data: bytes, parser: Parser) -> Iterator[OpenArchive]:
+    """Open a zip and check what it declares before anything is read; see `read_zip`."""
     try:
         archive = zipfile.ZipFile(io.BytesIO(data))
     except UNREADABLE as error:
@@ -61,16 +108,13 @@ def read_zip(data: bytes, parser: Parser, progress: Progress | None = None) -> R
             remedy=_REMEDY,
         ) from error
     limits = parser.limits.of_file(len(data), TEXT_UNFOLDING, _SMALLEST_TEXT)
-    parser = ParserOfFile(parser, limits)
     with archive:
-        members = _plain_members(archive, limits)
-        listing = list_frames(list(members), lambda name: _content(archive, members[name]), limits)
-        # A list may name one frame many times.
-        limits.require("decompressed_bytes", sum(members[n].file_size for n in listing.names))
-        files = [
-            FrameFile(name, partial(_content, archive, members[name])) for name in listing.names
-        ]
-        return listing.complete(read_frames(files, parser, listing.times, progress))
+        infos = _plain_members(archive, limits)
+        members = {
+            name: Member(partial(_content, archive, info), info.file_size)
+            for name, info in infos.items()
+        }
+        yield OpenArchive(members, ParserOfFile(parser, limits))
 
 
 def write_ply_zip(sequence: MeshSequence) -> bytes:

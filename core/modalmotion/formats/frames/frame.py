@@ -11,6 +11,15 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh.checks import FloatArray
 
+TRACK: Final = "`modalmotion track`"
+"""What takes frames that do not correspond, as remedies name it; a service has its own name."""
+
+ONE_MESH: Final = (
+    "Send one mesh that moves, with the same vertices and faces in every frame; or track the "
+    f"frames as they are: {TRACK}."
+)
+"""Remedy where frames are not of one mesh."""
+
 # 3D Slicer and Mimics write this into headers and comments.
 _SPACE: Final = re.compile(rb"SPACE=(RAS|LPS)")
 

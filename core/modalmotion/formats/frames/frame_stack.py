@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from modalmotion.errors import (
@@ -14,15 +12,13 @@ from modalmotion.errors import (
 )
 from modalmotion.facts import facts_from_texts
 from modalmotion.formats.detect import Format
-from modalmotion.formats.frames.frame import Frame
+from modalmotion.formats.frames.frame import ONE_MESH, Frame
 from modalmotion.formats.frames.merge import MergeMap, merge_corners
 from modalmotion.formats.result import Reading
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.checks import FloatArray, given_up
 from modalmotion.mesh.frame_order import in_time_order
 from modalmotion.mesh.sequence import mesh_sequence
-
-_SAME: Final = "Send one mesh that moves: the same vertices and faces in every frame."
 
 
 class FrameStack:
@@ -81,7 +77,7 @@ class FrameStack:
         elif len(positions) != self._vertices.shape[1]:
             raise ShapeError(
                 f"It has {len(positions)} vertices, frame 0 has {self._vertices.shape[1]}.",
-                remedy=_SAME,
+                remedy=ONE_MESH,
             )
         elif not np.array_equal(frame.faces, first.faces):
             raise _other_faces(frame, first)
@@ -159,4 +155,4 @@ def _other_faces(frame: Frame, first: Frame) -> ConnectivityError:
         what = (
             f"Face {face} is {frame.faces[face].tolist()}, in frame 0 {first.faces[face].tolist()}."
         )
-    return ConnectivityError(what, remedy=_SAME, details={"face": face})
+    return ConnectivityError(what, remedy=ONE_MESH, details={"face": face})

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from modalmotion.errors import InputError, MalformedFileError
+from modalmotion.formats.frames.frame import TRACK
 from modalmotion.formats.frames.frame_stack import FrameStack
 from modalmotion.formats.mesh_file import read_mesh
 from modalmotion.formats.parser.answer import Parser
@@ -56,7 +57,8 @@ def read_frames(
     if not files:
         raise MalformedFileError(
             "There are no frames.",
-            remedy="Send files that end in .stl, .ply, .obj, .off, .vtk or .vtp.",
+            remedy="Send files that end in .stl, .ply, .obj, .off, .vtk or .vtp. Clouds and "
+            f"contours are for {TRACK}.",
         )
     with _named(0, files[0].name):
         frame, kind = read_mesh(files[0].read(), None, parser)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ConnectivityError, ShapeError
+from modalmotion.formats.frames.frame import ONE_MESH, TRACK
 from modalmotion.mesh.checks import FloatArray
 
 
@@ -56,7 +57,7 @@ class MergeMap:
             raise ShapeError(
                 f"Frame {frame} has {len(corners) // 3} triangles, frame 0 has "
                 f"{len(self.vertex_of) // 3}.",
-                remedy="Send frames of one mesh that moves: the same triangles in each.",
+                remedy=ONE_MESH,
                 frame=frame,
             )
         positions = corners[self.first]
@@ -68,7 +69,8 @@ class MergeMap:
                 f"Frame {frame}: the corners that are vertex {vertex} in frame 0 lie apart "
                 f"(corner {corner % 3} of triangle {corner // 3}; {apart.size} such corners).",
                 remedy="STL holds no vertices, so those of frame 0 count for all frames. Send a "
-                "format that has them (PLY, OBJ, VTK), or triangles in the same order.",
+                "format that has them (PLY, OBJ, VTK), or triangles in the same order; or track "
+                f"the frames as they are: {TRACK}.",
                 frame=frame,
                 vertex=vertex,
                 details={"corner": corner, "count": int(apart.size)},

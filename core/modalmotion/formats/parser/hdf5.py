@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import MalformedFileError, StoreError
 from modalmotion.formats.parser.answer import Parsed
 from modalmotion.formats.vtk.vtkhdf import parse_vtkhdf
+from modalmotion.formats.vtk.vtkhdf_clouds import parse_vtkhdf_clouds
 from modalmotion.hdf5.gate import open_gated
 from modalmotion.limits import ReadLimits
 
@@ -30,6 +31,17 @@ def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
             remedy="Send VTKHDF PolyData, a file that modalmotion wrote, or npz.",
         )
     return _parse_ours(data, limits)
+
+
+def parse_clouds(data: bytes, limits: ReadLimits) -> Parsed:
+    """Parse the points of a VTKHDF file in this process: see `parse_vtkhdf_clouds`."""
+    limits = limits.of_file(len(data))
+    with open_gated(data, limits) as file:
+        if "VTKHDF" in file:
+            return parse_vtkhdf_clouds(file, limits)
+    raise MalformedFileError(
+        "The HDF5 file holds no group 'VTKHDF'.", remedy="Send VTKHDF PolyData, or npz."
+    )
 
 
 def _parse_ours(data: bytes, limits: ReadLimits) -> Parsed:

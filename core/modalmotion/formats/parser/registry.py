@@ -13,6 +13,7 @@ from modalmotion.limits import ReadLimits
 # Imported only where they run: h5py and VTK are slow to import, and VTK is an extra.
 _TASKS: Final = {
     "hdf5": "modalmotion.formats.parser.hdf5:parse_hdf5",
+    "clouds": "modalmotion.formats.parser.hdf5:parse_clouds",
     "vtk": "modalmotion.formats.vtk.vtk_polydata:parse_legacy",
     "vtp": "modalmotion.formats.vtk.vtk_polydata:parse_xml",
 }
@@ -20,6 +21,7 @@ _TASKS: Final = {
 # What they import in turn.
 _LIBRARIES: Final = {
     "hdf5": ("h5py", "encodings.ascii"),
+    "clouds": ("h5py", "encodings.ascii"),
     "vtk": ("vtkmodules.vtkIOLegacy", "vtkmodules.util.numpy_support"),
     "vtp": ("vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support"),
 }

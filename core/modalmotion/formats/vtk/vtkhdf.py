@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ConnectivityError, MalformedFileError, ShapeError
+from modalmotion.formats.frames.frame import ONE_MESH
 from modalmotion.formats.parser.answer import Parsed
 from modalmotion.formats.polygons import Triangles, triangulate
 from modalmotion.limits import ReadLimits
@@ -25,9 +26,10 @@ OURS: Final = "modalmotion"
 """Group beside "VTKHDF" for data that the format has no place for: unit, topology, grid."""
 
 _POLYGONS: Final = TOPOLOGIES.index("Polygons")
-_malformed: Final = partial(
+malformed: Final = partial(
     MalformedFileError, remedy="Save the surface again as VTKHDF from ParaView or VTK."
 )
+"""Error for a file that is not as VTK writes it."""
 
 
 def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
@@ -54,28 +56,23 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
         If a frame has other faces than frame 0.
     """
     root = file["VTKHDF"]
-    kind = _text(root.attrs.get("Type"))
-    if kind != "PolyData":
-        raise MalformedFileError(
-            f"The VTKHDF file is of the type {kind[:40]!r}, not 'PolyData'.",
-            remedy="Apply 'Extract Surface' in ParaView, and save again.",
-        )
-    n_points = _integers(root, "NumberOfPoints")
-    steps = _steps(root, len(n_points))
+    require_poly_data(root)
+    n_points = integers_of(root, "NumberOfPoints")
+    steps = steps_of(root, len(n_points))
     limits.require("frames", len(steps.parts))
     limits.require("vertices", int(n_points[steps.parts].max(initial=0)))
     polygons = root["Polygons"]
     cells = _Cells(
-        n_cells=_integers(polygons, "NumberOfCells"),
-        n_corners=_integers(polygons, "NumberOfConnectivityIds"),
-        offsets=_integers(polygons, "Offsets"),
-        corners=_integers(polygons, "Connectivity"),
+        n_cells=integers_of(polygons, "NumberOfCells"),
+        n_corners=integers_of(polygons, "NumberOfConnectivityIds"),
+        offsets=integers_of(polygons, "Offsets"),
+        corners=integers_of(polygons, "Connectivity"),
     )
     if not len(n_points) == len(cells.n_cells) == len(cells.n_corners):
-        raise _malformed("The VTKHDF file's lists of parts differ.")
+        raise malformed("The VTKHDF file's lists of parts differ.")
     faces = _same_faces(cells, steps, limits)
     vertices = _positions(root["Points"], n_points[steps.parts], steps.points, limits)
-    if "Strips" in root and _integers(root["Strips"], "NumberOfCells").any():
+    if "Strips" in root and integers_of(root["Strips"], "NumberOfCells").any():
         raise MalformedFileError(
             "The VTKHDF file holds triangle strips.",
             remedy="Apply the filter 'Triangulate' and save again.",
@@ -89,8 +86,8 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
             notes.append("The format has no unit of time; its values were read as seconds.")
     info = {
         "format": "vtkhdf",
-        "unit": _text(ours["unit"]) if "unit" in ours else None,
-        "topology": _text(ours["topology"]) if "topology" in ours else None,
+        "unit": text_of(ours["unit"]) if "unit" in ours else None,
+        "topology": text_of(ours["topology"]) if "topology" in ours else None,
         "grid": [int(n) for n in np.atleast_1d(ours["grid"])] if "grid" in ours else None,
         "ignored": _ignored(root),
         "notes": notes,
@@ -98,8 +95,18 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
     return info, arrays
 
 
+def require_poly_data(root: Any) -> None:
+    """Refuse what is not PolyData."""
+    kind = text_of(root.attrs.get("Type"))
+    if kind != "PolyData":
+        raise MalformedFileError(
+            f"The VTKHDF file is of the type {kind[:40]!r}, not 'PolyData'.",
+            remedy="Apply 'Extract Surface' in ParaView, and save again.",
+        )
+
+
 @dataclass(frozen=True, eq=False)
-class _Steps:
+class Steps:
     """Where each step begins: part, point, polygon, corner; (frames,) int64 each."""
 
     parts: NDArray[np.int64]
@@ -117,30 +124,37 @@ class _Cells:
     corners: NDArray[np.int64]
 
 
-def _steps(root: Any, n_parts: int) -> _Steps:
+def steps_of(root: Any, n_parts: int) -> Steps:
+    """Read where each step begins; one step where there are none.
+
+    Raises
+    ------
+    MalformedFileError
+        If they do not fit one another, or have several parts.
+    """
     if "Steps" not in root:
         if n_parts != 1:
             raise _several_parts(n_parts)
         zero = np.zeros(1, dtype=np.int64)
-        return _Steps(zero, zero, zero, zero, None)
+        return Steps(zero, zero, zero, zero, None)
     group = root["Steps"]
     n_steps = int(group.attrs["NSteps"])
-    parts = _integers(group, "PartOffsets")
-    points = _integers(group, "PointOffsets")
-    cells = _integers(group, "CellOffsets", columns=len(TOPOLOGIES))[:, _POLYGONS]
-    corners = _integers(group, "ConnectivityIdOffsets", columns=len(TOPOLOGIES))[:, _POLYGONS]
+    parts = integers_of(group, "PartOffsets")
+    points = integers_of(group, "PointOffsets")
+    cells = integers_of(group, "CellOffsets", columns=len(TOPOLOGIES))[:, _POLYGONS]
+    corners = integers_of(group, "ConnectivityIdOffsets", columns=len(TOPOLOGIES))[:, _POLYGONS]
     times = np.asarray(group["Values"][()], dtype=np.float64)
     lengths = {len(a) for a in (parts, points, cells, corners, times)}
     if n_steps < 1 or lengths != {n_steps}:
-        raise _malformed(f"The VTKHDF file declares {n_steps} steps but lists {sorted(lengths)}.")
-    if "NumberOfParts" in group and (several := _integers(group, "NumberOfParts").max()) > 1:
+        raise malformed(f"The VTKHDF file declares {n_steps} steps but lists {sorted(lengths)}.")
+    if "NumberOfParts" in group and (several := integers_of(group, "NumberOfParts").max()) > 1:
         raise _several_parts(int(several))
     if parts.min() < 0 or parts.max() >= n_parts:
-        raise _malformed("A step of the VTKHDF file names no part.")
-    return _Steps(parts, points, cells, corners, times)
+        raise malformed("A step of the VTKHDF file names no part.")
+    return Steps(parts, points, cells, corners, times)
 
 
-def _same_faces(cells: _Cells, steps: _Steps, limits: ReadLimits) -> Triangles:
+def _same_faces(cells: _Cells, steps: Steps, limits: ReadLimits) -> Triangles:
     limits.require("faces", int(cells.n_cells[steps.parts].max(initial=0)))
     places = zip(
         steps.cells.tolist(),
@@ -161,7 +175,7 @@ def _same_faces(cells: _Cells, steps: _Steps, limits: ReadLimits) -> Triangles:
         corners = cells.corners[corner : corner + n_corners] if corner >= 0 else cells.corners[:0]
         fits = len(offsets) == n_cells + 1 and len(corners) == n_corners
         if not fits or offsets[0] != 0 or offsets[-1] != n_corners or (np.diff(offsets) < 0).any():
-            raise _malformed(
+            raise malformed(
                 f"Frame {frame}: the polygons of the VTKHDF file do not add up to its lists.",
                 frame=frame,
             )
@@ -170,11 +184,11 @@ def _same_faces(cells: _Cells, steps: _Steps, limits: ReadLimits) -> Triangles:
         elif not (np.array_equal(first[0], offsets) and np.array_equal(first[1], corners)):
             raise ConnectivityError(
                 f"Frame {frame} has other faces than frame 0.",
-                remedy="Send one mesh that moves: the same faces in every frame.",
+                remedy=ONE_MESH,
                 frame=frame,
             )
     if first is None:
-        raise _malformed("The VTKHDF file holds no step.")
+        raise malformed("The VTKHDF file holds no step.")
     return triangulate(*first)
 
 
@@ -182,7 +196,7 @@ def _positions(
     points: Any, n_points: NDArray[np.int64], starts: NDArray[np.int64], limits: ReadLimits
 ) -> NDArray[Any]:
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
-        raise _malformed(
+        raise malformed(
             f"The VTKHDF file's points have the shape {points.shape} of {points.dtype}."
         )
     different = np.flatnonzero(n_points != n_points[0])
@@ -190,12 +204,12 @@ def _positions(
         frame = int(different[0])
         raise ShapeError(
             f"Frame {frame} has {n_points[frame]} vertices, frame 0 has {n_points[0]}.",
-            remedy="Send one mesh that moves: the same vertices in every frame.",
+            remedy=ONE_MESH,
             frame=frame,
         )
     n = int(n_points[0])
     if n < 0 or starts.min() < 0 or int(starts.max()) + n > len(points):
-        raise _malformed(f"The VTKHDF file holds {len(points)} points, fewer than its steps name.")
+        raise malformed(f"The VTKHDF file holds {len(points)} points, fewer than its steps name.")
     dtype = np.dtype(np.float32 if points.dtype.itemsize == 4 else np.float64)
     # Steps may all name the same points, so this can be far more than the file declares.
     limits.require("decompressed_bytes", len(starts) * n * 3 * dtype.itemsize)
@@ -209,11 +223,12 @@ def _positions(
     return vertices
 
 
-def _integers(group: Any, name: str, columns: int | None = None) -> NDArray[np.int64]:
+def integers_of(group: Any, name: str, columns: int | None = None) -> NDArray[np.int64]:
+    """Read a list of whole numbers, or a table of so many columns."""
     dataset = group[name]
     fits = dataset.ndim == 1 if columns is None else dataset.shape[1:] == (columns,)
     if dataset.dtype.kind not in "iu" or not fits:
-        raise _malformed(
+        raise malformed(
             f"The VTKHDF file's {name!r} has the shape {dataset.shape} of {dataset.dtype}."
         )
     return np.asarray(dataset[()], dtype=np.int64)
@@ -229,7 +244,7 @@ def _ignored(root: Any) -> list[str]:
     names += [
         group
         for group in ("Vertices", "Lines")
-        if group in root and _integers(root[group], "NumberOfCells").any()
+        if group in root and integers_of(root[group], "NumberOfCells").any()
     ]
     return names
 
@@ -241,7 +256,8 @@ def _several_parts(n_parts: int) -> MalformedFileError:
     )
 
 
-def _text(value: Any) -> str:
+def text_of(value: Any) -> str:
+    """Read an attribute as text."""
     if isinstance(value, bytes):
         return value.decode("utf-8", "replace")
     return str(value)

@@ -16,7 +16,10 @@ from modalmotion.store.tombstones import TOMBSTONES, Deletions
 Fate = Literal["deleted", "done", "lost", "kept"]
 """Deleted by its owner; of no more use; lost; or neither, such as a table of a cohort."""
 
-_OF_STORES: Final = ("sequences", "signatures", "classifications", "templates", "models")
+_OF_STORES: Final = (
+    *("sequences", "signatures", "classifications", "tracks"),
+    *("templates", "models"),
+)
 # A store's own, never copied: its lock, a deletion that is under way, what an older copy set aside.
 _HEADS: Final = "access/audit/heads"
 _NOT_COPIED: Final = ("lock", "backup.json")

@@ -28,10 +28,12 @@ from modalmotion.store.index.model_index import ModelIndex, put_models
 from modalmotion.store.model_deletion import deleted_record, finish_model_deletion
 from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
 from modalmotion.store.tombstones import buried, is_older
+from modalmotion.tracking import hdf5 as track_hdf5
 
 _FORMS: Final[dict[ResultKind, Form]] = {
     "signature": signature_hdf5.FORM,
     "classification": classification_hdf5.FORM,
+    "track": track_hdf5.FORM,
 }
 
 

@@ -26,6 +26,7 @@ from modalmotion.store.index.model_index import ModelIndex
 from modalmotion.store.model_deletion import deleted_record
 from modalmotion.store.record import SequenceRecord, read_record
 from modalmotion.template.hdf5 import read_template
+from modalmotion.tracking.hdf5 import read_track
 
 
 @shown()
@@ -197,8 +198,13 @@ class _Check:
         ids = {"sequence_id": name.sequence_id, "parameters_key": name.key}
         if name.kind == "signature":
             require_match(path, read_signature(path)[1], **ids)
-        else:
+        elif name.kind == "classification":
             require_match(path, read_classification(path)[1], **ids, model_id=name.model_id)
+        else:
+            track, contents = read_track(path)
+            require_match(path, contents, sequence_id=name.sequence_id)
+            if track.sequence.id != name.sequence_id:
+                raise StoreError("Its vertices are not those that its id stands for.")
         if name.sequence_id in self.scan.deletions:
             return
         if name.sequence_id not in self.scan.records:

@@ -58,9 +58,23 @@ class Index:
         return [self._record(row) for row in rows]
 
     def page(
-        self, subject: str | None, label: str | None, limit: int, cursor: str | None
+        self,
+        subject: str | None,
+        label: str | None,
+        limit: int,
+        cursor: str | None,
+        kind: ResultKind | None = None,
     ) -> SequencePage:
         """List records from the newest to the oldest, those behind the cursor.
+
+        Parameters
+        ----------
+        subject, label : str or None
+            Only those with exactly this subject, this label.
+        limit : int
+        cursor : str or None
+        kind : ResultKind, optional
+            Only those that have such a result.
 
         Raises
         ------
@@ -74,6 +88,11 @@ class Index:
             if wanted is not None:
                 conditions.append(f"{column} = ?")
                 values.append(wanted)
+        if kind is not None:
+            conditions.append(
+                "EXISTS (SELECT 1 FROM results WHERE sequence_id = sequences.id AND kind = ?)"
+            )
+            values.append(kind)
         rows = self.database.read(
             f"SELECT * FROM sequences WHERE {' AND '.join(conditions)} "  # noqa: S608 (constants)
             "ORDER BY created DESC, id DESC LIMIT ?",

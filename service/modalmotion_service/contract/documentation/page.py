@@ -16,6 +16,7 @@ from modalmotion_service.contract.documentation.types import (
 
 _SECTIONS: Final = {
     "sequences": "Sequences",
+    "tracks": "Tracks",
     "signatures": "Modal signatures",
     "templates": "Templates",
     "codec": "Compression",

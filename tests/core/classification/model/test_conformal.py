@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from modalmotion.classification.estimators.estimator import MotionClassifier
-from modalmotion.classification.estimators.ridge import kernel_ridge, ridge
+from modalmotion.classification.estimators.ridge import kernel_ridge, ridge, targets
 from modalmotion.classification.estimators.temperature import fit_temperature, softmax
 from modalmotion.classification.measures.intervals import share_interval
 from modalmotion.classification.measures.reliability import calibration_curve, calibration_error
@@ -90,10 +90,11 @@ def test_leaving_a_group_out_is_fitting_without_it(seed: int, n_groups: int) -> 
     rng = np.random.default_rng(seed)
     X, y = rng.standard_normal((24, 4)), rng.integers(0, 2, 24)
     weights, groups = rng.uniform(0.5, 2.0, 24), np.arange(24) % n_groups
-    fast = ridge(X, y, 2, weights, groups).held_out(np.array([0.7]))[0]
+    fast = ridge(X, targets(y, 2, weights, groups)).held_out(np.array([0.7]))[0]
     for g in range(n_groups):
         out = groups == g
-        W = ridge(X[~out], y[~out], 2, weights[~out], np.arange((~out).sum())).weights(0.7)
+        others = targets(y[~out], 2, weights[~out], np.arange((~out).sum()))
+        W = ridge(X[~out], others).weights(0.7)
         slow = np.c_[X[out], np.full(out.sum(), 10.0)] @ W
         assert fast[out] == pytest.approx(slow, abs=1e-8)
 
@@ -105,8 +106,8 @@ def test_a_regression_on_kernels_is_one_on_their_features(seed: int, n_groups: i
     X, y = rng.standard_normal((24, 4)), rng.integers(0, 3, 24)
     weights, groups = rng.uniform(0.5, 2.0, 24), np.arange(24) % n_groups
     new = rng.standard_normal((5, 4))
-    slow = ridge(X, y, 3, weights, groups)
-    fast = kernel_ridge(X @ X.T, y, 3, weights, groups)
+    wanted = targets(y, 3, weights, groups)
+    slow, fast = ridge(X, wanted), kernel_ridge(X @ X.T, wanted)
     penalties = np.array([0.7, 7.0])
     assert fast.held_out(penalties) == pytest.approx(slow.held_out(penalties), abs=1e-8)
     V, W = fast.weights(0.7), slow.weights(0.7)

@@ -14,7 +14,12 @@ from project import DATA
 
 from modalmotion.classification import classify, evaluate, load_model
 from modalmotion.classification.features import Column, kind_of, powers_of
-from modalmotion.classification.training.train_shipped import RECIPES, Recipe, held_out_cases
+from modalmotion.classification.training.train_shipped import (
+    OFFSET,
+    RECIPES,
+    Recipe,
+    held_out_cases,
+)
 from modalmotion.facts import Facts
 from modalmotion.facts.facts import Tracking
 from modalmotion.mesh.sequence import MeshSequence
@@ -53,14 +58,14 @@ def windows(name: str) -> list[MeshSequence]:
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_no_beat_gets_no_class(kind: str) -> None:
     rng = np.random.default_rng(90)
-    assert flagged((FLAGGED[kind](rng) for _ in range(5)), seen_by(kind)) == 1.0
+    assert flagged((FLAGGED[kind](rng) for _ in range(3)), seen_by(kind)) == 1.0
 
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_figure_gets_no_class_even_where_its_topology_is_that_of_a_ventricle(name: str) -> None:
-    assert flagged(windows(name)[:4]) == 1.0
+    assert flagged(windows(name)[:2]) == 1.0
     rng = np.random.default_rng(91)
-    driven = [driven_by(name, rng) for _ in range(10)]
+    driven = [driven_by(name, rng) for _ in range(4)]
     assert {sequence.topology.name for sequence in driven if sequence.topology} <= {
         "cup",
         "cylinder",
@@ -69,10 +74,11 @@ def test_a_figure_gets_no_class_even_where_its_topology_is_that_of_a_ventricle(n
 
 
 @pytest.mark.parametrize("recipe", RECIPES.values(), ids=list(RECIPES))
-def test_held_out_ventricles_get_a_class(recipe: Recipe) -> None:
+def test_held_out_ventricles_get_a_class_and_mostly_the_right_one(recipe: Recipe) -> None:
     found = evaluate(load_model(recipe.name), held_out_cases(recipe, 8, seed=92))
     assert found.n_cases == 8 * len(recipe.classes)
     assert found.abstained <= 0.05
+    assert found.accuracy > (0.8 if recipe is not OFFSET else 0.7)
 
 
 @pytest.mark.soak

@@ -16,7 +16,7 @@ from modalmotion.classification.training.left_out import LeftOut, left_out_notes
 from modalmotion.errors import MalformedFileError, ParameterError, StoreError, UnlikeCasesError
 from modalmotion.mesh.sequence import mesh_sequence
 
-RAISES = TrainingOptions(estimator="linear", folds=2, repetitions=1, card="quick")
+RAISES = TrainingOptions(estimator="linear", folds=2, repetitions=1, card="quick", kind="material")
 GOES_ON = replace(RAISES, on_error="leave out")
 
 

@@ -88,7 +88,12 @@ def trained(cases: Iterable[TrainingCase | CaseFile], options: TrainingOptions =
 
 
 @pytest.mark.parametrize(
-    "options", [QUICK, pytest.param(TrainingOptions(folds=3), marks=pytest.mark.soak)]
+    "options",
+    [
+        replace(QUICK, repetitions=1, kind="material"),
+        pytest.param(QUICK, marks=pytest.mark.soak),
+        pytest.param(TrainingOptions(folds=3), marks=pytest.mark.soak),
+    ],
 )
 def test_a_model_is_the_same_wherever_it_is_trained(
     options: TrainingOptions, cases: list[CaseFile], dask_cluster: DaskCluster
@@ -96,7 +101,7 @@ def test_a_model_is_the_same_wherever_it_is_trained(
     here = trained(cases, options)
     # Read one by one beforehand, as a caller who has them in memory does.
     assert trained((case.read() for case in cases), options) == here
-    for n_jobs, threads in ((1, True), (2, True), (2, False)):
+    for n_jobs, threads in ((2, True), (2, False)):
         with joblib_backend(n_jobs=n_jobs, threads=threads):
             assert trained(cases, options) == here
     with joblib_backend(dask_cluster.address):

@@ -22,7 +22,7 @@ from modalmotion.classification import (
 from modalmotion.errors import ParameterError
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
-from modalmotion.simulate import simulate_ventricle
+from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simulate_ventricle
 
 # Where the law is not about how scores come about: the quickest estimator.
 QUICK = replace(QUICK_CARD, estimator="linear")
@@ -256,3 +256,24 @@ def test_ten_thousand_sequences_are_learned_in_bounded_memory() -> None:
     tracemalloc.stop()
     assert sum(model.card.n_cases.values()) == 10_000
     assert peak < 2**30
+
+
+def test_of_lattices_of_few_nodes_the_modes_that_all_have_are_read(
+    rng: np.random.Generator,
+) -> None:
+    """A coarse lattice names other modes beyond its Nyquist wavenumbers."""
+    few = Acquisition(n_frames=8, noise=0.3)
+    cases = [
+        TrainingCase(
+            simulate_ventricle(draw_parameters(label, rng), grid=grid, acquisition=few, rng=rng),
+            str(label),
+        )
+        for label, grid in zip([*MotionClass][:2] * 4, [(4, 4), *[(6, 8)] * 7], strict=True)
+    ]
+    options = TrainingOptions(
+        estimator="linear", folds=2, repetitions=1, card="quick", kind="material"
+    )
+    model = train(cases, "coarse", options)
+    assert model.readable.n_modes == 7
+    assert any("too few vertices" in note for note in model.card.notes)
+    assert classify(cases[0].motion, model).classes == model.classes

@@ -1,0 +1,123 @@
+"""What is asked of a track beside its observations, the same at every door."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+
+from modalmotion.errors import ParameterError
+from modalmotion.facts import NO_FACTS, UNKNOWN, Facts, facts_patched
+from modalmotion.progress import Progress
+from modalmotion.representation import shown
+from modalmotion.tracking.making import Start, Time, track
+from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded
+from modalmotion.tracking.result import Track
+
+USUAL_MODES: Final = 37
+
+
+@shown()
+@dataclass(frozen=True)
+class TrackParameters:
+    """How to track recorded observations, and statements that override those of the files.
+
+    Parameters
+    ----------
+    topology, modes, tolerance, time, reference : optional
+        As for `modalmotion.tracking.track`.
+    contours : tuple of str
+        Of typed contours: parts of the names of those to read.
+    landmarks : mapping of str to array
+        As for `track`; they override those of the files by name.
+    unit : str, optional
+    times : tuple of float, s, optional
+    frame_interval : float, s, optional
+        In place of times.
+    facts : Facts
+        Of the sequence that is found; its period is that of the cycle.
+    """
+
+    topology: str | None = None
+    modes: int = USUAL_MODES
+    tolerance: float | None = None
+    time: Time = "cycle"
+    reference: int | None = 0
+    contours: tuple[str, ...] = USUAL_CONTOURS
+    landmarks: Mapping[str, Any] = field(default_factory=dict)
+    unit: str | None = None
+    times: tuple[float, ...] | None = None
+    frame_interval: float | None = None
+    facts: Facts = NO_FACTS
+
+    def __post_init__(self) -> None:
+        if self.times is not None and self.frame_interval is not None:
+            raise ParameterError(
+                "Both times and an interval between frames are stated.", remedy="Keep one."
+            )
+        if self.facts.tracking not in ("offset", "unknown"):
+            raise ParameterError(
+                f"The fact 'tracking' is {self.facts.tracking!r}: what is tracked follows the "
+                "surface, and not its tissue.",
+                remedy="Leave it out; it becomes offset.",
+                details={"fact": "tracking"},
+            )
+
+    @property
+    def coordinates(self) -> str | None:
+        """Coordinate system that is stated, None for none."""
+        stated = self.facts.coordinates
+        return None if stated == UNKNOWN else stated
+
+    def follow(
+        self,
+        recorded: Recorded,
+        *,
+        start: Start | None = None,
+        progress: Progress | None = None,
+    ) -> Track:
+        """Track recorded observations.
+
+        Parameters
+        ----------
+        recorded : Recorded
+        start : MeshSequence or Template, optional
+        progress : callable, optional
+
+        Returns
+        -------
+        Track
+            With the notes of the files before its own.
+
+        Raises
+        ------
+        InputError
+            As `modalmotion.tracking.track` does.
+        """
+        times: Any = recorded.times if self.times is None else self.times
+        if self.frame_interval is not None:
+            times = self.frame_interval * np.arange(len(recorded.frames), dtype=np.float64)
+        result = track(
+            recorded.frames,
+            start=start,
+            topology=self.topology,
+            landmarks={**recorded.landmarks, **self.landmarks},
+            modes=self.modes,
+            tolerance=self.tolerance,
+            time=self.time,
+            times=times,
+            period=self.facts.period,
+            unit=self.unit or recorded.unit,
+            reference=self.reference,
+            progress=progress,
+        )
+        facts = result.sequence.facts.over(self.facts)
+        if recorded.coordinates is not None and facts.coordinates == UNKNOWN:
+            facts = facts_patched(facts, {"coordinates": recorded.coordinates})
+        return replace(
+            result,
+            sequence=result.sequence.with_facts(facts),
+            notes=(*recorded.notes, *result.notes),
+        )

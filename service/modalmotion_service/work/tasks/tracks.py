@@ -1,0 +1,110 @@
+"""Surfaces tracked through clouds, contours and changing meshes; tracks described and drawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+
+from modalmotion.errors import ParameterError
+from modalmotion.facts import Facts
+from modalmotion.stopwatch import Stopwatch
+from modalmotion.store import (
+    SequenceRecord,
+    record_of,
+    sequence_from_hdf5,
+    track_from_hdf5,
+    track_image,
+    track_to_hdf5,
+    upload_image,
+)
+from modalmotion.tracking import Track
+from modalmotion.tracking.parameters import TrackParameters
+from modalmotion_service.schemas.tracks import TrackEstimate
+from modalmotion_service.work.task_progress import ProgressFile
+from modalmotion_service.work.tasks.files import png_of, write_whole
+from modalmotion_service.work.upload import Upload
+
+# Parts of the whole; the rest is for the server.
+_SHARES: Final = {"read": 0.1, "track": 0.8, "image": 0.05}
+
+
+def follow(
+    upload: Upload,
+    parameters: TrackParameters,
+    start: Path | None,
+    sequence: Path,
+    track: Path,
+    progress: Path,
+) -> tuple[SequenceRecord, TrackEstimate, dict[str, float]]:
+    """Read an upload, track a surface through it, and write its sequence's and its own image.
+
+    `progress` is a `ProgressFile`.
+
+    Returns
+    -------
+    record : SequenceRecord
+        Of the sequence; whose it is and when it came is for the server to say.
+    estimate : TrackEstimate
+    milliseconds : dict
+        By stage.
+    """
+    watch = Stopwatch(_SHARES, ProgressFile(progress).write)
+    with watch.stage("read") as report:
+        recorded = upload.observed(
+            parameters.contours,
+            parameters.coordinates,
+            lambda done, total: report(done / max(total, 1)),
+        )
+        surface = None if start is None else sequence_from_hdf5(start)
+    with watch.stage("track") as report:
+        result = parameters.follow(
+            recorded, start=surface, progress=lambda done, total: report(done / max(total, 1))
+        )
+    with watch.stage("image"):
+        record = record_of(result.sequence, created="", has_upload=True)
+        write_whole(sequence, upload_image(result.sequence))
+        write_whole(track, track_image(result))
+        estimate = TrackEstimate.of(result)
+    return record, estimate, watch.milliseconds
+
+
+def describe_track(path: Path) -> TrackEstimate:
+    """Say what a kept track holds."""
+    return TrackEstimate.of(track_from_hdf5(path))
+
+
+def track_with_facts(path: Path, facts: Facts) -> bytes:
+    """Write a kept track and the facts of its sequence out as HDF5."""
+    track = track_from_hdf5(path)
+    return track_to_hdf5(replace(track, sequence=track.sequence.with_facts(facts)))
+
+
+def draw_track(
+    path: Path, picture: Literal["deviations", "determined"], frame: int | None
+) -> bytes:
+    """Draw the stated error of a kept track in a frame, or what the data have set, as PNG."""
+    from modalmotion.pictures.track import determined_figure, deviations_figure
+
+    track = track_from_hdf5(path)
+    if picture == "determined":
+        return png_of(determined_figure(track))
+    return png_of(deviations_figure(track, _frame_of(track, frame)))
+
+
+def _frame_of(track: Track, frame: int | None) -> int:
+    """Frame that is asked for, or the one of the smallest volume, or of the largest error."""
+    if frame is None:
+        if track.volumes is not None:
+            return int(np.argmin(track.volumes))
+        return int(np.argmax(track.deviations.mean(axis=(1, 2))))
+    if frame >= track.n_frames:
+        raise ParameterError(
+            f"The picture is to show frame {frame}, but there are {track.n_frames} (0 to "
+            f"{track.n_frames - 1}).",
+            remedy="Name a frame, counted from 0.",
+            frame=frame,
+        )
+    return frame

@@ -1,0 +1,136 @@
+"""Tracks of the service: made by a worker, stored with their sequences, and shown."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from pathlib import Path
+
+from modalmotion.stopwatch import StageReport
+from modalmotion.store import ResultStore, SequenceRecord
+from modalmotion.tracking.parameters import TrackParameters
+from modalmotion_service.http.timing import add_milliseconds, stage
+from modalmotion_service.schemas.tracks import TrackAnswer, TrackEstimate, TrackViewQuery
+from modalmotion_service.work.tasks import tracks
+from modalmotion_service.work.upload import Upload
+from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.shared_work import SharedWork, unheard
+
+
+@dataclass(frozen=True)
+class KeptTrack:
+    """A track that is stored.
+
+    Parameters
+    ----------
+    record : SequenceRecord
+        Of its sequence.
+    estimate : TrackEstimate
+    is_new : bool
+    filled : tuple of str
+        Facts of a known sequence that were not known before.
+    """
+
+    record: SequenceRecord
+    estimate: TrackEstimate
+    is_new: bool
+    filled: tuple[str, ...]
+
+
+class Tracks:
+    """Makes and shows tracks.
+
+    Parameters
+    ----------
+    store : ResultStore
+    analysis : Analysis
+        Its workers read uploads and track.
+    """
+
+    def __init__(self, store: ResultStore, analysis: Analysis) -> None:
+        self._store = store
+        self._analysis = analysis
+        self._shared_work = SharedWork()
+
+    async def keep(
+        self,
+        upload: Upload,
+        parameters: TrackParameters,
+        start: str | None,
+        *,
+        subject: str | None,
+        label: str | None,
+        report: StageReport = unheard,
+    ) -> KeptTrack:
+        """Track a surface through an upload, and store the track and its sequence.
+
+        Parameters
+        ----------
+        upload : Upload
+        parameters : TrackParameters
+        start : str or None
+            Id of a stored sequence whose first surface is started from.
+        subject, label : str or None
+        report : callable
+
+        Raises
+        ------
+        NotFoundError
+            If the start is not there.
+        ConflictError
+            If the sequence is known, and something that is stated is known to be otherwise.
+        """
+
+        async def make(tell: StageReport) -> KeptTrack:
+            surface = await self.start_path(start)
+            with self._analysis.image() as sequence, self._analysis.image() as track:
+                with stage("worker"):
+                    sent, estimate, milliseconds = await self._analysis.followed(
+                        tell, tracks.follow, upload, parameters, surface, sequence, track
+                    )
+                    add_milliseconds(milliseconds)
+                with stage("store"):
+                    record, is_new = await asyncio.to_thread(
+                        self._store.put_track_images,
+                        *(sequence, track, sent),
+                        subject=subject,
+                        label=label,
+                    )
+            # Of a sequence that was there before, by itself or with this track.
+            stated = parameters.facts
+            record, filled = await asyncio.to_thread(
+                self._analysis.completed, record.id, subject, label, stated, sent.facts
+            )
+            return KeptTrack(record, estimate, is_new, filled)
+
+        return await self._shared_work.join(upload.path, make, report)
+
+    async def start_path(self, start: str | None) -> Path | None:
+        """File of the sequence that is started from.
+
+        Raises
+        ------
+        NotFoundError
+            If it is not there, or its vertices were not kept.
+        """
+        if start is None:
+            return None
+        return await asyncio.to_thread(self._store.sequence_path, start)
+
+    async def describe(self, track_id: str) -> TrackAnswer:
+        """Describe a stored track."""
+        path = await asyncio.to_thread(self._store.track_path, track_id)
+        estimate = await self._analysis.work(tracks.describe_track, path)
+        return TrackAnswer.joined(estimate, self._store.track_record(track_id))
+
+    async def as_hdf5(self, track_id: str) -> bytes:
+        """Give a stored track with the facts of its sequence as HDF5."""
+        path = await asyncio.to_thread(self._store.track_path, track_id)
+        facts = self._store.track_record(track_id).facts
+        return await self._analysis.work(tracks.track_with_facts, path, facts)
+
+    async def draw(self, track_id: str, query: TrackViewQuery) -> bytes:
+        """Draw a stored track, as PNG."""
+        path = await asyncio.to_thread(self._store.track_path, track_id)
+        with stage("draw"):
+            return await self._analysis.work(tracks.draw_track, path, query.picture, query.frame)

@@ -1,0 +1,52 @@
+"""Landmarks as JSON and as facts: places, one or one for each frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from modalmotion.errors import ParameterError
+from modalmotion.facts import Facts
+from modalmotion.tracking.landmarks import landmarks_from_json, landmarks_of
+
+
+def test_a_landmark_is_a_place_or_one_for_each_frame() -> None:
+    found = landmarks_from_json('{"apex": [0, 1, 2.5], "base": [[1, 2, 3], null, [4, 5, 6]]}')
+    assert found["apex"].tolist() == [0.0, 1.0, 2.5]
+    assert found["base"][[0, 2]].tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert np.isnan(found["base"][1]).all()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"apex": [1, 2]}',
+        '{"apex": []}',
+        '{"apex": 7}',
+        '{"apex": [1, 2, "3"]}',
+        '{"apex": [[1, 2, 3], [1, 2]]}',
+        '{"apex": [1, 2, 1e400]}',
+        '{"apex": [true, 2, 3]}',
+        '{"apex": [1' + "0" * 400 + ", 2, 3]}",
+        "[1, 2, 3]",
+        "{",
+        '{"apex": [NaN, 0, 0]}',
+    ],
+)
+def test_what_is_no_place_is_named(text: str) -> None:
+    with pytest.raises(ParameterError, match="landmark") as caught:
+        landmarks_from_json(text)
+    assert caught.value.remedy
+
+
+def test_the_frame_of_a_wrong_place_is_named() -> None:
+    with pytest.raises(ParameterError, match="in frame 1") as caught:
+        landmarks_from_json('{"apex": [[1, 2, 3], [1, 2]]}')
+    assert caught.value.frame == 1
+
+
+def test_facts_state_points_and_no_vertices() -> None:
+    found = landmarks_of(Facts(landmarks={"apex": (0.0, 1.0, 2.0)}))
+    assert found["apex"].tolist() == [0, 1, 2]
+    with pytest.raises(ParameterError, match="no vertices yet"):
+        landmarks_of(Facts(landmarks={"apex": 7}))

@@ -1,0 +1,60 @@
+"""Files of a table: sequences as they are, observations tracked first."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from clouds import as_npz, breathing_spheroid, sampled, small_recording
+
+from modalmotion.errors import ConnectivityError, MalformedFileError, ParameterError
+from modalmotion.facts import Facts
+from modalmotion.formats import ReadOptions, write_npz
+from modalmotion.formats.ply.ply import write_ply
+from modalmotion.tracking.recording import sequence_of
+
+BALL = breathing_spheroid(2)
+
+
+def test_a_sequence_of_one_mesh_is_read_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "beat.npz").write_bytes(write_npz(BALL))
+    assert sequence_of(tmp_path / "beat.npz").id == BALL.id
+
+
+def test_clouds_are_tracked_with_the_facts_of_their_row(tmp_path: Path) -> None:
+    (tmp_path / "clouds.npz").write_bytes(small_recording(2))
+    facts = Facts(covariates={"age": 61})
+    found = sequence_of(tmp_path / "clouds.npz", ReadOptions(facts=facts, frame_interval=0.1))
+    assert (found.n_frames, found.unit, found.facts.tracking) == (2, "mm", "offset")
+    assert found.facts.covariates["age"] == 61
+    assert found.times is not None
+    with pytest.raises(ParameterError, match="'tracking' is 'material'"):
+        sequence_of(tmp_path / "clouds.npz", ReadOptions(facts=Facts(tracking="material")))
+
+
+def test_landmarks_of_a_row_place_the_start(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    cup = [sampled(x, BALL.faces, 300, rng) for x in BALL.vertices.astype(np.float64)]
+    (tmp_path / "cup.npz").write_bytes(as_npz([x[x[:, 2] < 20.0] for x in cup]))
+    ends = Facts(landmarks={"apex": (0.0, 0.0, -40.0), "base": (0.0, 0.0, 20.0)})
+    found = sequence_of(tmp_path / "cup.npz", ReadOptions(facts=ends))
+    assert found.topology is not None
+    assert found.topology.name == "cup"
+    assert found.facts.landmarks == ends.landmarks
+
+
+def test_a_changing_mesh_is_tracked_only_where_its_row_says_so(tmp_path: Path) -> None:
+    for k, x in enumerate(BALL.vertices):
+        (tmp_path / f"f{k}.ply").write_bytes(write_ply(x, BALL.faces[k:], {}))
+    with pytest.raises(ConnectivityError, match="It has") as caught:
+        sequence_of(tmp_path)
+    assert "state tracking offset in its row" in caught.value.remedy
+    found = sequence_of(tmp_path, ReadOptions(facts=Facts(tracking="offset")))
+    assert found.n_frames == 2
+
+
+def test_what_is_neither_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.npz").write_bytes(b"nothing")
+    with pytest.raises(MalformedFileError):
+        sequence_of(tmp_path / "notes.npz")

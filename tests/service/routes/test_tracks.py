@@ -1,0 +1,251 @@
+"""Tracks over HTTP: made, kept, shown, listed, deleted with what derives from them."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from clouds import Floats, as_npz, breathing_spheroid, small_recording
+from fastapi.testclient import TestClient
+from job_requests import ASYNC, finished
+from services import served
+
+from modalmotion.facts import Facts
+from modalmotion.formats import write_npz
+from modalmotion.formats.ply.ply import write_ply
+from modalmotion.store import track_from_hdf5, track_to_hdf5
+from modalmotion.tracking.parameters import TrackParameters
+from modalmotion.tracking.reading import read_observed
+from modalmotion_service.settings import Settings
+
+HERE = "/v1/tracks"
+FEW = {"modes": "4"}
+HDF5 = {"Accept": "application/x-hdf5"}
+
+
+@pytest.fixture(scope="module")
+def client(shared_client: TestClient) -> TestClient:
+    return shared_client
+
+
+@pytest.fixture(scope="module")
+def recording() -> bytes:
+    return small_recording()
+
+
+@pytest.fixture(scope="module")
+def link(client: TestClient, recording: bytes) -> str:
+    """A track that no test deletes."""
+    answer = client.post(HERE, content=recording, params={**FEW, "subject": "P 1", "period": "0.8"})
+    assert answer.status_code == 201, answer.text
+    return answer.headers["location"]
+
+
+def test_a_track_is_made_once_and_is_the_librarys_bit_for_bit(
+    client: TestClient, recording: bytes, link: str
+) -> None:
+    again = client.post(HERE, content=recording, params=FEW)
+    assert (again.status_code, again.headers["location"]) == (200, link)
+    here = client.get(link).json()
+    assert again.json()["residual_rms"] == here["residual_rms"]
+    assert link == f"{HERE}/{here['id']}"
+    assert here["links"] == {"self": link, "sequence": f"/v1/sequences/{here['id']}"}
+    assert here["sequence"]["facts"]["tracking"] == "offset"
+    assert (here["sequence"]["subject"], here["sequence"]["n_frames"]) == ("P 1", 4)
+    assert len(here["modes"]) == len(here["determined"]) == 4
+    assert here["ejection_fraction"] == pytest.approx(39.5, abs=6.0)
+    own = TrackParameters(modes=4, facts=Facts(period=0.8)).follow(read_observed(recording))
+    assert client.get(link, headers=HDF5).content == track_to_hdf5(own)
+
+
+def test_the_tracked_sequence_is_one_like_any_other(client: TestClient, link: str) -> None:
+    sequence = client.get(link).json()["links"]["sequence"]
+    summary = client.get(sequence).json()
+    assert summary["facts"]["tracking"] == "offset"
+    signature = client.get(f"{sequence}/signature?kind=offset").json()
+    assert np.shape(signature["amplitudes"]) == (4, 7, 1)
+    # What is corrected there stands in the track too.
+    client.patch(sequence, json={"facts": {"modality": "US"}})
+    assert client.get(link).json()["sequence"]["facts"]["modality"] == "US"
+    kept = track_from_hdf5(client.get(link, headers=HDF5).content)
+    assert kept.sequence.facts.modality == "US"
+
+
+def test_a_track_has_pictures_and_a_tag(client: TestClient, link: str) -> None:
+    for query in ("", "?frame=0", "?picture=determined"):
+        picture = client.get(link + query, headers={"Accept": "image/png"})
+        assert picture.content.startswith(b"\x89PNG"), query
+    wrong = client.get(f"{link}?frame=4", headers={"Accept": "image/png"})
+    assert (wrong.status_code, wrong.json()["frame"]) == (422, 4)
+    known = {"If-None-Match": client.get(link).headers["etag"]}
+    assert client.get(link, headers=known).status_code == 304
+    assert client.get(link, headers={**known, **HDF5}).status_code == 200
+    assert client.get(link, headers={"Accept": "text/csv"}).status_code == 406
+
+
+def test_tracks_alone_are_listed_by_page_and_filter(client: TestClient, link: str) -> None:
+    client.post("/v1/sequences", content=write_npz(breathing_spheroid(2)), params={"label": "x"})
+    other = client.post(HERE, content=small_recording(3, seed=5), params={**FEW, "label": "x"})
+    ids = [one["id"] for one in client.get(HERE).json()["tracks"]]
+    assert ids.index(other.json()["id"]) < ids.index(link.rpartition("/")[2])
+    (labelled,) = client.get(HERE, params={"label": "x"}).json()["tracks"]
+    assert labelled["links"]["self"] == other.headers["location"]
+    first = client.get(HERE, params={"limit": 1}).json()
+    second = client.get(HERE, params={"limit": 1, "cursor": first["cursor"]}).json()
+    assert [first["tracks"][0]["id"], second["tracks"][0]["id"]] == ids[:2]
+    client.delete(other.headers["location"])
+
+
+def test_a_form_states_facts_and_landmarks(client: TestClient) -> None:
+    """A cup needs its ends, which any door may state; later ones override earlier ones."""
+    beat = breathing_spheroid(2)
+    clouds = [x[x[:, 2] < 20.0][::5].astype(np.float64) for x in beat.vertices]
+    form = {"landmark:apex": "0,0,-40", "covariate:age": "61", "subject": "P 2"}
+    sent = {"file": ("clouds.npz", as_npz(clouds, unit="mm"))}
+    without = client.post(HERE, files=sent, params={**FEW, "topology": "cup"})
+    assert (without.status_code, without.json()["needed"]) == (422, ["apex", "base"])
+    made = client.post(HERE, files=sent, data=form, params={**FEW, "base": "0,0,20"})
+    assert made.status_code == 201, made.text
+    assert made.json()["sequence"]["topology"] == "cup"
+    facts = made.json()["sequence"]["facts"]
+    assert (facts["covariates"], facts["landmarks"]) == ({"age": 61}, {})
+    per_frame = json.dumps({"apex": [[0, 0, -40], None], "base": [0, 0, 20]})
+    same = client.post(HERE, files=sent, params={**FEW, "landmarks": per_frame})
+    assert (same.status_code, same.json()["id"]) == (200, made.json()["id"])
+    in_file = as_npz(clouds, unit="mm", apex=[0.0, 0, -40], base=[0.0, 0, 20])
+    assert client.post(HERE, content=in_file, params=FEW).json()["id"] == made.json()["id"]
+    other = client.post(HERE, content=in_file, params={**FEW, "subject": "P 3"})
+    assert (other.status_code, other.json()["differ"]) == (409, ["subject"])
+
+
+def test_a_kept_surface_is_started_from(client: TestClient, recording: bytes) -> None:
+    beat = breathing_spheroid(1)
+    start = client.post("/v1/sequences", content=write_npz(beat)).json()["id"]
+    made = client.post(HERE, content=recording, params={**FEW, "start": start})
+    assert made.json()["sequence"]["n_vertices"] == beat.n_vertices
+    assert made.json()["reference"] == 0
+    mean = client.post(HERE, content=recording, params={**FEW, "start": start, "reference": "none"})
+    assert mean.json()["reference"] is None
+    unknown = client.post(HERE, content=recording, params={"start": "0" * 64})
+    assert (unknown.status_code, unknown.json()["code"]) == (404, "not_found")
+
+
+def test_a_job_tracks_and_is_forgotten_with_its_track(client: TestClient) -> None:
+    sent, key = small_recording(3, seed=9), {"Idempotency-Key": "track-1"}
+    job = client.post(HERE, content=sent, params={**FEW, "subject": "X"}, headers={**ASYNC, **key})
+    assert (job.status_code, job.json()["kind"]) == (202, "track")
+    replay = client.post(
+        HERE, content=sent, params={**FEW, "subject": "X"}, headers={**ASYNC, **key}
+    )
+    assert replay.headers["idempotency-replayed"] == "true"
+    done = finished(client, job.json())
+    assert (done["state"], done["progress"]) == ("succeeded", 1.0)
+    result = client.get(done["result"])
+    assert result.json()["links"]["self"] == done["result"]
+    direct = client.post(HERE, content=sent, params=FEW, headers={"Idempotency-Key": "track-2"})
+    sequence = result.json()["links"]["sequence"]
+    client.get(f"{sequence}/signature")
+    assert client.delete(done["result"]).status_code == 204
+    for gone in (done["result"], sequence, f"{sequence}/signature", job.json()["links"]["self"]):
+        assert client.get(gone).status_code == 404
+    assert client.delete(done["result"]).status_code == 404
+    assert direct.status_code == 200
+    again = client.post(HERE, content=sent, params=FEW, headers={"Idempotency-Key": "track-2"})
+    assert again.status_code == 404
+
+
+def test_a_sequence_that_was_sent_is_no_track(client: TestClient) -> None:
+    sent = client.post("/v1/sequences", content=write_npz(breathing_spheroid(2))).json()
+    for call in (client.get, client.delete):
+        answer = call(f"{HERE}/{sent['id']}")
+        assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
+    assert client.get(sent["links"]["self"]).status_code == 200
+
+
+def zipped(**files: bytes) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name.replace("_dot_", "."), content)
+    return buffer.getvalue()
+
+
+POINTS: Floats = np.arange(90.0, dtype=np.float64).reshape(30, 3)
+WITH_NAN: Floats = np.where(np.arange(90).reshape(30, 3) == 50, np.nan, POINTS)
+
+
+@pytest.mark.parametrize(
+    ("body", "query", "status", "member", "value"),
+    [
+        (b"", {}, 400, "code", "malformed_file"),
+        (b"what is this", {}, 400, "code", "malformed_file"),
+        (as_npz([POINTS, WITH_NAN]), {}, 422, "frame", 1),
+        (as_npz([POINTS, WITH_NAN]), {}, 422, "vertex", 16),
+        (as_npz([POINTS])[:300], {}, 400, "code", "malformed_file"),
+        (as_npz([POINTS], apex="1,2,3"), {}, 422, "array", "apex"),
+        (as_npz([POINTS], vertices=1), {"modes": "401"}, 422, "code", "invalid_request"),
+        (as_npz([POINTS[:3]] * 2), {}, 422, "frame", 0),
+        (as_npz([POINTS] * 101), {}, 413, "limit", "frames"),
+        (as_npz([POINTS] * 2), {"reference": "2"}, 422, "code", "bad_parameter"),
+        (as_npz([POINTS] * 2), {"landmarks": "{"}, 422, "code", "bad_parameter"),
+        (as_npz([POINTS] * 2), {"landmarks": '{"apex": [1, 2]}'}, 422, "landmark", "apex"),
+        (as_npz([POINTS] * 2), {"landmarks": '{"nose": [1, 2, 3]}'}, 422, "landmark", "nose"),
+        (as_npz([POINTS] * 2), {"tracking": "material"}, 422, "fact", "tracking"),
+        (as_npz([POINTS] * 2), {"tolerance": "1"}, 422, "code", "bad_parameter"),
+        (as_npz([POINTS] * 2), {"times": "0,1", "frame_interval": "1"}, 422, "limit", None),
+        (zipped(a_dot_md=b"none"), {}, 400, "code", "malformed_file"),
+        (zipped(f1_dot_xyz=b"0 0 0\n", f2_dot_xyz=b"0 zero 0\n0 1 1\n1"), {}, 400, "frame", 1),
+        (zipped(f1_dot_ply=b"ply\nformat ascii 1.0\nend"), {}, 400, "frame", 0),
+    ],
+)
+def test_what_cannot_be_tracked_is_named(
+    client: TestClient,
+    body: bytes,
+    query: dict[str, str],
+    status: int,
+    member: str,
+    value: object,
+) -> None:
+    answer = client.post(HERE, content=body, params=query)
+    problem = answer.json()
+    assert (answer.status_code, problem.get(member)) == (status, value), answer.text
+    assert problem["remedy"] or status == 422
+
+
+def test_a_job_under_way_is_cancelled_and_leaves_nothing(tmp_path: Path) -> None:
+    with served(Settings(data_dir=tmp_path, workers=1)) as client:
+        sent = small_recording(60)
+        job = client.post(HERE, content=sent, params={"modes": "60"}, headers=ASYNC).json()
+        here, seen = job["links"]["self"], 0.0
+        while seen < 0.15:
+            now = client.get(here).json()
+            assert now["state"] in ("queued", "running"), now
+            seen = now["progress"]
+        assert client.delete(here).json()["state"] == "cancelled"
+        assert client.get(HERE).json()["tracks"] == []
+        # The worker is free again, and takes the next one.
+        assert client.post(HERE, content=small_recording(2), params=FEW).status_code == 201
+        spool = client.app.state.owners.local.spool  # type: ignore[attr-defined]
+        assert list(spool.folder.iterdir()) == []
+
+
+def test_what_has_no_one_mesh_is_sent_here_by_the_door_of_sequences(client: TestClient) -> None:
+    ball = breathing_spheroid(2)
+    meshes = {
+        f"f{k}_dot_ply": write_ply(x, ball.faces[k:], {}) for k, x in enumerate(ball.vertices)
+    }
+    bodies = {
+        "other faces": zipped(**meshes),
+        "clouds in files": zipped(f1_dot_xyz=b"0 0 0\n"),
+        "clouds in arrays": as_npz([POINTS] * 2),
+    }
+    for kind, body in bodies.items():
+        for path in ("/v1/sequences", "/v1/signature", "/v1/templates"):
+            answer = client.post(path, content=body)
+            assert answer.status_code in (400, 422), kind
+            assert "POST /v1/tracks" in answer.json()["remedy"], (kind, answer.text)
+    assert client.post(HERE, content=bodies["other faces"], params=FEW).status_code == 201
