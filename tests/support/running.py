@@ -11,7 +11,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,8 @@ class RunningService:
     port: int = 0
     process: subprocess.Popen[bytes] | WarmProcess | None = None
     log: Path = Path()
+    program: Sequence[str] = ()
+    """In place of `modalmotion serve`: takes the port and the folder."""
     most_files: int = 0
     """What it may open at most, unless that is 0."""
     is_warm: bool = True
@@ -53,7 +55,7 @@ class RunningService:
             self.log = self.data_dir.parent / "service.log"
         # Its own group, so that a test can end it with all of its workers.
         with self.log.open("ab") as sink:
-            if self.is_warm:
+            if self.is_warm and not self.program:
                 self.process = start_warm(
                     "server",
                     *self._program()[1:],
@@ -82,6 +84,8 @@ class RunningService:
 
     def _program(self) -> list[str]:
         port, folder = str(self.port), str(self.data_dir)
+        if self.program:
+            return [*self.program, port, folder]
         return ["-m", "modalmotion", "serve", "--port", port, "--data-dir", folder]
 
     @property

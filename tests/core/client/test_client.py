@@ -26,7 +26,7 @@ from modalmotion.client import (
 from modalmotion.client.bodies import body_of
 from modalmotion.client.errors import error_of_answer, remote_error
 from modalmotion.client.retries import retry_after
-from modalmotion.formats import read_npz
+from modalmotion.formats import read_npz, write_npz
 from modalmotion.representation import LONGEST_LINE
 from modalmotion.signature.comparison import compare
 
@@ -104,9 +104,11 @@ def test_answers_are_one_line(remote: Client, sequence: mm.MeshSequence) -> None
 
 
 def test_progress_runs_to_the_end_and_the_pieces_are_small(
-    remote: Client, sequence: mm.MeshSequence, beat: bytes
+    remote: Client,
 ) -> None:
-    for source, n_bytes in ((beat, len(beat)), (sequence, sequence.vertices.nbytes)):
+    sequence = mm.simulate_ventricle(rng=np.random.default_rng(7))
+    file = write_npz(sequence)
+    for source, n_bytes in ((file, len(file)), (sequence, sequence.vertices.nbytes)):
         steps: list[tuple[int, int]] = []
 
         def note(done: int, total: int, steps: list[tuple[int, int]] = steps) -> None:
