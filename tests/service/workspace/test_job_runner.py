@@ -72,7 +72,7 @@ def test_many_signatures_come_in_one_answer(client: TestClient, beat: bytes) -> 
     for shift in range(3):
         buffer = io.BytesIO()
         frames = sequence.vertices[shift:]
-        np.savez(buffer, vertices=frames, grid=sequence.grid, topology="cup")
+        np.savez(buffer, vertices=frames, grid=(8, 16), topology="cup")
         ids.append(client.post("/v1/sequences", content=buffer.getvalue()).json()["id"])
     answer = client.post("/v1/signatures/query", json={"ids": ids, "modes": 7})
     assert answer.headers["content-type"] == "application/x-npz"
