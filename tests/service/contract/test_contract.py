@@ -117,6 +117,12 @@ def strategies(operation: Any, service: Service) -> list[st.SearchStrategy[Any]]
         more.update(body=body, media_type="application/octet-stream")
     elif operation.path.endswith("query"):
         more.update(body={"ids": [service.ids["sequence_id"]]}, media_type="application/json")
+    elif operation.path.endswith(("features", "evaluations", "comparisons")):
+        case = {"id": service.ids["sequence_id"], "label": "normal", "subject": "s"}
+        wanted: dict[str, Any] = {"sequences": [case]}
+        if operation.path.endswith("comparisons"):
+            wanted["models"] = ["kept", service.ids["model_name"]]
+        more.update(body=wanted, media_type="application/json")
     elif operation.label == "POST /v1/models":
         # Enough for a training to be begun; whether it succeeds its job says.
         cases = [
