@@ -121,10 +121,9 @@ def shipped_model(recipe: Recipe, n_per_class: int) -> Model:
         model.card,
         has_seen=(
             f"{n_per_class} simulated left ventricles of each class (seed {seed}): kinematic "
-            "model, severities from mild to severe, lattices (as cup, and as cylinder whose apex is "
-            f"cut off by up to a quarter) and triangulations, {FRAMES[0]} to {FRAMES[1]} frames, "
-            "noise 0.2 to 1.0 mm, half of "
-            "them starting anywhere in the beat."
+            "model, severities from mild to severe, lattices (as cup, and as cylinder with the "
+            f"apex cut off by up to a quarter) and triangulations, {FRAMES[0]} to {FRAMES[1]} "
+            "frames, noise 0.2 to 1.0 mm, half of them starting anywhere in the beat."
         ),
         has_not_seen=(
             "Any patient. Simulated motion is simpler than a patient's, and the classes are kept "
