@@ -22,6 +22,10 @@ _SHAPE_MODES: Final = 111
 _SHAPE_ROUNDS: Final = 4
 
 
+# Squares of squares of smaller lengths are zero.
+_LEAST_SPREAD: Final = 1e-60
+
+
 def shape_in(
     frame: Frame, number: int, topology: Topology | str | None
 ) -> tuple[Template, tuple[int, ...] | None]:
@@ -63,6 +67,13 @@ def shape_in(
         raise ShapeError(
             f"Frame {number}, which the shape is taken from, has {len(cloud)} points.",
             remedy="Name a reference frame with more points, or give a surface as start.",
+            frame=number,
+        )
+    if not np.ptp(cloud, axis=0).max() > _LEAST_SPREAD:
+        raise ShapeError(
+            f"The points of frame {number}, which the shape is taken from, lie in one place.",
+            remedy="Name a reference frame whose points lie on the surface, or give a surface as "
+            "start.",
             frame=number,
         )
     rough = start_shape(topology, cloud, places)

@@ -22,6 +22,9 @@ NAMED_PLACES: Final[tuple[str, ...]] = ("apex", "base")
 # Points of one frame that are read: enough to know some hundred modes to a tenth of the noise.
 _MOST_POINTS: Final = 20_000
 
+# Fourth powers of coordinates are taken.
+_LARGEST: Final = 1e60
+
 # Consecutive multiples of it fall apart evenly.
 _GOLDEN: Final = 0.6180339887498949
 
@@ -206,6 +209,12 @@ def _require_finite(points: NDArray[np.float64]) -> None:
             f"Point {int(wrong[0])} is not finite ({len(wrong)} of {len(points)} are not).",
             remedy="Leave such points out: a frame may have any number of them.",
             vertex=int(wrong[0]),
+        )
+    largest = float(np.abs(points).max(initial=0.0))
+    if largest > _LARGEST:
+        raise ParameterError(
+            f"A coordinate is {largest:.3g}, more than {_LARGEST:g}: its powers are no numbers.",
+            remedy="State lengths in a larger unit.",
         )
 
 

@@ -89,6 +89,29 @@ def test_deleting_the_sequence_deletes_the_track(root: Path, tracked: Track, kee
         assert store.put_track(tracked)
 
 
+def test_a_backup_tells_deleted_tracks_from_lost_ones(
+    tmp_path: Path, root: Path, tracked: Track
+) -> None:
+    copy, name = tmp_path / "copy", tracked.sequence.id
+    path = Folder(root).result(track_name(name)).relative_to(root)
+    with ResultStore(root) as store:
+        store.put_track(tracked)
+    backup(root, copy)
+    kept = (root / path).read_bytes()
+    (root / path).unlink()
+    assert str(path) in backup(root, copy).missing
+    assert (copy / path).is_file()
+    # The index may have forgotten it; the copy has not.
+    rebuild(root)
+    assert str(path) in backup(root, copy).missing
+    (root / path).write_bytes(kept)
+    rebuild(root)
+    with ResultStore(root) as store:
+        store.delete_sequence(name)
+    assert backup(root, copy).missing == ()
+    assert not (copy / path).exists()
+
+
 def test_a_track_is_verified_rebuilt_copied_and_missed(
     tmp_path: Path, root: Path, tracked: Track
 ) -> None:

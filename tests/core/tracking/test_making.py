@@ -313,6 +313,15 @@ def test_what_cannot_be_asked_is_refused_with_a_remedy(
     assert caught.value.remedy
 
 
+def test_points_without_extent_and_beyond_all_numbers_are_refused() -> None:
+    for frames in ([np.zeros((50, 3))] * 2, [x * 1e-200 for x in clouds_of(BALL)]):
+        with pytest.raises(ShapeError, match="lie in one place") as caught:
+            track(frames)
+        assert caught.value.frame == 0
+    with pytest.raises(ParameterError, match=r"Frame 0: A coordinate is .* larger unit"):
+        track([x * 1e100 for x in clouds_of(BALL)])
+
+
 def test_too_few_points_for_a_shape_are_refused() -> None:
     with pytest.raises(ShapeError, match="has 3 points") as caught:
         track([np.eye(3), *clouds_of(BALL)])

@@ -134,6 +134,14 @@ def test_a_kept_surface_is_started_from(client: TestClient, recording: bytes) ->
     assert (unknown.status_code, unknown.json()["code"]) == (404, "not_found")
 
 
+def test_a_job_ends_with_the_sequence_that_it_starts_from(client: TestClient) -> None:
+    start = client.post("/v1/sequences", content=write_npz(breathing_spheroid(3))).json()
+    query = {"modes": "60", "start": start["id"]}
+    job = client.post(HERE, content=small_recording(40), params=query, headers=ASYNC).json()
+    assert client.delete(start["links"]["self"]).status_code == 204
+    assert client.get(job["links"]["self"]).status_code == 404
+
+
 def test_a_job_tracks_and_is_forgotten_with_its_track(client: TestClient) -> None:
     sent, key = small_recording(3, seed=9), {"Idempotency-Key": "track-1"}
     job = client.post(HERE, content=sent, params={**FEW, "subject": "X"}, headers={**ASYNC, **key})

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from clouds import small_recording
 from fastapi.testclient import TestClient
 from job_requests import ASYNC, finished
 
@@ -66,11 +67,12 @@ def test_work_that_takes_longer_than_the_client_waits_becomes_a_job(
 
 
 def test_many_signatures_come_in_one_answer(client: TestClient, beat: bytes) -> None:
-    vertices = read_npz(beat).sequence.vertices
+    sequence = read_npz(beat).sequence
     ids = []
     for shift in range(3):
         buffer = io.BytesIO()
-        np.savez(buffer, vertices=vertices[shift:], grid=(32, 64), topology="cup")
+        frames = sequence.vertices[shift:]
+        np.savez(buffer, vertices=frames, grid=(8, 16), topology="cup")
         ids.append(client.post("/v1/sequences", content=buffer.getvalue()).json()["id"])
     answer = client.post("/v1/signatures/query", json={"ids": ids, "modes": 7})
     assert answer.headers["content-type"] == "application/x-npz"
@@ -194,6 +196,9 @@ def test_the_progress_of_every_kind_of_job_moves_and_never_falls(
         answer = client.request(method, f"{here}/{path}", headers=ASYNC)
         assert answer.status_code == 202, answer.text
         jobs.append(finished(client, answer.json()))
+    cloud = small_recording(3)
+    answer = client.post("/v1/tracks?modes=4", content=cloud, headers=ASYNC)
+    jobs.append(finished(client, answer.json()))
     several = {"ids": [moved.id], "modes": 4}
     answer = client.post("/v1/signatures/query", json=several, headers=ASYNC)
     jobs.append(finished(client, answer.json()))
