@@ -24,6 +24,7 @@ from services import (  # fixtures, which pytest finds here
     shared_client,
     shared_data_dir,
     trained,
+    warm_bridges,
 )
 
 from modalmotion.formats import read_npz
@@ -46,6 +47,7 @@ __all__ = [
     "shared_client",
     "shared_data_dir",
     "trained",
+    "warm_bridges",
 ]
 
 
@@ -109,6 +111,6 @@ _ORDER = (
 
 # Fixtures of a session that take seconds.
 _SHARED = {
-    "cluster": {"dask_cluster", "engine_client"},
+    "cluster": {"dask_cluster", "engine_client", "warm_bridges"},
     "trained": {"trained"},
 }

@@ -16,7 +16,9 @@ import sys
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import Final
 
 PROJECT = Path(__file__).resolve().parents[1]
 ROOTS = {
@@ -46,10 +48,31 @@ def named_in(text: str, modules: Mapping[str, Path]) -> Iterator[str]:
             yield name
 
 
+_TELLING: Final = (ast.Import, ast.ImportFrom, ast.Constant, ast.Attribute, ast.arg)
+
+
+@cache
+def telling_nodes(text: str) -> tuple[ast.AST, ...]:
+    """Give the nodes of a source that may name a module; each source is walked once."""
+    found: list[ast.AST] = []
+    nodes: list[ast.AST] = [ast.parse(text)]
+    for node in nodes:
+        if isinstance(node, _TELLING):
+            found.append(node)
+        for name in node._fields:
+            inner = getattr(node, name)
+            if isinstance(inner, list):
+                nodes += [one for one in inner if isinstance(one, ast.AST)]
+            # What has no fields, such as an operator, names nothing.
+            elif isinstance(inner, ast.AST) and inner._fields:
+                nodes.append(inner)
+    return tuple(found)
+
+
 def imports_of(path: Path, modules: Mapping[str, Path]) -> set[str]:
     """Give the modules of the same root that a file imports or names."""
     found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in telling_nodes(path.read_text()):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:

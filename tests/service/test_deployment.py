@@ -24,6 +24,7 @@ from packaging.utils import canonicalize_name
 from project import ROOT
 from requirements import EXTRAS
 from running import RunningService
+from warm_start import WarmProcess, start_warm
 
 from modalmotion.cli.commands import main
 from modalmotion_service.settings import Settings
@@ -280,27 +281,25 @@ def test_the_commands_of_the_compose_file_are_a_working_cluster(
     def native(command: list[str]) -> list[str]:
         """The same command for this machine: names of containers and free ports aside."""
         there = {"scheduler": here, "0.0.0.0": here, "8786": str(port), "8000": str(service.port)}  # noqa: S104
-        words = (
-            [sys.executable] if command[0] == "python" else [sys.executable, "-m", "modalmotion"]
-        )
-        renamed = (word.replace("//scheduler:8786", f"//{here}:{port}") for word in command[1:])
-        words.extend(there.get(word, word) for word in renamed)
-        return words
+        program, *rest = command[1:] if command[0] == "python" else ["-m", *command]
+        assert program == "-m"
+        renamed = (word.replace("//scheduler:8786", f"//{here}:{port}") for word in rest)
+        return [there.get(word, word) for word in renamed]
 
-    def start(command: list[str], **settings: str) -> subprocess.Popen[bytes]:
+    def start(kind: str, command: list[str], **settings: str) -> WarmProcess:
         environment = {**os.environ, "OMP_NUM_THREADS": "1", **settings}
         sink = processes.enter_context((tmp_path / "service.log").open("ab"))
-        process = subprocess.Popen(
-            native(command), env=environment, cwd=tmp_path, stdout=sink, stderr=sink
+        process = start_warm(
+            kind, *native(command), environment=environment, folder=tmp_path, sink=sink
         )
         processes.callback(process.wait, 60)
         processes.callback(process.terminate)
         return process
 
     document = compose()["services"]
-    start(document["scheduler"]["command"])
+    start("cluster", document["scheduler"]["command"])
     for _ in range(document["worker"]["deploy"]["replicas"]):
-        start(document["worker"]["command"])
+        start("cluster", document["worker"]["command"])
     data_dir = re.search(r"MODALMOTION_DATA_DIR=(\S+)", dockerfile())
     assert data_dir is not None
     (name,) = document["modalmotion"]["environment"]
@@ -310,7 +309,7 @@ def test_the_commands_of_the_compose_file_are_a_working_cluster(
         "MODALMOTION_DATA_DIR": str(folder),
         "MODALMOTION_WAIT_SECONDS": "120",
     }
-    server = start(default_command(), **settings)
+    server = start("server", default_command(), **settings)
     check = [str(word) for word in yaml.safe_load(health_check())]
     check[2] = check[2].replace(":8000", f":{service.port}")
     for _ in range(600):

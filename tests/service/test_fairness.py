@@ -30,7 +30,7 @@ SMALL = "/v1/signature"
 
 @cache
 def beat_of(grid: tuple[int, int]) -> bytes:
-    noisy = Acquisition(noise=0.3)
+    noisy = Acquisition(n_frames=10, noise=0.3)
     return write_npz(simulate_ventricle(grid=grid, acquisition=noisy, rng=np.random.default_rng(1)))
 
 

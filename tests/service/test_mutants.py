@@ -48,8 +48,9 @@ def send_mutants(folder: Path, n_each: int) -> int:
     )
     n_sent = 0
     with TestClient(create_app(settings), raise_server_exceptions=False) as client:
-        for name, data in FILES.items():
-            for number in range(n_each):
+        for place, (name, data) in enumerate(FILES.items()):
+            # Other numbers for each, so that few of each go to every door.
+            for number in range(place * n_each, (place + 1) * n_each):
                 route, content = route_of(name, number), mutant(name, data, number)
                 # Every fifth as a form, whose end may stand in the file itself.
                 if number % 5 == 0:
@@ -66,7 +67,7 @@ def send_mutants(folder: Path, n_each: int) -> int:
 
 
 def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
-    assert send_mutants(tmp_path / "results", 12) >= 100
+    assert send_mutants(tmp_path / "results", 6) >= 100
 
 
 @pytest.mark.soak

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable, Iterable
 from itertools import product
 from typing import Final
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from modalmotion.modes.lattice import Lattice
@@ -78,6 +81,32 @@ def name_of(lattice: Lattice) -> str:
     """Name a lattice in the list of tests."""
     K = "" if len(set(lattice.stiffnesses)) == 1 else f" K={lattice.stiffnesses}"
     return f"{lattice.topology} {'x'.join(map(str, lattice.shape))}{K}"
+
+
+def each_of(
+    lattices: Iterable[Lattice],
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Run a test for each lattice, those of one topology as one test: they are hundreds."""
+    groups: dict[str, list[Lattice]] = {}
+    for lattice in lattices:
+        groups.setdefault(str(lattice.topology), []).append(lattice)
+
+    def decorated(test: Callable[..., None]) -> Callable[..., None]:
+        def each(group: list[Lattice], **fixtures: object) -> None:
+            for lattice in group:
+                try:
+                    test(lattice=lattice, **fixtures)
+                except BaseException as error:
+                    error.add_note(name_of(lattice))
+                    raise
+
+        parameters = inspect.signature(test).parameters.values()
+        asked = [one.replace(name="group") if one.name == "lattice" else one for one in parameters]
+        each.__name__ = test.__name__
+        each.__signature__ = inspect.Signature(asked)  # type: ignore[attr-defined]
+        return pytest.mark.parametrize("group", groups.values(), ids=list(groups))(each)
+
+    return decorated
 
 
 def stiffness_matrix(lattice: Lattice) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,6 +22,24 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
+
+
+def start_bridge(
+    command: Sequence[str], *, pass_fds: Sequence[int], stdin: int, env: Mapping[str, str]
+) -> WarmProcess:
+    """Do as `subprocess.Popen` for the process that speaks with Dask, which it has imported."""
+    assert stdin == subprocess.DEVNULL
+    _, module_flag, *arguments = command
+    assert module_flag == "-m"
+    with os.fdopen(os.dup(2), "wb") as sink:
+        return start_warm(
+            "cluster",
+            *arguments,
+            environment=env,
+            folder=Path.cwd(),
+            sink=sink,
+            passed=pass_fds,
+        )
 
 
 @dataclass

@@ -41,6 +41,8 @@ class RunningService:
     log: Path = Path()
     program: Sequence[str] = ()
     """In place of `modalmotion serve`: takes the port and the folder."""
+    most_files: int = 0
+    """What it may open at most, unless that is 0."""
     is_warm: bool = True
     """Whether what it imports is imported already; not where the start itself is the point."""
 
@@ -61,6 +63,7 @@ class RunningService:
                     folder=Path.cwd(),
                     sink=sink,
                     is_session=True,
+                    most_files=self.most_files,
                 )
             else:
                 self.process = subprocess.Popen(
@@ -70,13 +73,13 @@ class RunningService:
                     stderr=subprocess.STDOUT,
                     start_new_session=True,
                 )
-        for _ in range(300):
+        for _ in range(1000):
             try:
                 if self.request("GET", "/health/ready").status == 200:
                     return self
             except OSError:
                 assert self.process.poll() is None, self.log.read_text()[-3000:]
-            time.sleep(0.05)
+            time.sleep(0.02)
         raise AssertionError(f"not ready: {self.log.read_text()[-3000:]}")
 
     def _program(self) -> list[str]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import io
+import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from dask_cluster import DaskCluster
+from dask_cluster import DaskCluster, start_bridge
 from fastapi.testclient import TestClient
 from training_cohort import N_PER_CLASS, Trained, cohort, send, train
 
@@ -18,6 +20,7 @@ from modalmotion.formats import write_npz
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion_service.app import create_app
 from modalmotion_service.settings import Settings
+from modalmotion_service.work.dask import executor
 
 LIMIT_BYTES = 2_000_000
 
@@ -100,7 +103,8 @@ def engine_client(
 def beat() -> bytes:
     """A simulated ventricle's beat, as a file."""
     rng = np.random.default_rng(7)
-    return write_npz(simulate_ventricle(acquisition=Acquisition(noise=0.3), rng=rng))
+    noisy = Acquisition(noise=0.3)
+    return write_npz(simulate_ventricle(grid=(8, 16), acquisition=noisy, rng=rng))
 
 
 @pytest.fixture
@@ -116,7 +120,19 @@ def npz() -> Callable[..., bytes]:
 
 
 @pytest.fixture(scope="session")
-def dask_cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
+def warm_bridges() -> Iterator[None]:
+    """Bridges of this process have imported Dask when they begin."""
+    names = ("DEVNULL", "TimeoutExpired")
+    there = {name: getattr(subprocess, name) for name in names}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(executor, "subprocess", SimpleNamespace(Popen=start_bridge, **there))
+        yield
+
+
+@pytest.fixture(scope="session")
+def dask_cluster(
+    tmp_path_factory: pytest.TempPathFactory, warm_bridges: None
+) -> Iterator[DaskCluster]:
     """A scheduler and two workers that no test may kill."""
     cluster = DaskCluster(tmp_path_factory.mktemp("dask"))
     try:

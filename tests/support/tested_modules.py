@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from project import ROOT
-from rooms import ROOTS, imports_of, modules_of
+from rooms import ROOTS, imports_of, modules_of, telling_nodes
 
 import modalmotion
 from modalmotion.cli.commands import COMMANDS
@@ -74,11 +74,10 @@ def named_by(path: Path) -> set[str]:
 @cache
 def _said_in(path: Path) -> tuple[set[str], set[Path]]:
     """Modules that a file imports or names, and the helpers that it uses."""
-    tree = ast.parse(path.read_text())
     named = imports_of(path, sources())
     helpers: set[Path] = set()
     homes: Mapping[str, str] = modalmotion._HOMES
-    for node in ast.walk(tree):
+    for node in telling_nodes(path.read_text()):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
             if node.value.id == "mm" and node.attr in homes:
                 named.add(homes[node.attr])

@@ -14,6 +14,7 @@ import fcntl
 import importlib
 import json
 import os
+import resource
 import runpy
 import selectors
 import signal
@@ -49,12 +50,14 @@ _SERVER: Final = [
 _CLUSTER: Final = [
     *("modalmotion.cli", "modalmotion_service.work.dask.worker", "distributed.scheduler"),
     *("distributed.worker", "distributed.client", "distributed.comm.tcp", "distributed.dashboard"),
-    *("modalmotion_service.work.dask.tasks", "multiprocessing.forkserver"),
+    *("modalmotion_service.work.dask.scheduler", "multiprocessing.forkserver"),
+    "modalmotion_service.work.dask.frames",
 ]
 
 # Where no other file of a process is.
 _HIGH: Final = 200
 _MOST_BYTES: Final = 150_000
+_MOST_FILES: Final = 10
 
 
 class WarmProcess:
@@ -123,15 +126,19 @@ class _WarmStart:
         folder: Path,
         sink: IO[bytes],
         is_session: bool,
+        passed: Sequence[int],
+        most_files: int,
     ) -> WarmProcess:
         request = {
             "arguments": list(arguments),
             "environment": dict(environment),
             "folder": str(folder),
             "is_session": is_session,
+            "names": list(passed),
+            "most_files": most_files,
         }
         with self._lock:
-            socket.send_fds(self._socket, [json.dumps(request).encode()], [sink.fileno()])
+            socket.send_fds(self._socket, [json.dumps(request).encode()], [sink.fileno(), *passed])
             while "pid" not in (answer := self._answer()):
                 pass
         return WarmProcess(answer["pid"], self)
@@ -168,6 +175,8 @@ def start_warm(
     folder: Path,
     sink: IO[bytes],
     is_session: bool = False,
+    passed: Sequence[int] = (),
+    most_files: int = 0,
 ) -> WarmProcess:
     """Start `python -m arguments`; a server's warnings are errors.
 
@@ -185,8 +194,14 @@ def start_warm(
         Takes its output and its errors.
     is_session : bool
         Whether it has a session of its own.
+    passed : sequence of int
+        Open files that it has under the same numbers.
+    most_files : int
+        What it may open at most, unless that is 0.
     """
-    return _warm_start(kind).process(arguments, environment, folder, sink, is_session)
+    return _warm_start(kind).process(
+        arguments, environment, folder, sink, is_session, passed, most_files
+    )
 
 
 # What follows runs in the warm process.
@@ -212,7 +227,7 @@ def fork_for_ever(connection: int, modules: Sequence[str]) -> Callable[[], None]
                 with contextlib.suppress(OSError):
                     link.send(json.dumps({"ended": pid, "code": code}).encode())
                 continue
-            data, received, *_ = socket.recv_fds(link, _MOST_BYTES, 1)
+            data, received, *_ = socket.recv_fds(link, _MOST_BYTES, _MOST_FILES)
             if not data:
                 sys.exit()
             if (pid := os.fork()) == 0:
@@ -220,24 +235,28 @@ def fork_for_ever(connection: int, modules: Sequence[str]) -> Callable[[], None]
                 link.close()
                 for watch in running:
                     os.close(watch)
-                return _as_anew(json.loads(data), received[0])
-            os.close(received[0])
+                return _as_anew(json.loads(data), *received)
+            for number in received:
+                os.close(number)
             watch = os.pidfd_open(pid)
             running[watch] = pid
             selector.register(watch, selectors.EVENT_READ)
             link.send(json.dumps({"pid": pid}).encode())
 
 
-def _as_anew(request: dict[str, Any], output: int) -> Callable[[], None]:
+def _as_anew(request: dict[str, Any], output: int, *passed: int) -> Callable[[], None]:
     if request["is_session"]:
         os.setsid()
     for number in (1, 2):
         os.dup2(output, number)
     os.close(output)
+    _under_their_numbers(passed, request["names"])
     os.chdir(request["folder"])
     os.environ.clear()
     os.environ.update(request["environment"])
     _have_a_fork_server()
+    if most := request["most_files"]:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     module, *rest = request["arguments"]
 
     def run() -> None:
@@ -245,6 +264,16 @@ def _as_anew(request: dict[str, Any], output: int) -> Callable[[], None]:
         runpy.run_module(module, run_name="__main__", alter_sys=True)
 
     return run
+
+
+def _under_their_numbers(received: Sequence[int], names: Sequence[int]) -> None:
+    """Have open files under the numbers that a program names."""
+    high = [fcntl.fcntl(number, fcntl.F_DUPFD, _HIGH) for number in received]
+    for number in received:
+        os.close(number)
+    for number, name in zip(high, names, strict=True):
+        os.dup2(number, name)
+        os.close(number)
 
 
 def _have_a_fork_server() -> None:
@@ -273,18 +302,12 @@ def _have_a_fork_server() -> None:
 def _become_fork_server(link: socket.socket) -> None:
     # Ctrl-C is for the server alone.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    data, received, *_ = socket.recv_fds(link, _MOST_BYTES, 10)
+    data, received, *_ = socket.recv_fds(link, _MOST_BYTES, _MOST_FILES)
     if not data:
         os._exit(0)
     link.close()
     request = json.loads(data)
-    high = [fcntl.fcntl(number, fcntl.F_DUPFD, _HIGH) for number in received]
-    for number in received:
-        os.close(number)
-    # Under the numbers that the program names.
-    for number, name in zip(high, request["names"], strict=True):
-        os.dup2(number, name)
-        os.close(number)
+    _under_their_numbers(received, request["names"])
     try:
         exec(request["program"], {"__name__": "__main__"})  # noqa: S102
     finally:

@@ -13,7 +13,7 @@ from modalmotion.errors import NonFiniteError
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion_service.work.owner import remembering
 from modalmotion_service.work.parsing import _forks, parser_for
-from modalmotion_service.work.tasks.files import _kept
+from modalmotion_service.work.tasks.files import _kept, whole_file
 
 
 def swallow_memory() -> int:
@@ -33,6 +33,12 @@ def die_once(mark: Path) -> str:
 
 def die() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def die_while_writing(path: Path) -> None:
+    with whole_file(path) as temporary:
+        temporary.touch()
+        os._exit(1)
 
 
 def refuse() -> None:

@@ -30,15 +30,18 @@ class ProgressFile:
         self._path = path
         self._written = -_LEAST_SECONDS
         self._text = ""
+        self._share = 0.0
         self._n_read = 0
 
     def write(self, share: float, text: str = "") -> None:
         """Tell the share that is done, 0 to 1, and what is done now."""
         now = time.monotonic()
-        # What is done now is always told: it may last.
-        if text == self._text and now - self._written < _LEAST_SECONDS:
+        # What is done now is always told: it may last. So is that something is done at all, or
+        # quick work would go from nothing to its end.
+        is_news = text != self._text or (self._share == 0.0 and share > 0.0)
+        if not is_news and now - self._written < _LEAST_SECONDS:
             return
-        self._written, self._text = now, text
+        self._written, self._text, self._share = now, text, share
         # No work fails because nobody can be told how far it is.
         with contextlib.suppress(OSError), self._path.open("a") as file:
             file.write(json.dumps([share, text]) + "\n")

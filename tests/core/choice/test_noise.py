@@ -152,7 +152,7 @@ def test_smooth_noise_is_not_modelled(mixed: int, correlation: float) -> None:
     rng = np.random.default_rng(5)
     n_kept = n_best = 0
     excesses = []
-    for seed in (41, 42, 43):
+    for seed in (41, 42):
         clean = pair({"grid": (20, 40)}, 0.0, seed, n_frames=25)[1]
         noisy = with_noise(clean, 0.6, rng, mixed, correlation)
         kept, best, excess = kept_and_best(noisy, clean)

@@ -26,7 +26,7 @@ from modalmotion.client import (
 from modalmotion.client.bodies import body_of
 from modalmotion.client.errors import error_of_answer, remote_error
 from modalmotion.client.retries import retry_after
-from modalmotion.formats import read_npz
+from modalmotion.formats import read_npz, write_npz
 from modalmotion.representation import LONGEST_LINE
 from modalmotion.signature.comparison import compare
 
@@ -104,9 +104,11 @@ def test_answers_are_one_line(remote: Client, sequence: mm.MeshSequence) -> None
 
 
 def test_progress_runs_to_the_end_and_the_pieces_are_small(
-    remote: Client, sequence: mm.MeshSequence, beat: bytes
+    remote: Client,
 ) -> None:
-    for source, n_bytes in ((beat, len(beat)), (sequence, sequence.vertices.nbytes)):
+    sequence = mm.simulate_ventricle(rng=np.random.default_rng(7))
+    file = write_npz(sequence)
+    for source, n_bytes in ((file, len(file)), (sequence, sequence.vertices.nbytes)):
         steps: list[tuple[int, int]] = []
 
         def note(done: int, total: int, steps: list[tuple[int, int]] = steps) -> None:
@@ -150,18 +152,18 @@ def test_raw_numbers_with_a_known_template_leave_nothing_behind(
     remote: Client, sequence: mm.MeshSequence, tmp_path: Path
 ) -> None:
     raw = sequence.vertices.astype("<f4").tobytes()
-    reading: dict[str, Any] = {"format": "raw", "grid": (32, 64), "topology": "cup"}
+    reading: dict[str, Any] = {"format": "raw", "grid": sequence.grid, "topology": "cup"}
     reading["unit"] = "mm"
     template = remote.make_template(raw, **reading)
     assert remote.template(template.id) == template
     modes = remote.template_modes(template.id, 4)
     assert modes.labels[-1] == "(0, 1, sin)"
     assert (modes.shapes**2).mean(axis=0) == pytest.approx(1.0)
-    assert modes.shapes.shape == (2048, len(modes.angular_frequencies))
+    assert modes.shapes.shape == (sequence.n_vertices, len(modes.angular_frequencies))
     remote.save_template_modes(template.id, tmp_path / "modes.png", 4)
     assert (tmp_path / "modes.png").read_bytes().startswith(b"\x89PNG")
     narrow = mm.mesh_sequence(
-        sequence.vertices.astype(np.float32), grid=(32, 64), topology="cup", unit="mm"
+        sequence.vertices.astype(np.float32), grid=sequence.grid, topology="cup", unit="mm"
     )
     found = remote.signature_of(raw, template=template.id, **reading)
     own = mm.modal_signature(

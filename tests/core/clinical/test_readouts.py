@@ -249,7 +249,7 @@ def test_another_sequence_or_other_times_are_refused(beat: MeshSequence) -> None
     seed=st.integers(0, 2**32 - 1),
     spread=st.floats(0, 60),
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60)
 def test_intervals_hold_whatever_the_truth_within_the_bounds(
     volumes: list[float], seed: int, spread: float
 ) -> None:

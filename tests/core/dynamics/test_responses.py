@@ -163,7 +163,7 @@ def cases(seed: int, n: int) -> list[tuple[float, float, float]]:
 
 
 def test_every_regime_to_1e_minus_14_of_its_envelope() -> None:
-    for w, c, t in cases(3, 120):
+    for w, c, t in cases(3, 40):
         # Beyond w t = 10 the measure is eps w t, and a quarter of it is enough.
         assert extremes.error(w, c, t) <= (5e-15 if w * t <= 10 else 2.5e-15), (w, c, t)
 

@@ -79,7 +79,7 @@ def test_a_step_is_the_free_response() -> None:
 
 
 @pytest.mark.parametrize(
-    ("turn", "n_steps"), [(2e-4, 50_000), (1e-2, 1000), (0.3, 2000), (1.0, 5000), (2.9, 3000)]
+    ("turn", "n_steps"), [(8e-4, 12_500), (1e-2, 1000), (0.3, 2000), (1.0, 5000), (2.9, 3000)]
 )
 def test_many_steps_are_as_exact_as_one(turn: float, n_steps: int) -> None:
     rng = np.random.default_rng(int(n_steps))
@@ -135,7 +135,7 @@ def test_energy_over_a_million_steps() -> None:
 
 def test_constant_force_ends_at_rest_whatever_the_steps() -> None:
     w, f = np.array([0.5, 3.0, 40.0]), np.array([1.0, -2.0, 3.0])
-    for h, n_steps in ((0.02, 40_000), (1.0, 800), (1e6, 1)):
+    for h, n_steps in ((0.05, 12_000), (1.0, 800), (1e6, 1)):
         step = exact_step(Oscillators(w, 0.3 * w), h)
         state = State(np.ones(3), np.ones(3))
         for _ in range(n_steps):

@@ -29,7 +29,7 @@ from modalmotion.mesh.hdf5 import sequence_to_hdf5
 
 LIMITS = ReadLimits(frames=1000, vertices=100_000, faces=100_000, decompressed_bytes=20_000_000)
 # Times 22 files with VTK, 18 without it.
-SHORT, LONG = 100, 1200
+SHORT, LONG = 40, 1200
 LONGEST_SECONDS = 30.0
 
 

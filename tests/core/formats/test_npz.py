@@ -162,7 +162,7 @@ def test_a_name_twice_is_refused() -> None:
         read_npz(buffer.getvalue())
 
 
-@settings(max_examples=300)
+@settings(max_examples=80)
 @given(st.data())
 def test_damage_is_refused_or_harmless(data: st.DataObject) -> None:
     good = full_file()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from store_samples import assert_same, sample_classification, sample_sequence, sample_signature
@@ -146,6 +147,7 @@ def sequences(draw: st.DrawFn) -> MeshSequence:
     )
 
 
+@settings(max_examples=12 * int(os.environ.get("SOAK", "1")))
 @given(signatures())
 def test_a_signature_comes_back_bit_for_bit(signature: ModalSignature) -> None:
     image = signature_to_hdf5(signature)

@@ -98,7 +98,7 @@ def test_graph_laplacian_is_degree_minus_adjacency(cup: tuple[np.ndarray, np.nda
     assert (graph_laplacian(edges, n).toarray() == np.diag(A.sum(axis=0)) - A).all()
 
 
-@pytest.mark.parametrize("n", [5, 100, 1000, 3000])
+@pytest.mark.parametrize("n", [5, 100, 1500])
 def test_the_solver_against_a_dense_one(n: int) -> None:
     vertices, faces = cup_points(n, np.random.default_rng(n))
     K = csc_array(cotangent_laplacian(vertices, faces))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dense_lattices import MIDDLE_LATTICES, SMALL_LATTICES, name_of
+from dense_lattices import MIDDLE_LATTICES, SMALL_LATTICES, each_of
 from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ShapeError, TopologyError
@@ -27,7 +27,7 @@ def naive_projection(
     return sums / lattice.n_nodes
 
 
-@pytest.mark.parametrize("lattice", [*SMALL_LATTICES, *MIDDLE_LATTICES], ids=name_of)
+@each_of((*SMALL_LATTICES, *MIDDLE_LATTICES))
 def test_both_are_the_products_with_the_shapes(lattice: Lattice, rng: np.random.Generator) -> None:
     for n_modes in {1, max(1, lattice.n_nodes // 2), lattice.n_nodes}:
         modes = lattice.lowest_modes(n_modes)
@@ -57,7 +57,7 @@ def scattered_modes(lattice: Lattice, rng: np.random.Generator) -> ModeSet:
     return lattice.all_modes().take(chosen)
 
 
-@pytest.mark.parametrize("lattice", MIDDLE_LATTICES, ids=name_of)
+@each_of(MIDDLE_LATTICES)
 def test_any_modes_in_any_order(lattice: Lattice, rng: np.random.Generator) -> None:
     modes = scattered_modes(lattice, rng)
     u = rng.standard_normal((2, lattice.n_nodes, 1))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from dense_lattices import MIDDLE_LATTICES, SMALL_LATTICES, SURFACES, name_of
+from dense_lattices import MIDDLE_LATTICES, SMALL_LATTICES, SURFACES, each_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,7 +16,7 @@ from modalmotion.modes.topology import CUP, CYLINDER, PLANE, TORUS, Topology
 from modalmotion.modes.transform import project, project_all, superpose, superpose_all
 
 
-@pytest.mark.parametrize("lattice", [*SMALL_LATTICES, *MIDDLE_LATTICES], ids=name_of)
+@each_of((*SMALL_LATTICES, *MIDDLE_LATTICES))
 def test_both_are_the_products_with_the_shapes(lattice: Lattice, rng: np.random.Generator) -> None:
     Phi = lattice.shapes(lattice.all_modes())
     u = rng.standard_normal((2, lattice.n_nodes, 3))

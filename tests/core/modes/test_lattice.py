@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from dense_lattices import MIDDLE_LATTICES, SMALL_LATTICES, name_of, stiffness_matrix
+from dense_lattices import MIDDLE_LATTICES, SMALL_LATTICES, each_of, stiffness_matrix
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -25,7 +25,7 @@ from modalmotion.modes.topology import (
 LATTICES = (*SMALL_LATTICES, *MIDDLE_LATTICES)
 
 
-@pytest.mark.parametrize("lattice", LATTICES, ids=name_of)
+@each_of(LATTICES)
 def test_all_modes_solve_the_dense_eigenproblem(lattice: Lattice) -> None:
     modes = lattice.all_modes()
     matrix = stiffness_matrix(lattice)
@@ -39,7 +39,7 @@ def test_all_modes_solve_the_dense_eigenproblem(lattice: Lattice) -> None:
     assert np.abs(Phi.T @ Phi / lattice.n_nodes - np.eye(lattice.n_nodes)).max() <= 1e-13
 
 
-@pytest.mark.parametrize("lattice", LATTICES, ids=name_of)
+@each_of(LATTICES)
 def test_shapes_at_some_nodes_are_those_rows(lattice: Lattice) -> None:
     modes = lattice.all_modes()
     nodes = np.arange(lattice.n_nodes)[::-2]

@@ -8,7 +8,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from dense_lattices import SMALL_LATTICES, SURFACES, VOLUMES, fits, name_of
+from dense_lattices import SMALL_LATTICES, SURFACES, VOLUMES, each_of, fits
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -69,7 +69,7 @@ def naive_key(topology: Topology, label: ModeLabel) -> Fraction:
     return k_squared
 
 
-@pytest.mark.parametrize("lattice", SMALL_LATTICES, ids=name_of)
+@each_of(SMALL_LATTICES)
 def test_all_modes_are_the_naive_ones_by_wavenumber(lattice: Lattice) -> None:
     labels = lattice.all_modes().labels
     assert len(labels) == lattice.n_nodes
@@ -133,7 +133,7 @@ def test_a_count_that_splits_a_pair_is_rounded_up() -> None:
     assert Lattice(CYLINDER, (2, 3)).whole_modes(3).labels[-1] == ModeLabel((0, 1), "sin")
 
 
-@pytest.mark.parametrize("lattice", SMALL_LATTICES, ids=name_of)
+@each_of(SMALL_LATTICES)
 def test_a_whole_set_holds_both_of_every_pair(lattice: Lattice) -> None:
     every = set(lattice.all_modes().labels)
     for n in range(1, lattice.n_nodes + 1):

@@ -44,9 +44,9 @@ def assert_same_bits(threads: ThreadpoolController, run: Callable[[], FloatArray
 # Every regime of the tiles: vectors and matrices, narrow and wide, short and long sums.
 PRODUCTS = [
     (m, k, n)
-    for m in (1, 2, 3, 5, 7, 8, 9, 20, 33, 1000)
-    for k in (1, 2, 7, 40, 129, 1000, 12_345)
-    for n in (1, 3, 63, 300, 3001)
+    for m in (1, 3, 7, 8, 9, 33, 1000)
+    for k in (1, 7, 129, 1000, 12_345)
+    for n in (1, 3, 63, 3001)
     if m * k <= 200_000 and k * n <= 2_000_000 and m * n <= 500_000
 ]
 
@@ -86,7 +86,7 @@ def test_a_stack_does_not_change_its_members(rng: np.random.Generator) -> None:
     ],
     ids=str,
 )
-@pytest.mark.parametrize("n_modes", [1, 7, 54, 300])
+@pytest.mark.parametrize("n_modes", [1, 7, 54, pytest.param(300, marks=pytest.mark.soak)])
 def test_transforms_and_shapes(
     topology: Topology,
     shape: tuple[int, ...],

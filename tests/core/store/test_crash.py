@@ -136,7 +136,7 @@ def kill_many_times(root: Path, n_rounds: int, rng: np.random.Generator) -> None
 def test_a_killed_writer_loses_nothing_that_was_acknowledged(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:
-    kill_many_times(tmp_path / "store", 3, rng)
+    kill_many_times(tmp_path / "store", 2, rng)
 
 
 @pytest.mark.soak

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from dataclasses import dataclass, field
@@ -195,8 +196,8 @@ def test_both_keys_differ() -> None:
 
 TestStoreAndTwin = StoreAndTwin.TestCase
 TestStoreAndTwin.settings = settings(
-    max_examples=25,
-    stateful_step_count=25,
+    max_examples=10 * int(os.environ.get("SOAK", "1")),
+    stateful_step_count=20,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow],
 )

@@ -249,5 +249,5 @@ def _saved(vertices: Any) -> bytes:
     import numpy as np
 
     buffer = io.BytesIO()
-    np.savez(buffer, vertices=vertices, grid=(32, 64), topology="cup")
+    np.savez(buffer, vertices=vertices, grid=(8, 16), topology="cup")
     return buffer.getvalue()

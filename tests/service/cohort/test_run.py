@@ -253,11 +253,11 @@ def kill_and_go_on(tmp_path: Path, n: int) -> None:
 
 
 def test_a_cohort_that_is_killed_goes_on(tmp_path: Path) -> None:
-    kill_and_go_on(tmp_path, 40)
+    kill_and_go_on(tmp_path, 24)
 
 
 @pytest.fixture
-def own_cluster(tmp_path: Path) -> Iterator[DaskCluster]:
+def own_cluster(tmp_path: Path, warm_bridges: None) -> Iterator[DaskCluster]:
     cluster = DaskCluster(tmp_path / "dask")
     yield cluster
     cluster.stop()
@@ -274,7 +274,7 @@ def disturb(own_cluster: DaskCluster, tmp_path: Path, n: int) -> None:
     own_cluster.workers[0].kill()
     wait_for_some(run, out, n // 3)
     own_cluster.kill_scheduler()
-    time.sleep(1.0)
+    time.sleep(0.5)
     kept = n_kept(out)
     assert kept < n
     own_cluster.start_scheduler()
@@ -285,7 +285,7 @@ def disturb(own_cluster: DaskCluster, tmp_path: Path, n: int) -> None:
 def test_a_cohort_survives_a_lost_worker_and_scheduler(
     own_cluster: DaskCluster, tmp_path: Path
 ) -> None:
-    disturb(own_cluster, tmp_path, 40)
+    disturb(own_cluster, tmp_path, 24)
 
 
 @pytest.mark.soak

@@ -47,7 +47,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
         "REQUIRE_KEYS": "true",
         "WORKERS": "1",
         "MAX_CONCURRENT_REQUESTS": str(MOST),
-        "IDLE_SECONDS": "3",
+        "IDLE_SECONDS": "2",
     }
     running = RunningService(tmp_path_factory.mktemp("abuse") / "results", settings)
     yield running.start()
@@ -162,9 +162,9 @@ def test_every_health_check_passes_whoever_else_asks(
 def test_answers_that_are_not_read_hold_no_place_for_ever(
     service: RunningService, keys: dict[str, str]
 ) -> None:
-    vertices = np.random.default_rng(1).normal(size=(40, 20_000, 3)).astype("f4")
+    vertices = np.random.default_rng(1).normal(size=(400, 2000, 3)).astype("f4")
     buffer = io.BytesIO()
-    np.savez(buffer, vertices=vertices, grid=(100, 200), topology="cup", unit="mm")
+    np.savez(buffer, vertices=vertices, grid=(40, 50), topology="cup", unit="mm")
     key = {"X-API-Key": keys["alice"]}
     known = service.request("POST", "/v1/sequences", buffer.getvalue(), key).json["id"]
     path = f"/v1/sequences/{known}/reconstruction"
@@ -268,16 +268,10 @@ def test_connections_that_say_nothing_leave_room_for_those_that_ask(
     tmp_path: Path, beat: bytes
 ) -> None:
     """They took all open files: nothing was kept, and 75,000 lines were logged in 9 s."""
-    program = (
-        "import sys, resource",
-        "resource.setrlimit(resource.RLIMIT_NOFILE, (400, 400))",
-        "from modalmotion.cli import main",
-        "main(['serve', '--port', sys.argv[1], '--data-dir', sys.argv[2]])",
-    )
     running = RunningService(
         tmp_path / "results",
         {"REQUIRE_KEYS": "true", "WORKERS": "1"},
-        program=("-c", "\n".join(program)),
+        most_files=400,
     )
     try:
         running.start()

@@ -113,8 +113,8 @@ def attack(service: RunningService, n_requests: int, seed: int) -> Counter[int]:
 
 
 def test_hostile_requests_are_answered_and_do_no_harm(service: RunningService) -> None:
-    statuses = attack(service, 400, seed=1)
-    assert sum(statuses.values()) == 400
+    statuses = attack(service, 200, seed=1)
+    assert sum(statuses.values()) == 200
     assert {200, 400, 401, 404, 405, 422} <= set(statuses)
 
 

@@ -44,7 +44,7 @@ def twins() -> TestClient:
 @example([("unknown", "1"), ("unknown", "2")])
 @example([("times", LONG_TIMES)])
 @example([("times", LONG_TIMES), ("modes", "0")])
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_a_query_is_read_as_fastapi_reads_it(
     twins: TestClient, given_parameters: list[tuple[str, str]]
 ) -> None:

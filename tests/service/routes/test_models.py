@@ -241,12 +241,12 @@ def test_trainings_of_one_name_at_once_are_distinct_versions(trained: Trained) -
         model = train(trained.client, "at-once", trained.ids, options=QUICK)
         made.append(model["version"])
 
-    threads = [threading.Thread(target=one) for _ in range(3)]
+    threads = [threading.Thread(target=one) for _ in range(2)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert sorted(made) == [1, 2, 3]
+    assert sorted(made) == [1, 2]
 
 
 def test_a_training_sent_again_with_its_key_is_one_job(trained: Trained) -> None:
@@ -310,7 +310,7 @@ def test_a_cohort_of_bent_surfaces_is_trained_in_one_basis(trained: Trained) -> 
     client = trained.client
     bent = (
         Sent(write_npz(sequence), label, f"bent {number}")
-        for number, (sequence, label) in enumerate(bent_cohort(5, 1))
+        for number, (sequence, label) in enumerate(bent_cohort(3, 1))
     )
     ids = send(client, bent)
     every: list[tuple[dict[str, str], str]] = [({}, "mesh"), ({"topology": "sphere"}, "sphere")]

@@ -98,7 +98,7 @@ def test_a_task_that_takes_more_than_its_means_is_ended_by_name(open_engine: Ope
         honest = pool.submit_for(Terms("b", 0.1, 60.0), abs, -1)
         costly = pool.submit_for(Terms("a", 0.01, 0.3), spin)
         # Whoever waits takes nothing of it.
-        idle = pool.submit_for(Terms("a", 1.0, 0.3), short, 5, 0.8)
+        idle = pool.submit_for(Terms("a", 1.0, 0.3), short, 5, 0.5)
         with pytest.raises(CostError, match="processor time") as caught:
             costly.result(timeout=60)
         assert caught.value.limit == "task_cost_factor"
@@ -115,6 +115,7 @@ def test_owners_take_turns(open_engine: OpenEngine, tmp_path: Path) -> None:
         one.result(timeout=60)
         # Not one of the two workers has begun more than one more of the other's.
         assert sum(future.done() for future in many) < 8
+        pool.shutdown(cancel_futures=True)
 
 
 def test_a_killed_worker_costs_no_result(pool: Engine, tmp_path: Path) -> None:
@@ -131,7 +132,7 @@ def test_a_task_that_kills_every_worker_fails_alone(pool: Engine) -> None:
 
 def test_a_worker_killed_while_it_is_idle_costs_nothing(open_engine: OpenEngine) -> None:
     with open_engine(20.0) as pool:
-        for _ in range(5):
+        for _ in range(2):
             pids = [pool.submit(os.getpid) for _ in range(2)]
             for pid in {future.result(timeout=20) for future in pids}:
                 os.kill(pid, signal.SIGKILL)
@@ -179,7 +180,7 @@ def test_waiting_tasks_are_finished_or_cancelled_at_shutdown(open_engine: OpenEn
 def test_cancelling_ends_the_work(open_engine: OpenEngine) -> None:
     with open_engine(20.0) as pool:
         stuck = [pool.submit(hang) for _ in range(2)]
-        threading.Event().wait(0.5)
+        threading.Event().wait(0.2)
         for future in stuck:
             assert future.cancel()
             with pytest.raises(CancelledError):

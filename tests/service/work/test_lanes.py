@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from worker_tasks import hang, note, slow_mark
 
-from modalmotion_service.work.lanes import LANE_SECONDS, SHORT_SECONDS, Lanes, Task
+from modalmotion_service.work.lanes import SHORT_SECONDS, Lanes, Task
 from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.work.terms import Terms
 
@@ -67,10 +67,13 @@ def test_workers_do_short_work_when_nothing_long_waits() -> None:
     assert lanes.take(lambda: None, is_lane=False) is None
 
 
-def test_what_outlives_the_lane_is_done_in_the_long_queue(pool: WorkerPool, tmp_path: Path) -> None:
-    under_way(pool, tmp_path / "mark", LONG, 2.0)
+def test_what_outlives_the_lane_is_done_in_the_long_queue(
+    pool: WorkerPool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("modalmotion_service.work.keeper.LANE_SECONDS", 0.2)
+    under_way(pool, tmp_path / "mark", LONG, 1.0)
     # Dearer than it looks: the lane gives it up, and the worker does it when it is free.
-    looks_short = pool.submit_for(SHORT, slow_mark, tmp_path / "other", 3 * LANE_SECONDS)
+    looks_short = pool.submit_for(SHORT, slow_mark, tmp_path / "other", 0.6)
     while not (tmp_path / "other").exists():
         time.sleep(0.01)
     behind = pool.submit_for(Terms("c", 0.01), abs, -1)

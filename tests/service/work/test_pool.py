@@ -88,9 +88,9 @@ def count(futures: list[Future[Any]], ends: Counter[str]) -> None:
 
 @pytest.mark.filterwarnings("ignore:resource_tracker")
 def test_a_few_dozen_kills_leave_no_future_unsettled() -> None:
-    ends = kill_and_count(40, seed=1)
+    ends = kill_and_count(20, seed=1)
     assert ends.keys() <= {"done", "failed by name"}, ends
-    assert ends["done"] > 100
+    assert ends["done"] > 50
 
 
 @pytest.mark.soak
@@ -145,8 +145,8 @@ def test_it_is_ready_while_a_worker_answers_or_is_at_work() -> None:
         assert behind.result(timeout=60) == 2
 
 
-@pytest.mark.parametrize("n_workers", [1, 3])
-def test_stopped_workers_are_not_ready_and_are_replaced(n_workers: int) -> None:
+def test_stopped_workers_are_not_ready_and_are_replaced() -> None:
+    n_workers = 2
     with WorkerPool(n_workers, 300.0, MEMORY) as pool:
         wait([pool.submit(short, n, 0.1) for n in range(2 * n_workers)], timeout=60)
         stopped = victims(pool, "workers")
@@ -171,7 +171,7 @@ def test_one_worker_that_answers_is_enough() -> None:
 def test_a_task_of_a_stopped_worker_is_done_by_another_one(tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     with WorkerPool(1, 300.0, MEMORY) as pool:
-        task = pool.submit(slow_mark, mark, 0.5)
+        task = pool.submit(slow_mark, mark, 0.2)
         while not mark.exists():
             time.sleep(0.01)
         kill(victims(pool, "workers"), signal.SIGSTOP)

@@ -52,6 +52,16 @@ def test_all_is_told_of_work_that_is_done_at_once(tmp_path: Path) -> None:
     assert told == [(0.25, "25%"), (0.5, "50%"), (1.0, "100%")]
 
 
+def test_the_first_share_is_told_however_soon_it_comes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(task_progress, "_LEAST_SECONDS", 60.0)
+    file = ProgressFile(tmp_path / "progress")
+    for share in (0.0, 0.0, 0.1, 0.2, 1.0):
+        file.write(share)
+    assert file.news() == [(0.0, ""), (0.1, "")]
+
+
 def test_half_a_line_waits_for_its_end_and_a_broken_one_is_passed_over(tmp_path: Path) -> None:
     path = tmp_path / "progress"
     file = ProgressFile(path)

@@ -90,7 +90,7 @@ def test_finished_jobs_and_keys_are_forgotten_but_none_that_has_work_or_a_file(
 
 
 def test_a_running_service_removes_them_by_itself(tmp_path: Path, beat: bytes) -> None:
-    settings = Settings(data_dir=tmp_path, workers=1, wait_seconds=120.0, result_hours=1 / 1800)
+    settings = Settings(data_dir=tmp_path, workers=1, wait_seconds=120.0, result_hours=1 / 3600)
     with TestClient(create_app(settings)) as client:
         sequence_id = client.post("/v1/sequences", content=beat).json()["id"]
         job = client.post("/v1/signatures/query", json={"ids": [sequence_id]}, headers=ASYNC).json()

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 from running import RunningService
-from training_cohort import cohort, finished, send
+from training_cohort import QUICK, cohort, finished, send
 
 from modalmotion.formats import read_npz
 from modalmotion.signature.making import modal_signature
@@ -58,7 +58,7 @@ def wait_until(service: RunningService, link: str, states: set[str]) -> Any:
 def test_a_training_is_taken_up_again_after_a_restart(service: RunningService, end: str) -> None:
     service.start()
     ids = sent_to(service, 4)
-    body = json.dumps({"name": "survivor", "sequences": ids}).encode()
+    body = json.dumps({"name": "survivor", "sequences": ids, "options": QUICK}).encode()
     kind = {"Content-Type": "application/json"}
     answer = service.request("POST", "/v1/models", body, kind)
     assert answer.status == 202, answer.body

@@ -14,7 +14,7 @@ import logging.config
 import socket
 import sys
 from collections.abc import Coroutine
-from typing import Any, Final
+from typing import Any
 
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.log_lines import log_config
@@ -24,8 +24,6 @@ from modalmotion_service.work.dask.logs import log_dask_as_json
 from modalmotion_service.work.dask.scheduler import Scheduler
 from modalmotion_service.work.dask.settings import ClusterSettings
 from modalmotion_service.work.terms import read_terms
-
-_SAY_SECONDS: Final = 1.0
 
 
 class Bridge:
@@ -47,6 +45,7 @@ class Bridge:
         self._reader = reader
         self._writer = writer
         self._scheduler = Scheduler(settings)
+        self._say_seconds = settings.look_seconds
         self._tasks: dict[int, asyncio.Task[None]] = {}
 
     async def run(self) -> None:
@@ -101,7 +100,7 @@ class Bridge:
             n_places, waiting = self._scheduler.n_places, self._scheduler.n_waiting
             state = "" if n_places is None else f"{n_places} {waiting['short']} {waiting['long']}"
             self._say(Frame(Kind.STATE, 0, state.encode()))
-            await asyncio.sleep(_SAY_SECONDS)
+            await asyncio.sleep(self._say_seconds)
 
     def _say(self, frame: Frame) -> None:
         if not self._writer.is_closing():

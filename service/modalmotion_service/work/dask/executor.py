@@ -41,7 +41,7 @@ MARK: Final = "cluster"
 NOBODY: Final = {"short": 0, "long": 0}
 # The bridge speaks every second; importing Dask on a busy machine takes a while.
 _SILENT_SECONDS: Final = 60.0
-_AGAIN_SECONDS: Final = 1.0
+_LOOK_SECONDS: Final = 1.0
 # For a word to go through the bridge.
 _SAY_SECONDS: Final = 1.0
 _END_SECONDS: Final = 10.0
@@ -77,6 +77,8 @@ class DaskExecutor(Engine):
         How long work waits while there is no worker.
     silent_seconds : float
         After this a worker that says nothing counts as gone, and its work is given to another.
+    look_seconds : float
+        Between two looks at the scheduler and its workers, and before a bridge is begun again.
 
     Raises
     ------
@@ -95,6 +97,7 @@ class DaskExecutor(Engine):
         connect_seconds: float = 30.0,
         patience_seconds: float = 30.0,
         silent_seconds: float = SILENT_SECONDS,
+        look_seconds: float = _LOOK_SECONDS,
     ) -> None:
         self._mark = folder.absolute() / f"{MARK}.{secrets.token_hex(8)}"
         self._settings = ClusterSettings(
@@ -107,6 +110,7 @@ class DaskExecutor(Engine):
             connect_seconds=connect_seconds,
             patience_seconds=patience_seconds,
             silent_seconds=silent_seconds,
+            look_seconds=look_seconds,
         )
         self._lock = threading.Lock()
         self._numbers = itertools.count(1)
@@ -239,7 +243,7 @@ class DaskExecutor(Engine):
             if self._ending.is_set() or not self._looked.is_set():
                 break
             logger.error("the bridge to the scheduler ended, and is begun again")
-            time.sleep(_AGAIN_SECONDS)
+            time.sleep(self._settings.look_seconds)
         self._looked.set()
 
     def _serve(self, ours: socket.socket) -> None:

@@ -41,7 +41,7 @@ class Hearing:
             seen, since = self._changed.get(address, (None, time))
             changed[address] = (worker["last_seen"], since if worker["last_seen"] == seen else time)
         self._changed = changed
-        silent_after = max(self._silent_seconds, 4 * (len(workers) / 200 + 1))
+        silent_after = max(self._silent_seconds, 4 * (len(workers) / 200 + 0.5))
         self._heard = tuple(
             address for address, (_, since) in changed.items() if time - since < silent_after
         )

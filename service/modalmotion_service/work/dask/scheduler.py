@@ -24,7 +24,6 @@ from modalmotion_service.work.terms import Terms
 
 logger = logging.getLogger(__name__)
 
-_LOOK_SECONDS: Final = 1.0
 # A machine under load may be slow to answer; a connection that breaks is seen at once.
 _ANSWER_SECONDS: Final = 30.0
 
@@ -225,9 +224,9 @@ class Scheduler:
 
     async def supervise(self) -> None:
         """Look after the scheduler and the workers, for ever."""
-        without_worker = 0.0
+        without_worker, look_seconds = 0.0, self._settings.look_seconds
         while True:
-            await asyncio.sleep(_LOOK_SECONDS)
+            await asyncio.sleep(look_seconds)
             if self._client is None:
                 with contextlib.suppress(ClusterError, OSError):
                     await self.connect()
@@ -244,7 +243,7 @@ class Scheduler:
                 self._n_places = 0
                 await lost.close(timeout=1.0)
                 continue
-            without_worker = 0.0 if self._n_places else without_worker + _LOOK_SECONDS
+            without_worker = 0.0 if self._n_places else without_worker + look_seconds
             if without_worker >= self._settings.patience_seconds and self._remotes:
                 logger.error("the scheduler at %s has no worker", self._address)
                 self._turns.give_up(self._has_no_worker())

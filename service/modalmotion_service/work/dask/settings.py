@@ -24,6 +24,8 @@ class ClusterSettings:
         How long work waits while there is no worker.
     silent_seconds : float
         After this a worker that says nothing counts as gone.
+    look_seconds : float
+        Between two looks at the scheduler and its workers.
     """
 
     scheduler: str
@@ -35,3 +37,4 @@ class ClusterSettings:
     connect_seconds: float
     patience_seconds: float
     silent_seconds: float
+    look_seconds: float

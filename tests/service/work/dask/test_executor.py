@@ -18,6 +18,7 @@ import pytest
 from dask_cluster import DaskCluster, free_port
 from distributed.core import Status
 from fastapi.testclient import TestClient
+from warm_start import start_warm
 from worker_tasks import hang, is_running, slow_mark
 
 from modalmotion_service.app import create_app
@@ -31,10 +32,12 @@ from modalmotion_service.work.payload import payload_of
 from modalmotion_service.work.terms import NO_TERMS
 
 MEMORY = 3_000_000_000
+# In s, between two looks at the workers.
+LOOK = 0.1
 
 
 @pytest.fixture
-def own_cluster(tmp_path: Path) -> Iterator[DaskCluster]:
+def own_cluster(tmp_path: Path, warm_bridges: None) -> Iterator[DaskCluster]:
     """One whose processes the test may kill."""
     cluster = DaskCluster(tmp_path / "dask")
     yield cluster
@@ -45,7 +48,7 @@ def until(holds: Callable[[], bool], seconds: float = 60.0) -> None:
     end = time.monotonic() + seconds
     while not holds():
         assert time.monotonic() < end, "it does not come to pass"
-        time.sleep(0.1)
+        time.sleep(0.02)
 
 
 def is_ready(engine: DaskExecutor) -> bool:
@@ -65,7 +68,7 @@ def test_the_bridge_imports_dask_and_no_more_of_the_service_than_it_needs() -> N
     assert not imported & {"fastapi", "scipy", "modalmotion.store", "modalmotion_service.settings"}
 
 
-def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path, warm_bridges: None) -> None:
     address = f"tcp://127.0.0.1:{free_port()}"
     with pytest.raises(ClusterError, match="no scheduler") as caught:
         DaskExecutor(address, tmp_path, 2.0, MEMORY, connect_seconds=0.5)
@@ -76,25 +79,29 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
 
 
 def test_the_service_says_so_at_its_start_and_ends(tmp_path: Path) -> None:
-    run = subprocess.run(
-        [sys.executable, "-m", "modalmotion", "serve", "--port", "0", "--data-dir", tmp_path / "d"],
-        env={
-            "MODALMOTION_SCHEDULER": f"tcp://127.0.0.1:{free_port()}",
-            "MODALMOTION_CLUSTER_SECONDS": "0.5",
-        },
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 1
-    assert "There is no scheduler at" in run.stderr
-    assert "Traceback" not in run.stderr
+    environment = {
+        **os.environ,
+        "MODALMOTION_SCHEDULER": f"tcp://127.0.0.1:{free_port()}",
+        "MODALMOTION_CLUSTER_SECONDS": "0.5",
+    }
+    log = tmp_path / "log"
+    with log.open("wb") as sink:
+        run = start_warm(
+            "server",
+            *("modalmotion", "serve", "--port", "0", "--data-dir", str(tmp_path / "d")),
+            environment=environment,
+            folder=tmp_path,
+            sink=sink,
+        )
+    assert run.wait(60) == 1
+    assert "There is no scheduler at" in log.read_text()
+    assert "Traceback" not in log.read_text()
 
 
 def test_a_scheduler_without_workers_is_refused(own_cluster: DaskCluster, tmp_path: Path) -> None:
     own_cluster.start_scheduler()
     with pytest.raises(ClusterError, match="no workers"):
-        DaskExecutor(own_cluster.address, tmp_path, 2.0, MEMORY, connect_seconds=5.0)
+        DaskExecutor(own_cluster.address, tmp_path, 2.0, MEMORY, connect_seconds=2.0)
 
 
 def test_a_worker_elsewhere_or_of_another_version_is_refused(tmp_path: Path) -> None:
@@ -146,7 +153,7 @@ def test_two_clients_share_workers_and_one_may_leave(
     for folder in folders:
         folder.mkdir()
     with DaskExecutor(dask_cluster.address, folders[0], 20.0, MEMORY) as stays:
-        slow = stays.submit(slow_mark, tmp_path / "mark", 1.0)
+        slow = stays.submit(slow_mark, tmp_path / "mark", 0.5)
         with DaskExecutor(dask_cluster.address, folders[1], 20.0, MEMORY) as leaves:
             assert leaves.submit(abs, -1).result(timeout=30) == 1
         assert slow.result(timeout=30) == "done"
@@ -180,7 +187,10 @@ def test_a_lost_worker_or_scheduler_is_survived(own_cluster: DaskCluster, tmp_pa
     folder = tmp_path / "shared"
     folder.mkdir()
     with DaskExecutor(
-        own_cluster.address, folder, 60.0, MEMORY, patience_seconds=2.0, connect_seconds=5.0
+        *(own_cluster.address, folder, 60.0, MEMORY),
+        patience_seconds=1.0,
+        connect_seconds=5.0,
+        look_seconds=LOOK,
     ) as engine:
         # A worker is killed at work: the other one does its part.
         tasks = [engine.submit(slow_mark, tmp_path / f"{n}", 0.3) for n in range(8)]
@@ -213,7 +223,10 @@ def test_a_stopped_worker_is_not_ready_and_its_work_goes_to_others(
     folder = tmp_path / "shared"
     folder.mkdir()
     with DaskExecutor(
-        own_cluster.address, folder, 60.0, MEMORY, patience_seconds=1.0, silent_seconds=3.0
+        *(own_cluster.address, folder, 60.0, MEMORY),
+        patience_seconds=0.5,
+        silent_seconds=1.0,
+        look_seconds=LOOK,
     ) as engine:
         assert is_ready(engine)
         own_cluster.workers[0].send_signal(signal.SIGSTOP)
@@ -247,7 +260,7 @@ def test_a_bridge_that_ends_or_stops_is_replaced(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("modalmotion_service.work.dask.executor._SILENT_SECONDS", 10.0)
-    with DaskExecutor(dask_cluster.address, tmp_path, 60.0, MEMORY) as engine:
+    with DaskExecutor(dask_cluster.address, tmp_path, 60.0, MEMORY, look_seconds=LOOK) as engine:
         stuck = engine.submit(hang)
         assert engine.bridge is not None
         engine.bridge.send_signal(number)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
 import pytest
 from access_parts import guarded
+from worker_tasks import die_while_writing
 
 from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.work.tasks.files import whole_file, write_whole
@@ -27,18 +27,8 @@ def test_a_file_is_whole_or_not_there(tmp_path: Path) -> None:
     assert path.read_bytes() == b"again"
 
 
-def die_while_writing(path: Path) -> None:
-    def write(_: bytes) -> None:
-        temporary.touch()
-        os._exit(1)
-
-    with whole_file(path) as temporary:
-        write(b"")
-
-
-@pytest.mark.parametrize("call", ["image", "output"])
 def test_nothing_stays_of_a_worker_that_died(
-    tmp_path: Path, call: str, beat: bytes, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, beat: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     submit = WorkerPool.submit_for
 
@@ -50,7 +40,8 @@ def test_nothing_stays_of_a_worker_that_died(
         made = service.ask("lab", "POST", "/v1/sequences", content=beat).headers["location"]
         with monkeypatch.context() as patch:
             patch.setattr(WorkerPool, "submit_for", dying)
-            what = "signature" if call == "image" else "encoded?rms=0.5"
-            answer = service.ask("lab", "GET", f"{made}/{what}")
-            assert answer.json()["code"] == "worker_died"
+            # An image, and an output.
+            for what in ("signature", "encoded?rms=0.5"):
+                answer = service.ask("lab", "GET", f"{made}/{what}")
+                assert answer.json()["code"] == "worker_died"
         assert list((tmp_path / "owners" / "lab" / "spool").iterdir()) == []
