@@ -22,7 +22,7 @@ from modalmotion.progress import Progress
 
 
 def read_sequence(
-    source: bytes | Path,
+    source: bytes | str | Path,
     options: ReadOptions | None = None,
     *,
     progress: Progress | None = None,
@@ -32,7 +32,7 @@ def read_sequence(
 
     Parameters
     ----------
-    source : bytes or Path
+    source : bytes, str or Path
         Bytes may come from anywhere, and are read without opening a file. A path is local:
         a file, a folder of frames, or a pattern of their names (scan_*.ply).
     options : ReadOptions, optional
@@ -51,6 +51,7 @@ def read_sequence(
         The subclass says what is wrong; frame and vertex are named where known.
     """
     options = ReadOptions() if options is None else options
+    source = Path(source) if isinstance(source, str) else source
     if parser is None:
         with ParserProcess(options.limits) as own:
             return options.apply(_read(source, options, own, progress))

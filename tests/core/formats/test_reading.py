@@ -72,6 +72,7 @@ def test_a_name_plays_no_part(tmp_path: Path) -> None:
         path = tmp_path / "sequence.stl"
         path.write_bytes(data)
         assert read_sequence(path).sequence.id == read_sequence(data).sequence.id, name
+    assert read_sequence(str(path)).sequence.id == read_sequence(path).sequence.id
 
 
 @pytest.mark.parametrize(

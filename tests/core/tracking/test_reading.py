@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 from clouds import breathing_spheroid, sampled
 
 from modalmotion.errors import InputError, MalformedFileError, ParameterError
+from modalmotion.formats.frames.archive import write_ply_zip
 from modalmotion.formats.ply.ply import write_ply
 from modalmotion.tracking.reading import read_observed
 
@@ -111,3 +114,38 @@ def test_what_cannot_be_read_names_frame_and_file(tmp_path: Path) -> None:
         read_observed(tmp_path)
     with pytest.raises(MalformedFileError, match="of no format that is read"):
         read_observed(tmp_path / "a_1.xyz")
+
+
+def test_times_and_unit_come_from_the_frames_or_their_list() -> None:
+    timed = replace(BALL, times=np.array([0.0, 0.1, 0.4]))
+    found = read_observed(write_ply_zip(timed))
+    assert found.times is not None
+    assert found.times.tolist() == [0.0, 0.1, 0.4]
+    assert found.unit == "mm"
+    assert read_observed(write_ply_zip(BALL)).times is None
+    # In the order of the list, not of the names.
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for k in range(2):
+            archive.writestr(f"f{k}.ply", write_ply(X[k][:9], np.zeros((0, 3), np.int64), {}))
+        entries = [{"name": f"f{k}.ply", "time": 1.0 - k} for k in range(2)]
+        listed = {"file-series-version": "1.0", "files": entries}
+        archive.writestr("all.ply.series", json.dumps(listed))
+    turned = read_observed(buffer.getvalue())
+    assert turned.frames[0][0].points == pytest.approx(X[1][:9])
+    one = read_observed(write_ply(X[0], BALL.faces, {"unit": "cm"}))
+    assert (len(one.frames), one.unit) == (1, "cm")
+
+
+def test_landmarks_stand_in_an_npz_as_text_too(tmp_path: Path) -> None:
+    text = '{"apex": [[0, 0, 1], null], "base": [1, 2, 3]}'
+    arrays = {"points": X[0][:8], "offsets": [0, 4, 8], "landmarks": text, "coordinates": "RAS"}
+    np.savez(tmp_path / "a.npz", **arrays)
+    found = read_observed(tmp_path / "a.npz")
+    assert found.landmarks["base"].tolist() == [1, 2, 3]
+    assert np.isnan(found.landmarks["apex"][1]).all()
+    assert found.coordinates == "RAS"
+    np.savez(tmp_path / "a.npz", **{**arrays, "apex": "0,0,1"})
+    with pytest.raises(InputError, match="'apex' holds") as caught:
+        read_observed(tmp_path / "a.npz")
+    assert "as numbers" in caught.value.remedy

@@ -75,7 +75,7 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
     if which not in available_models():
         raise NotFoundError(
             f"There is no model named {which[:80]!r}.",
-            remedy=f"Use one of: {', '.join(available_models())}.",
+            remedy=f"Use one of: {', '.join(available_models())}; of a file give its Path.",
         )
     return _load_shipped(which)
 

@@ -72,6 +72,34 @@ class MemberFit:
 
 
 @dataclass(frozen=True, eq=False)
+class Losses:
+    """How badly cases were predicted that were left out.
+
+    Parameters
+    ----------
+    of_cases : (cases,) float64, nats
+        NaN where none could be left out.
+    groups : (cases,) int64
+        Cases of one group count as one.
+    """
+
+    of_cases: NDArray[np.float64]
+    groups: NDArray[np.int64]
+
+    @property
+    def mean(self) -> float:
+        """Of all cases, nats."""
+        return float(self.of_cases.mean())
+
+    def surely_above(self, others: Losses, n_errors: float) -> bool:
+        """Whether those of the same cases are lower by more than some standard errors."""
+        _, place = np.unique(self.groups, return_inverse=True)
+        gains = np.zeros(int(place.max()) + 1)
+        np.add.at(gains, place, self.of_cases - others.of_cases)
+        return bool(gains.sum() > n_errors * gains.std() * np.sqrt(len(gains)))
+
+
+@dataclass(frozen=True, eq=False)
 class FoldFit:
     """Several choices of features, each with its estimator, weighed by cases left out.
 
@@ -83,14 +111,14 @@ class FoldFit:
         See `pooled`.
     classes : (seen,) int64
         Those that the estimators have seen.
-    loss : float, nats
-        Mean log loss of the cases that were left out; NaN where none could be.
+    losses : Losses
+        Of the cases that were left out.
     """
 
     members: tuple[MemberFit, ...]
     temperature: float
     classes: NDArray[np.int64]
-    loss: float
+    losses: Losses
 
     def probabilities(
         self, rows: NDArray[np.int64], readings: NDArray[np.int64], n_classes: int
@@ -127,7 +155,8 @@ def fit_rows(table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions
     if np.isnan(fits[0].estimator.held_out_).any():
         # Nothing says which is better.
         only = fits[0] if len(compared) == len(rows) else _fit(table, fits[0].reader, rows, options)
-        return FoldFit((replace(only, weight=1.0),), 1.0, only.estimator.classes_, np.nan)
+        unknown = Losses(fits[0].estimator.losses_, table.groups[compared])
+        return FoldFit((replace(only, weight=1.0),), 1.0, only.estimator.classes_, unknown)
     kinds = _kinds(table, compared, options)
     if Further.VOLUME in kinds:
         volume = replace(_beside_motion(table), further=(Further.VOLUME,))
@@ -136,13 +165,13 @@ def fit_rows(table: CaseTable, rows: NDArray[np.int64], options: TrainingOptions
     if _has_subjects(table, compared):
         more = [_fit(table, one, compared, quick) for one in _further(table, pool, kinds)]
         larger = _pool(table, [*fits, *more], compared, options)
-        if _surely_gains(pool.losses, larger.losses, table.groups[compared]):
+        if pool.losses.surely_above(larger.losses, _SURE):
             pool = larger
-    kept, loss = list(pool.members), float(pool.losses.mean())
+    kept, losses = list(pool.members), pool.losses
     if len(compared) < len(rows) or quick is not options:
         kept = [replace(_fit(table, fit.reader, rows, options), weight=fit.weight) for fit in kept]
         pool = _pool(table, kept, rows, options, [fit.weight for fit in kept])
-    return FoldFit(pool.members, pool.temperature, pool.members[0].estimator.classes_, loss)
+    return FoldFit(pool.members, pool.temperature, pool.members[0].estimator.classes_, losses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +180,7 @@ class _Pool:
 
     members: tuple[MemberFit, ...]
     temperature: float
-    losses: NDArray[np.float64]
+    losses: Losses
 
 
 def _pool(
@@ -173,17 +202,8 @@ def _pool(
     # The probabilities of one alone are reliable already.
     if len(members) > 1:
         temperature = fit_temperature(held_out, y, _class_weights(table, classes, y, options)[y])
-    return _Pool(members, temperature, case_losses(held_out / temperature, y))
-
-
-def _surely_gains(
-    losses: NDArray[np.float64], others: NDArray[np.float64], groups: NDArray[np.int64]
-) -> bool:
-    """Whether other losses are lower by more than chance, groups counted as one."""
-    _, place = np.unique(groups, return_inverse=True)
-    gains = np.zeros(int(place.max()) + 1)
-    np.add.at(gains, place, losses - others)
-    return bool(gains.sum() > _SURE * gains.std() * np.sqrt(len(gains)))
+    losses = Losses(case_losses(held_out / temperature, y), table.groups[rows])
+    return _Pool(members, temperature, losses)
 
 
 def _kinds(
@@ -283,14 +303,14 @@ class HeldOut(NamedTuple):
         Of the fold's domain.
     choices : tuple of (str, float)
         The choices of features that the fold made, in words, and their weights; these sum to 1.
-    loss : float
+    losses : Losses
         See `FoldFit`.
     """
 
     probabilities: NDArray[np.float64]
     judgement: Judgement
     choices: tuple[tuple[str, float], ...]
-    loss: float
+    losses: Losses
 
 
 def predict_fold(
@@ -303,7 +323,7 @@ def predict_fold(
     fold = fit_rows(table, inner, options)
     judgement = fit_domain(table, inner).judge(outer)
     probabilities = fold.probabilities(outer, judgement.readings, len(table.classes))
-    return HeldOut(probabilities, judgement, fold.choices, fold.loss)
+    return HeldOut(probabilities, judgement, fold.choices, fold.losses)
 
 
 def _class_weights(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from modalmotion.classification.training.fold_fit import FoldFit, HeldOut
 from modalmotion.classification.training.table import CaseTable
 from modalmotion.errors import ModalMotionError
 from modalmotion.signature.making import SignatureKind
+
+# Standard errors by which offsets must lower the loss of cases left out.
+_SURE: Final = 1.0
 
 
 def collect_kinds(
@@ -68,9 +72,13 @@ def collect_kinds(
 
 
 def better(fits: Sequence[FoldFit | HeldOut]) -> int:
-    """Place of the fit that predicts cases left out best; the first where nothing says which."""
-    losses = np.array([fit.loss for fit in fits])
-    return 0 if np.isnan(losses).any() else int(losses.argmin())
+    """Place of the fit that predicts cases left out better.
+
+    The first, of displacements, unless that of offsets gains more than one standard error: they
+    hold less, and what they gain by chance is lost on others.
+    """
+    first, *others = (fit.losses for fit in fits)
+    return int(any(first.surely_above(other, _SURE) for other in others))
 
 
 def kind_of_table(table: CaseTable) -> SignatureKind:
@@ -81,7 +89,7 @@ def kind_of_table(table: CaseTable) -> SignatureKind:
 def kind_note(tables: Sequence[CaseTable], fits: Sequence[FoldFit]) -> str:
     """Say which kind a model reads, and how much better it predicts."""
     best = better(fits)
-    losses = {kind_of_table(t): f.loss for t, f in zip(tables, fits, strict=True)}
+    losses = {kind_of_table(t): f.losses.mean for t, f in zip(tables, fits, strict=True)}
     said = ", ".join(f"{kind} {loss:.3f}" for kind, loss in losses.items())
     return (
         "The recordings do not state whether their points follow the tissue. Both kinds of "

@@ -19,7 +19,8 @@ from modalmotion.classification.model.shipped import DEFAULT_MODEL, OFFSET_MODEL
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training.cases import TrainingCase
 from modalmotion.classification.training.training import train
-from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh.lattice_triangles import lattice_faces
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.signature.making import SignatureKind, modal_signature
 from modalmotion.simulate import Case, MotionClass, simulate_cohort
@@ -35,6 +36,9 @@ KNOWN_SHARE: Final = 0.99
 # training cases; held-out cases have the same mixture.
 RECORDINGS: Final = ((0.2, False), (0.6, False), (0.6, True), (1.0, True))
 FRAMES: Final = (12, 40)
+
+# Share of its rows that a cylinder may lack at the apex.
+MOST_CUT: Final = 0.25
 
 _NO_PATIENT: Final = "The model was trained on simulated ventricles only and has seen no patient."
 _TORSION: Final = (
@@ -117,9 +121,9 @@ def shipped_model(recipe: Recipe, n_per_class: int) -> Model:
         model.card,
         has_seen=(
             f"{n_per_class} simulated left ventricles of each class (seed {seed}): kinematic "
-            "model, severities from mild to severe, lattices (as cup and as cylinder) and "
-            f"triangulations, {FRAMES[0]} to {FRAMES[1]} frames, noise 0.2 to 1.0 mm, half of "
-            "them starting anywhere in the beat."
+            "model, severities from mild to severe, lattices (as cup, and as cylinder with the "
+            f"apex cut off by up to a quarter) and triangulations, {FRAMES[0]} to {FRAMES[1]} "
+            "frames, noise 0.2 to 1.0 mm, half of them starting anywhere in the beat."
         ),
         has_not_seen=(
             "Any patient. Simulated motion is simpler than a patient's, and the classes are kept "
@@ -161,10 +165,27 @@ def held_out_cases(recipe: Recipe, n_per_class: int, seed: int) -> Iterator[Trai
 
 
 def surfaces_of(case: Case) -> tuple[MeshSequence, ...]:
-    """Give the case as the cup that it is and, if it is a lattice, as a cylinder."""
-    if case.sequence.grid is None:
-        return (case.sequence,)
-    return case.sequence, replace(case.sequence, topology=CYLINDER)
+    """Give the case as the cup that it is and, if it is a lattice, as a cylinder.
+
+    Who states a cylinder has a surface that is open at both ends: its apex is cut off, by up to a
+    quarter of the rows, as the digits of its id say.
+    """
+    sequence = case.sequence
+    if sequence.grid is None:
+        return (sequence,)
+    n_rows, n_columns = sequence.grid
+    first = int(sequence.id[:8], 16) % (int(MOST_CUT * n_rows) + 1)
+    grid = (n_rows - first, n_columns)
+    open_at_both = mesh_sequence(
+        sequence.vertices[:, first * n_columns :],
+        lattice_faces(CYLINDER, grid),
+        grid=grid,
+        topology=CYLINDER,
+        times=sequence.times,
+        unit=sequence.unit,
+        facts=sequence.facts,
+    )
+    return sequence, open_at_both
 
 
 def held_out(
