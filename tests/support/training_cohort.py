@@ -61,11 +61,11 @@ def send(client: Any, cases: Iterator[Sent]) -> list[str]:
 
 def finished(client: Any, job: dict[str, Any], seconds: float = 120.0) -> dict[str, Any]:
     """Wait for a job."""
-    for _ in range(round(seconds / 0.05)):
+    for _ in range(round(seconds / 0.02)):
         answer = client.get(job["links"]["self"]).json()
         if answer["state"] not in ("queued", "running"):
             return dict(answer)
-        time.sleep(0.05)
+        time.sleep(0.02)
     raise AssertionError(f"the job does not finish: {answer}")
 
 

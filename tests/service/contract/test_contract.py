@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -106,29 +106,6 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
         yield Service(found, session_of(found.client), found.token("lab"), ids, bodies)
 
 
-def labelled(service: Service, labels: str, n: int) -> list[dict[str, str]]:
-    return [
-        {"id": service.ids[f"sequence_{k}"], "label": label, "subject": f"s{k}"}
-        for k, label in zip(range(n), itertools.cycle(labels.split(",")), strict=False)
-    ]
-
-
-ORDINARY = "normal,global hypokinesia"
-# Bodies of which hardly any is made up.
-SENT: dict[str, Callable[[Service], dict[str, Any]]] = {
-    # Enough for a training to be begun; whether it succeeds its job says.
-    "POST /v1/models": lambda s: {"name": "made", "sequences": labelled(s, "a,b", 6)},
-    "POST /v1/features": lambda s: {"sequences": labelled(s, ORDINARY, 2)},
-    "POST /v1/models/comparisons": lambda s: {
-        "models": ["kept", "ventricle-simulated"],
-        "sequences": labelled(s, ORDINARY, 4),
-    },
-    "POST /v1/models/{name}/versions/{version}/evaluations": lambda s: {
-        "sequences": labelled(s, ORDINARY, 4)
-    },
-}
-
-
 def strategies(operation: Any, service: Service) -> list[st.SearchStrategy[Any]]:
     """Make cases: right and wrong by the document, and right ones of what is kept."""
     names = {parameter.name for parameter in operation.path_parameters}
@@ -140,8 +117,19 @@ def strategies(operation: Any, service: Service) -> list[st.SearchStrategy[Any]]
         more.update(body=body, media_type="application/octet-stream")
     elif operation.path.endswith("query"):
         more.update(body={"ids": [service.ids["sequence_id"]]}, media_type="application/json")
-    elif operation.label in SENT:
-        more.update(body=SENT[operation.label](service), media_type="application/json")
+    elif operation.path.endswith(("features", "evaluations", "comparisons")):
+        case = {"id": service.ids["sequence_id"], "label": "normal", "subject": "s"}
+        wanted: dict[str, Any] = {"sequences": [case]}
+        if operation.path.endswith("comparisons"):
+            wanted["models"] = ["kept", service.ids["model_name"]]
+        more.update(body=wanted, media_type="application/json")
+    elif operation.label == "POST /v1/models":
+        # Enough for a training to be begun; whether it succeeds its job says.
+        cases = [
+            {"id": service.ids[f"sequence_{n}"], "label": "ab"[n % 2], "subject": f"s{n}"}
+            for n in range(6)
+        ]
+        more.update(body={"name": "made", "sequences": cases}, media_type="application/json")
     made = [operation.as_strategy(generation_mode=GenerationMode.POSITIVE, **more)]
     if more:
         made.append(operation.as_strategy(generation_mode=GenerationMode.POSITIVE))
