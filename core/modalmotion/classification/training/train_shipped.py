@@ -37,9 +37,6 @@ KNOWN_SHARE: Final = 0.99
 RECORDINGS: Final = ((0.2, False), (0.6, False), (0.6, True), (1.0, True))
 FRAMES: Final = (12, 40)
 
-# Share of its rows that a cylinder may lack at the apex.
-MOST_CUT: Final = 0.25
-
 _NO_PATIENT: Final = "The model was trained on simulated ventricles only and has seen no patient."
 _TORSION: Final = (
     "Torsion shows only where vertices follow the tissue (tagging, feature tracking). A surface "
@@ -67,12 +64,15 @@ class Recipe:
         That it tells apart.
     notes : mapping of str to tuple of str
         For every answer (under "") and for single classes.
+    most_cut : float
+        Share of its rows that a lattice may lack at the apex as a cylinder.
     """
 
     name: str
     options: TrainingOptions
     classes: tuple[MotionClass, ...]
     notes: Mapping[str, tuple[str, ...]]
+    most_cut: float = 0.0
 
 
 MATERIAL: Final = Recipe(
@@ -99,6 +99,7 @@ OFFSET: Final = Recipe(
     ),
     tuple(one for one in MotionClass if one != MotionClass.REDUCED_TORSION),
     {"": (_NO_PATIENT, _SURFACE_ALONE), MotionClass.NORMAL: (_NO_TWIST,)},
+    most_cut=0.25,
 )
 
 RECIPES: Final = {recipe.name: recipe for recipe in (MATERIAL, OFFSET)}
@@ -117,13 +118,15 @@ def shipped_model(recipe: Recipe, n_per_class: int) -> Model:
     model = train(training_cases(recipe, n_per_class), recipe.name, recipe.options)
     notes = {str(label): texts for label, texts in recipe.notes.items()}
     notes[""] = (*notes[""], *model.notes.get("", ()))
+    cut = ", and as cylinder with the apex cut off by up to a quarter"
+    ways = f"as cup{cut if recipe.most_cut else ' and as cylinder'}"
     card = replace(
         model.card,
         has_seen=(
             f"{n_per_class} simulated left ventricles of each class (seed {seed}): kinematic "
-            "model, severities from mild to severe, lattices (as cup, and as cylinder with the "
-            f"apex cut off by up to a quarter) and triangulations, {FRAMES[0]} to {FRAMES[1]} "
-            "frames, noise 0.2 to 1.0 mm, half of them starting anywhere in the beat."
+            f"model, severities from mild to severe, lattices ({ways}) and "
+            f"triangulations, {FRAMES[0]} to {FRAMES[1]} frames, noise 0.2 to 1.0 mm, half of "
+            "them starting anywhere in the beat."
         ),
         has_not_seen=(
             "Any patient. Simulated motion is simpler than a patient's, and the classes are kept "
@@ -152,7 +155,7 @@ def training_cases(recipe: Recipe, n_per_class: int) -> Iterator[TrainingCase]:
     parameters, seed = recipe.options.signature_parameters, recipe.options.seed
     for number, case in enumerate(_cohort(n_per_class, seed, recipe.classes)):
         subject = f"simulated {seed}-{number}"
-        for sequence in surfaces_of(case):
+        for sequence in surfaces_of(case, recipe.most_cut):
             signature = modal_signature(sequence, parameters)
             yield TrainingCase(signature, str(case.label), subject)
 
@@ -164,17 +167,19 @@ def held_out_cases(recipe: Recipe, n_per_class: int, seed: int) -> Iterator[Trai
         yield TrainingCase(signature, str(case.label))
 
 
-def surfaces_of(case: Case) -> tuple[MeshSequence, ...]:
+def surfaces_of(case: Case, most_cut: float) -> tuple[MeshSequence, ...]:
     """Give the case as the cup that it is and, if it is a lattice, as a cylinder.
 
-    Who states a cylinder has a surface that is open at both ends: its apex is cut off, by up to a
-    quarter of the rows, as the digits of its id say.
+    Who states a cylinder has a surface that is open at both ends: of its rows up to a share are
+    cut off at the apex, as the digits of its id say.
     """
     sequence = case.sequence
     if sequence.grid is None:
         return (sequence,)
+    if most_cut == 0.0:
+        return sequence, replace(sequence, topology=CYLINDER)
     n_rows, n_columns = sequence.grid
-    first = int(sequence.id[:8], 16) % (int(MOST_CUT * n_rows) + 1)
+    first = int(sequence.id[:8], 16) % (int(most_cut * n_rows) + 1)
     grid = (n_rows - first, n_columns)
     open_at_both = mesh_sequence(
         sequence.vertices[:, first * n_columns :],
@@ -215,7 +220,7 @@ def held_out(
             answer = classify(modal_signature(case.sequence, parameters), model)
             unseen[answer.label or "no class"] += 1
             continue
-        for sequence in surfaces_of(case):
+        for sequence in surfaces_of(case, recipe.most_cut):
             name = "meshes"
             if sequence.grid is not None:
                 name = "lattices as cylinders" if sequence.topology == CYLINDER else "lattices"
