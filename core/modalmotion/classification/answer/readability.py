@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from modalmotion.choice.parameters import ModeOrder
 from modalmotion.classification.answer.flags import OUT_OF_DOMAIN, UNREADABLE, Flag
 from modalmotion.classification.features import has_volume
 from modalmotion.classification.model.model import Model
@@ -45,12 +46,11 @@ def unreadable(signature: ModalSignature, model: Model) -> Flag | None:
             f"the model reads signatures of {readable.n_modes} modes, this one has "
             f"{len(modes)}. Fit it with {readable.n_modes} modes",
         )
-    if common_count(modes) < len(modes):
+    if signature.parameters.order == ModeOrder.FIXED and common_count(modes) < len(modes):
         return Flag(
             UNREADABLE,
-            f"the model reads the first {len(modes)} modes of a {signature.surface}, and from mode "
-            f"{common_count(modes) + 1} on this signature's are others: its lattice has too few "
-            "nodes, or its order is not the fixed one. Send a finer one, or fit it in that order",
+            f"the model reads the first {len(modes)} modes of a {signature.surface}, and a lattice "
+            f"of too few nodes has only the first {common_count(modes)}. Send a finer one",
         )
     parameters, required = signature.parameters, readable.parameters
     if (parameters.weights, parameters.remove_rotation, parameters.components) != (

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.choice.parameters import ModeOrder
 from modalmotion.classification.features import (
     FeatureReader,
     Further,
@@ -25,7 +26,6 @@ from modalmotion.classification.options import MODE_COUNTS, MOST_HARMONICS, Trai
 from modalmotion.classification.training.cases import TrainingCase
 from modalmotion.classification.training.conditions import Conditions, conditions_of
 from modalmotion.facts import UNKNOWN
-from modalmotion.modes import Modes
 from modalmotion.modes.order import common_count
 from modalmotion.signature.first_modes import first_modes, whole_count
 from modalmotion.signature.making import ModalSignature
@@ -133,7 +133,7 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
     axis: dict[tuple[int, bool], AxisValues] = {}
     terms: dict[TermsKey, MotionTerms] = {}
     further: dict[FurtherKey, NDArray[np.float64]] = {}
-    counts = mode_counts(signature.modes)
+    counts = mode_counts(signature)
     for n in counts:
         few = first_modes(signature, n)
         if has_axis(few):
@@ -168,9 +168,10 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
     )
 
 
-def mode_counts(modes: Modes) -> tuple[int, ...]:
+def mode_counts(signature: ModalSignature) -> tuple[int, ...]:
     """Numbers of first modes that features are read of: the usual ones, and all that compare."""
-    most = common_count(modes)
+    modes, is_fixed = signature.modes, signature.parameters.order == ModeOrder.FIXED
+    most = common_count(modes) if is_fixed else len(modes)
     usual = {whole_count(modes, n) for n in MODE_COUNTS if n <= most}
     return tuple(sorted({n for n in usual if n <= most} | {most}))
 

@@ -109,7 +109,10 @@ def test_a_regression_on_kernels_is_one_on_their_features(seed: int, n_groups: i
     wanted = targets(y, 3, weights, groups)
     slow, fast = ridge(X, wanted), kernel_ridge(X @ X.T, wanted)
     penalties = np.array([0.7, 7.0])
-    assert fast.held_out(penalties) == pytest.approx(slow.held_out(penalties), abs=1e-8)
+    together = fast.held_out(penalties)
+    assert together == pytest.approx(slow.held_out(penalties), abs=1e-8)
+    one_by_one = np.concatenate([fast.held_out(penalties[k : k + 1]) for k in range(2)])
+    assert together == pytest.approx(one_by_one, abs=1e-12)
     V, W = fast.weights(0.7), slow.weights(0.7)
     # Features and kernels of new cases, the constant beside both.
     expected = np.c_[new, np.full(5, 10.0)] @ W

@@ -18,14 +18,20 @@ from modalmotion.classification import (
     load_model,
     shipped_for,
 )
-from modalmotion.classification.training.train_shipped import OFFSET
+from modalmotion.classification.training.train_shipped import OFFSET, surfaces_of
 from modalmotion.facts import Facts
 from modalmotion.facts.facts import Tracking
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
 from modalmotion.modes import lowest_modes
-from modalmotion.modes.topology import CUP, PLANE
+from modalmotion.modes.topology import CUP, CYLINDER, PLANE
 from modalmotion.signature.making import SignatureKind, SignatureParameters, modal_signature
-from modalmotion.simulate import Acquisition, MotionClass, VentricleParameters, simulate_ventricle
+from modalmotion.simulate import (
+    Acquisition,
+    Case,
+    MotionClass,
+    VentricleParameters,
+    simulate_ventricle,
+)
 from modalmotion.template import Weights
 from modalmotion.template.body_frame import Components
 
@@ -281,3 +287,27 @@ def test_a_real_ventricle_gets_an_answer_about_its_surface_alone(
         assert found.label != MotionClass.REDUCED_TORSION
         assert ("No class" if found.label is None else "tracking=material") in found.notes[0]
     assert answers["lv_endocardium"].label in (None, MotionClass.NORMAL)
+
+
+def test_a_cylinder_of_the_recipe_may_lack_rows_at_the_apex() -> None:
+    grid, rng = (16, 8), np.random.default_rng(8)
+    few = Acquisition(n_frames=2, noise=0.1)
+    cases = [
+        Case(
+            simulate_ventricle(grid=grid, acquisition=few, rng=rng),
+            MotionClass.NORMAL,
+            VentricleParameters(),
+        )
+        for _ in range(8)
+    ]
+    cut = set()
+    for case in cases:
+        cup, cylinder = surfaces_of(case, 0.25)
+        assert (cup.topology, cylinder.topology) == (CUP, CYLINDER)
+        n = cylinder.n_vertices
+        assert np.array_equal(cylinder.vertices, cup.vertices[:, -n:])
+        assert cylinder.faces.max() == n - 1
+        cut.add(grid[0] - n // grid[1])
+        assert surfaces_of(case, 0.0)[1].n_vertices == cup.n_vertices
+    assert len(cut) > 1
+    assert max(cut) <= 4

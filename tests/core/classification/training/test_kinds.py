@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from classify_samples import curve
 
 from modalmotion.classification import Model, TrainingCase, TrainingOptions, train
-from modalmotion.classification.training.kinds import collect_kinds
+from modalmotion.classification.training.fold_fit import HeldOut, Losses
+from modalmotion.classification.training.kinds import better, collect_kinds
 from modalmotion.facts import facts_from_texts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import SignatureKind, modal_signature
@@ -122,3 +124,17 @@ def test_signatures_of_both_kinds_are_weighed_as_their_sequences_are() -> None:
 def test_there_is_a_kind_of_that_name() -> None:
     with pytest.raises(ValueError, match="kind"):
         TrainingOptions(kind="both")
+
+
+@pytest.mark.parametrize(("gain", "place"), [(0.0, 0), (0.05, 0), (0.5, 1), (np.nan, 0)])
+def test_offsets_must_gain_more_than_one_standard_error(gain: float, place: int) -> None:
+    rng = np.random.default_rng(3)
+    groups = np.arange(40) // 2
+    first = rng.uniform(0.5, 1.0, 40)
+    second = first - gain + 0.6 * np.repeat(rng.choice([-1.0, 1.0], 20), 2)
+    second -= (second - first).mean() + gain
+    answers = [
+        HeldOut(np.zeros((0, 2)), cast("Any", None), (), Losses(losses, groups))
+        for losses in (first, second)
+    ]
+    assert better(answers) == place
