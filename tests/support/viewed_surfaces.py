@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modalmotion.choice.parameters import SignatureParameters
+from modalmotion.choice.parameters import SignatureKind, SignatureParameters
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
@@ -44,11 +44,12 @@ def viewed(name: str) -> tuple[MeshSequence, ModalSignature]:
         times=0.2 * np.arange(5),
         unit="mm",
     )
-    kind: dict[str, Any] = {
+    kinds: dict[str, dict[str, Any]] = {
         "mesh": {"topology": "mesh"},
         "local": {"components": Components.CYLINDRICAL},
-        "offset": {"kind": "offset"},
-    }.get(name, {})
+        "offset": {"kind": SignatureKind.OFFSET},
+    }
+    kind = kinds.get(name, {})
     return sequence, modal_signature(sequence, SignatureParameters(modes=9, **kind))
 
 

@@ -19,9 +19,11 @@ from modalmotion.modes.topology import (
 from modalmotion.numerals import counted
 from modalmotion.template.body_frame import Components
 
+_Names = dict[tuple[int, ...], str]
+
 # Along x, y and z a contraction is x cos + y sin: one wave around. By radial, tangential and
 # axial components the same motion is that of mode (0, 0).
-_ROUND: Final = {
+_ROUND: Final[_Names] = {
     (0, 0): "shift of the whole",
     (1, 0): "shortening and bending, end to end",
     (2, 0): "ends against the middle",
@@ -32,7 +34,7 @@ _ROUND: Final = {
     (1, 2): "one-sided bulge, end to end",
     (0, 3): "two-sided bulge, four lobes",
 }
-_ROUND_LOCAL: Final = {
+_ROUND_LOCAL: Final[_Names] = {
     (0, 0): "contraction, twist, shortening",
     (1, 0): "the same, end against end",
     (2, 0): "the same, ends against the middle",
@@ -42,7 +44,7 @@ _ROUND_LOCAL: Final = {
     (1, 2): "ovalising, end against end",
     (0, 3): "three lobes",
 }
-_SHEET: Final = {
+_SHEET: Final[_Names] = {
     (0, 0): "shift of the whole",
     (1, 0): "one edge against the other",
     (0, 1): "one side against the other",
@@ -50,12 +52,16 @@ _SHEET: Final = {
     (2, 0): "arching along the first axis",
     (0, 2): "arching along the second axis",
 }
-_CURVE: Final = {
+_CURVE: Final[_Names] = {
     (0,): "shift of the whole",
     (1,): "end against end",
     (2,): "ends against the middle",
 }
-_RING: Final = {(0,): "shift of the whole", (1,): "widening and ovalising", (2,): "two-sided bulge"}
+_RING: Final[_Names] = {
+    (0,): "shift of the whole",
+    (1,): "widening and ovalising",
+    (2,): "two-sided bulge",
+}
 
 
 def plain_name(
@@ -86,9 +92,9 @@ def plain_name(
         return _counted(topology, p)
     is_local = components != Components.CARTESIAN
     if topology in (CUP, CYLINDER, SPHERE):
-        table: dict[tuple[int, ...], str] = _ROUND_LOCAL if is_local else _ROUND
+        table = _ROUND_LOCAL if is_local else _ROUND
     else:
-        table = {PLANE: _SHEET, OPEN_CURVE: _CURVE, CLOSED_CURVE: _RING}.get(topology, {})  # type: ignore[assignment]
+        table = {PLANE: _SHEET, OPEN_CURVE: _CURVE, CLOSED_CURVE: _RING}.get(topology, {})
         if topology == TORUS and not any(p):
             return "shift of the whole"
     return table.get(p) or _counted(topology, p)

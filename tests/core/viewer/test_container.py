@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.viewer.container import MAGIC, read_container, write_container
 
-ARRAYS = {
+ARRAYS: dict[str, NDArray[Any]] = {
     "a": np.arange(5, dtype=np.uint16),
     "b": np.linspace(0.0, 1.0, 7).reshape(7, 1),
     "c": np.zeros((0, 3), dtype=np.float32),

@@ -46,7 +46,8 @@ def positions(data: bytes) -> NDArray[np.float64]:
     d = a["translations"].astype(float)[:, None]
     R = Rotation.from_quat(a["quaternions"]).as_matrix()
     y = a["rest"] + u - (d if header["holds_drift"] else 0.0)
-    return y @ R.transpose(0, 2, 1) + d
+    x: NDArray[np.float64] = y @ R.transpose(0, 2, 1) + d
+    return x
 
 
 @pytest.mark.parametrize("name", VIEWED)
