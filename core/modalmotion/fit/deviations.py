@@ -121,7 +121,7 @@ def _answers(
     cosines = (normals * line).sum(axis=1)
     # Which way triangles are wound is no matter.
     steep = np.abs(cosines) < _STEEP
-    answers = normals / np.where(steep, 1.0, cosines)[:, None]
+    answers: NDArray[np.float64] = normals / np.where(steep, 1.0, cosines)[:, None]
     answers[steep] = line[steep]
     return answers[:, None]
 

@@ -30,7 +30,8 @@ def clouds(n: int = 120, noise: float = 0.3) -> list[Floats]:
 
 
 def on_a_line() -> list[Floats]:
-    return [np.outer(np.linspace(-1, 1, 50), [1.0, 2.0, 3.0])] * 3
+    line: Floats = np.linspace(-1, 1, 50)[:, None] * np.array([1.0, 2.0, 3.0])
+    return [line] * 3
 
 
 def in_a_plane() -> list[Floats]:
@@ -117,7 +118,7 @@ def test_a_surface_without_a_volume_does_not_collapse() -> None:
 
 def test_a_line_in_one_frame_is_stated_in_its_deviation() -> None:
     frames = clouds()
-    frames[2] = np.outer(np.linspace(-30, 30, 40), [0.0, 0.0, 1.0])
+    frames[2] = np.linspace(-30, 30, 40)[:, None] * np.array([0.0, 0.0, 1.0])
     found = track(frames, modes=9)
     others = np.delete(found.deviations, [0, 2], axis=0)
     assert np.median(found.deviations[2]) > 2.0 * np.median(others)
