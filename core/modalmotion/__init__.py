@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from modalmotion.errors import StoreError as StoreError
     from modalmotion.errors import ToleranceError as ToleranceError
     from modalmotion.errors import TopologyError as TopologyError
+    from modalmotion.exports.data_frames import to_dataframe as to_dataframe
+    from modalmotion.exports.data_frames import to_xarray as to_xarray
     from modalmotion.facts import Facts as Facts
     from modalmotion.formats import ReadLimits as ReadLimits
     from modalmotion.formats import read_npz as read_npz
