@@ -36,7 +36,7 @@ serve: $(VENV)/.run
 # hundred processes, each of which would compile all modules anew where bytecode is not kept.
 test: $(VENV)/.dev
 	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
-		-n 2 --dist loadgroup --no-loadscope-reorder -m "not soak"
+		-n 2 --dist loadfile --no-loadscope-reorder -m "not soak"
 
 check: $(VENV)/.dev
 	$(BIN)/ruff format --check .

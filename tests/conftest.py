@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 from project import DATA
+from scheduling import FileScheduling
 from services import (  # fixtures, which pytest finds here
     beat,
     client,
@@ -26,6 +27,7 @@ from services import (  # fixtures, which pytest finds here
     trained,
     warm_bridges,
 )
+from xdist.remote import Producer
 
 from modalmotion.formats import read_npz
 from modalmotion.mesh.sequence import MeshSequence
@@ -82,24 +84,21 @@ def real_sequence(real_data: Path) -> Callable[[str], MeshSequence]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give long counts their time; keep what shares a costly fixture in one process.
+    """Give long counts their time; begin with what takes long (`--no-loadscope-reorder`).
 
-    A file's tests stay together (`--dist loadgroup`), so that what it makes is made once; so do
-    all files that use the tests' cluster, and all that use the trained service. What takes long
-    comes first (`--no-loadscope-reorder`), so that no process ends long before the others.
+    No process of several then ends long before the others.
     """
     items.sort(key=lambda item: next(i for i, part in enumerate(_ORDER) if part in item.nodeid))
-    groups: dict[Path, str] = {}
     for item in items:
-        used = set(getattr(item, "fixturenames", ()))
-        for group, fixtures in _SHARED.items():
-            if used & fixtures:
-                groups.setdefault(item.path, group)
-    for item in items:
-        item.add_marker(pytest.mark.xdist_group(groups.get(item.path, item.location[0])))
         # The limit of all others is for tests that hang.
         if item.get_closest_marker("soak") and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(3600))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> FileScheduling:
+    """Keep together the tests that share what is costly to make."""
+    return FileScheduling(config, log)
 
 
 # Parts of names, in the order of the time that their tests take; all others come last.
@@ -108,9 +107,3 @@ _ORDER = (
     *("tests/service/", "tests/core/client/", "tests/test_", "tests/core/classification/"),
     *("tests/core/cli/", "tests/core/store/", "tests/core/codec/", ""),
 )
-
-# Fixtures of a session that take seconds.
-_SHARED = {
-    "cluster": {"dask_cluster", "engine_client", "warm_bridges"},
-    "trained": {"trained"},
-}

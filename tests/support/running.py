@@ -106,8 +106,11 @@ class RunningService:
         return found
 
     def memory(self) -> int:
-        """Bytes in memory of all processes; pages that several share are counted once."""
-        return 1024 * sum(_kilobytes(pid, "smaps_rollup", "Pss:") for pid in self.processes())
+        """Bytes in memory of all processes; pages that several share are counted once.
+
+        Without those of files: how many others share a library at this moment is no growth.
+        """
+        return 1024 * sum(map(_kilobytes, self.processes()))
 
     def cpu_seconds(self) -> dict[str, float]:
         """Processor time so far, of the server and of all it has started."""
@@ -159,11 +162,10 @@ class RunningService:
                 self.kill()
 
 
-def _kilobytes(pid: int, file: str, name: str) -> int:
+def _kilobytes(pid: int) -> int:
     with contextlib.suppress(OSError):
-        for line in Path(f"/proc/{pid}/{file}").read_text().splitlines():
-            if line.startswith(name):
-                return int(line.split()[1])
+        lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+        return sum(int(line.split()[1]) for line in lines if line.startswith(("Pss_A", "Pss_S")))
     return 0
 
 

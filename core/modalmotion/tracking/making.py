@@ -22,7 +22,7 @@ from modalmotion.progress import Progress
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import shape_in
-from modalmotion.tracking.folding import require_unfolded
+from modalmotion.tracking.folding import require_unfolded, require_volume
 from modalmotion.tracking.image_frames import frames_of_images
 from modalmotion.tracking.imaged import with_images
 from modalmotion.tracking.noise import Noise
@@ -30,7 +30,12 @@ from modalmotion.tracking.notes import notes_on
 from modalmotion.tracking.observation import Frame, observed_frames, of_surface
 from modalmotion.tracking.papillary import Papillary
 from modalmotion.tracking.passes import Pass, again, both_ways, energy, evidence, first_guess
-from modalmotion.tracking.posterior import across_covariance, deviations_at, volume_deviation
+from modalmotion.tracking.posterior import (
+    across_covariance,
+    deviations_at,
+    uncertainty_of,
+    volume_deviation,
+)
 from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.quality import quality_of
 from modalmotion.tracking.request import in_mm, in_unit, phases_of, with_landmarks
@@ -148,6 +153,8 @@ def track(
     if first in unseen and start is None:
         first = next(k for k in range(n_frames) if k not in unseen)
         notes += (f"Nothing was observed in the reference; the shape is that of frame {first}.",)
+    pinned = None if start is None or reference is None or shown is not None else first
+    _require_motion(n_frames, unseen, pinned)
     if modes < 2:
         raise ModeCountError(
             f"{modes} modes are a translation at most, which no surface is tracked by.",
@@ -160,7 +167,6 @@ def track(
     else:
         template = start if isinstance(start, Template) else make_template(start)
         grid = start.grid if isinstance(start, MeshSequence) else None
-    pinned = None if start is None or reference is None or shown is not None else first
     surface = Deformable.of(template, modes)
     _require_size(surface)
     prior, noise = first_guess(surface)
@@ -184,21 +190,27 @@ def track(
     found = together(surface, frames, here, prior, noises, Q, pinned, done)
     vertices = np.stack([surface.positions(a) for a in found.amplitudes])
     require_unfolded(surface, vertices)
+    require_volume(cavity_in(template), vertices)
     truncations = np.array([own.truncation for own in noises])
-    deviations, volume_deviations = _deviations(surface, vertices, found, noises, pinned)
+    across = _across(found, pinned)
+    deviations, volume_deviations = _deviations(surface, vertices, found, across, noises, pinned)
     if pinned is not None:
         truncations[pinned] = 0.0
     quality = np.array([quality_of(surface, info) for info in found.information])
+    sequence = mesh_sequence(
+        vertices,
+        template.faces,
+        grid=grid,
+        topology=template.topology,
+        times=at,
+        unit=unit,
+        facts=Facts(tracking="offset", period=period),
+    )
+    uncertainty = uncertainty_of(
+        template, surface.shapes, across, found.lasting, truncations, noise.n_values, pinned
+    )
     result = Track(
-        sequence=mesh_sequence(
-            vertices,
-            template.faces,
-            grid=grid,
-            topology=template.topology,
-            times=at,
-            unit=unit,
-            facts=Facts(tracking="offset", period=period),
-        ),
+        sequence=replace(sequence, uncertainty=uncertainty),
         template=template,
         modes=surface.modes,
         amplitudes=found.amplitudes,
@@ -231,6 +243,17 @@ def track(
     return replace(result, notes=(*notes, *notes_on(result)))
 
 
+def _require_motion(n_frames: int, unseen: tuple[int, ...], known: int | None) -> None:
+    """Refuse frames of which one surface is known, and no motion."""
+    places = {*range(n_frames)} - {*unseen} | ({known} if known is not None else set())
+    if n_frames > 1 and len(places) < 2:
+        raise ShapeError(
+            f"Only frame {min(places)} of {n_frames} was observed, which shows no motion.",
+            remedy="Send points of another frame too, or this frame alone.",
+            frame=min(places),
+        )
+
+
 def _require_reference(reference: int | None, n_frames: int) -> int:
     """Frame that tracking starts from."""
     if reference is None:
@@ -258,10 +281,20 @@ def _counted(progress: Progress | None, n_steps: int, count: int = 0) -> Callabl
     return done
 
 
+def _across(found: Together, pinned: int | None) -> NDArray[np.float64]:
+    """Covariances across the surface, (frames, 3 modes, 3 modes); none where it is known."""
+    pairs = zip(found.seen, found.information, strict=True)
+    across = np.stack([across_covariance(seen, info) for seen, info in pairs])
+    if pinned is not None:
+        across[pinned] = 0.0
+    return across
+
+
 def _deviations(
     surface: Deformable,
     vertices: NDArray[np.float64],
     found: Together,
+    across: NDArray[np.float64],
     noises: Sequence[Noise],
     pinned: int | None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
@@ -273,15 +306,14 @@ def _deviations(
     for k, x in enumerate(vertices):
         if k == pinned:
             continue
-        across = across_covariance(found.seen[k], found.information[k])
         T = noises[k].truncation
         of_vertices[k] = deviations_at(
-            surface.shapes, normals_of(template, x), across, found.lasting[k], T
+            surface.shapes, normals_of(template, x), across[k], found.lasting[k], T
         )
         if cavity is not None and of_volumes is not None:
             gradient = surface.shapes.T @ volume_gradient(cavity, x)
             area = float(face_areas(x, cavity.faces).sum())
-            of_volumes[k] = volume_deviation(gradient, across, area, T, noises[k].n_values)
+            of_volumes[k] = volume_deviation(gradient, across[k], area, T, noises[k].n_values)
     return of_vertices, of_volumes
 
 

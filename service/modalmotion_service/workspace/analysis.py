@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from modalmotion.errors import ParameterError
+from modalmotion.errors import NotFoundError, ParameterError
 from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion.facts import Facts
 from modalmotion.formats import ReadLimits
@@ -181,10 +181,11 @@ class Analysis:
         async def make(tell: StageReport) -> Path:
             sequence = await asyncio.to_thread(self._store.sequence_path, sequence_id)
             template = self._template_path(parameters)
+            track = await asyncio.to_thread(self._track_path, sequence_id)
             with self.image() as image, stage("worker"):
                 add_milliseconds(
                     await self.followed(
-                        *(tell, signatures.sign, sequence, parameters, template, image)
+                        *(tell, signatures.sign, sequence, parameters, template, track, image)
                     )
                 )
                 with stage("store"):
@@ -367,6 +368,13 @@ class Analysis:
         if parameters.template is None:
             return None
         return self._store.template_path(parameters.template)
+
+    def _track_path(self, sequence_id: str) -> Path | None:
+        """File of the track that made a sequence; None of one that was sent."""
+        try:
+            return self._store.track_path(sequence_id)
+        except NotFoundError:
+            return None
 
     async def pack(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -142,7 +143,7 @@ def make_replies(
         query = query_of(request, DistanceQuery)
         own, other = request["ids"]
         found = await analysis.distance(own, other, query.parameters(), query.closed)
-        answer = DistanceAnswer(distance=found.distance, uses_theta_zero=found.uses_theta_zero)
+        answer = DistanceAnswer(**asdict(found))
         return Reply(answer.model_dump_json().encode(), JSON)
 
     async def readouts(request: Request, _: Report) -> Reply:

@@ -22,6 +22,7 @@ from modalmotion.store import (
     signature_from_hdf5,
     signature_image,
     signature_to_hdf5,
+    track_from_hdf5,
 )
 from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, RAW
 from modalmotion_service.schemas import SignatureAnswer
@@ -43,16 +44,20 @@ def sign(
     sequence: Path,
     parameters: SignatureParameters,
     template: Path | None,
+    track: Path | None,
     image: Path,
     progress: Path,
 ) -> dict[str, float]:
     """Fit a kept sequence and write its signature's HDF5 image; gives milliseconds by stage.
 
+    `track` is that of the sequence, where it has one: it says how far positions may be off.
     `progress` is a `ProgressFile`.
     """
     watch = Stopwatch(_SHARES, ProgressFile(progress).write)
     with watch.stage("load"):
         loaded = sequence_from_hdf5(sequence)
+        if track is not None:
+            loaded = replace(loaded, uncertainty=track_from_hdf5(track).sequence.uncertainty)
         named = named_template(template)
     signature = modal_signature(
         loaded, parameters, template=named, cache=cache_for(template), watch=watch
@@ -106,8 +111,8 @@ def pack_npz(signatures: list[Path], records: list[SequenceRecord], output: Path
     """Pack the trajectories of many signatures into one .npz archive.
 
     Arrays `ids`, `labels` (of the classes, as users say), and for each signature by its number
-    `amplitudes_0`, `modes_0`, `angular_frequencies_0`, `rms_errors_0`, `weighted_rms_errors_0`
-    and `times_0`.
+    `amplitudes_0`, `modes_0`, `angular_frequencies_0`, `rms_errors_0`, `weighted_rms_errors_0`,
+    and where they are known `amplitude_deviations_0` and `times_0`.
     """
     arrays: dict[str, Any] = {
         "ids": np.array([record.id for record in records]),
@@ -163,6 +168,8 @@ def _trajectory(signature: ModalSignature) -> dict[str, Any]:
         "rms_errors": signature.rms_errors,
         "weighted_rms_errors": signature.weighted_rms_errors,
     }
+    if signature.amplitude_deviations is not None:
+        arrays["amplitude_deviations"] = signature.amplitude_deviations
     if signature.times is not None:
         arrays["times"] = signature.times
     return arrays

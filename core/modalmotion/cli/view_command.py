@@ -1,0 +1,77 @@
+"""Command that writes a page on which a moving surface can be looked at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from modalmotion.classification.answer.classification import Classification
+from modalmotion.cli.files import read, sequence_argument
+from modalmotion.cli.options import (
+    components_option,
+    example,
+    kind_option,
+    list_written,
+    merge_option,
+    mode_options,
+    output_option,
+    reference_option,
+    signature_parameters,
+    surface_options,
+)
+from modalmotion.cli.waiting import Waiting
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.modes.topology import CUP
+from modalmotion.signature.making import ModalSignature, modal_signature
+
+
+@click.command(epilog=example("view beat.npz -o beat.html"))
+@sequence_argument
+@output_option("Page to write.", ".html")
+@click.option(
+    "--with",
+    "other",
+    type=click.Path(exists=True, path_type=Path),
+    help="A second file, shown beside the first: one clock, one camera.",
+)
+@click.option(
+    "--classify/--no-classify",
+    default=True,
+    show_default=True,
+    help="Show what the shipped model says of the motion.",
+)
+@mode_options
+@surface_options
+@reference_option
+@merge_option
+@components_option
+@kind_option
+def view(source: Path, output: Path, other: Path | None, classify: bool, **options: Any) -> None:
+    """Write a page on which the surface in FILE moves, beside its reconstruction.
+
+    The page is one file: it opens from disk in any browser and needs no network.
+    """
+    from modalmotion.store import write_atomic
+    from modalmotion.viewer.page import View, view_page
+
+    parameters = signature_parameters(options)
+    views = []
+    with Waiting(source) as waiting:
+        for path in filter(None, (source, other)):
+            with waiting.watch.stage("read"):
+                sequence = read(path, **options)
+            signature = modal_signature(sequence, parameters, watch=waiting.watch)
+            answer = _answer(sequence, signature) if classify else None
+            views.append(View(signature, sequence, path.name, classification=answer))
+        with waiting.watch.stage("write"):
+            write_atomic(output, view_page(views).encode())
+    list_written(output)
+
+
+def _answer(sequence: MeshSequence, signature: ModalSignature) -> Classification | None:
+    """Classify by the shipped model, which knows ventricles only."""
+    from modalmotion.classification import classify
+
+    return classify(sequence) if signature.topology == CUP else None

@@ -1,0 +1,185 @@
+"""The 17 segments of the left ventricle, and the inward motion of each.
+
+Cerqueira et al., Standardized myocardial segmentation and nomenclature for tomographic imaging of
+the heart, Circulation, 2002.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.alignment.reference import reference_positions
+from modalmotion.errors import TopologyError
+from modalmotion.facts import Facts
+from modalmotion.facts.facts import UNKNOWN
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.modes.topology import CUP
+from modalmotion.representation import shown
+from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.reconstruction import fitted_on
+from modalmotion.template import Template
+from modalmotion.template.directions import Direction, directions_on
+
+ANTERIOR: Final = "anterior"
+"""The landmark from which segments are counted: any place in the middle of the anterior wall."""
+
+RINGS: Final = ("basal", "mid", "apical", "apex")
+_WALLS: Final = ("anterior", "anteroseptal", "inferoseptal", "inferior", "inferolateral")
+_SIX: Final = (*_WALLS, "anterolateral")
+_FOUR: Final = ("anterior", "septal", "inferior", "lateral")
+SEGMENTS: Final = (
+    *(f"basal {wall}" for wall in _SIX),
+    *(f"mid {wall}" for wall in _SIX),
+    *(f"apical {wall}" for wall in _FOUR),
+    "apex",
+)
+"""Names of the segments 1 to 17."""
+
+# Of the way from apex to base along the wall. The cap is beyond the cavity in the standard; an
+# endocardium ends with it, so its last eighth stands for the cap, and equal thirds for the rest.
+_CAP: Final = 0.125
+_HEIGHTS: Final = (_CAP, _CAP + (1 - _CAP) / 3, _CAP + 2 * (1 - _CAP) / 3)
+
+
+@shown("names", "shares", "sequence_id")
+@dataclass(frozen=True, eq=False)
+class RegionalMotion:
+    """Inward motion of the wall by segment, over the radius at end diastole.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The 17 segments, or the four rings where nothing says where the anterior wall is.
+    shares : (frames, segments) float64, percent
+        Positive inward; NaN for a segment in which no vertex lies.
+    end_diastole : int
+        Frame from which the motion is measured.
+    reason : str
+        Why there are rings only; empty where there are segments.
+    sequence_id : str
+    """
+
+    names: tuple[str, ...]
+    shares: NDArray[np.float64]
+    end_diastole: int
+    reason: str
+    sequence_id: str
+
+    @property
+    def has_segments(self) -> bool:
+        """Whether these are the 17 segments, and not rings."""
+        return len(self.names) == len(SEGMENTS)
+
+
+def regional_motion(
+    signature: ModalSignature,
+    sequence: MeshSequence,
+    end_diastole: int,
+    *,
+    template: Template | None = None,
+) -> RegionalMotion:
+    """Measure how far each segment of a ventricle's wall moves inward.
+
+    Each vertex's way along the inward normal of the reference since end diastole, averaged by
+    area, over the mean distance from the axis of its ring at end diastole. Rotation and drift of
+    the whole are left out. What slides along the surface does not count, to first order.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+        Its rotations and translations are read.
+    sequence : MeshSequence
+        The one it was made from, as it was sent.
+    end_diastole : int
+        Frame from which the motion is measured.
+    template : Template, optional
+        The one that the signature's parameters name, if they name one.
+
+    Returns
+    -------
+    RegionalMotion
+
+    Raises
+    ------
+    TopologyError
+        If the surface is not a cup.
+    """
+    used = fitted_on(signature, sequence, template)
+    if used.surface != CUP or used.landmarks is None:
+        raise TopologyError(
+            "Segments are those of a ventricle, a cup from apex to base; this surface is of the "
+            f"kind {signature.surface}.",
+            remedy="Send the wall of a ventricle, open at its base, or state topology cup.",
+        )
+    start = reference_positions(sequence, signature.parameters.reference)
+    centre = used.weights @ start
+    size = float(np.abs(start - centre).max()) or 1.0
+    normals = directions_on(used, Direction.NORMAL)
+    heights = np.empty((sequence.n_frames, sequence.n_vertices))
+    for frame, R in enumerate(signature.rotations.matrices):
+        x = sequence.vertices[frame].astype(np.float64)
+        # Back into the frame of the reference: R' (x - centroid).
+        y = ((x - used.weights @ x) / size) @ R
+        heights[frame] = np.einsum("vd,vd->v", y, normals)
+        if frame == end_diastole:
+            offsets = y - (used.landmarks.origin - centre) / size
+            along = offsets @ used.landmarks.axis
+            across = offsets - along[:, None] * used.landmarks.axis
+            radii = np.linalg.norm(across, axis=1)
+    inward = heights[end_diastole] - heights
+    names, segment, reason = _segments(used, sequence.facts)
+    ring = _rings(used.coordinates[:, 0])
+    shares = np.full((sequence.n_frames, len(names)), np.nan)
+    for number in range(len(names)):
+        mine = np.where(segment == number, used.weights, 0.0)
+        if not mine.any():
+            continue
+        # The cap has no radius of its own; it counts in that of the ring below it.
+        own = min(int(ring[mine > 0].max()), 2)
+        of_ring = np.where(ring == own, used.weights, 0.0)
+        radius = float(of_ring @ radii) / float(of_ring.sum() or 1.0)
+        shares[:, number] = 100.0 * (inward @ mine) / (float(mine.sum()) * (radius or 1.0))
+    return RegionalMotion(names, shares, end_diastole, reason, signature.sequence_id)
+
+
+def _rings(s: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Tell the ring at each height, from 0 basal to 3 apex."""
+    rings: NDArray[np.int64] = 3 - np.searchsorted(_HEIGHTS, s, side="right")
+    return rings
+
+
+def _segments(template: Template, facts: Facts) -> tuple[tuple[str, ...], NDArray[np.int64], str]:
+    """Names of the segments, and the one that each vertex lies in."""
+    ring = _rings(template.coordinates[:, 0])
+    place = facts.landmarks.get(ANTERIOR)
+    reason = ""
+    if place is None or template.landmarks is None:
+        reason = (
+            "Nothing says where the anterior wall is, so these are rings. State the landmark "
+            f"'{ANTERIOR}', a vertex or a point in the middle of that wall."
+        )
+    elif facts.handedness == UNKNOWN and facts.coordinates == UNKNOWN:
+        reason = (
+            "Whether the coordinates are right-handed is unknown, so septal and lateral walls may "
+            "be exchanged and these are rings. State handedness, or coordinates LPS or RAS."
+        )
+    if reason or place is None or template.landmarks is None:
+        return RINGS, ring, reason
+    marks = template.landmarks
+    point = template.vertices[place] if isinstance(place, int) else np.array(place, dtype=float)
+    away = np.stack([marks.theta_zero, np.cross(marks.axis, marks.theta_zero)])
+    # Right-handed about the axis, which the columns of a lattice need not be.
+    x, y = away @ (np.vstack([template.vertices, point]) - marks.origin).T
+    azimuths = np.arctan2(y, x) / (2 * np.pi)
+    theta = azimuths[:-1] - azimuths[-1]
+    # From anterior over septal to inferior: against the right-handed sense about the axis from
+    # apex to base, and with it where the coordinates are left-handed.
+    turns = np.mod(theta if facts.handedness == "left" else -theta, 1.0)
+    six = np.floor(np.mod(6 * turns + 0.5, 6)).astype(np.int64)
+    four = np.floor(np.mod(4 * turns + 0.5, 4)).astype(np.int64)
+    segment = np.choose(ring, [six, 6 + six, 12 + four, np.full_like(ring, 16)])
+    return SEGMENTS, segment, ""

@@ -1,0 +1,120 @@
+"""A view as one HTML file, which opens from disk and loads nothing."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Final
+
+from modalmotion.classification.answer.classification import Classification
+from modalmotion.errors import LimitError
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.making import ModalSignature
+from modalmotion.template import Template
+from modalmotion.viewer.bundle_files import NOTHING, licences, script, source_hash, style
+from modalmotion.viewer.payload import frames_payload, view_payload
+
+# Of frames as they were sent: more would make a file that no browser opens.
+MOST_BYTES: Final = 300_000_000
+
+# Of one piece: a browser turns text into numbers a piece at a time.
+_PIECE: Final = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A signature, what it was made from, and what is said of it.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    sequence : MeshSequence
+    title : str
+    template : Template or None
+        The one that the signature's parameters name, if they name one.
+    classification : Classification or None
+    """
+
+    signature: ModalSignature
+    sequence: MeshSequence
+    title: str = ""
+    template: Template | None = None
+    classification: Classification | None = None
+
+    def payload(self) -> bytes:
+        """Write what the page needs first."""
+        return view_payload(
+            self.signature,
+            self.sequence,
+            template=self.template,
+            classification=self.classification,
+            title=self.title,
+        )
+
+    def pieces(self) -> list[bytes]:
+        """Write all frames as they were sent, some at a time."""
+        n, size = self.sequence.n_frames, 6 * self.sequence.n_vertices
+        if n * size > MOST_BYTES:
+            raise LimitError(
+                f"The frames as sent take {n * size} bytes; a page holds at most {MOST_BYTES}.",
+                remedy="Show fewer frames, or look at it in the service: /view/{id}.",
+                limit="page_bytes",
+                details={"value": n * size, "most": MOST_BYTES},
+            )
+        step = max(1, _PIECE // size)
+        return [
+            frames_payload(
+                self.sequence,
+                self.signature,
+                first,
+                min(first + step, n),
+                template=self.template,
+            )
+            for first in range(0, n, step)
+        ]
+
+
+def view_page(views: Sequence[View]) -> str:
+    """Write a page that shows one view, or two side by side.
+
+    Parameters
+    ----------
+    views : one or two of View
+
+    Returns
+    -------
+    str
+        HTML with the viewer and all numbers in it; its policy forbids every request.
+
+    Raises
+    ------
+    LimitError
+        If the frames are too many for a page.
+    """
+    held = []
+    for number, view in enumerate(views):
+        held.append(_held(f'data-payload="{number}"', view.payload()))
+        held += [_held(f'data-frames="{number}"', piece) for piece in view.pieces()]
+    policy = f"{NOTHING}; script-src {source_hash(script())}; style-src {source_hash(style())}"
+    title = " and ".join(view.title for view in views if view.title) or "A moving surface"
+    return "\n".join(
+        [
+            '<!doctype html><html lang="en"><head><meta charset="utf-8">',
+            f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f"<title>{escape(title)} · modalmotion</title>",
+            f"<!-- {licences()} -->",
+            f"<style>{style()}</style></head>",
+            '<body><main id="modalmotion" class="modalmotion"></main>',
+            *held,
+            f'<script type="module">{script()}</script></body></html>',
+            "",
+        ]
+    )
+
+
+def _held(name: str, data: bytes) -> str:
+    text = base64.b64encode(data).decode()
+    return f'<script type="application/octet-stream" {name}>{text}</script>'

@@ -1,0 +1,317 @@
+"""What the viewer is sent first: the reference, natural coordinates, amplitudes, and words.
+
+Shapes in closed form are not sent: the page evaluates them once at (s, theta). Positions are
+from the reference's centroid, since single precision loses digits far from the origin.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from modalmotion.alignment.reference import reference_positions
+from modalmotion.classification.answer.classification import Classification
+from modalmotion.clinical import clinical_readouts
+from modalmotion.clinical.readouts import ClinicalReadouts
+from modalmotion.clinical.segments import RegionalMotion, regional_motion
+from modalmotion.errors import InputError, LimitError
+from modalmotion.fit.offsets import offset_reference
+from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.modes.modes import wave_pairs
+from modalmotion.numeric.scale import power_of_two
+from modalmotion.pictures.view import upright
+from modalmotion.signature.making import ModalSignature, SignatureKind
+from modalmotion.signature.reconstruction import fitted_on
+from modalmotion.template import Template
+from modalmotion.template.body_frame import Components, local_frames
+from modalmotion.template.loose_vertices import nearest_in_use, shapes_of
+from modalmotion.viewer.container import write_container
+from modalmotion.viewer.plain_names import plain_name
+
+# Below and above single precision has too few powers of ten; lengths are then sent in another.
+_SMALLEST: Final = 1e-9
+_LARGEST: Final = 1e9
+
+# A first frame this near after the last, in usual steps, closes a cycle; nearer repeats it.
+_CLOSES: Final = 2.0
+_REPEATS: Final = 0.3
+
+# Numbers of the shapes of a mesh without natural coordinates that a page is sent at most.
+MOST_SHAPES: Final = 20_000_000
+
+
+def view_payload(
+    signature: ModalSignature,
+    sequence: MeshSequence,
+    *,
+    template: Template | None = None,
+    classification: Classification | None = None,
+    title: str = "",
+) -> bytes:
+    """Write what a page needs to show a signature beside its sequence.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    sequence : MeshSequence
+        The one it was made from.
+    template : Template, optional
+        The one that the signature's parameters name, if they name one.
+    classification : Classification, optional
+        An answer about it; its explanation becomes buttons.
+    title : str
+        Such as a file's name.
+
+    Returns
+    -------
+    bytes
+        As `read_container` reads them. The frames as sent follow in `frames_payload`.
+
+    Raises
+    ------
+    ParameterError
+        If the sequence is not the one the signature was made from.
+    LimitError
+        If the surface has no natural coordinates, and too many shapes to be sent.
+    """
+    used = fitted_on(signature, sequence, template)
+    start = reference_positions(sequence, signature.parameters.reference)
+    is_offset = signature.kind == SignatureKind.OFFSET
+    arrays: dict[str, NDArray[Any]] = {}
+    if is_offset:
+        directions, centre = offset_reference(used, start)
+    else:
+        directions, centre = None, used.weights @ start
+        if signature.parameters.components != Components.CARTESIAN:
+            directions = local_frames(used)
+    scale = length_scale(sequence, centre)
+    arrays["rest"] = _single((start - centre) / scale)
+    arrays["faces"] = used.faces.astype(np.uint16 if used.n_vertices <= 2**16 else np.uint32)
+    if directions is not None:
+        arrays["directions"] = _single(directions)
+    if signature.topology is None:
+        arrays["shapes"] = _mesh_shapes(signature, used)
+    else:
+        coordinates = used.coordinates.copy()
+        if len(used.isolated):
+            nearest = nearest_in_use(used.vertices, used.isolated)
+            coordinates[used.isolated] = coordinates[nearest]
+        arrays["coordinates"] = _single(coordinates)
+    arrays["amplitudes"] = _single(signature.amplitudes / scale)
+    arrays["quaternions"] = _single(Rotation.from_matrix(signature.rotations.matrices).as_quat())
+    arrays["translations"] = _single(signature.translations / scale)
+    for name in ("motion_rms", "rms_errors", "max_errors"):
+        arrays[name] = _single(getattr(signature, name) / scale)
+    if signature.times is not None:
+        arrays["times"] = signature.times - signature.times[0]
+    header = {
+        "title": title,
+        "intended_use": INTENDED_USE,
+        "sequence_id": signature.sequence_id,
+        "surface": signature.surface,
+        "ends": _ends(signature),
+        "unit": _unit(signature.unit, scale),
+        "n_frames": signature.n_frames,
+        "n_vertices": sequence.n_vertices,
+        "n_amplitudes": signature.n_amplitudes,
+        "holds_drift": not is_offset,
+        "is_offset": is_offset,
+        "reference": signature.parameters.reference,
+        "cycle": _cycle(signature),
+        "period": signature.facts.period,
+        "error": {"rms": signature.rms_error / scale, "max": signature.max_error / scale},
+        "compression": signature.compression,
+        "view": np.round(upright(used), 6).tolist(),
+        "waves": _waves(signature),
+        "notes": list(signature.notes),
+        **_volume(signature, sequence, template, arrays),
+        **_classification(classification),
+    }
+    if signature.topology is not None:
+        header["wavenumbers"] = signature.modes.wavenumbers.tolist()
+        header["sines"] = signature.modes.is_sine.astype(int).tolist()
+    return write_container(header, arrays)
+
+
+def frames_payload(
+    sequence: MeshSequence,
+    signature: ModalSignature,
+    first: int = 0,
+    stop: int | None = None,
+    *,
+    template: Template | None = None,
+) -> bytes:
+    """Write frames as they were sent, in 65,536 steps of their box along each axis.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    signature : ModalSignature
+        Made from it: positions are from the same centroid, in the same unit.
+    first, stop : int
+        Frames; all by default.
+    template : Template, optional
+        The one that the signature's parameters name, if they name one.
+    """
+    used = fitted_on(signature, sequence, template)
+    start = reference_positions(sequence, signature.parameters.reference)
+    if signature.kind == SignatureKind.OFFSET:
+        _, centre = offset_reference(used, start)
+    else:
+        centre = used.weights @ start
+    scale = length_scale(sequence, centre)
+    x = (sequence.vertices[first:stop].astype(np.float64) - centre) / scale
+    low = x.min(axis=(0, 1)) if x.size else np.zeros(3)
+    step = (x.max(axis=(0, 1)) - low) / 65535.0 if x.size else np.ones(3)
+    steps = np.where(step > 0, step, 1.0)
+    frames = np.rint((x - low) / steps).astype(np.uint16)
+    header = {"first": first, "low": low.tolist(), "step": step.tolist()}
+    return write_container(header, {"frames": frames})
+
+
+def length_scale(sequence: MeshSequence, centre: NDArray[np.float64]) -> float:
+    """Length that is sent as 1: one unit, but for extremes a power of two."""
+    size = float(np.abs(sequence.vertices - centre).max(initial=0.0))
+    return 1.0 if size == 0.0 or _SMALLEST < size < _LARGEST else power_of_two(size)
+
+
+def _single(values: NDArray[np.float64]) -> NDArray[np.float32]:
+    return values.astype(np.float32)
+
+
+def _ends(signature: ModalSignature) -> list[list[str]] | None:
+    topology = signature.topology
+    return None if topology is None else [[e.value for e in ends] for ends in topology.ends]
+
+
+def _unit(unit: str | None, scale: float) -> str:
+    name = unit or "length units"
+    return name if scale == 1.0 else f"{scale:.3g} {name}"
+
+
+def _mesh_shapes(signature: ModalSignature, template: Template) -> NDArray[np.float16]:
+    n = len(signature.modes) * template.n_vertices
+    if n > MOST_SHAPES:
+        raise LimitError(
+            f"{len(signature.modes)} shapes of {template.n_vertices} vertices are {n} numbers; a "
+            f"page is sent at most {MOST_SHAPES}.",
+            remedy="Ask for fewer modes, or state a topology: closed forms need not be sent.",
+            limit="view_shapes",
+            details={"value": n, "most": MOST_SHAPES},
+        )
+    return shapes_of(signature.modes, template).T.astype(np.float16)
+
+
+def _waves(signature: ModalSignature) -> list[dict[str, Any]]:
+    """Modes by waves, a cosine with its sine, each with its words."""
+    spectrum, labels = signature.deformation_spectrum, signature.modes.labels
+    components = signature.parameters.components
+    is_offset = signature.kind == SignatureKind.OFFSET
+    waves, seen = [], set()
+    for cosine, sine in zip(*map(np.ndarray.tolist, wave_pairs(signature.modes)), strict=True):
+        modes = [cosine] if sine < 0 else [cosine, sine]
+        seen.update(modes)
+        waves.append(modes)
+    waves += [[mode] for mode in range(len(labels)) if mode not in seen]
+    entries = []
+    for modes in waves:
+        label = labels[modes[0]]
+        numbers = ", ".join(map(str, label.wavenumbers))
+        entries.append(
+            {
+                "modes": modes,
+                "label": f"({numbers})" if len(modes) == 2 else str(label),
+                "name": plain_name(signature.topology, label, components, is_offset=is_offset),
+                "rms": float(f"{np.hypot.reduce(spectrum[modes]):.4g}"),
+            }
+        )
+    return entries
+
+
+def _cycle(signature: ModalSignature) -> str:
+    gap, n, period = signature.closure_gap, signature.n_frames, signature.facts.period
+    if n < 3 or gap > _CLOSES:
+        return "open"
+    if period is not None and signature.times is not None:
+        # A wall at rest says nothing of whether the last frame is the first again.
+        span = float(signature.times[-1] - signature.times[0])
+        return "closes" if period > span + 0.5 * span / (n - 1) else "repeats"
+    return "repeats" if gap < _REPEATS else "closes"
+
+
+def _volume(
+    signature: ModalSignature,
+    sequence: MeshSequence,
+    template: Template | None,
+    arrays: dict[str, NDArray[Any]],
+) -> dict[str, Any]:
+    """Volume and segments, or why there are none."""
+    try:
+        readouts = clinical_readouts(signature, sequence, template=template)
+    except InputError as error:
+        return {"volume": {"refused": str(error)}, "segments": {"refused": str(error)}}
+    arrays["volumes"] = readouts.curve.volumes * readouts.shown_in
+    arrays["mesh_volumes"] = readouts.mesh_curve.volumes * readouts.shown_in
+    volume = _volume_words(readouts)
+    end_diastole = readouts.mesh_curve.end_diastole
+    try:
+        regions = regional_motion(signature, sequence, end_diastole, template=template)
+    except InputError as error:
+        return {"volume": volume, "segments": {"refused": str(error)}}
+    return {"volume": volume, "segments": _segment_words(regions, arrays)}
+
+
+def _volume_words(readouts: ClinicalReadouts) -> dict[str, Any]:
+    curve, factor = readouts.curve, readouts.shown_in
+    words: dict[str, Any] = {
+        "unit": readouts.volume_unit,
+        "end_diastole": curve.end_diastole,
+        "end_systole": curve.end_systole,
+        "largest": curve.end_diastolic_volume * factor,
+        "smallest": curve.end_systolic_volume * factor,
+        "stroke": curve.stroke_volume * factor,
+        "notes": list(readouts.notes),
+    }
+    if curve.fraction is not None and curve.share_range is not None:
+        words["share"] = {
+            "name": curve.fraction.words,
+            "value": curve.share,
+            "low": curve.share_range[0],
+            "high": curve.share_range[1],
+            "mesh": readouts.mesh_curve.share,
+        }
+    return words
+
+
+def _segment_words(regions: RegionalMotion, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    arrays["segments"] = _single(np.nan_to_num(regions.shares, nan=-1e9))
+    return {
+        "names": list(regions.names),
+        "quantity": "inward motion over the radius at end diastole",
+        "unit": "%",
+        "end_diastole": regions.end_diastole,
+        "reason": regions.reason,
+    }
+
+
+def _classification(answer: Classification | None) -> dict[str, Any]:
+    if answer is None:
+        return {"classification": None}
+    return {
+        "classification": {
+            "model": answer.model,
+            "label": answer.label,
+            "probability": answer.probability,
+            "class_set": list(answer.class_set),
+            "coverage": answer.coverage,
+            "explanation": [
+                {"modes": list(part.modes), "score": part.score, "amplitude": part.amplitude}
+                for part in answer.explanation[:8]
+            ],
+            "notes": list(answer.notes),
+        }
+    }

@@ -1,0 +1,105 @@
+"""A view as one file."""
+
+from __future__ import annotations
+
+import base64
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from viewed_surfaces import viewed
+
+from modalmotion.cli import main
+from modalmotion.errors import LimitError
+from modalmotion.formats import write_npz
+from modalmotion.viewer import page
+from modalmotion.viewer.bundle_files import script, source_hash, style
+from modalmotion.viewer.container import read_container
+from modalmotion.viewer.page import View, view_page
+
+
+class Parts(HTMLParser):
+    """Elements of a page, with the text of scripts and styles."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None], str]] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs), ""))
+
+    def handle_endtag(self, tag: str) -> None:
+        self.elements.append((f"/{tag}", {}, ""))
+
+    def handle_data(self, data: str) -> None:
+        if self.elements:
+            tag, attributes, text = self.elements[-1]
+            self.elements[-1] = (tag, attributes, text + data)
+
+
+def parts_of(text: str) -> list[tuple[str, dict[str, str | None], str]]:
+    parser = Parts()
+    parser.feed(text)
+    return parser.elements
+
+
+def test_a_page_holds_all_and_may_ask_for_nothing() -> None:
+    sequence, signature = viewed("cup")
+    text = view_page([View(signature, sequence, 'a <b> & "c"')])
+    elements = parts_of(text)
+    policy = next(a["content"] for tag, a, _ in elements if a.get("http-equiv"))
+    assert policy is not None
+    assert policy.startswith("default-src 'none'")
+    assert "connect-src" not in policy
+    scripts = [part for part in elements if part[0] == "script"]
+    code = [body for _, attributes, body in scripts if attributes.get("type") == "module"]
+    assert code == [script()]
+    assert source_hash(script()) in policy
+    assert source_hash(style()) in policy
+    held = [body for _, attributes, body in scripts if "data-payload" in attributes]
+    assert read_container(base64.b64decode(held[0]))[0]["title"] == 'a <b> & "c"'
+    assert "a &lt;b&gt; &amp;" in text
+    assert not any(a.get("src") or a.get("href") for _, a, _ in elements)
+
+
+def test_two_views_hold_their_frames_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "_PIECE", 700)
+    views = [View(signature, sequence) for sequence, signature in map(viewed, ("cup", "torus"))]
+    numbers = re.findall(r'data-frames="(\d)"', view_page(views))
+    assert numbers == ["0"] * 5 + ["1"] * 5
+
+
+def test_a_page_that_no_browser_opens_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "MOST_BYTES", 1_000)
+    sequence, signature = viewed("cup")
+    with pytest.raises(LimitError, match="fewer frames"):
+        view_page([View(signature, sequence)])
+
+
+def test_the_bundle_is_small_and_its_licences_are_beside_it() -> None:
+    import zlib
+
+    folder = Path(page.__file__).parent / "bundle"
+    assert len(script().encode()) <= 600_000
+    assert len(zlib.compress(script().encode(), 6)) <= 150_000
+    assert "MIT" in (folder / "LICENSES.txt").read_text()
+    # Neither ends a script in the middle, nor names a host that it could ask.
+    assert "</script" not in script().lower()
+    hosts = set(re.findall(r"https?://([\w.-]+)", script()))
+    assert hosts <= {"www.w3.org", "jcgt.org", "github.com"}
+
+
+def test_the_command_writes_a_page_of_one_file_or_of_two(tmp_path: Path) -> None:
+    first, second = tmp_path / "first.npz", tmp_path / "second.npz"
+    first.write_bytes(write_npz(viewed("cup")[0]))
+    second.write_bytes(write_npz(viewed("cylinder")[0]))
+    out = tmp_path / "beat.html"
+    run = CliRunner().invoke(
+        main, ["view", str(first), "--with", str(second), "--modes", "4", "-o", str(out)]
+    )
+    assert run.exit_code == 0, run.output
+    text = out.read_text()
+    assert "<title>first.npz and second.npz · modalmotion</title>" in text
+    assert text.count("data-payload=") == script().count("data-payload=") + 2

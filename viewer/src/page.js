@@ -1,0 +1,149 @@
+// Three hosts of one module: the pages of the service, a single file, a notebook.
+
+import { Refused, save, Service } from "./api.js";
+import { h } from "./dom.js";
+import { Home } from "./home.js";
+import { Viewer } from "./viewer.js";
+
+const VIEW = "application/vnd.modalmotion.view";
+// Of one piece of frames as sent.
+const PIECE_BYTES = 4_000_000;
+
+const bufferOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+
+// Of a view's address, what the service reads; the rest is the page's own.
+const OF_PAGE = ["with", "frame", "colour", "gains", "sent", "draw", "play", "speed"];
+
+function askKey(root) {
+  return (isWrong) =>
+    new Promise((resolve) => {
+      const input = h("input", { type: "password", id: "key", autocomplete: "off", required: true });
+      const dialog = h(
+        "dialog",
+        { class: "key", "aria-labelledby": "key-title" },
+        h("form", {
+          onsubmit: (event) => {
+            event.preventDefault();
+            dialog.close();
+            dialog.remove();
+            resolve(input.value.trim());
+          },
+        },
+          h("h2", { id: "key-title" }, isWrong ? "This key is not known" : "This service asks for a key"),
+          h("p", {}, "It is kept in this page's memory only, and is gone when the page is closed. The service's operator gives it out."),
+          h("label", { for: "key" }, "Key"),
+          input,
+          h("button", { type: "submit" }, "Use it")),
+      );
+      root.append(dialog);
+      dialog.showModal();
+    });
+}
+
+class Pages {
+  constructor(root) {
+    this.root = root;
+    this.service = new Service(askKey(document.body));
+    addEventListener("popstate", () => this.show());
+    this.show();
+  }
+
+  show() {
+    const [, page, id] = location.pathname.split("/");
+    if (page === "view" && id) this.view(id).catch((error) => this.fail(error));
+    else this.current = new Home(this.root, this.service, (sequence) => this.open(sequence));
+  }
+
+  async open(id) {
+    history.pushState(null, "", `/view/${id}`);
+    try {
+      await this.view(id);
+    } catch (error) {
+      history.back();
+      throw error;
+    }
+  }
+
+  fail(error) {
+    this.root.replaceChildren(
+      h("div", { class: "home" }, h("p", { class: "brand" }, "modalmotion"),
+        h("h1", {}, error instanceof Refused && error.status === 404 ? "There is no such sequence" : "This cannot be shown"),
+        h("p", { class: "lead" }, error.message), h("p", {}, h("a", { href: "/" }, "All sequences"))),
+    );
+  }
+
+  async view(id) {
+    const query = new URLSearchParams(location.search);
+    const ids = [id, ...(query.get("with") ? [query.get("with")] : [])];
+    OF_PAGE.forEach((name) => query.delete(name));
+    const { service } = this;
+    const asked = query.size ? `?${query}` : "";
+    if (!this.root.firstChild) this.root.append(h("p", { class: "loading", role: "status" }, "Loading the surface"));
+    const payloads = await Promise.all(
+      ids.map(async (one) => (await service.call(`/v1/sequences/${one}/view${asked}`, { accept: VIEW })).arrayBuffer()),
+    );
+    if (this.current && this.current.dispose) this.current.dispose();
+    const here = `/v1/sequences/${id}`;
+    this.current = new Viewer(this.root, payloads, {
+      isServed: true,
+      frames: async (motion, add) => {
+        const n = Math.max(1, Math.floor(PIECE_BYTES / (6 * motion.nVertices)));
+        for (let first = 0; first < motion.nFrames; first += n) {
+          const part = new URLSearchParams(query);
+          part.set("first", first);
+          part.set("stop", Math.min(first + n, motion.nFrames));
+          const path = `/v1/sequences/${motion.header.sequence_id}/view/frames?${part}`;
+          add(await (await service.call(path, { accept: VIEW })).arrayBuffer());
+        }
+      },
+      csv: async () => save(await (await service.call(`${here}/signature${asked}`, { accept: "text/csv" })).blob(), `${id.slice(0, 12)}-amplitudes.csv`),
+      page: async () => save(await (await service.call(`${here}/view${asked}`, { accept: "text/html" })).blob(), `${id.slice(0, 12)}.html`),
+      classify: async () => service.json(`${here}/classifications`, { method: "POST", body: "{}", type: "application/json" }),
+    });
+    document.title = `${this.current.header.title || id.slice(0, 12)} · modalmotion`;
+    window.modalmotion = this.current;
+  }
+}
+
+// A single file: everything stands in the page as base64.
+function fromPage(root, holders) {
+  const payloads = [...holders].map((holder) => bufferOf(holder.textContent.trim()));
+  let viewer = null;
+  viewer = new Viewer(root, payloads, {
+    frames: async (motion, add) => {
+      const number = viewer ? viewer.motions.indexOf(motion) : 0;
+      for (const piece of document.querySelectorAll(`script[data-frames="${number}"]`)) {
+        add(bufferOf(piece.textContent.trim()));
+        piece.remove();
+        await new Promise((done) => setTimeout(done));
+      }
+    },
+  });
+  window.modalmotion = viewer;
+}
+
+// Called by anywidget in a notebook.
+function render({ model, el }) {
+  const root = h("div", { class: "modalmotion embedded" });
+  el.append(root);
+  const pieces = model.get("frames");
+  const viewer = new Viewer(
+    root,
+    [copied(model.get("payload"))],
+    { frames: async (_, add) => pieces.forEach((piece) => add(copied(piece))) },
+    true,
+  );
+  return () => viewer.dispose();
+}
+
+// A view of the kernel's message, as a buffer of its own that starts at 0.
+const copied = (view) => view.buffer.slice(view.byteOffset, view.byteOffset + view.byteLength);
+
+const host = document.getElementById("modalmotion");
+if (host) {
+  const holders = document.querySelectorAll("script[data-payload]");
+  if (holders.length) setTimeout(() => fromPage(host, holders));
+  else new Pages(host);
+}
+
+export default { render };
