@@ -18,6 +18,7 @@ from modalmotion.modes.topology import Topology
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.template import Template
+from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.posterior import uncertainty_of
 from modalmotion.tracking.prior import Prior
@@ -134,6 +135,7 @@ def _estimate(track: Track) -> dict[str, object]:
         "harmonic": track.harmonic,
         "gap": track.gap,
         "reference": track.reference,
+        "images": None if track.images is None else asdict(track.images),
         "ejection_fraction_percent": track.ejection_fraction,
         "ejection_fraction_bound": track.ejection_fraction_bound,
     }
@@ -206,4 +208,5 @@ def track_in(contents: Contents) -> Track:
         reference=estimate["reference"],
         notes=tuple(contents.json("notes", list)),
         provenance=contents.json("provenance", dict),
+        images=None if estimate.get("images") is None else ImageAnswer(**estimate["images"]),
     )
