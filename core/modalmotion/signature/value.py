@@ -108,6 +108,13 @@ class ModalSignature:
     amplitude_deviations: NDArray[np.float64] | None = None
     facts: Facts = NO_FACTS
 
+    def _repr_html_(self) -> str:
+        """Write it as notebooks show it."""
+        # By the public list, which stands above everything: values import nothing above them.
+        import modalmotion
+
+        return modalmotion.to_html(self)
+
     @property
     def kind(self) -> SignatureKind:
         """What the amplitudes are of: displacements of points, or offsets of the surface."""

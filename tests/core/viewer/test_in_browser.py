@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,6 +22,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, simulate_ventricle
+from modalmotion.viewer.bundle_files import script, style
 from modalmotion.viewer.container import read_container
 from modalmotion.viewer.page import View, view_page
 
@@ -288,3 +290,37 @@ def test_the_table_of_the_page_holds_every_amplitude(
     rows = (tmp_path / "table.csv").read_text().strip().splitlines()
     assert len(rows) == 1 + signature.amplitudes.size
     assert "plane" in json.dumps(signature.surface)
+
+
+def test_twenty_widgets_on_a_page_all_show_their_surface(chromium: Browser, tmp_path: Path) -> None:
+    sequence, signature = viewed("cup")
+    view = View(signature, sequence)
+    held = [base64.b64encode(data).decode() for data in (view.payload(), *view.pieces())]
+    # As a notebook does: the module's `render` for each cell, with a model to ask.
+    text = f"""<!doctype html><meta charset="utf-8"><style>{style()}</style><body>
+      <script>window.held = {json.dumps(held)};</script>
+      <script type="module">
+        {script()}
+      </script></body>"""
+    (tmp_path / "cells.html").write_text(text)
+    with chromium.open((tmp_path / "cells.html").as_uri()) as opened:
+        opened.page.evaluate("""async () => {
+          const source = document.querySelector("script[type=module]").textContent;
+          const address = URL.createObjectURL(new Blob([source], { type: "text/javascript" }));
+          const { default: { render } } = await import(address);
+          const view = (text) => new DataView(Uint8Array.from(atob(text), (c) =>
+            c.charCodeAt(0)).buffer);
+          const [payload, ...frames] = held.map(view);
+          for (let k = 0; k < 20; k++) {
+            const el = document.createElement("div");
+            document.body.append(el);
+            render({ model: { get: (name) => ({ payload, frames })[name] }, el });
+          }
+        }""")
+        page = opened.page
+        for cell in (0, 10, 19, 0):
+            page.locator(".embedded").nth(cell).scroll_into_view_if_needed()
+            opened.wait(f"document.querySelectorAll('.embedded')[{cell}].querySelector('canvas')")
+        page.wait_for_timeout(200)
+        assert page.locator(".embedded canvas").count() <= 8
+        assert not [text for text in opened.said if "error" in text or "Too many" in text]
