@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,9 +112,7 @@ class ModalSignature:
     def _repr_html_(self) -> str:
         """Write it as notebooks show it."""
         # By the public list, which stands above everything: values import nothing above them.
-        import modalmotion
-
-        return modalmotion.to_html(self)
+        return str(import_module("modalmotion").to_html(self))
 
     @property
     def kind(self) -> SignatureKind:
