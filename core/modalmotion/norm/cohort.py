@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
@@ -79,7 +79,7 @@ def cohort_deviation(
     ----------
     norm : Norm
     recordings : iterable of MeshSequence, ModalSignature or Reading
-        At least five.
+        At least five that are no controls.
     level : float
         Of each, and of the warning.
 
@@ -92,16 +92,15 @@ def cohort_deviation(
     """
     level = require_level(level)
     readings = [one if isinstance(one, Reading) else norm.read(one) for one in recordings]
-    if len(readings) < FEWEST_RECORDINGS:
+    others = others_than(norm, readings)
+    if len(others) < FEWEST_RECORDINGS:
         raise ParameterError(
-            f"There are {counted(len(readings), 'recording')}.",
+            f"There are {counted(len(others), 'recording')} that are no controls.",
             remedy=f"Give at least {FEWEST_RECORDINGS} to compare a cohort, or compare each alone.",
-            details={"n": len(readings), "needed": FEWEST_RECORDINGS},
+            details={"n": len(others), "needed": FEWEST_RECORDINGS},
         )
-    theirs = {one.sequence_id for one in norm.controls}
-    readings_of_others = [one for one in readings if one.sequence_id not in theirs]
     deviations = tuple(norm.deviation(one, level=level) for one in readings)
-    p = _exchange_p([*norm.controls, *readings_of_others], norm.n_controls)
+    p = _exchange_p([*norm.controls, *others], norm.n_controls)
     is_another = p <= level
     warning = None
     if is_another:
@@ -121,6 +120,12 @@ def cohort_deviation(
         warning=warning,
         deviations=deviations,
     )
+
+
+def others_than(norm: Norm, readings: Sequence[Reading]) -> list[Reading]:
+    """Leave out readings of the controls themselves."""
+    theirs = {one.sequence_id for one in norm.controls}
+    return [one for one in readings if one.sequence_id not in theirs]
 
 
 def _exchange_p(bag: list[Reading], n: int) -> float:

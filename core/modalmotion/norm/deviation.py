@@ -71,6 +71,11 @@ class QuantityDeviation:
     p: float
     share_less: float
 
+    @property
+    def words(self) -> str:
+        """The name in a sentence."""
+        return self.name.replace("end_", "end-").replace("_", " ")
+
 
 @shown("norm", "p", "deviates", "n_controls", "level", "sequence_id")
 @dataclass(frozen=True, kw_only=True)
@@ -112,6 +117,26 @@ class Deviation:
     covariates: tuple[str, ...]
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
+
+    @property
+    def lines(self) -> str:
+        """The answer in words, line by line."""
+        verdict = "deviates from" if self.deviates else "lies within"
+        share = f"{100 * self.attainable:.1f} % of recordings like the controls"
+        lines = [
+            f"{verdict} the {self.n_controls} controls of {self.norm}: p = {numeral(self.p)}",
+            f"  {share} would be called a deviation (level {self.level:g})",
+            *(f"  {group.words}" for group in self.groups),
+            *(
+                f"  {one.words} {one.value:.1f} {one.unit}: p = {numeral(one.p)}, "
+                f"{100 * one.share_less:.0f} % of the controls have less"
+                for one in self.quantities
+            ),
+        ]
+        if self.covariates:
+            lines.append(f"  accounted for: {', '.join(self.covariates)}")
+        lines += [f"warning: {words}" for words in self.warnings]
+        return "\n".join(lines + [f"note: {words}" for words in self.notes])
 
     def as_json(self) -> dict[str, Any]:
         """Every field as JSON values, and each group in words."""

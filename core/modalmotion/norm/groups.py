@@ -13,6 +13,8 @@ _ABOUT_AXIS: Final = {
     "across": "bending",
     "tilt": "bending",
     "oval": "oval shape",
+    "side": "one side against the other",
+    "lobe": "lobes",
 }
 _TOGETHER: Final = "how the waves go together"
 

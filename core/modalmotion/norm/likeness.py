@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from modalmotion.norm.controls import Reading
-from modalmotion.numerals import numeral
 
 
 def warnings_of(controls: Sequence[Reading], own: Reading) -> tuple[str, ...]:
@@ -25,7 +24,7 @@ def warnings_of(controls: Sequence[Reading], own: Reading) -> tuple[str, ...]:
     trackings = {one.tracking for one in controls}
     if own.tracking not in trackings:
         warnings.append(
-            f"Its tracking is {own.tracking}; the controls have {', '.join(sorted(trackings))}."
+            f"tracking: {own.tracking}; of the controls {', '.join(sorted(trackings))}."
         )
     return tuple(warnings)
 
@@ -39,7 +38,7 @@ def _unlike(
         words = sorted({str(one) for one in known})
         if value in words:
             return None
-        return f"Its {name} is {value}; the controls have {', '.join(words[:5])}."
+        return f"{_called(name)}: {value}; of the controls {', '.join(words[:5])}."
     numbers = [float(one) for one in known if not isinstance(one, str)]
     if not numbers:
         return None
@@ -48,5 +47,9 @@ def _unlike(
     margin = (high - low) if is_condition else 0.0
     if low - margin <= value <= high + margin:
         return None
-    theirs = numeral(low) if low == high else f"{numeral(low)} to {numeral(high)}"
-    return f"Its {name} is {numeral(float(value))}; the controls have {theirs}."
+    theirs = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+    return f"{_called(name)}: {float(value):g}; of the controls {theirs}."
+
+
+def _called(name: str) -> str:
+    return f"number of {name}" if name in ("frames", "vertices") else name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -97,8 +98,22 @@ class Norm:
             digest.update(own.quantities.tobytes())
         return digest.hexdigest()
 
-    def read(self, recording: MeshSequence | ModalSignature, *, name: str = "") -> Reading:
+    def read(
+        self,
+        recording: MeshSequence | ModalSignature,
+        *,
+        subject: str | None = None,
+        name: str = "",
+    ) -> Reading:
         """Read a recording as the controls are read.
+
+        Parameters
+        ----------
+        recording : MeshSequence or ModalSignature
+        subject : str or None
+            Who was recorded; a control of the same name is left out of the comparison.
+        name : str
+            What errors call it.
 
         Raises
         ------
@@ -115,7 +130,7 @@ class Norm:
         )
         # Whether its modes are theirs.
         signature = in_basis([signature], self.readable)[0]
-        reading = reading_of(signature, sequence, self.reader, name=name)
+        reading = reading_of(signature, sequence, self.reader, subject=subject, name=name)
         theirs = {own.tracking for own in self.controls}
         if UNKNOWN not in {*theirs, reading.tracking} and reading.tracking not in theirs:
             raise ParameterError(
@@ -215,10 +230,10 @@ class Norm:
         fewest = fewest_controls(level)
         if n < fewest:
             raise ParameterError(
-                f"The norm has {counted(n, 'control')} for this recording; a level of "
-                f"{numeral(level)} needs {fewest}.",
-                remedy=f"Add {fewest - n} controls, or state a level of at least "
-                f"{numeral(1.0 / (n + 1) + 0.0005)}.",
+                f"The norm has {counted(n, 'control')} for this recording; a level of {level:g} "
+                f"needs {fewest}.",
+                remedy=f"Add {counted(fewest - n, 'control')}, or state a level of at least "
+                f"{math.ceil(1000.0 / (n + 1)) / 1000.0:g}.",
                 details={"n_controls": n, "needed": fewest},
             )
 
