@@ -123,6 +123,9 @@ class SignatureParameters:
     volumes : bool
         Whether the signature holds the volume that the surface encloses in each frame, which
         models may read.
+    deviations : bool
+        Whether the signature holds a standard deviation of each amplitude, from the noise that is
+        estimated for it. Of a tracked sequence, and with `auto`, it does in any case.
     amplitudes : int, optional
         In place of `modes`: amplitudes a frame, three of a mode, or one of offsets.
     """
@@ -149,6 +152,7 @@ class SignatureParameters:
     split_pairs: bool = False
     kind: SignatureKind = SignatureKind.MATERIAL
     volumes: bool = False
+    deviations: bool = False
     amplitudes: InitVar[int | None] = None
 
     def __post_init__(self, amplitudes: int | None) -> None:
@@ -230,6 +234,7 @@ class SignatureParameters:
                     "auto",
                     "split_pairs",
                     "volumes",
+                    "deviations",
                 ),
                 truth,
             ),
@@ -336,6 +341,7 @@ _LEFT_OUT: Final = (
     "merge_vertices",
     "kind",
     "volumes",
+    "deviations",
 )
 
 

@@ -12,6 +12,7 @@ import click
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
     components_option,
+    deviations_option,
     example,
     json_option,
     kind_option,
@@ -33,7 +34,7 @@ from modalmotion.cli.waiting import Waiting
 from modalmotion.exports.surfaces import SUFFIXES, write_superposed
 from modalmotion.facts import facts_as_json
 from modalmotion.numerals import counted, numeral
-from modalmotion.signature.making import ModalSignature, modal_signature
+from modalmotion.signature.making import ModalSignature, SignatureKind, modal_signature
 from modalmotion.tradeoff import Price, price_of
 
 
@@ -49,6 +50,7 @@ from modalmotion.tradeoff import Price, price_of
 @kind_option
 @rotation_option
 @volumes_option
+@deviations_option
 @plot_option
 @json_option
 def signature(
@@ -131,6 +133,7 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
         "max_error": result.max_error,
         "motion_rms": float(result.motion_rms.max()),
         "weighted_motion_rms": float(result.weighted_motion_rms.max()),
+        "deviation_share": result.deviation_share,
         "compression": result.compression,
         "compression_of_sequence": result.compression_of_sequence,
         "condition": result.condition,
@@ -145,14 +148,13 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
 def _lines(result: ModalSignature, price: Price) -> str:
     unit = result.unit or "length units"
     motion = float(result.motion_rms.max())
-    count = len(result.modes)
     lines = [
         (
             f"{result.surface}, {counted(result.n_frames, 'frame')}, "
             f"{counted(result.n_vertices, 'vertex', 'vertices')}"
         ),
         *([f"facts: {repr(result.facts)[6:-1]}"] if result.facts.stated else []),
-        f"{counted(count, 'mode')} x 3 directions = {3 * count} amplitudes a frame",
+        _amount(result),
         (
             f"compression {result.compression:.0f}:1 a frame, "
             f"{result.compression_of_sequence:.1f}:1 with the reference"
@@ -164,6 +166,7 @@ def _lines(result: ModalSignature, price: Price) -> str:
             f"in the worst frame {numeral(float(result.p95_errors.max()), of=motion)} (p95) and "
             f"{numeral(result.max_error, of=motion)} (max)"
         ),
+        *_deviation_lines(result),
         *price_lines(price),
         "deformation spectrum:",
     ]
@@ -175,6 +178,22 @@ def _lines(result: ModalSignature, price: Price) -> str:
     if len(spectrum) > 20:
         lines.append(f"  ... and {len(spectrum) - 20} more")
     return "\n".join(lines + [f"note: {note}" for note in result.notes])
+
+
+def _amount(result: ModalSignature) -> str:
+    count = counted(len(result.modes), "mode")
+    if result.kind == SignatureKind.OFFSET:
+        return f"{count} = {result.n_amplitudes} offsets a frame"
+    return f"{count} x 3 directions = {result.n_amplitudes} amplitudes a frame"
+
+
+def _deviation_lines(result: ModalSignature) -> list[str]:
+    deviations, share = result.amplitude_deviations, result.deviation_share
+    if deviations is None or share is None:
+        return []
+    largest = numeral(float(deviations.max(initial=0.0)))
+    unit = result.unit or "length units"
+    return [f"standard deviations of the amplitudes up to {largest} {unit}, {share:.1%} of them"]
 
 
 def price_lines(price: Price) -> list[str]:

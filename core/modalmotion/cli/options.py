@@ -159,6 +159,11 @@ rotation_option = click.option(
 volumes_option = click.option(
     "--volumes", is_flag=True, help="Keep the volume that the surface encloses in each frame."
 )
+deviations_option = click.option(
+    "--deviations",
+    is_flag=True,
+    help="Estimate the noise, and what it makes of each amplitude: a standard deviation.",
+)
 merge_option = click.option(
     "--merge-vertices/--no-merge-vertices",
     default=True,

@@ -188,6 +188,8 @@ class SignatureArrays:
         Names of the modes.
     amplitudes : (frames, modes, n) float64, length unit
         Three of a mode, or one of offsets.
+    amplitude_deviations : (frames, modes, n) float64, length unit, or None
+        Standard deviation of each amplitude, where it is known.
     angular_frequencies : (modes,) float64, rad per s
     rms_errors, weighted_rms_errors : (frames,) float64, length unit
     times : (frames,) float64, s, or None
@@ -201,6 +203,7 @@ class SignatureArrays:
     rms_errors: NDArray[np.float64]
     weighted_rms_errors: NDArray[np.float64]
     times: NDArray[np.float64] | None
+    amplitude_deviations: NDArray[np.float64] | None
 
 
 @shown()
@@ -343,6 +346,7 @@ def pack_of(answer: Answer) -> list[SignatureArrays]:
                 rms_errors=pack[f"rms_errors_{number}"],
                 weighted_rms_errors=pack[f"weighted_rms_errors_{number}"],
                 times=pack.get(f"times_{number}"),
+                amplitude_deviations=pack.get(f"amplitude_deviations_{number}"),
             )
             for number, sequence_id in enumerate(pack["ids"])
         ]

@@ -147,7 +147,12 @@ class SignatureCalls(Calls):
         """Return the distance of a sequence's signature from another's: 0 for the same motion."""
         answer = self._get(sequence_path(sequence_id, "distance"), {**options, "to": to}).json
         with understood("a distance"):
-            return Comparison(float(answer["distance"]), bool(answer["uses_theta_zero"]))
+            by_errors = answer["by_errors"]
+            return Comparison(
+                float(answer["distance"]),
+                bool(answer["uses_theta_zero"]),
+                None if by_errors is None else float(by_errors),
+            )
 
 
 def _signature(sequence_id: str, options: dict[str, Option]) -> Call:

@@ -25,7 +25,7 @@ from modalmotion.store.disk.atomic import cannot_write, sync_folder, temporary_b
 from modalmotion.store.record import SequenceRecord
 from modalmotion.store.results import ResultStore
 
-FORM: Final = Form("export", 2)
+FORM: Final = Form("export", 3)
 
 # Signatures held before they are written: appending one at a time takes three times as long.
 _BATCH: Final = 256
@@ -45,6 +45,12 @@ class _Column(NamedTuple):
 
 _COLUMNS: Final = (
     _Column("amplitudes", lambda s, _: s.amplitudes, "*", "frame, mode, direction"),
+    _Column(
+        "amplitude_deviations",
+        lambda s, _: _deviations(s),
+        "*",
+        "frame, mode, direction",
+    ),
     _Column("times", lambda s, _: _times(s), "s", "frame"),
     _Column("rotations", lambda s, _: s.rotations.matrices, "1", "frame, row, column"),
     _Column("translations", lambda s, _: s.translations, "*", "frame, direction"),
@@ -279,6 +285,12 @@ def _append(group: Any, signatures: list[tuple[ModalSignature, SequenceRecord]])
         start = len(dataset)
         dataset.resize(start + len(rows), axis=0)
         dataset[start:] = rows.astype(object) if rows.dtype.kind == "U" else rows
+
+
+def _deviations(signature: ModalSignature) -> NDArray[np.float64]:
+    if signature.amplitude_deviations is None:
+        return np.full(signature.amplitudes.shape, np.nan)
+    return signature.amplitude_deviations
 
 
 def _times(signature: ModalSignature) -> NDArray[np.float64]:

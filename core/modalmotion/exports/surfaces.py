@@ -76,7 +76,7 @@ def write_superposed(
     if surface_format == SurfaceFormat.GLB:
         return write_glb(modal_animation(moved, sequence, max_targets, template=template))
     positions = reconstruct(moved, sequence, template=template)
-    surfaces = replace(sequence, vertices=positions, times=moved.times)
+    surfaces = replace(sequence, vertices=positions, times=moved.times, uncertainty=None)
     fields = None
     if times is None:
         fields = {"error": lengths(positions - sequence.vertices)}

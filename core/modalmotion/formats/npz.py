@@ -61,7 +61,7 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     try:
         arrays, names = read_arrays(data, _KNOWN, ("vertices",), limits.of_file(len(data)))
     except MalformedFileError as error:
-        if {"points", "offsets"} <= set(cast("list[str]", error.details.get("arrays", []))):
+        if "points" in cast("list[str]", error.details.get("arrays", [])):
             error.remedy = f"Clouds of points are for {TRACK}."
         raise
     if "times" in arrays and "times_ms" in arrays:

@@ -15,6 +15,7 @@ from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.mesh.checks import FloatArray, require_faces, require_times, require_vertices
 from modalmotion.mesh.coincidence import representatives_of
+from modalmotion.mesh.uncertainty import Uncertainty
 from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import Topology
 from modalmotion.numeric.frozen_arrays import FrozenArrays
@@ -58,6 +59,8 @@ class MeshSequence(FrozenArrays):
         Length unit: m, cm, mm, um or nm; None where it is unknown.
     facts : Facts
         Further statements of the sender; not part of the id.
+    uncertainty : Uncertainty, optional
+        How far its positions may be off, where that is known; not part of the id.
     """
 
     vertices: FloatArray
@@ -67,6 +70,7 @@ class MeshSequence(FrozenArrays):
     times: NDArray[np.float64] | None = None
     unit: str | None = None
     facts: Facts = NO_FACTS
+    uncertainty: Uncertainty | None = None
 
     def __post_init__(self) -> None:
         for array in (self.vertices, self.faces, self.times):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.representation import shown
@@ -27,10 +29,15 @@ class Comparison:
     uses_theta_zero : bool
         False where a zero of theta is not determined: then magnitudes of pairs are compared,
         and two motions that differ in direction alone are at distance 0.
+    by_errors : float or None
+        Distance that the stated deviations of both would make by themselves, the square root of
+        its mean square: a distance no larger than it shows no difference. None where neither has
+        deviations; of one that has none, none are counted.
     """
 
     distance: float
     uses_theta_zero: bool
+    by_errors: float | None = None
 
 
 def compare(a: ModalSignature, b: ModalSignature, *, closed: bool = True) -> Comparison:
@@ -85,7 +92,27 @@ def compare(a: ModalSignature, b: ModalSignature, *, closed: bool = True) -> Com
     if not uses_zero and a.topology is not None and a.topology.closed_axes:
         components, modes = a.parameters.components, a.modes
         trajectories = [theta_invariants(t, modes, components) for t in trajectories]
-    return Comparison(signature_distance(*trajectories), uses_zero)
+    by_errors = _by_errors(a, b, scale)
+    return Comparison(signature_distance(*trajectories), uses_zero, by_errors)
+
+
+def _by_errors(a: ModalSignature, b: ModalSignature, scale: float) -> float | None:
+    """sqrt(E |e_a - e_b|^2) / |b|, errors of both independent; `scale` brings a to b's unit.
+
+    Turning into the frame of the body keeps the sum over directions, and interpolation between
+    phases the mean over them. Magnitudes of pairs differ by no more than the pairs.
+    """
+    squares = [
+        float((s.amplitude_deviations**2).sum(axis=(1, 2)).mean()) * factor**2
+        for s, factor in ((a, scale), (b, 1.0))
+        if s.amplitude_deviations is not None
+    ]
+    if not squares:
+        return None
+    size = float((b.amplitudes**2).sum(axis=(1, 2)).mean())
+    if size == 0.0:
+        return float("inf") if sum(squares) > 0.0 else 0.0
+    return float(np.sqrt(sum(squares) / size))
 
 
 def _has_zero(signature: ModalSignature) -> bool:

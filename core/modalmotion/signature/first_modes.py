@@ -31,10 +31,12 @@ def first_modes(signature: ModalSignature, n: int) -> ModalSignature:
     """
     if n == len(signature.modes):
         return signature
+    deviations = signature.amplitude_deviations
     return replace(
         signature,
         modes=signature.modes.take(np.arange(n)),
         amplitudes=signature.amplitudes[:, :n],
         angular_frequencies=signature.angular_frequencies[:n],
         reference_amplitudes=signature.reference_amplitudes[:n],
+        amplitude_deviations=None if deviations is None else deviations[:, :n],
     )

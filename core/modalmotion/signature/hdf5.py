@@ -21,7 +21,7 @@ from modalmotion.modes.topology import MESH, Topology
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 
-FORM: Final = Form("signature", 4)
+FORM: Final = Form("signature", 5)
 
 # Unit and axes of what names modes.
 _OF_MODES: Final = {
@@ -101,6 +101,9 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
         datasets += landmark_datasets(signature.landmarks, unit)
     if signature.volumes is not None:
         datasets.append(Dataset("volumes", signature.volumes, f"{unit}^3", "frame"))
+    if signature.amplitude_deviations is not None:
+        deviations = signature.amplitude_deviations
+        datasets.append(Dataset("amplitude_deviations", deviations, unit, "frame, mode, direction"))
     if signature.times is not None:
         datasets.append(Dataset("times", signature.times, "s", "frame"))
     return FORM.image(ids, datasets, topology=signature.surface, unit=unit)
@@ -124,10 +127,11 @@ def signature_from_hdf5(source: bytes | Path) -> ModalSignature:
 def read_signature(source: bytes | Path) -> tuple[ModalSignature, Contents]:
     """Read a signature together with the contents of its file."""
     with FORM.read(source) as contents:
-        return _signature(contents), contents
+        return signature_in(contents), contents
 
 
-def _signature(contents: Contents) -> ModalSignature:
+def signature_in(contents: Contents) -> ModalSignature:
+    """Read the signature that the contents of a file hold."""
     parameters = parameters_from_json(contents.json("parameters", dict))
     amplitudes = contents.array("amplitudes", (None, None, parameters.n_directions))
     n_frames, n_modes, _ = amplitudes.shape
@@ -161,6 +165,11 @@ def _signature(contents: Contents) -> ModalSignature:
         choice=(
             ModelChoice.from_json(contents.json("choice", dict))
             if "choice" in contents.arrays
+            else None
+        ),
+        amplitude_deviations=(
+            contents.array("amplitude_deviations", amplitudes.shape)
+            if "amplitude_deviations" in contents.arrays
             else None
         ),
         facts=facts_from_json(contents.json("facts", dict) if "facts" in contents.arrays else {}),

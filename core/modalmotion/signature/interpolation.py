@@ -17,8 +17,8 @@ from modalmotion.signature.making import ModalSignature
 def at_times(signature: ModalSignature, times: NDArray[np.float64]) -> ModalSignature:
     """Trajectory of a signature at other times.
 
-    Amplitudes follow cubic splines, rotations the shortest turn between frames. Errors are
-    those of the frames nearest in time: what lies between frames was not measured.
+    Amplitudes follow cubic splines, rotations the shortest turn between frames. Errors and
+    deviations are those of the frames nearest in time: what lies between frames was not measured.
 
     Parameters
     ----------
@@ -60,16 +60,20 @@ def at_times(signature: ModalSignature, times: NDArray[np.float64]) -> ModalSign
     amplitudes[exact] = signature.amplitudes[nearest[exact]]
     translations[exact] = signature.translations[nearest[exact]]
     matrices[exact] = signature.rotations.matrices[nearest[exact]]
+    deviations = signature.amplitude_deviations
     return replace(
         signature,
         amplitudes=amplitudes,
         translations=translations,
         rotations=Rotations(matrices, signature.rotations.is_determined[nearest]),
         rms_errors=signature.rms_errors[nearest],
+        weighted_rms_errors=signature.weighted_rms_errors[nearest],
         p95_errors=signature.p95_errors[nearest],
         max_errors=signature.max_errors[nearest],
         motion_rms=signature.motion_rms[nearest],
+        weighted_motion_rms=signature.weighted_motion_rms[nearest],
         times=instants,
+        amplitude_deviations=None if deviations is None else deviations[nearest],
     )
 
 

@@ -23,6 +23,7 @@ from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import Topology
 from modalmotion.numerals import counted, numeral
+from modalmotion.signature.deviations import deviations_of
 from modalmotion.signature.value import ModalSignature
 from modalmotion.signature.volumes import enclosed_volumes
 from modalmotion.stopwatch import Stopwatch
@@ -112,6 +113,8 @@ def modal_signature(
     with watch.stage("notes"):
         notes += notes_on_strays(sequence, own_template, fit)
         notes += _note_on_loose_vertices(fit, sequence.unit)
+        deviations, said = deviations_of(sequence, model, fitter, fit.rotations)
+        notes += said
     if parameters.template is not None:
         notes += _notes_on_parting(sequence, own_template)
     if not fit.motion_rms.any():
@@ -142,6 +145,7 @@ def modal_signature(
         notes=tuple(notes),
         provenance=provenance(),
         choice=model.choice,
+        amplitude_deviations=deviations,
         facts=original.facts,
     )
 

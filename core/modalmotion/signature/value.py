@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +71,10 @@ class ModalSignature:
         Caveats for the user.
     provenance : dict
         Versions of the software that made it.
+    amplitude_deviations : (frames, modes, n) float64, `unit`, or None
+        Standard deviation of each amplitude, where it is known: from a track, or from the noise
+        that was estimated (`parameters.deviations` or `parameters.auto`). Zero in the frame that
+        motion is measured from. The template is taken as exact, and limits on `harmonics` as none.
     choice : ModelChoice or None
         How the modes were chosen, where their number was not stated.
     facts : Facts
@@ -101,7 +106,13 @@ class ModalSignature:
     notes: tuple[str, ...]
     provenance: dict[str, str]
     choice: ModelChoice | None = None
+    amplitude_deviations: NDArray[np.float64] | None = None
     facts: Facts = NO_FACTS
+
+    def _repr_html_(self) -> str:
+        """Write it as notebooks show it."""
+        # By the public list, which stands above everything: values import nothing above them.
+        return str(import_module("modalmotion").to_html(self))
 
     @property
     def kind(self) -> SignatureKind:
@@ -154,6 +165,20 @@ class ModalSignature:
     def max_error(self) -> float:
         """Largest error of any vertex in any frame, `unit`."""
         return float(self.max_errors.max())
+
+    @property
+    def deviation_share(self) -> float | None:
+        """RMS deviation of the amplitudes over the RMS of their motion; None where not known.
+
+        Of all amplitudes and frames together: above 1 what is stated is mostly error.
+        """
+        if self.amplitude_deviations is None:
+            return None
+        moved = float(np.linalg.norm(self.amplitudes))
+        error = float(np.linalg.norm(self.amplitude_deviations))
+        if error == 0.0:
+            return 0.0
+        return error / moved if moved > 0.0 else float("inf")
 
     @property
     def closure_gap(self) -> float:

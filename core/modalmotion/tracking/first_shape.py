@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
 from modalmotion.mesh.sequence import mesh_sequence
@@ -21,6 +22,11 @@ from modalmotion.tracking.start import start_shape
 _SHAPE_MODES: Final = 111
 _SHAPE_ROUNDS: Final = 4
 
+
+# Spread across a line, and across a plane, over the largest: points within rounding of a line leave
+# every surface about it, and a closed surface as thin as a sheet encloses what nobody measured.
+_LINE: Final = 1e-3
+_SHEET: Final = 0.02
 
 # Squares of squares of smaller lengths are zero.
 _LEAST_SPREAD: Final = 1e-60
@@ -76,6 +82,7 @@ def shape_in(
             "start.",
             frame=number,
         )
+    _require_extent(cloud, number, topology)
     rough = start_shape(topology, cloud, places)
     surface = Deformable.of(make_template(rough), _SHAPE_MODES)
     prior, noise = first_guess(surface)
@@ -88,3 +95,26 @@ def shape_in(
     require_unfolded(surface, shape[None])
     fitted = mesh_sequence(shape[None], rough.faces, grid=rough.grid, topology=topology)
     return make_template(fitted), rough.grid
+
+
+def _require_extent(cloud: NDArray[np.float64], number: int, topology: Topology) -> None:
+    """Refuse points that no surface of the topology can be laid through."""
+    if topology.n_axes != 2:
+        return
+    x = cloud - cloud.mean(axis=0)
+    spreads = np.linalg.svd(x / np.abs(x).max(), compute_uv=False)
+    if spreads[1] < _LINE * spreads[0]:
+        raise ShapeError(
+            f"The points of frame {number}, which the shape is taken from, lie on a line.",
+            remedy="Name a reference frame whose points lie on the surface, give a surface as "
+            "start, or state the topology open curve.",
+            frame=number,
+        )
+    if topology == SPHERE and spreads[2] < _SHEET * spreads[0]:
+        raise ShapeError(
+            f"The points of frame {number}, which the shape is taken from, lie in a plane, where "
+            "no closed surface is.",
+            remedy="State the topology plane or closed curve, name another reference frame, or "
+            "give a surface as start.",
+            frame=number,
+        )

@@ -1,4 +1,4 @@
-"""Surfaces that fold over themselves."""
+"""Surfaces that fold over themselves, or collapse."""
 
 from __future__ import annotations
 
@@ -6,12 +6,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
+from modalmotion.mesh import Cavity
 from modalmotion.mesh.areas import face_normals
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.tracking.deformable import Deformable
 
 # Share of the area in triangles turned against their neighbours. A single sliver may turn.
 _MOST_FOLDED = 0.01
+
+
+# Of the largest: a cavity that encloses less is none.
+_LEAST_VOLUME = 0.01
+
+
+def require_volume(cavity: Cavity | None, vertices: NDArray[np.float64]) -> None:
+    """Check that a surface that encloses a volume does so in every frame.
+
+    Parameters
+    ----------
+    cavity : Cavity or None
+        None of what encloses none.
+    vertices : (frames, vertices, 3) float64, length unit
+
+    Raises
+    ------
+    ShapeError
+        Naming the frame whose volume is less than 1 % of the largest.
+    """
+    if cavity is None or len(vertices) < 2:
+        return
+    volumes = np.abs(cavity.volume(vertices))
+    frame, largest = int(volumes.argmin()), float(volumes.max())
+    if volumes[frame] < _LEAST_VOLUME * largest:
+        raise ShapeError(
+            f"In frame {frame} the surface collapses: it encloses "
+            f"{volumes[frame] / largest:.2%} of its largest volume.",
+            remedy="Leave the frame out if its points lie in one plane or on one side, or check "
+            "the topology and the unit of each frame.",
+            frame=frame,
+            details={"share": float(volumes[frame]) / largest},
+        )
 
 
 def require_unfolded(surface: Deformable, vertices: NDArray[np.float64]) -> None:

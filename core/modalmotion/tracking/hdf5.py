@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Final
 
@@ -16,12 +16,15 @@ from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
+from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.template import Template
+from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.tracking.noise import Noise
+from modalmotion.tracking.posterior import uncertainty_of
 from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.result import Track
 
-FORM: Final = Form("track", 1)
+FORM: Final = Form("track", 2)
 
 # One number for each frame.
 _OF_FRAMES: Final = ("truncations", "inliers", "coverage")
@@ -48,6 +51,7 @@ def track_to_hdf5(track: Track) -> bytes:
         Dataset(
             "covariances", track.covariances, f"{unit}^2", "frame, mode direction, mode direction"
         ),
+        *_across(track, unit),
         Dataset("amplitude_deviations", track.amplitude_deviations, unit, "frame, mode, direction"),
         Dataset("wavenumbers", track.modes.wavenumbers, "1", "mode, axis"),
         Dataset("is_sine", track.modes.is_sine.astype(np.uint8), "1", "mode"),
@@ -112,7 +116,16 @@ def read_track(source: bytes | Path) -> tuple[Track, Contents]:
         As `Form.read` says.
     """
     with FORM.read(source) as contents:
-        return _track(contents), contents
+        return track_in(contents), contents
+
+
+def _across(track: Track, unit: str) -> list[Dataset]:
+    uncertainty = track.sequence.uncertainty
+    if uncertainty is None:
+        # Files of version 1, rewritten.
+        return []
+    axes = "frame, mode direction, mode direction"
+    return [Dataset("across_covariances", uncertainty.across, f"{unit}^2", axes)]
 
 
 def _estimate(track: Track) -> dict[str, object]:
@@ -122,12 +135,14 @@ def _estimate(track: Track) -> dict[str, object]:
         "harmonic": track.harmonic,
         "gap": track.gap,
         "reference": track.reference,
+        "images": None if track.images is None else asdict(track.images),
         "ejection_fraction_percent": track.ejection_fraction,
         "ejection_fraction_bound": track.ejection_fraction_bound,
     }
 
 
-def _track(contents: Contents) -> Track:
+def track_in(contents: Contents) -> Track:
+    """Read the track that the contents of a file hold."""
     topology = Topology.parse(contents.text("topology"))
     amplitudes = contents.array("amplitudes", (None, None, 3))
     f, m, _ = amplitudes.shape
@@ -158,16 +173,29 @@ def _track(contents: Contents) -> Track:
     )
     estimate = contents.json("estimate", dict)
     has_volumes = "volume_deviations" in contents.arrays
+    modes = ModeSet(
+        topology,
+        contents.array("wavenumbers", (m, topology.n_axes)),
+        contents.array("is_sine", (m,)).astype(np.bool_),
+    )
+    covariances = contents.array("covariances", (f, 3 * m, 3 * m))
+    if "across_covariances" in contents.arrays:
+        uncertainty = uncertainty_of(
+            template,
+            shapes_of(modes, template),
+            contents.array("across_covariances", (f, 3 * m, 3 * m)),
+            covariances,
+            contents.array("truncations", (f,)),
+            estimate["noise"]["n_values"],
+            estimate["reference"],
+        )
+        sequence = replace(sequence, uncertainty=uncertainty)
     return Track(
         sequence=sequence.with_facts(facts_from_json(contents.json("facts", dict))),
         template=template,
-        modes=ModeSet(
-            topology,
-            contents.array("wavenumbers", (m, topology.n_axes)),
-            contents.array("is_sine", (m,)).astype(np.bool_),
-        ),
+        modes=modes,
         amplitudes=amplitudes,
-        covariances=contents.array("covariances", (f, 3 * m, 3 * m)),
+        covariances=covariances,
         prior=Prior(**estimate["prior"]),
         noise=Noise(**estimate["noise"]),
         deviations=contents.array("deviations", (f, v, 2)),
@@ -180,4 +208,5 @@ def _track(contents: Contents) -> Track:
         reference=estimate["reference"],
         notes=tuple(contents.json("notes", list)),
         provenance=contents.json("provenance", dict),
+        images=None if estimate.get("images") is None else ImageAnswer(**estimate["images"]),
     )

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.mesh.uncertainty import Uncertainty
 from modalmotion.numeric.products import product
+from modalmotion.template import Template
 from modalmotion.tracking.information import Information
 
 
@@ -58,6 +60,44 @@ def across_covariance(seen: NDArray[np.float64], info: Information) -> NDArray[n
     taken: there only the share of the noise counts, C - (1 - q) C A C.
     """
     return seen - (1.0 - info.noise_share) * product(product(seen, info.matrix), seen)
+
+
+def uncertainty_of(
+    template: Template,
+    shapes: NDArray[np.float64],
+    across: NDArray[np.float64],
+    along: NDArray[np.float64],
+    truncations: NDArray[np.float64],
+    n_values: float,
+    pinned: int | None,
+) -> Uncertainty:
+    """Put together how far all positions of a track may be off.
+
+    Parameters
+    ----------
+    template : Template
+    shapes : (vertices, modes) float64
+    across, along : (frames, 3 modes, 3 modes) float64, length unit squared
+        As for `deviations_at`.
+    truncations : (frames,) float64, length unit
+    n_values : float
+        Independent values of what the modes leave: each is shared by a patch of the surface.
+    pinned : int or None
+        Frame that is known.
+    """
+    if pinned is not None:
+        along = along.copy()
+        along[pinned] = 0.0
+    w = template.weights
+    return Uncertainty(
+        source="track",
+        shapes=shapes,
+        across=across,
+        along=along,
+        rest=truncations,
+        # A vertex without a share of the surface counts for nothing.
+        alike=1.0 / (n_values * np.where(w > 0, w, np.inf)),
+    )
 
 
 def volume_deviation(

@@ -94,7 +94,8 @@ def read_observed(
     source : bytes or Path
         Bytes are read without opening a file. Frames come in the natural order of the numbers in
         their names. An npz has `points` (n, 3) and `offsets` (frames + 1,), the first row of each
-        frame and the end, and maybe `times` and `unit`. VTKHDF has points in each step.
+        frame and the end; or `points` (frames, n, 3), in which rows of NaN are left out; and
+        maybe `times` and `unit`. VTKHDF has points in each step.
     contours : sequence of str
         Of files of typed contours (biv-me's GPFile): parts of the names of the types to read.
     coordinates : {"LPS", "RAS"}, optional
@@ -360,7 +361,7 @@ def _rows(parts: Mapping[str, list[list[float]]], names: Iterable[str]) -> NDArr
 def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
     names = ("points", "offsets", "times", "unit", "coordinates", "landmarks", *NAMED_PLACES)
     try:
-        arrays, _ = read_arrays(data, names, names[:2], limits.of_file(len(data)))
+        arrays, _ = read_arrays(data, names, names[:1], limits.of_file(len(data)))
     except ShapeError as error:
         error.remedy = (
             "Store points, offsets, times, apex and base (3,) or (frames, 3) as numbers; unit, "
@@ -370,10 +371,35 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
     except MalformedFileError as error:
         error.remedy = (
             "Write it with numpy.savez: points (n, 3) and offsets (frames + 1,), the first row of "
-            "each frame, and the end. A sequence of one mesh needs no tracking."
+            "each frame, and the end; or points (frames, n, 3). A sequence of one mesh needs no "
+            "tracking."
         )
         raise
-    points, offsets = arrays["points"], arrays["offsets"]
+    clouds = _clouds_in(arrays, limits)
+    frames = tuple(_cloud_of(cloud, k) for k, cloud in enumerate(clouds))
+    landmarks = landmarks_from_json(text_in(arrays, "landmarks") or "{}")
+    for name in NAMED_PLACES:
+        if name in arrays:
+            landmarks[name] = np.asarray(arrays[name], dtype=np.float64)
+    unit, coordinates = text_in(arrays, "unit"), text_in(arrays, "coordinates")
+    return Recorded(frames, landmarks, arrays.get("times"), unit, coordinates=coordinates)
+
+
+def _clouds_in(arrays: Mapping[str, NDArray[Any]], limits: ReadLimits) -> list[NDArray[Any]]:
+    """Take the points of each frame out of the arrays of an npz."""
+    points = arrays["points"]
+    if "offsets" not in arrays:
+        if points.ndim != 3 or points.shape[2] != 3 or points.dtype.kind not in "fiu":
+            raise MalformedFileError(
+                f"The points have the shape {points.shape}, and no offsets say where frames begin.",
+                remedy="Give points (frames, n, 3), or points (n, 3) with offsets (frames + 1,): "
+                "the first row of each frame, and the end.",
+            )
+        limits.require("frames", len(points))
+        limits.require("vertices", points.shape[1])
+        # Frames of fewer points are filled up with NaN.
+        return [x[~np.isnan(x).all(axis=1)] for x in points]
+    offsets = arrays["offsets"]
     n = len(points) if np.ndim(points) == 2 else -1
     is_whole = offsets.ndim == 1 and offsets.dtype.kind in "iu" and offsets.size > 1
     if (
@@ -388,13 +414,7 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
         )
     limits.require("frames", offsets.size - 1)
     limits.require("vertices", int(np.diff(offsets).max()))
-    frames = tuple(_cloud_of(points[a:b], k) for k, (a, b) in enumerate(pairwise(offsets)))
-    landmarks = landmarks_from_json(text_in(arrays, "landmarks") or "{}")
-    for name in NAMED_PLACES:
-        if name in arrays:
-            landmarks[name] = np.asarray(arrays[name], dtype=np.float64)
-    unit, coordinates = text_in(arrays, "unit"), text_in(arrays, "coordinates")
-    return Recorded(frames, landmarks, arrays.get("times"), unit, coordinates=coordinates)
+    return [points[a:b] for a, b in pairwise(offsets)]
 
 
 def _of_vtkhdf(data: bytes, parser: Parser) -> Recorded:

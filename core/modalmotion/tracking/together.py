@@ -14,7 +14,7 @@ from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.information import Information, information
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.observation import Frame
-from modalmotion.tracking.passes import Pass
+from modalmotion.tracking.passes import LEAST, Pass
 from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.time_chain import chain_precision, joined, most_likely_h0
 
@@ -40,8 +40,10 @@ def chain_of(
     shares = np.clip(1.0 - covariance / sds**2, 0.0, 1.0).ravel()
     row = seen.index(pinned) if pinned in seen else None
     h0, variance = most_likely_h0(scaled, shares, phases[seen], is_closed=is_closed, pinned=row)
-    wide = float(np.sqrt(variance))
-    along = replace(prior, scale=prior.scale * wide, drift=prior.drift * wide)
+    wide, least = float(np.sqrt(variance)), LEAST * surface.size
+    # Where nothing moves at all a variance of zero would have no inverse.
+    scale, drift = max(prior.scale * wide, least), max(prior.drift * wide, least)
+    along = replace(prior, scale=scale, drift=drift)
     return chain_precision(phases, h0, is_closed=is_closed), h0, along
 
 

@@ -83,6 +83,11 @@ class SignatureQuery(BaseModel):
         description="Give the volume that the surface encloses in each frame, too, openings "
         "closed.",
     )
+    deviations: bool = Field(
+        False,
+        description="Estimate the noise, and give the standard deviation that it makes of each "
+        "amplitude. Of a tracked sequence, and with auto, they are given in any case.",
+    )
     topology: str | None = TOPOLOGY
     grid: str | None = GRID
     reference: ReferenceShape = Field(
@@ -206,6 +211,14 @@ class SignatureAnswer(BaseModel):
         description="By frame, mode and direction, in the length unit; of offsets along the "
         "reference's outward normals."
     )
+    amplitude_deviations: list[list[list[float]]] | None = Field(
+        description="Standard deviation of each amplitude, in the length unit; null where it is "
+        "not known."
+    )
+    deviation_share: float | None = Field(
+        description="RMS of these deviations over that of the amplitudes: above 1 they are mostly "
+        "error."
+    )
     components: Components = Field(
         description="Directions of the amplitudes: x, y, z or radial, tangential, axial."
     )
@@ -276,6 +289,12 @@ class SignatureAnswer(BaseModel):
             kind=signature.kind,
             shape=signature.amplitudes.shape,
             amplitudes=signature.amplitudes.tolist(),
+            amplitude_deviations=(
+                None
+                if signature.amplitude_deviations is None
+                else signature.amplitude_deviations.tolist()
+            ),
+            deviation_share=signature.deviation_share,
             components=parameters.components,
             landmarks=(
                 None if signature.landmarks is None else LandmarksAnswer.of(signature.landmarks)
@@ -322,4 +341,8 @@ class DistanceAnswer(BaseModel):
     uses_theta_zero: bool = Field(
         description="False where the zero of theta is not determined: magnitudes of pairs are "
         "compared then."
+    )
+    by_errors: float | None = Field(
+        description="Distance that the stated deviations of both would make by themselves, RMS: "
+        "one no larger than it shows no difference. Null where neither has deviations."
     )

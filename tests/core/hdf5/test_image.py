@@ -84,6 +84,7 @@ def signatures(draw: st.DrawFn) -> ModalSignature:
         motion_rms=arrays(draw, n_frames),
         weighted_motion_rms=arrays(draw, n_frames),
         times=draw(st.none() | hnp.arrays(np.float64, n_frames, elements=NUMBERS)),
+        amplitude_deviations=(arrays(draw, n_frames, n_modes, 3) if draw(st.booleans()) else None),
         unit=draw(UNITS),
         n_vertices=draw(st.integers(1, 2**40)),
         lengths=tuple(arrays(draw, topology.n_axes).tolist()),
@@ -194,7 +195,7 @@ def test_a_template_comes_back_bit_for_bit(weights: Weights) -> None:
 
 def test_every_field_has_a_place_in_the_file() -> None:
     # A field that is added without one would come back as something else, or not at all.
-    assert len(fields(ModalSignature)) == 26
+    assert len(fields(ModalSignature)) == 27
     assert len(fields(SignatureParameters)) == 22
     assert len(fields(Landmarks)) == 8
     assert len(fields(GivenLandmarks)) == 4
@@ -226,7 +227,7 @@ def test_any_hdf5_program_reads_the_file_and_learns_what_is_in_it(tmp_path: Path
         path.write_bytes(image)
         with h5py.File(path, "r") as file:
             assert file.attrs["schema"].decode() == f"modalmotion.{kind}"
-            assert file.attrs["schema_version"] == (4 if kind == "signature" else 2)
+            assert file.attrs["schema_version"] == (5 if kind == "signature" else 2)
             assert file.attrs["kind"].decode() == kind
             assert file.attrs["intended_use"].decode() == INTENDED_USE
             assert file.attrs["sequence_id"].decode() == sequence.id

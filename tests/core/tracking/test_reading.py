@@ -13,6 +13,7 @@ import pytest
 from clouds import breathing_spheroid, sampled
 
 from modalmotion.errors import InputError, MalformedFileError, ParameterError
+from modalmotion.formats import read_npz
 from modalmotion.formats.frames.archive import write_ply_zip
 from modalmotion.formats.ply.ply import write_ply
 from modalmotion.tracking.reading import read_observed
@@ -80,6 +81,30 @@ def test_an_npz_has_points_and_offsets(tmp_path: Path) -> None:
         path.write_bytes(content)
         with pytest.raises(MalformedFileError, match=r"empty|cut short|single array"):
             read_observed(path)
+
+
+def test_an_npz_of_equal_frames_needs_no_offsets(tmp_path: Path) -> None:
+    path, clouds = tmp_path / "clouds.npz", X[:, :30].copy()
+    # Frames of fewer points are filled up.
+    clouds[1, 25:] = np.nan
+    np.savez(path, points=clouds, unit="mm")
+    found = read_observed(path)
+    assert [len(frame[0]) for frame in found.frames] == [30, 25, 30]
+    assert found.frames[2][0].points == pytest.approx(X[2, :30])
+    assert found.unit == "mm"
+    # A coordinate alone is a mistake, and another shape is one too.
+    clouds[1, 3, 0] = np.nan
+    np.savez(path, points=clouds)
+    with pytest.raises(InputError, match=r"Frame 1: Point 3 is not finite"):
+        read_observed(path)
+    np.savez(path, points=X[0])
+    with pytest.raises(MalformedFileError, match="no offsets say") as caught:
+        read_observed(path)
+    assert "points (frames, n, 3)" in caught.value.remedy
+    # What is a sequence to others stays one: curves and lattices have vertices.
+    with pytest.raises(MalformedFileError, match="no 'vertices'") as sent:
+        read_npz(path.read_bytes())
+    assert "modalmotion track" in sent.value.remedy
 
 
 def test_guide_points_are_contours_with_landmarks(tmp_path: Path) -> None:

@@ -68,6 +68,10 @@ def test_the_tracked_sequence_is_one_like_any_other(client: TestClient, link: st
     assert summary["facts"]["tracking"] == "offset"
     signature = client.get(f"{sequence}/signature?kind=offset").json()
     assert np.shape(signature["amplitudes"]) == (4, 7, 1)
+    assert np.shape(signature["amplitude_deviations"]) == (4, 7, 1)
+    assert 0.0 < signature["deviation_share"] < 1.0
+    distance = client.get(f"{sequence}/distance?kind=offset&to={summary['id']}").json()
+    assert distance["distance"] == 0.0 < distance["by_errors"]
     # What is corrected there stands in the track too.
     client.patch(sequence, json={"facts": {"modality": "US"}})
     assert client.get(link).json()["sequence"]["facts"]["modality"] == "US"

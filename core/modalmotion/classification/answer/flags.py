@@ -14,6 +14,7 @@ from modalmotion.classification.model.domain import CHECKS, PLACE, Domain, Judge
 
 NO_MOTION: Final = "no motion"
 NOISE: Final = "noise"
+UNDETERMINED: Final = "undetermined"
 UNREADABLE: Final = "unreadable"
 OUT_OF_DOMAIN: Final = "out of domain"
 MIRRORED: Final = "mirrored"
@@ -29,6 +30,7 @@ TOO_SMALL: Final = "motion too small"
 FLAGS: Final = (
     NO_MOTION,
     NOISE,
+    UNDETERMINED,
     OUT_OF_DOMAIN,
     UNREADABLE,
     MIRRORED,
@@ -41,9 +43,10 @@ FLAGS: Final = (
     TOO_LARGE,
     TOO_SMALL,
 )
-"""Nothing moves; nothing but noise moves; unlike any training case; not a signature that the
-model reads (another topology, other modes, one frame); and in what a recording is unlike the
-training cases, where that is known. Where one is set, there is no label."""
+"""Nothing moves; nothing but noise moves; amplitudes are less than their deviations; unlike any
+training case; not a signature that the model reads (another topology, other modes, one frame); and
+in what a recording is unlike the training cases, where that is known. Where one is set, there is no
+label."""
 
 
 class Flag(NamedTuple):

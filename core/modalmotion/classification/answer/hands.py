@@ -8,7 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.classification.answer.flags import NO_MOTION, NOISE, Flag, flags_of
+from modalmotion.classification.answer.flags import (
+    NO_MOTION,
+    NOISE,
+    UNDETERMINED,
+    Flag,
+    flags_of,
+)
 from modalmotion.classification.features import READINGS, Column, MotionFeatures
 from modalmotion.classification.features.course import measures
 from modalmotion.classification.features.hand import (
@@ -23,6 +29,9 @@ from modalmotion.classification.model.domain import Domain, Judgement, Sights, s
 from modalmotion.classification.model.model import Model
 from modalmotion.facts import UNKNOWN
 from modalmotion.signature.making import ModalSignature
+
+# Of the amplitudes: above it probabilities were too sure (docs/decisions/0035).
+_UNSURE = 0.2
 
 _COLUMNS_NOTE = (
     "The columns run left-handed about the axis from the apex; the motion was read accordingly."
@@ -69,6 +78,13 @@ class Reading:
                 f"one {seen.smooth_share:.2f})"
             )
             return (Flag(NOISE, words),)
+        share = self.signature.deviation_share
+        if share is not None and share >= 1.0:
+            words = (
+                f"the amplitudes are not determined: their standard deviations are {share:.2g} "
+                "times as large as they are. Record more points, or points of more of the surface"
+            )
+            return (Flag(UNDETERMINED, words),)
         return flags_of(domain, self.judgement, self.sights)
 
 
@@ -106,6 +122,12 @@ class Hands:
     def notes(self, classes: tuple[str, ...]) -> tuple[str, ...]:
         """Say of the readings what a user needs."""
         notes = []
+        share = self.better.signature.deviation_share
+        if share:
+            text = f"The standard deviations of its amplitudes are {share:.0%} of them"
+            if share >= _UNSURE:
+                text += ", which the probabilities do not contain: they are too sure"
+            notes.append(f"{text}.")
         both = READINGS[int(self.better.judgement.readings[0])]
         if both.is_mirrored:
             notes.append(_COLUMNS_NOTE)

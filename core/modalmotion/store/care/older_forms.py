@@ -34,7 +34,7 @@ from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
 from modalmotion.hdf5.contents import Contents
 from modalmotion.hdf5.form import Form, form_of
 from modalmotion.mesh.hdf5 import sequence_from_hdf5, sequence_in, sequence_to_hdf5
-from modalmotion.signature.hdf5 import signature_to_hdf5
+from modalmotion.signature.hdf5 import signature_in, signature_to_hdf5
 from modalmotion.signature.making import modal_signature
 from modalmotion.store.disk.atomic import write_atomic
 from modalmotion.store.disk.sealed_json import JsonForm
@@ -42,6 +42,7 @@ from modalmotion.store.folder import Folder
 from modalmotion.store.record import FORM as RECORD
 from modalmotion.store.record import record_from, record_to_json
 from modalmotion.template.hdf5 import template_from_hdf5
+from modalmotion.tracking.hdf5 import track_in, track_to_hdf5
 
 
 @dataclass(frozen=True)
@@ -179,6 +180,21 @@ def _signature(contents: Contents, folder: Folder) -> bytes:
     return signature_to_hdf5(modal_signature(sequence, parameters, template=template))
 
 
+def _sure_signature(contents: Contents, folder: Folder) -> bytes:
+    """Version 4 had no deviations of amplitudes: made again where they are known now."""
+    signature = signature_in(contents)
+    if signature.parameters.auto:
+        # Without its vertices it stays without deviations, too.
+        with contextlib.suppress(StoreError):
+            return _signature(contents, folder)
+    return signature_to_hdf5(signature)
+
+
+def _track(contents: Contents, _: Folder) -> bytes:
+    """Version 1 lacks the covariances across the surface: its amplitudes have no deviations."""
+    return track_to_hdf5(track_in(contents))
+
+
 def _model(contents: Contents, _: Folder) -> bytes:
     """Take a model out of the JSON text, with arrays in base64, that version 1 was."""
     stored = json.loads(contents.array("contents", (None,)).tobytes())
@@ -265,6 +281,8 @@ OLDER: Final[dict[Form, Callable[[Contents, Folder], bytes]]] = {
     Form("signature", 1): _signature,
     Form("signature", 2): _signature,
     Form("signature", 3): _signature,
+    Form("signature", 4): _sure_signature,
+    Form("track", 1): _track,
 }
 """How each older form is rewritten."""
 

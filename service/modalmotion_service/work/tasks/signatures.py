@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.exports.signature_pack import write_pack
+from modalmotion.exports.table import amplitude_table
 from modalmotion.facts import Facts
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence
@@ -22,6 +23,7 @@ from modalmotion.store import (
     signature_from_hdf5,
     signature_image,
     signature_to_hdf5,
+    track_from_hdf5,
 )
 from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, RAW
 from modalmotion_service.schemas import SignatureAnswer
@@ -43,16 +45,20 @@ def sign(
     sequence: Path,
     parameters: SignatureParameters,
     template: Path | None,
+    track: Path | None,
     image: Path,
     progress: Path,
 ) -> dict[str, float]:
     """Fit a kept sequence and write its signature's HDF5 image; gives milliseconds by stage.
 
+    `track` is that of the sequence, where it has one: it says how far positions may be off.
     `progress` is a `ProgressFile`.
     """
     watch = Stopwatch(_SHARES, ProgressFile(progress).write)
     with watch.stage("load"):
         loaded = sequence_from_hdf5(sequence)
+        if track is not None:
+            loaded = replace(loaded, uncertainty=track_from_hdf5(track).sequence.uncertainty)
         named = named_template(template)
     signature = modal_signature(
         loaded, parameters, template=named, cache=cache_for(template), watch=watch
@@ -87,6 +93,11 @@ def signature_as_json(path: Path, file: str, facts: Facts) -> bytes:
     return SignatureAnswer.of(signature, file).model_dump_json().encode()
 
 
+def signature_as_csv(path: Path) -> bytes:
+    """Write the amplitudes of a kept signature out as a table."""
+    return amplitude_table(signature_from_hdf5(path)).to_csv().encode()
+
+
 def signature_with_facts(path: Path, facts: Facts) -> bytes:
     """Write a kept signature and the facts of its sequence out as HDF5."""
     return signature_to_hdf5(replace(signature_from_hdf5(path), facts=facts))
@@ -106,8 +117,8 @@ def pack_npz(signatures: list[Path], records: list[SequenceRecord], output: Path
     """Pack the trajectories of many signatures into one .npz archive.
 
     Arrays `ids`, `labels` (of the classes, as users say), and for each signature by its number
-    `amplitudes_0`, `modes_0`, `angular_frequencies_0`, `rms_errors_0`, `weighted_rms_errors_0`
-    and `times_0`.
+    `amplitudes_0`, `modes_0`, `angular_frequencies_0`, `rms_errors_0`, `weighted_rms_errors_0`,
+    and where they are known `amplitude_deviations_0` and `times_0`.
     """
     arrays: dict[str, Any] = {
         "ids": np.array([record.id for record in records]),
@@ -163,6 +174,8 @@ def _trajectory(signature: ModalSignature) -> dict[str, Any]:
         "rms_errors": signature.rms_errors,
         "weighted_rms_errors": signature.weighted_rms_errors,
     }
+    if signature.amplitude_deviations is not None:
+        arrays["amplitude_deviations"] = signature.amplitude_deviations
     if signature.times is not None:
         arrays["times"] = signature.times
     return arrays

@@ -13,6 +13,7 @@ from classify_samples import curves, curves_model
 from modalmotion.classification import FLAGS, classify
 from modalmotion.errors import ModeCountError
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.making import ModalSignature
 from modalmotion.simulate import MotionClass, simulate_cohort, simulate_ventricle
 
 ORDINARY = (MotionClass.NORMAL, MotionClass.AKINESIA)
@@ -72,6 +73,22 @@ def test_a_flag_says_what_to_do() -> None:
         assert note.startswith("No class: ")
         assert text in note
         assert note.endswith(".")
+
+
+def test_deviations_are_named_and_too_large_ones_refused() -> None:
+    motion = curves(12)[0].motion
+    assert isinstance(motion, ModalSignature)
+    plain = classify(motion, curves_model())
+    for share, text in ((0.05, "are 5% of them."), (0.5, "are 50% of them, which the prob")):
+        sure = replace(motion, amplitude_deviations=share * np.abs(motion.amplitudes))
+        answer = classify(sure, curves_model())
+        assert any(text in note for note in answer.notes)
+        assert answer.probabilities == pytest.approx(plain.probabilities)
+    unsure = replace(motion, amplitude_deviations=1.5 * np.abs(motion.amplitudes))
+    answer = classify(unsure, curves_model())
+    assert (answer.flags, answer.label) == (("undetermined",), None)
+    assert "1.5 times as large as they are" in answer.notes[0]
+    assert not any("standard deviations" in note for note in plain.notes)
 
 
 def test_training_cases_are_not_strange() -> None:

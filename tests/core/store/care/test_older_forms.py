@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from classify_samples import small_model
@@ -21,6 +22,7 @@ from older_stores import (
     old_signature,
     set_index_version,
 )
+from sealed_files import changed
 from store_samples import (
     KEY,
     MODEL,
@@ -108,6 +110,28 @@ def test_rebuild_takes_a_store_of_older_files(root: Path) -> None:
     files = tree(root)
     assert rebuild(root).rewritten == {}
     assert tree(root) == files
+
+
+@pytest.mark.parametrize("auto", [False, True])
+def test_a_signature_of_version_4_gets_what_is_known_now(tmp_path: Path, auto: bool) -> None:
+    root, sequence = tmp_path / "store", sample_sequence(1)
+    parameters = SignatureParameters(auto=True) if auto else SignatureParameters(modes=4)
+    new = modal_signature(sequence, parameters)
+    assert (new.amplitude_deviations is not None) == auto
+    with ResultStore(root) as store:
+        store.put_sequence(sequence)
+        store.put_signature(replace(new, amplitude_deviations=None))
+    path = Folder(root).result(ResultName("signature", sequence.id, "", parameters.key))
+
+    def older(file: h5py.File) -> None:
+        file.attrs["schema_version"] = np.int64(4)
+
+    path.write_bytes(changed(path.read_bytes(), older))
+    assert rebuild(root).rewritten == {"signature": 1}
+    with ResultStore(root) as store:
+        again = store.signature(sequence.id, parameters.key)
+    assert np.array_equal(again.amplitudes, new.amplitudes)
+    assert (again.amplitude_deviations is not None) == auto
 
 
 def test_what_cannot_be_taken_is_named_and_left_alone(root: Path) -> None:

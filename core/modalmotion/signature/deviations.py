@@ -1,0 +1,87 @@
+"""Standard deviations of a signature's amplitudes, wherever the error of positions is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.alignment.rigid import Rotations
+from modalmotion.choice.fitted_motion import Model
+from modalmotion.choice.fitter import Fitter
+from modalmotion.choice.noise import Noise
+from modalmotion.choice.noise_level import measure_noise
+from modalmotion.choice.parameters import SignatureKind
+from modalmotion.fit.basis import make_basis
+from modalmotion.fit.deviations import amplitude_deviations
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh.uncertainty import Uncertainty
+
+
+def deviations_of(
+    sequence: MeshSequence, model: Model, fitter: Fitter, rotations: Rotations
+) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
+    """Propagate what is known of the positions' errors to the amplitudes.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+        As it was measured, and not its offsets.
+    model : Model
+        That was fitted.
+    fitter : Fitter
+    rotations : Rotations
+        Removed before the fit.
+
+    Returns
+    -------
+    deviations : (frames, modes, n) float64, length unit, or None
+        None where nothing is known, and nobody asked for an estimate.
+    notes : tuple of str
+        What they come from.
+    """
+    uncertainty, notes = sequence.uncertainty, tuple[str, ...]()
+    if uncertainty is None:
+        noise = None if model.choice is None else model.choice.noise
+        if noise is None and fitter.parameters.deviations:
+            noise = measure_noise(_material(sequence, fitter))
+            notes = (noise.note(sequence.unit),)
+        if noise is None:
+            return None, ()
+        uncertainty = _of_noise(noise, sequence)
+        words = "the noise of the vertices"
+    else:
+        words = "the deviations of the track"
+    is_offset = fitter.offsets is not None
+    deviations = amplitude_deviations(
+        sequence,
+        uncertainty,
+        fitter.template,
+        make_basis(fitter.template, model.modes),
+        rotations.matrices,
+        fitter.parameters.reference,
+        directions=fitter.frames,
+        is_offset=is_offset,
+        remove_rotation=fitter.parameters.remove_rotation,
+    )
+    text = f"The standard deviations of the amplitudes follow from {words}."
+    return deviations, (*notes, text)
+
+
+def _of_noise(noise: Noise, sequence: MeshSequence) -> Uncertainty:
+    return Uncertainty.of_noise(
+        noise.sigma,
+        sequence.n_frames,
+        sequence.n_vertices,
+        noise.independent_vertices,
+        noise.between_frames,
+    )
+
+
+def _material(sequence: MeshSequence, fitter: Fitter) -> Fitter:
+    """Fitter of the displacements, whose noise is known."""
+    if fitter.offsets is None:
+        return fitter
+    parameters = replace(fitter.parameters, kind=SignatureKind.MATERIAL)
+    return Fitter.of(sequence, fitter.template, parameters)

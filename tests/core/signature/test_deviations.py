@@ -1,0 +1,132 @@
+"""Deviations in signatures: from tracks, from noise, on request and not otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from clouds import breathing_spheroid, sampled
+
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.signature.comparison import compare
+from modalmotion.signature.first_modes import first_modes
+from modalmotion.signature.hdf5 import signature_from_hdf5, signature_to_hdf5
+from modalmotion.signature.interpolation import at_times
+from modalmotion.signature.making import SignatureKind, SignatureParameters, modal_signature
+from modalmotion.template import make_template
+from modalmotion.tracking import Track, track
+
+OFFSET = SignatureParameters(kind=SignatureKind.OFFSET, modes=4)
+BALL = breathing_spheroid(6)
+
+
+@pytest.fixture(scope="module")
+def tracked() -> Track:
+    rng = np.random.default_rng(0)
+    clouds = [sampled(x, BALL.faces, 200, rng, 0.5) for x in BALL.vertices]
+    return track(clouds, modes=9, unit="mm")
+
+
+@pytest.fixture(scope="module")
+def noisy() -> MeshSequence:
+    beat = breathing_spheroid(20)
+    noise = np.random.default_rng(1).normal(0.0, 0.3, beat.vertices.shape)
+    return mesh_sequence(beat.vertices + noise, beat.faces, unit="mm")
+
+
+@pytest.mark.parametrize("kind", SignatureKind)
+def test_tracked_sequences_have_deviations(tracked: Track, kind: SignatureKind) -> None:
+    signature = modal_signature(tracked.sequence, replace(OFFSET, kind=kind))
+    stated = signature.amplitude_deviations
+    assert stated is not None
+    assert stated.shape == signature.amplitudes.shape
+    assert (stated[1:] > 0).all()
+    assert any("track" in note for note in signature.notes)
+
+
+def test_offsets_of_a_track_are_as_far_off_as_stated(tracked: Track) -> None:
+    true = modal_signature(BALL, OFFSET).amplitudes
+    signature = modal_signature(tracked.sequence, OFFSET)
+    assert signature.amplitude_deviations is not None
+    # The first mode is the mean offset: it does not depend on where the axis points.
+    off = (signature.amplitudes - true)[1:, 0]
+    ratio = np.sqrt((off**2).mean() / (signature.amplitude_deviations[1:, 0] ** 2).mean())
+    assert 0.3 < ratio < 2.0
+
+
+def test_material_motion_of_a_track_is_less_sure_than_its_offsets(tracked: Track) -> None:
+    offset = modal_signature(tracked.sequence, OFFSET)
+    material = modal_signature(tracked.sequence, replace(OFFSET, kind=SignatureKind.MATERIAL))
+    assert offset.deviation_share is not None
+    assert material.deviation_share is not None
+    assert material.deviation_share > 1.2 * offset.deviation_share
+
+
+def test_deviations_follow_from_the_noise_on_request(noisy: MeshSequence) -> None:
+    assert modal_signature(noisy).amplitude_deviations is None
+    clean = breathing_spheroid(20)
+    # Where theta begins on the noisy surface is another error, which is not counted.
+    template = make_template(clean)
+    parameters = SignatureParameters(modes=4, deviations=True, template=template.id)
+    true = modal_signature(clean, parameters, template=template)
+    signature = modal_signature(noisy, parameters, template=template)
+    stated = signature.amplitude_deviations
+    assert stated is not None
+    off = (signature.amplitudes - true.amplitudes)[1:]
+    assert np.sqrt((off**2).mean() / (stated[1:] ** 2).mean()) == pytest.approx(1.0, abs=0.35)
+    assert any("noise" in note for note in signature.notes)
+
+
+def test_offsets_have_them_on_request_too(noisy: MeshSequence) -> None:
+    stated = modal_signature(noisy, replace(OFFSET, deviations=True)).amplitude_deviations
+    assert stated is not None
+    assert 0.0 < stated[1:].mean() < 0.1
+
+
+def test_auto_states_them_with_its_noise(noisy: MeshSequence) -> None:
+    signature = modal_signature(noisy, SignatureParameters(auto=True))
+    assert signature.amplitude_deviations is not None
+    assert signature.amplitude_deviations.shape == signature.amplitudes.shape
+
+
+def test_deviations_stay_with_their_amplitudes(tracked: Track) -> None:
+    signature = modal_signature(tracked.sequence, OFFSET)
+    stated = signature.amplitude_deviations
+    assert stated is not None
+    few = first_modes(signature, 2)
+    assert few.amplitude_deviations == pytest.approx(stated[:, : len(few.modes)])
+    between = at_times(signature, np.array([1.1, 3.0]))
+    assert between.amplitude_deviations == pytest.approx(stated[[1, 3]])
+    assert between.weighted_rms_errors.shape == (2,)
+    again = signature_from_hdf5(signature_to_hdf5(signature))
+    assert again.amplitude_deviations is not None
+    assert again.amplitude_deviations.tobytes() == stated.tobytes()
+
+
+def test_a_distance_comes_with_the_one_that_errors_make(tracked: Track) -> None:
+    own = modal_signature(tracked.sequence, OFFSET)
+    true = replace(own, amplitude_deviations=None)
+    found = compare(own, modal_signature(tracked.sequence, OFFSET))
+    assert found.distance == 0.0
+    assert found.by_errors is not None
+    one = compare(own, true).by_errors
+    # Of two with the same errors, their squares add up.
+    assert one is not None
+    assert found.by_errors == pytest.approx(np.sqrt(2.0) * one, rel=0.1)
+    assert compare(true, true).by_errors is None
+    in_metres = replace(
+        own,
+        unit="m",
+        amplitudes=own.amplitudes / 1e3,
+        amplitude_deviations=np.asarray(own.amplitude_deviations) / 1e3,
+    )
+    assert compare(in_metres, own).by_errors == pytest.approx(found.by_errors)
+
+
+def test_a_share_of_nothing_is_none(tracked: Track) -> None:
+    signature = modal_signature(tracked.sequence, OFFSET)
+    still = replace(signature, amplitudes=np.zeros_like(signature.amplitudes))
+    assert still.deviation_share == np.inf
+    zero = np.zeros_like(signature.amplitudes)
+    assert replace(signature, amplitude_deviations=zero).deviation_share == 0.0
