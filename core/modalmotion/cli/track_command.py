@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -15,13 +15,18 @@ from modalmotion.cli.outputs import write_picture
 from modalmotion.errors import ParameterError
 from modalmotion.formats import read_sequence, write_npz
 from modalmotion.numerals import numeral
+from modalmotion.pictures.image_overlay import overlay_figure
 from modalmotion.pictures.track import data_figure
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
 from modalmotion.tracking.landmark_file import read_landmark_file
+from modalmotion.tracking.papillary import CONVENTIONS
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
 from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded, read_observed
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @click.command(epilog=example("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm"))
@@ -61,6 +66,13 @@ from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded, read_observed
     show_default=True,
     help="Of typed contours: parts of the names to read.",
 )
+@click.option(
+    "--papillary",
+    type=click.Choice(CONVENTIONS),
+    default="pool",
+    show_default=True,
+    help="Of images: whether papillary muscles count as cavity.",
+)
 @plot_option
 @json_option
 def track(
@@ -75,8 +87,9 @@ def track(
 ) -> None:
     """Track a surface through the frames in IN, which need not correspond.
 
-    IN is a folder or zip with one mesh, cloud or set of contours a frame, or an npz of points and
-    offsets. The motion follows the data along the surface's normals.
+    IN is a folder or zip with one mesh, cloud or set of contours a frame, an npz of points and
+    offsets, or images: NIfTI, NRRD, MetaImage, or a folder or zip of DICOM. The motion follows the
+    data along the surface's normals.
     """
     with click.progressbar(length=1, label="frames", file=sys.stderr) as bar:
 
@@ -95,13 +108,19 @@ def track(
     data = write_npz(result.sequence) if is_npz else track_to_hdf5(result)
     write_atomic(output, data)
     if plot is not None:
-        write_picture(data_figure(result, recorded.frames), plot)
+        write_picture(_figure(result, recorded), plot)
     if as_json:
         click.echo(json.dumps(_numbers(result), indent=2))
     else:
         notes = [f"note: {note}" for note in result.notes]
         click.echo("\n".join([*_lines(result), *notes]))
     list_written(output, plot, as_json=as_json)
+
+
+def _figure(result: Track, recorded: Recorded) -> Figure:
+    if recorded.images is not None:
+        return overlay_figure(result, recorded.images)
+    return data_figure(result, recorded.frames)
 
 
 def _landmarks(text: str, recorded: Recorded, unit: str | None) -> dict[str, Any]:
@@ -136,6 +155,11 @@ def _lines(result: Track) -> list[str]:
     if result.ejection_fraction is not None and result.ejection_fraction_bound is not None:
         bound = result.ejection_fraction_bound
         lines.append(f"volume change {result.ejection_fraction:.1f} % +- {bound:.1f}")
+    if result.images is not None:
+        both = ", ".join(
+            f"{value:.1f} % ({name})" for name, value in result.ejection_fractions.items()
+        )
+        lines.append(f"papillary muscles counted as {result.images.papillary}: {both}")
     if result.gap is not None:
         lines.append(f"both ways round the cycle end {result.gap:.2g} {unit} apart")
     return lines
@@ -157,5 +181,7 @@ def _numbers(result: Track) -> dict[str, object]:
         "determined": result.determined.tolist(),
         "ejection_fraction": result.ejection_fraction,
         "ejection_fraction_bound": result.ejection_fraction_bound,
+        "ejection_fractions": result.ejection_fractions,
+        "papillary": None if result.images is None else result.images.papillary,
         "notes": list(result.notes),
     }
