@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 import numpy as np
@@ -15,13 +16,24 @@ from modalmotion.cli.outputs import write_picture
 from modalmotion.errors import ParameterError
 from modalmotion.formats import read_sequence, write_npz
 from modalmotion.numerals import numeral
-from modalmotion.pictures.track import data_figure
+from modalmotion.pictures.track import (
+    data_figure,
+    determined_figure,
+    deviations_figure,
+    usual_frame,
+)
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
 from modalmotion.tracking.landmark_file import read_landmark_file
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
 from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded, read_observed
+
+_PICTURES: Final[dict[str, Callable[[Track, Recorded], Any]]] = {
+    "data": lambda result, recorded: data_figure(result, recorded.frames),
+    "deviations": lambda result, _: deviations_figure(result, usual_frame(result)),
+    "determined": lambda result, _: determined_figure(result),
+}
 
 
 @click.command(epilog=example("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm"))
@@ -53,6 +65,11 @@ from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded, read_observed
 )
 @click.option("--frame-interval", type=float, help="Seconds from frame to frame.")
 @click.option("--reference", default=0, show_default=True, help="Frame that it starts from.")
+@click.option(
+    "--dynamics",
+    is_flag=True,
+    help="Go to the estimate by oscillators that the data drive; .h5 then holds the way.",
+)
 @click.option("--unit", help="Length unit: m, cm, mm, um or nm.")
 @click.option(
     "--contours",
@@ -62,6 +79,14 @@ from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded, read_observed
     help="Of typed contours: parts of the names to read.",
 )
 @plot_option
+@click.option(
+    "--picture",
+    type=click.Choice(list(_PICTURES)),
+    default="data",
+    show_default=True,
+    help="Of --plot: data over the surface by frame, the stated error on it, or what the data have "
+    "set.",
+)
 @json_option
 def track(
     source: Path,
@@ -70,6 +95,7 @@ def track(
     start: Path | None,
     contours: tuple[str, ...],
     plot: Path | None,
+    picture: str,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -95,7 +121,7 @@ def track(
     data = write_npz(result.sequence) if is_npz else track_to_hdf5(result)
     write_atomic(output, data)
     if plot is not None:
-        write_picture(data_figure(result, recorded.frames), plot)
+        write_picture(_PICTURES[picture](result, recorded), plot)
     if as_json:
         click.echo(json.dumps(_numbers(result), indent=2))
     else:
@@ -136,6 +162,8 @@ def _lines(result: Track) -> list[str]:
     if result.ejection_fraction is not None and result.ejection_fraction_bound is not None:
         bound = result.ejection_fraction_bound
         lines.append(f"volume change {result.ejection_fraction:.1f} % +- {bound:.1f}")
+    if result.driven is not None:
+        lines.append(f"driven to rest in {result.driven.steps[-1]} steps")
     if result.gap is not None:
         lines.append(f"both ways round the cycle end {result.gap:.2g} {unit} apart")
     return lines
@@ -154,6 +182,7 @@ def _numbers(result: Track) -> dict[str, object]:
         "coverage": result.coverage.tolist(),
         "unseen": list(result.unseen),
         "gap": result.gap,
+        "driven_steps": None if result.driven is None else result.driven.steps[-1],
         "determined": result.determined.tolist(),
         "ejection_fraction": result.ejection_fraction,
         "ejection_fraction_bound": result.ejection_fraction_bound,

@@ -26,7 +26,7 @@ class TrackParameters:
 
     Parameters
     ----------
-    topology, modes, tolerance, time, reference : optional
+    topology, modes, tolerance, time, reference, dynamics : optional
         As for `modalmotion.tracking.track`.
     contours : tuple of str
         Of typed contours: parts of the names of those to read.
@@ -45,6 +45,7 @@ class TrackParameters:
     tolerance: float | None = None
     time: Time = "cycle"
     reference: int | None = 0
+    dynamics: bool = False
     contours: tuple[str, ...] = USUAL_CONTOURS
     landmarks: Mapping[str, Any] = field(default_factory=dict)
     unit: str | None = None
@@ -111,6 +112,7 @@ class TrackParameters:
             period=self.facts.period,
             unit=self.unit or recorded.unit,
             reference=self.reference,
+            dynamics=self.dynamics,
             progress=progress,
         )
         facts = result.sequence.facts.over(self.facts)
