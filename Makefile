@@ -3,11 +3,13 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 FILE ?=
+# Leave the service of the demo running, to look at its results: make demo OPEN=1
+OPEN ?=
 # Which benchmarks; all of them by default: make bench ONLY="lattice codec"
 ONLY ?=
 SETUP := pyproject.toml constraints.txt
 
-.PHONY: demo serve test check format bench soak openapi clean
+.PHONY: demo serve view viewer test check format bench soak openapi clean
 .DEFAULT_GOAL := test
 
 $(BIN)/python:
@@ -19,7 +21,7 @@ $(VENV)/.run: $(SETUP) | $(BIN)/python
 	@touch $@
 
 $(VENV)/.dev: $(SETUP) | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[service,plot,codec,client,cluster,vtk,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[service,plot,codec,client,cluster,vtk,tables,notebook,browser,dev]'
 	@touch $@ $(VENV)/.run
 
 $(VENV)/.bench: $(VENV)/.dev
@@ -27,7 +29,11 @@ $(VENV)/.bench: $(VENV)/.dev
 	@touch $@
 
 demo: $(VENV)/.run
-	$(BIN)/python -m modalmotion_service.commands.demo $(if $(FILE),"$(FILE)")
+	$(BIN)/python -m modalmotion_service.commands.demo $(if $(OPEN),--open) $(if $(FILE),"$(FILE)")
+
+# The same, and the service stays: look at the surface in a browser.
+view: $(VENV)/.run
+	$(BIN)/python -m modalmotion_service.commands.demo --open $(if $(FILE),"$(FILE)")
 
 serve: $(VENV)/.run
 	$(BIN)/modalmotion serve
@@ -54,6 +60,10 @@ bench: $(VENV)/.bench
 
 soak: $(VENV)/.dev
 	$(BIN)/python -m pytest -m soak
+
+# The bundle of the viewer from its sources, in viewer/; needs node and npm.
+viewer:
+	cd viewer && npm ci --silent --no-fund --no-audit && npm run --silent build
 
 openapi: $(VENV)/.dev
 	$(BIN)/python -m modalmotion_service.commands.openapi openapi/openapi.json

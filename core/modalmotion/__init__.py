@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from modalmotion.errors import StoreError as StoreError
     from modalmotion.errors import ToleranceError as ToleranceError
     from modalmotion.errors import TopologyError as TopologyError
+    from modalmotion.exports.data_frames import to_dataframe as to_dataframe
+    from modalmotion.exports.data_frames import to_xarray as to_xarray
+    from modalmotion.exports.html import to_html as to_html
     from modalmotion.facts import Facts as Facts
     from modalmotion.formats import ReadLimits as ReadLimits
     from modalmotion.formats import read_npz as read_npz
@@ -62,6 +65,7 @@ if TYPE_CHECKING:
     from modalmotion.template import Template as Template
     from modalmotion.template import Weights as Weights
     from modalmotion.template import make_template as make_template
+    from modalmotion.viewer.widget import view as view
 
 _HOMES = {
     name: home

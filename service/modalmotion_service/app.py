@@ -46,6 +46,7 @@ from modalmotion_service.routes import (
     templates,
     tracks,
     tradeoff,
+    views,
 )
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.engine import open_engine
@@ -69,9 +70,10 @@ def judged_routes() -> list[BaseRoute]:
     for module in (
         *(sequences, tracks, signatures, sent_signature, tradeoff, readouts, templates, codec),
         *(classifications, classify, models, evaluations, features, jobs, limits),
-        *(audit, health, kserve, prometheus, documentation),
+        *(audit, health, kserve, prometheus, documentation, views),
     ):
         router.include_router(module.router)
+    router.include_router(views.pages)
     return router.routes
 
 

@@ -123,17 +123,39 @@ function fromPage(root, holders) {
 }
 
 // Called by anywidget in a notebook.
+// Out of sight it is a picture: a browser has eight to sixteen contexts for all cells together.
 function render({ model, el }) {
   const root = h("div", { class: "modalmotion embedded" });
+  // Empty cells would all be in sight at once.
+  root.style.minHeight = "40rem";
   el.append(root);
-  const pieces = model.get("frames");
-  const viewer = new Viewer(
-    root,
-    [copied(model.get("payload"))],
-    { frames: async (_, add) => pieces.forEach((piece) => add(copied(piece))) },
-    true,
-  );
-  return () => viewer.dispose();
+  let viewer = null;
+  const wake = () => {
+    if (viewer) return;
+    root.style.minHeight = "";
+    viewer = new Viewer(
+      root,
+      [copied(model.get("payload"))],
+      { frames: async (_, add) => model.get("frames").forEach((piece) => add(copied(piece))) },
+      true,
+    );
+  };
+  const rest = () => {
+    if (!viewer) return;
+    viewer.show();
+    const picture = h("img", { src: viewer.canvas.toDataURL(), alt: "The surface, at rest while out of sight" });
+    root.style.minHeight = `${root.offsetHeight}px`;
+    viewer.dispose();
+    viewer.stage.renderer.forceContextLoss();
+    viewer = null;
+    root.replaceChildren(picture);
+  };
+  const watch = new IntersectionObserver(([entry]) => (entry.isIntersecting ? wake() : rest()));
+  watch.observe(root);
+  return () => {
+    watch.disconnect();
+    if (viewer) viewer.dispose();
+  };
 }
 
 // A view of the kernel's message, as a buffer of its own that starts at 0.

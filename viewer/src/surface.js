@@ -145,6 +145,8 @@ function framesTexture(motion, fits) {
   texture.internalFormat = "R16UI";
   texture.minFilter = texture.magFilter = NearestFilter;
   texture.unpackAlignment = 2;
+  // Also an empty one: what is not uploaded is of another type to the shader.
+  texture.needsUpdate = true;
   return texture;
 }
 
@@ -157,7 +159,7 @@ class Card {
       new Float32Array(4 * motion.nModes), motion.nModes, 1, RGBAFormat, FloatType,
     );
     this.fits = 3 * motion.nVertices * motion.nFrames <= MOST_TEXELS;
-    this.frames = framesTexture(motion, this.fits);
+    this.frames = framesTexture(motion, false);
     this.nFrames = 0;
   }
 
@@ -166,8 +168,9 @@ class Card {
     const { sent, nVertices } = this.motion;
     if (!this.fits || !sent.isReady) return false;
     if (!this.nFrames) {
+      this.frames.dispose();
+      this.frames = framesTexture(this.motion, true);
       sent.pieces.forEach(({ steps }, f) => this.frames.image.data.set(steps, 3 * f * nVertices));
-      this.frames.needsUpdate = true;
       this.nFrames = sent.pieces.length;
     }
     return true;
@@ -259,6 +262,7 @@ export class Surface {
     u.rotation.value.set(...rotation);
     u.drift.value.set(...drift);
     u.mode.value = isSent ? 1 : 0;
+    u.sentFirst.value = u.sentSecond.value = card.frames;
     if (card.nFrames) {
       const [first, second, share] = motion.around(place);
       u.firstTexel.value = 3 * motion.nVertices * first;

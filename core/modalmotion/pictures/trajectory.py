@@ -12,7 +12,8 @@ from modalmotion.pictures.unit import ShownUnit
 from modalmotion.signature.making import ModalSignature
 
 # Distinct for colour-blind readers too (Okabe and Ito, Color Universal Design, 2008).
-_COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""Of the largest modes, in order."""
 _OTHERS: Final = "#b9bdc1"
 _MOST_LABELS: Final = 24
 
@@ -77,8 +78,8 @@ def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
     rms, largest = signature.rms_errors / shown.size, signature.max_errors / shown.size
     axes.fill_between(at, motion, color="#dfe3e8", lw=0)
     axes.plot(at, motion, color="#8a939c", label="motion, RMS", marker=marker)
-    axes.plot(at, largest, "--", color=_COLOURS[1], label="error, largest", marker=marker)
-    axes.plot(at, rms, color=_COLOURS[0], label="error, RMS", marker=marker)
+    axes.plot(at, largest, "--", color=COLOURS[1], label="error, largest", marker=marker)
+    axes.plot(at, rms, color=COLOURS[0], label="error, RMS", marker=marker)
     axes.set_title(
         f"Error over all vertices and frames {numeral(signature.rms_error / shown.size, 2)} RMS, "
         f"{numeral(signature.max_error / shown.size, 2)} at most",
@@ -95,7 +96,7 @@ def _colours(signature: ModalSignature) -> list[str]:
     """Give a colour to each of the largest modes that move at all."""
     spectrum = signature.deformation_spectrum
     colours = [_OTHERS] * len(spectrum)
-    for colour, mode in zip(_COLOURS, np.argsort(-spectrum, kind="stable"), strict=False):
+    for colour, mode in zip(COLOURS, np.argsort(-spectrum, kind="stable"), strict=False):
         if spectrum[mode] > 0.0:
             colours[mode] = colour
     return colours

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,6 +108,11 @@ class ModalSignature:
     choice: ModelChoice | None = None
     amplitude_deviations: NDArray[np.float64] | None = None
     facts: Facts = NO_FACTS
+
+    def _repr_html_(self) -> str:
+        """Write it as notebooks show it."""
+        # By the public list, which stands above everything: values import nothing above them.
+        return str(import_module("modalmotion").to_html(self))
 
     @property
     def kind(self) -> SignatureKind:

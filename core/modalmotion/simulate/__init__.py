@@ -3,6 +3,7 @@
 from modalmotion.simulate.classes import MotionClass, draw_parameters
 from modalmotion.simulate.cohort import Case, simulate_cohort
 from modalmotion.simulate.parameters import Territory, VentricleParameters
+from modalmotion.simulate.phantom import ImageKind, Phantom, PhantomSettings, simulate_images
 from modalmotion.simulate.pose import Pose
 from modalmotion.simulate.spheroid import Spacing
 from modalmotion.simulate.ventricle import Acquisition, simulate_ventricle
@@ -10,12 +11,16 @@ from modalmotion.simulate.ventricle import Acquisition, simulate_ventricle
 __all__ = [
     "Acquisition",
     "Case",
+    "ImageKind",
     "MotionClass",
+    "Phantom",
+    "PhantomSettings",
     "Pose",
     "Spacing",
     "Territory",
     "VentricleParameters",
     "draw_parameters",
     "simulate_cohort",
+    "simulate_images",
     "simulate_ventricle",
 ]

@@ -19,6 +19,7 @@ from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.template import Template
 from modalmotion.tracking.driven_frames import DrivenFrames
+from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.posterior import uncertainty_of
 from modalmotion.tracking.prior import Prior
@@ -153,6 +154,7 @@ def _estimate(track: Track) -> dict[str, object]:
         "gap": track.gap,
         "reference": track.reference,
         "driven_frequency": None if track.driven is None else track.driven.frequency,
+        "images": None if track.images is None else asdict(track.images),
         "ejection_fraction_percent": track.ejection_fraction,
         "ejection_fraction_bound": track.ejection_fraction_bound,
     }
@@ -226,4 +228,5 @@ def track_in(contents: Contents) -> Track:
         driven=_driven(contents, (f, m, 3), estimate),
         notes=tuple(contents.json("notes", list)),
         provenance=contents.json("provenance", dict),
+        images=None if estimate.get("images") is None else ImageAnswer(**estimate["images"]),
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.numeric.products import product
-from modalmotion.tracking.closest import closest_points
+from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.noise import Noise, robust_weights
 from modalmotion.tracking.observation import Frame, Observation, Place
@@ -105,13 +105,13 @@ def _add_points(
     NDArray[np.int64],
     NDArray[np.float64] | float,
 ]:
-    found = closest_points(part.points, x, surface.cells)
+    found = _profile_feet(part, x) or closest_points(part.points, x, surface.cells)
     normals = found.normals if part.normals is None else part.normals[:, None]
     gap = part.points - found.feet
     along = (normals * gap[:, None]).sum(axis=-1)
     size = np.linalg.norm(along, axis=1)
     at_rim = surface.rim[found.corners].any(axis=1)
-    on_rim = at_rim & (size < _ALONG * found.distances)
+    on_rim = at_rim & (size < _ALONG * found.distances) & (part.feet is None)
     if part.normals is None and surface.cells.shape[1] == 3:
         # Across a ridge the force turns with the point, and does not jump from side to side.
         ridge = (found.shares.min(axis=1) <= 0.0) & ~at_rim & (found.distances > 0.0)
@@ -143,6 +143,15 @@ def _add_points(
                 A[j, i] += block
         b += sums[:, 6 * m :]
     return (normals * along[:, :, None]).sum(axis=1), weights, found.corners, variance
+
+
+def _profile_feet(part: Observation, x: NDArray[np.float64]) -> Matches | None:
+    """Feet of profiles, which are known; None of other points."""
+    if part.feet is None or part.shares is None or part.normals is None:
+        return None
+    feet = (part.shares[:, :, None] * x[part.feet]).sum(axis=1)
+    distances = np.linalg.norm(part.points - feet, axis=1)
+    return Matches(part.feet, part.shares, feet, part.normals[:, None], distances)
 
 
 def _add_landmarks(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError, ParameterError, ShapeError, ToleranceError
 from modalmotion.facts import Facts
+from modalmotion.images.sequence import Images, images_in
 from modalmotion.mesh import face_areas
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
@@ -22,9 +23,12 @@ from modalmotion.template import Template, make_template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import shape_in
 from modalmotion.tracking.folding import require_unfolded, require_volume
+from modalmotion.tracking.image_frames import frames_of_images
+from modalmotion.tracking.imaged import with_images
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.notes import notes_on
 from modalmotion.tracking.observation import Frame, observed_frames, of_surface
+from modalmotion.tracking.papillary import Papillary
 from modalmotion.tracking.passes import Pass, again, both_ways, energy, evidence, first_guess
 from modalmotion.tracking.posterior import (
     across_covariance,
@@ -34,7 +38,7 @@ from modalmotion.tracking.posterior import (
 )
 from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.quality import quality_of
-from modalmotion.tracking.request import in_unit, phases_of, with_landmarks
+from modalmotion.tracking.request import in_mm, in_unit, phases_of, with_landmarks
 from modalmotion.tracking.result import Track, cavity_in, normals_of, volume_gradient
 from modalmotion.tracking.together import Together, chain_of, together
 
@@ -48,7 +52,7 @@ _MOST_TRIES: Final = 6
 
 
 def track(
-    observed: MeshSequence | Sequence[Any],
+    observed: MeshSequence | Images | Sequence[Any],
     *,
     start: Start | None = None,
     topology: Topology | str | None = None,
@@ -61,15 +65,17 @@ def track(
     unit: str | None = None,
     reference: int | None = 0,
     dynamics: bool = False,
+    papillary: Papillary = "pool",
     progress: Progress | None = None,
 ) -> Track:
     """Track a surface through observations that do not correspond from frame to frame.
 
     Parameters
     ----------
-    observed : MeshSequence or sequence
+    observed : MeshSequence, ImageSequence, Volume, PlaneSet or sequence
         For each frame an array (n, 3) of points, a mesh (vertices, faces) of any connectivity,
-        an `Observation` or several, or None where the frame is missing.
+        an `Observation` or several, an image, or None where the frame is missing. Images are in
+        LPS mm, and need the landmarks apex and base.
     start : MeshSequence or Template, optional
         A surface whose vertices the result has; of a sequence its first frame is read. Without
         it a spheroid, tube, sheet, ellipse or line is placed by landmarks and brought to the
@@ -94,11 +100,14 @@ def track(
         Length unit: m, cm, mm, um or nm.
     reference : int or None
         Frame whose surface the start is, exactly; None where it is the surface of none. Without
-        a start it is the frame that the shape is taken from.
+        a start it is the frame that the shape is taken from. Of images it is also the frame whose
+        brightness counts, and a start is only where the search begins.
     dynamics : bool
         Go to the last estimate by oscillators that the data drive, equation (3), in steps that are
         proved stable: `tracking.driven_frames`. It ends at the same amplitudes, to a millionth,
         and the track has the way there as `driven`.
+    papillary : {"pool", "wall"}
+        Of images: whether papillary muscles count as cavity in volumes.
     progress : callable, optional
         Called with the number of steps done and of all.
 
@@ -116,13 +125,29 @@ def track(
         unit = observed.unit if unit is None else unit
         period = observed.facts.period if period is None else period
         observed = [of_surface(x, observed.faces) for x in observed.vertices]
-    seen, notes = observed_frames(observed)
-    n_frames = len(seen)
     if time not in ("cycle", "open"):
         raise ParameterError(
             f"The time is {time!r:.40}.", remedy="Use cycle for one whole period, or open."
         )
     is_closed = time == "cycle"
+    images, shown = images_in(observed), None
+    if images is not None:
+        times = images.times if times is None else times
+        period = images.period if period is None else period
+        unit = in_mm(unit)
+        shown = frames_of_images(
+            images,
+            landmarks,
+            papillary=papillary,
+            start=start,
+            modes=modes,
+            reference=_require_reference(reference, images.n_frames),
+            is_closed=is_closed,
+            done=_counted(progress, 6 * images.n_frames),
+        )
+        observed, start = shown.frames, shown.start
+    seen, notes = observed_frames(cast("Sequence[Any]", observed))
+    n_frames = len(seen)
     modes = whole("modes", modes)
     limit = None if tolerance is None else in_unit(tolerance, unit)
     at = None if times is None else require_times(times, n_frames)
@@ -133,21 +158,20 @@ def track(
     if first in unseen and start is None:
         first = next(k for k in range(n_frames) if k not in unseen)
         notes += (f"Nothing was observed in the reference; the shape is that of frame {first}.",)
-    _require_motion(
-        n_frames, unseen, first if start is not None and reference is not None else None
-    )
+    pinned = None if start is None or reference is None or shown is not None else first
+    _require_motion(n_frames, unseen, pinned)
     if modes < 2:
         raise ModeCountError(
             f"{modes} modes are a translation at most, which no surface is tracked by.",
             remedy="Ask for 2 modes or more; 37 are usual.",
         )
-    done = _counted(progress, 4 * n_frames)
+    # Searches in images have taken a third.
+    done = _counted(progress, 4 * n_frames, 0 if shown is None else 2 * n_frames)
     if start is None:
         template, grid = shape_in(frames[first], first, topology)
     else:
         template = start if isinstance(start, Template) else make_template(start)
         grid = start.grid if isinstance(start, MeshSequence) else None
-    pinned = None if start is None or reference is None else first
     surface = Deformable.of(template, modes)
     _require_size(surface)
     prior, noise = first_guess(surface)
@@ -221,6 +245,9 @@ def track(
             "template_id": template.id,
         },
     )
+    if shown is not None and images is not None:
+        result = with_images(result, images, shown)
+        notes = (*shown.notes, *notes)
     return replace(result, notes=(*notes, *notes_on(result)))
 
 
@@ -249,9 +276,9 @@ def _require_reference(reference: int | None, n_frames: int) -> int:
     return int(reference)
 
 
-def _counted(progress: Progress | None, n_steps: int) -> Callable[[], None]:
-    """Step that reports itself; more steps than foreseen are not reported."""
-    count = 0
+def _counted(progress: Progress | None, n_steps: int, count: int = 0) -> Callable[[], None]:
+    """Step that reports itself, after `count` others; more than foreseen are not reported."""
+    n_steps += count
 
     def done() -> None:
         nonlocal count

@@ -49,6 +49,11 @@ class Observation(FrozenArrays):
         Direction in which the distance counts; that of the surface where it is None.
     places : tuple of str, int or tuple of int, optional
         Of each row of a landmark: see `Place`.
+    feet : (n, 3) int64, optional
+        Of profiles: vertices that each one starts between, so that its distance counts from there
+        and not from the closest place of the surface.
+    shares : (n, 3) float64, optional
+        Of each of these vertices in the start; they add up to 1.
     """
 
     points: NDArray[np.float64]
@@ -56,6 +61,8 @@ class Observation(FrozenArrays):
     weights: NDArray[np.float64] | None = None
     normals: NDArray[np.float64] | None = None
     places: tuple[Place, ...] | None = None
+    feet: NDArray[np.int64] | None = None
+    shares: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         points = np.array(self.points, dtype=np.float64)
@@ -97,7 +104,16 @@ class Observation(FrozenArrays):
                 f"{len(self.places)} places were named for {n} landmarks.",
                 remedy="Name one place of the surface for each point.",
             )
-        for array in (self.points, self.sd, self.weights, self.normals):
+        if self.feet is not None or self.shares is not None:
+            starts = (self.feet, self.shares, self.normals)
+            own = tuple(None if part is None else part.shape for part in starts)
+            if own != ((n, 3), (n, 3), (n, 3)):
+                raise ShapeError(
+                    "Profiles need the three vertices that each starts between, their shares and "
+                    f"directions, (n, 3) each; their shapes are {own}.",
+                    remedy="Give feet, shares and normals together, or only points.",
+                )
+        for array in (self.points, self.sd, self.weights, self.normals, self.feet, self.shares):
             if isinstance(array, np.ndarray):
                 array.setflags(write=False)
 
@@ -220,7 +236,7 @@ def _require_finite(points: NDArray[np.float64]) -> None:
 
 def _thinned(part: Observation) -> Observation:
     n = len(part)
-    if n <= _MOST_POINTS or part.is_landmark:
+    if n <= _MOST_POINTS or part.is_landmark or part.feet is not None:
         return part
     order = np.argsort(np.arange(n) * _GOLDEN % 1.0, kind="stable")[:_MOST_POINTS]
     rows = np.sort(order)

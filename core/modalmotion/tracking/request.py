@@ -27,6 +27,16 @@ def in_unit(tolerance: float, unit: str | None) -> float:
     return tolerance / MM_PER_UNIT[unit]
 
 
+def in_mm(unit: str | None) -> str:
+    """Check that images, which are in mm, are not stated in another unit."""
+    if unit not in (None, "mm"):
+        raise ParameterError(
+            f"The unit {unit!r:.20} is stated, but images are placed in mm.",
+            remedy="Leave the unit out, and state landmarks in mm.",
+        )
+    return "mm"
+
+
 def phases_of(
     times: NDArray[np.float64] | None, n: int, period: float | None, *, is_closed: bool
 ) -> NDArray[np.float64]:

@@ -22,6 +22,7 @@ from modalmotion.representation import shown
 from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.template import Template
 from modalmotion.tracking.driven_frames import DrivenFrames
+from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.prior import Prior
 
@@ -71,6 +72,8 @@ class Track(FrozenArrays):
     notes : tuple of str
     provenance : mapping
         Parameters and versions, for files.
+    images : ImageAnswer or None
+        Of a track from images: convention, brightness, slices.
     """
 
     sequence: MeshSequence
@@ -93,6 +96,7 @@ class Track(FrozenArrays):
     driven: DrivenFrames | None
     notes: tuple[str, ...]
     provenance: Mapping[str, Any]
+    images: ImageAnswer | None = None
 
     def __post_init__(self) -> None:
         for name in (
@@ -196,11 +200,26 @@ class Track(FrozenArrays):
 
     @cached_property
     def volumes(self) -> NDArray[np.float64] | None:
-        """Volume in each frame, (frames,) float64, length unit cubed; None of what has none."""
+        """Volume in each frame, (frames,) float64, length unit cubed; None of what has none.
+
+        Of images under their convention: papillary muscles are taken off under `wall`.
+        """
         cavity = cavity_in(self.template)
         if cavity is None:
             return None
-        return np.abs(cavity.volume(self.sequence.vertices.astype(np.float64)))
+        enclosed = np.abs(cavity.volume(self.sequence.vertices.astype(np.float64)))
+        is_wall = self.images is not None and self.images.papillary == "wall"
+        return enclosed - self.images.papillary_volume if is_wall and self.images else enclosed
+
+    @property
+    def ejection_fractions(self) -> dict[str, float]:
+        """Ejection fraction under each convention about papillary muscles; empty without images."""
+        if self.images is None or self.volumes is None:
+            return {}
+        muscle = self.images.papillary_volume
+        pool = self.volumes + (muscle if self.images.papillary == "wall" else 0.0)
+        lost = float(pool.max() - pool.min())
+        return {"pool": 100.0 * lost / pool.max(), "wall": 100.0 * lost / (pool.max() - muscle)}
 
     @property
     def ejection_fraction(self) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import subprocess
 import sys
@@ -36,7 +37,8 @@ from modalmotion.store import signature_from_hdf5
     type=OutputFolder(),
     help="Folder for the results and the picture.",
 )
-def main(file: Path | None, output: Path) -> None:
+@click.option("--open", "stays", is_flag=True, help="Leave the service running, to look at it.")
+def main(file: Path | None, output: Path, stays: bool) -> None:
     """Send FILE (.npz), or a simulated ventricle, through a service of its own."""
     if file is None:
         name = "a simulated ventricle"
@@ -47,7 +49,7 @@ def main(file: Path | None, output: Path) -> None:
         name, body = str(file), file.read_bytes()
     output.mkdir(parents=True, exist_ok=True)
     started = time.perf_counter()
-    with _service(output / "results") as client:
+    with _service(output / "results") as (client, base):
         click.echo(f"           ready after {time.perf_counter() - started:.1f} s")
         click.echo(f"sequence   {name}, {len(body)} bytes")
         sequence = client.upload(body)
@@ -60,10 +62,15 @@ def main(file: Path | None, output: Path) -> None:
         image = client.request("GET", here, accept="application/x-hdf5").content
         readouts = _readouts(client, f"/v1/sequences/{sequence.id}/readouts")
         answer = client.classify(sequence.id)
+        page = output / "beat.html"
+        html = client.request("GET", f"/v1/sequences/{sequence.id}/view", accept="text/html")
+        page.write_bytes(html.content)
+        _print_answers(signature_from_hdf5(image), readouts, answer)
+        click.echo(f"page       {page} (open it in a browser: the surface moves)")
+        if stays:
+            click.echo(f"look at    {base}/view/{sequence.id} (Ctrl-C ends the service)")
+            _wait()
     signature = signature_from_hdf5(image)
-    _print_signature(signature)
-    click.echo(f"volume     {readouts}")
-    _print_classification(answer)
     path = output / "results" / file
     stored = signature_from_hdf5(path)
     # Bytes differ: an answer carries the facts of its sequence, which its file does not.
@@ -75,6 +82,19 @@ def main(file: Path | None, output: Path) -> None:
     picture = output / "systole.png"
     signature_figure(read_npz(body).sequence, signature).savefig(picture)
     click.echo(f"picture    {picture}")
+
+
+def _print_answers(signature: ModalSignature, readouts: str, answer: ClassAnswer) -> None:
+    _print_signature(signature)
+    click.echo(f"volume     {readouts}")
+    _print_classification(answer)
+
+
+def _wait() -> None:
+    """Sleep until a person has seen enough."""
+    with contextlib.suppress(KeyboardInterrupt):
+        while True:
+            time.sleep(3600)
 
 
 def _print_signature(signature: ModalSignature) -> None:
@@ -134,8 +154,8 @@ def _print_classification(answer: ClassAnswer) -> None:
 
 
 @contextmanager
-def _service(data_dir: Path) -> Iterator[Client]:
-    """Run the service on a free loopback port until the block ends; gives a client of it."""
+def _service(data_dir: Path) -> Iterator[tuple[Client, str]]:
+    """Run the service on a free loopback port until the block ends; gives its address too."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -154,7 +174,7 @@ def _service(data_dir: Path) -> Iterator[Client]:
         click.echo(f"service    {base} (documentation at {base}/docs)")
         with Client(base) as client:
             _await_ready(process, client, log)
-            yield client
+            yield client, base
     except ModalMotionError as error:
         raise click.ClickException(str(error)) from error
     finally:

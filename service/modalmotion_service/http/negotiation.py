@@ -16,6 +16,8 @@ RAW: Final = "application/octet-stream"
 STREAM: Final = "application/vnd.modalmotion.stream"
 PNG: Final = "image/png"
 CSV: Final = "text/csv"
+HTML: Final = "text/html"
+VIEW: Final = "application/vnd.modalmotion.view"
 
 
 def best_type(accept: str, offered: tuple[str, ...]) -> str:

@@ -7,10 +7,10 @@ from typing import Annotated
 from fastapi import APIRouter, Header, Query, Request, Response
 
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
-from modalmotion_service.http.negotiation import JSON, PNG, best_type
+from modalmotion_service.http.negotiation import CSV, JSON, PNG, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
-from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS, TEXT
 from modalmotion_service.schemas import ReadoutsAnswer, SequenceId, SignatureQuery
 
 router = APIRouter(prefix="/v1", tags=["read-outs"], responses=PROBLEMS)
@@ -19,7 +19,7 @@ router = APIRouter(prefix="/v1", tags=["read-outs"], responses=PROBLEMS)
 @router.get(
     "/sequences/{sequence_id}/readouts",
     response_model=ReadoutsAnswer,
-    responses={200: {"content": {PNG: BINARY}}, **ACCEPTED},
+    responses={200: {"content": {PNG: BINARY, CSV: TEXT}}, **ACCEPTED},
 )
 async def readouts(
     sequence_id: SequenceId,
@@ -27,7 +27,7 @@ async def readouts(
     state: StateDependency,
     preference: PreferenceDependency,
     request: Request,
-    accept: Annotated[str, Header(description=f"{JSON}, or {PNG} for a picture.")] = JSON,
+    accept: Annotated[str, Header(description=f"{JSON}, {PNG} or {CSV}.")] = JSON,
 ) -> Response:
     """Give the volume over time and the share of it that is lost, each with its bound.
 
@@ -35,7 +35,7 @@ async def readouts(
     The share is an ejection fraction where the fact `cavity` is stated or the surface is a cup,
     else a volume change.
     """
-    media_type = best_type(accept, (JSON, PNG))
+    media_type = best_type(accept, (JSON, PNG, CSV))
     parameters, facts = state.analysis.resolved(sequence_id, query.parameters())
     tag = tag_of(sequence_id, parameters.key, "readouts", media_type, facts.cavity)
     if is_known(request, tag):

@@ -13,10 +13,10 @@ from modalmotion.facts import facts_as_json
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_ids
 from modalmotion_service.http.json_bodies import JsonRoute
-from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, best_type
+from modalmotion_service.http.negotiation import CSV, HDF5, JSON, NPZ, PNG, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job, result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
-from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS, TEXT
 from modalmotion_service.routes.parts.temporary_file import temporary_file
 from modalmotion_service.schemas import (
     DistanceAnswer,
@@ -35,7 +35,7 @@ router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS, route_
 @router.get(
     "/sequences/{sequence_id}/signature",
     response_model=SignatureAnswer,
-    responses={200: {"content": {HDF5: BINARY, PNG: BINARY}}, **ACCEPTED},
+    responses={200: {"content": {HDF5: BINARY, PNG: BINARY, CSV: TEXT}}, **ACCEPTED},
 )
 async def signature(
     sequence_id: SequenceId,
@@ -43,16 +43,18 @@ async def signature(
     state: StateDependency,
     preference: PreferenceDependency,
     request: Request,
-    accept: Annotated[str, Header(description=f"{JSON}, {HDF5} or {PNG}.")] = JSON,
+    accept: Annotated[str, Header(description=f"{JSON}, {HDF5}, {PNG} or {CSV}.")] = JSON,
 ) -> Response:
     """Give the modal signature: amplitudes, error, spectrum, energy and its file.
 
-    JSON, the result's HDF5 file, or a picture of it beside the surfaces, by `Accept`.
+    JSON, the result's HDF5 file, a picture of it beside the surfaces, or a table of the amplitudes
+    with a row for each frame, mode and direction, by `Accept`.
     """
-    media_type = best_type(accept, (JSON, HDF5, PNG))
+    media_type = best_type(accept, (JSON, HDF5, PNG, CSV))
     parameters, facts = state.analysis.resolved(sequence_id, query.parameters())
     # A result never changes once its sequence and its parameters are named; facts may.
-    shown = () if media_type == PNG or not facts.stated else (json.dumps(facts_as_json(facts)),)
+    shows_facts = facts.stated and media_type not in (PNG, CSV)
+    shown = (json.dumps(facts_as_json(facts)),) if shows_facts else ()
     tag = tag_of(sequence_id, parameters.key, media_type, *shown)
     if is_known(request, tag):
         return not_modified(tag)

@@ -40,6 +40,13 @@ class DistanceQuery(SignatureQuery):
     )
 
 
+class ViewFramesQuery(SignatureQuery):
+    """Which frames a page is sent, beside the signature that it shows."""
+
+    first: int = Field(0, ge=0, description="First frame.")
+    stop: int | None = Field(None, ge=1, description="Frame after the last; all by default.")
+
+
 class ReconstructionQuery(SignatureQuery):
     """Query parameters of a reconstruction."""
 

@@ -31,6 +31,7 @@ from modalmotion_service.work.tasks import (
     signatures,
     templates,
     tracks,
+    views,
 )
 from modalmotion_service.work.terms import Terms
 from modalmotion_service.work.upload import Upload
@@ -149,8 +150,12 @@ def _encoding(args: Sequence[Any]) -> float:
 
 
 def _read_out(args: Sequence[Any]) -> float:
-    picture = _PICTURE if args[3] else 0.0
+    picture = _PICTURE if args[3] == PNG else 0.0
     return picture + _reading(args) + _READ_OUT * _bytes(args)
+
+
+def _shown(args: Sequence[Any]) -> float:
+    return _PICTURE + _reading(args) + (_READ_OUT + _SURFACE) * _bytes(args)
 
 
 def _superposed(args: Sequence[Any]) -> float:
@@ -187,6 +192,7 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     signatures.sign_upload: _signature,
     signatures.signature_as_json: _reading,
     signatures.signature_with_facts: _reading,
+    signatures.signature_as_csv: _reading,
     signatures.draw_signature: _picture,
     signatures.compare_signatures: _reading,
     signatures.pack_npz: _packing,
@@ -209,6 +215,8 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     derived.read_out: _read_out,
     derived.measure_trade: _trade,
     derived.superpose: _superposed,
+    views.make_view: _shown,
+    views.make_frames: _shown,
     tracks.follow: _tracking,
     tracks.describe_track: _reading,
     tracks.track_with_facts: _reading,

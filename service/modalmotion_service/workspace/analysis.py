@@ -31,7 +31,14 @@ from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.owner import work_of
 from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.task_progress import followed
-from modalmotion_service.work.tasks import codec, derived, sequences, signatures, templates
+from modalmotion_service.work.tasks import (
+    codec,
+    derived,
+    sequences,
+    signatures,
+    templates,
+    views,
+)
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.shared_work import SharedWork, unheard
 from modalmotion_service.workspace.spool import Spool, remove_with_beside
@@ -227,6 +234,11 @@ class Analysis:
             file = self.within_store(path)
             return await self.work(signatures.signature_as_json, path, file, facts)
 
+    async def signature_csv(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
+        """Give the amplitudes of a signature as a table."""
+        path = await self.signature(sequence_id, parameters)
+        return await self.work(signatures.signature_as_csv, path)
+
     async def signature_hdf5(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
         """Give a signature with the facts of its sequence as HDF5."""
         path = await self.signature(sequence_id, parameters)
@@ -274,15 +286,15 @@ class Analysis:
             return await self.work(templates.modes_of_template, path, query, media_type)
 
     async def readouts(
-        self, sequence_id: str, parameters: SignatureParameters, *, as_picture: bool
+        self, sequence_id: str, parameters: SignatureParameters, media_type: str
     ) -> bytes:
-        """Read volume and ejection fraction from a signature, as JSON or as PNG."""
+        """Read volume and ejection fraction from a signature, as JSON, PNG or a table."""
         sequence, signature = await self._with_sequence(sequence_id, parameters)
         template = self._template_path(parameters)
         facts = self._store.sequence_record(sequence_id).facts
         with stage("readouts"):
             return await self.work(
-                derived.read_out, sequence, signature, template, as_picture, facts
+                derived.read_out, sequence, signature, template, media_type, facts
             )
 
     async def reconstruction(
@@ -306,6 +318,27 @@ class Analysis:
                 max_targets,
                 output,
             )
+        return output
+
+    async def view(
+        self, sequence_id: str, parameters: SignatureParameters, *, as_page: bool
+    ) -> Path:
+        """Write what a page shows of a sequence into a file, which the caller removes."""
+        sequence, signature = await self._with_sequence(sequence_id, parameters)
+        template = self._template_path(parameters)
+        facts = self._store.sequence_record(sequence_id).facts
+        with self._output() as output, stage("view"):
+            await self.work(views.make_view, sequence, signature, template, facts, as_page, output)
+        return output
+
+    async def view_frames(
+        self, sequence_id: str, parameters: SignatureParameters, first: int, stop: int | None
+    ) -> Path:
+        """Write frames as they were sent into a file, which the caller removes."""
+        sequence, signature = await self._with_sequence(sequence_id, parameters)
+        template = self._template_path(parameters)
+        with self._output() as output, stage("view"):
+            await self.work(views.make_frames, sequence, signature, template, first, stop, output)
         return output
 
     async def tradeoff(

@@ -11,7 +11,19 @@ from pydantic import BaseModel
 
 from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion.facts import Facts, facts_from_json
-from modalmotion_service.http.negotiation import CSV, GLB, HDF5, JSON, NPZ, PNG, STREAM, VTKHDF, ZIP
+from modalmotion_service.http.negotiation import (
+    CSV,
+    GLB,
+    HDF5,
+    HTML,
+    JSON,
+    NPZ,
+    PNG,
+    STREAM,
+    VIEW,
+    VTKHDF,
+    ZIP,
+)
 from modalmotion_service.schemas import (
     ClassificationAnswer,
     DistanceAnswer,
@@ -29,6 +41,7 @@ from modalmotion_service.schemas.request_queries import (
     EncodeQuery,
     ReconstructionQuery,
     TemplateQuery,
+    ViewFramesQuery,
 )
 from modalmotion_service.schemas.tracks import TrackViewQuery
 from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
@@ -134,6 +147,7 @@ def make_replies(
             HDF5: analysis.signature_hdf5,
             JSON: analysis.signature_json,
             PNG: analysis.draw_signature,
+            CSV: analysis.signature_csv,
         }[media_type]
         # The landmarks are those that the facts state now.
         resolved, _facts = analysis.resolved(request["sequence_id"], parameters)
@@ -149,9 +163,7 @@ def make_replies(
     async def readouts(request: Request, _: Report) -> Reply:
         query, media_type = query_of(request, SignatureQuery), request["media_type"]
         parameters, _facts = analysis.resolved(request["sequence_id"], query.parameters())
-        body = await analysis.readouts(
-            request["sequence_id"], parameters, as_picture=media_type == PNG
-        )
+        body = await analysis.readouts(request["sequence_id"], parameters, media_type)
         return Reply(body, media_type)
 
     async def reconstruction(request: Request, _: Report) -> Reply:
@@ -166,6 +178,21 @@ def make_replies(
         )
         name = f"{request['sequence_id'][:12]}-reconstruction{suffix}"
         return Reply(path, media_type, {"Content-Disposition": f'attachment; filename="{name}"'})
+
+    async def view(request: Request, _: Report) -> Reply:
+        query, media_type = query_of(request, SignatureQuery), request["media_type"]
+        sequence_id = request["sequence_id"]
+        parameters, _facts = analysis.resolved(sequence_id, query.parameters())
+        path = await analysis.view(sequence_id, parameters, as_page=media_type == HTML)
+        name = f"{sequence_id[:12]}.html"
+        page = {"Content-Disposition": f'attachment; filename="{name}"'}
+        return Reply(path, media_type, page if media_type == HTML else {})
+
+    async def view_frames(request: Request, _: Report) -> Reply:
+        query, sequence_id = query_of(request, ViewFramesQuery), request["sequence_id"]
+        parameters, _facts = analysis.resolved(sequence_id, query.parameters())
+        path = await analysis.view_frames(sequence_id, parameters, query.first, query.stop)
+        return Reply(path, VIEW)
 
     async def template_modes(request: Request, _: Report) -> Reply:
         query, media_type = query_of(request, ModesQuery), request["media_type"]
@@ -236,6 +263,8 @@ def make_replies(
         "distance": distance,
         "readouts": readouts,
         "reconstruction": reconstruction,
+        "view": view,
+        "view-frames": view_frames,
         "template-modes": template_modes,
         "template-view": template_view,
         "model-view": model_view,

@@ -20,6 +20,7 @@ from modalmotion_service.http.gate import route_of
 from modalmotion_service.settings import Settings
 
 ROUTES = sorted(SCOPE_OF, key=lambda route: (route[1], route[0]))
+PAGES = {"/", "/docs", "/view/{sequence_id}", "/viewer/{name}"}
 CLOSED = [route for route in ROUTES if SCOPE_OF[route] is not OPEN]
 # What is the same for everybody, whatever its path names.
 SHARED = {"/metrics", "/v1/limits"}
@@ -75,7 +76,7 @@ def test_every_route_of_the_app_has_a_scope_and_every_scope_a_route() -> None:
         for method in operations
     }
     plain = {("GET", route.path) for route in app.routes if isinstance(route, Route)}
-    assert described | plain | {("GET", "/docs")} == set(SCOPE_OF)
+    assert described | plain | {("GET", page) for page in PAGES} == set(SCOPE_OF)
 
 
 def test_a_route_that_no_scope_is_stated_for_is_refused_to_everybody(tmp_path: Path) -> None:
@@ -98,7 +99,7 @@ def test_a_route_that_no_scope_is_stated_for_is_refused_to_everybody(tmp_path: P
 def test_open_are_only_calls_that_tell_nothing_of_anybody() -> None:
     opened = {path for (_, path), scope in SCOPE_OF.items() if scope is OPEN}
     health = {"/health/live", "/health/ready", "/v2/health/live", "/v2/health/ready"}
-    assert opened == {"/docs", "/openapi.json", "/v2", *health}
+    assert opened == {"/openapi.json", "/v2", *PAGES, *health}
 
 
 @pytest.mark.parametrize(("method", "template"), CLOSED)

@@ -46,7 +46,7 @@ def upload(folder: Path, n_bytes: int, kind: Format | None = Format.RAW) -> Uplo
 
 def test_every_task_of_requests_has_a_price() -> None:
     modules = [sequences, signatures, templates, derived, codec]
-    modules += [tasks.classification, tasks.evaluation, tasks.features, tasks.tracks]
+    modules += [tasks.classification, tasks.evaluation, tasks.features, tasks.tracks, tasks.views]
     public = {
         function
         for module in modules
@@ -84,7 +84,7 @@ def test_prices_rise_with_the_size_of_the_file(tmp_path: Path) -> None:
         lambda n: price(signatures.sign, file_of(tmp_path, n), USUAL, None, None, out),
         lambda n: price(codec.encode_upload, upload(tmp_path, n), EncodingTarget(rms=1), out, out),
         lambda n: price(codec.decode_upload, file_of(tmp_path, n), None, None, NPZ, out),
-        lambda n: price(derived.read_out, file_of(tmp_path, n), NOWHERE, None, False),
+        lambda n: price(derived.read_out, file_of(tmp_path, n), NOWHERE, None, JSON),
     ]
     for make in makers:
         prices = [make(n) for n in sizes]

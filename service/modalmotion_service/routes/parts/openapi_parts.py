@@ -13,6 +13,9 @@ PREFER: Final = "respond-async for a job, or wait=SECONDS."
 BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 
 
+TEXT: Final = {"schema": {"type": "string"}}
+
+
 def _upload_body(*names: str) -> dict[str, Any]:
     """Describe the body of an upload, whose form may have fields of these names beside facts."""
     also = f" ({' and '.join(names)} too)" if names else ""

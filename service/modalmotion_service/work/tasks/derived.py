@@ -9,6 +9,7 @@ import numpy as np
 
 from modalmotion.clinical import clinical_readouts
 from modalmotion.exports.surfaces import SurfaceFormat, write_superposed
+from modalmotion.exports.table import frame_table
 from modalmotion.facts import Facts
 from modalmotion.pictures.readouts import volume_figure
 from modalmotion.signature.making import SignatureParameters
@@ -17,24 +18,27 @@ from modalmotion.store import sequence_from_hdf5, signature_from_hdf5, template_
 from modalmotion.template.body_frame import Components
 from modalmotion.tradeoff import measure_tradeoff
 from modalmotion.tradeoff.plain import as_plain
-from modalmotion_service.http.negotiation import PNG
+from modalmotion_service.http.negotiation import CSV, PNG
 from modalmotion_service.schemas import ReadoutsAnswer, TradeoffAnswer
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import png_of, whole_file, write_whole
 
 
 def read_out(
-    sequence: Path, signature: Path, template: Path | None, as_picture: bool, facts: Facts
+    sequence: Path, signature: Path, template: Path | None, media_type: str, facts: Facts
 ) -> bytes:
-    """Read volume and ejection fraction from a kept signature, as JSON or as PNG."""
-    found = clinical_readouts(
-        signature_from_hdf5(signature),
+    """Read volume and ejection fraction from a kept signature, as JSON, PNG or a table."""
+    fitted = signature_from_hdf5(signature)
+    result = clinical_readouts(
+        fitted,
         sequence_from_hdf5(sequence).with_facts(facts),
         template=None if template is None else template_from_hdf5(template),
     )
-    if not as_picture:
-        return ReadoutsAnswer.of(found).model_dump_json().encode()
-    return png_of(volume_figure(found))
+    if media_type == CSV:
+        return frame_table(fitted, result).to_csv().encode()
+    if media_type == PNG:
+        return png_of(volume_figure(result))
+    return ReadoutsAnswer.of(result).model_dump_json().encode()
 
 
 # Parts of the whole.

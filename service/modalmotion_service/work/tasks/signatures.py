@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.exports.signature_pack import write_pack
+from modalmotion.exports.table import amplitude_table
 from modalmotion.facts import Facts
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence
@@ -90,6 +91,11 @@ def signature_as_json(path: Path, file: str, facts: Facts) -> bytes:
     """Write a kept signature and the facts of its sequence out as the service's JSON."""
     signature = replace(signature_from_hdf5(path), facts=facts)
     return SignatureAnswer.of(signature, file).model_dump_json().encode()
+
+
+def signature_as_csv(path: Path) -> bytes:
+    """Write the amplitudes of a kept signature out as a table."""
+    return amplitude_table(signature_from_hdf5(path)).to_csv().encode()
 
 
 def signature_with_facts(path: Path, facts: Facts) -> bytes:

@@ -1,0 +1,137 @@
+"""Tables of results: one row a measurement, as statistics packages read them."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.clinical.readouts import ClinicalReadouts
+from modalmotion.clinical.segments import RegionalMotion
+from modalmotion.representation import shown
+from modalmotion.signature.making import ModalSignature, SignatureKind
+from modalmotion.template.body_frame import Components
+
+
+@shown("names", "n_rows")
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of equal length, by name.
+
+    Parameters
+    ----------
+    columns : dict of str to array
+        Numbers, or texts. A missing number is NaN.
+    """
+
+    columns: dict[str, NDArray[Any]]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns, in order."""
+        return tuple(self.columns)
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows."""
+        return len(next(iter(self.columns.values()), ()))
+
+    def to_csv(self) -> str:
+        """Write the table as CSV (RFC 4180); a missing number is empty.
+
+        Numbers are written so that reading them gives the same bits.
+        """
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\r\n")
+        writer.writerow(self.names)
+        lists = [[_cell(value) for value in column.tolist()] for column in self.columns.values()]
+        writer.writerows(zip(*lists, strict=True))
+        return text.getvalue()
+
+
+def amplitude_table(signature: ModalSignature) -> Table:
+    """List every amplitude of a signature: a row for each frame, mode and direction.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+
+    Returns
+    -------
+    Table
+        frame, time_s (NaN where unknown), mode (its rank), label, direction, amplitude, deviation
+        (its standard deviation, NaN where unknown), unit.
+    """
+    frames, modes, n = signature.amplitudes.shape
+    directions = direction_names(signature)
+    times = np.full(frames, np.nan) if signature.times is None else signature.times
+    frame, mode, direction = (grid.ravel() for grid in np.indices((frames, modes, n)))
+    labels = np.array([str(label) for label in signature.modes.labels])
+    sds = signature.amplitude_deviations
+    return Table(
+        {
+            "frame": frame,
+            "time_s": times[frame],
+            "mode": mode,
+            "label": labels[mode],
+            "direction": np.array(directions)[direction],
+            "amplitude": signature.amplitudes.ravel(),
+            "deviation": np.full(frame.shape, np.nan) if sds is None else sds.ravel(),
+            "unit": np.full(frame.shape, signature.unit or ""),
+        }
+    )
+
+
+def frame_table(
+    signature: ModalSignature,
+    readouts: ClinicalReadouts | None = None,
+    regions: RegionalMotion | None = None,
+) -> Table:
+    """List what is known of each frame: motion, error, volume, inward motion by segment.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    readouts : ClinicalReadouts, optional
+        Adds volume and its bound, in the unit that the columns name.
+    regions : RegionalMotion, optional
+        Adds a column for each segment, percent.
+    """
+    frames = np.arange(signature.n_frames)
+    times = np.full(len(frames), np.nan) if signature.times is None else signature.times
+    columns: dict[str, NDArray[Any]] = {
+        "frame": frames,
+        "time_s": times,
+        "motion_rms": signature.motion_rms,
+        "rms_error": signature.rms_errors,
+        "p95_error": signature.p95_errors,
+        "max_error": signature.max_errors,
+        "unit": np.full(len(frames), signature.unit or ""),
+    }
+    if readouts is not None:
+        unit = "ml" if readouts.unit is not None else "cubed_units"
+        factor = readouts.shown_in
+        columns[f"volume_{unit}"] = readouts.curve.volumes * factor
+        columns[f"volume_bound_{unit}"] = readouts.curve.bounds * factor
+        columns[f"mesh_volume_{unit}"] = readouts.mesh_curve.volumes * factor
+    if regions is not None:
+        for name, share in zip(regions.names, regions.shares.T, strict=True):
+            columns[f"inward_{name.replace(' ', '_')}_percent"] = share
+    return Table(columns)
+
+
+def direction_names(signature: ModalSignature) -> tuple[str, ...]:
+    """Name the directions of a signature's amplitudes."""
+    if signature.kind == SignatureKind.OFFSET:
+        return ("normal",)
+    if signature.parameters.components == Components.CARTESIAN:
+        return ("x", "y", "z")
+    return ("radial", "tangential", "axial")
+
+
+def _cell(value: Any) -> Any:
+    return "" if isinstance(value, float) and value != value else value

@@ -1,0 +1,111 @@
+"""Images over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ShapeError
+from modalmotion.images.plane_set import PlaneSet, slices_of
+from modalmotion.images.volume import Volume
+from modalmotion.mesh.checks import require_times
+from modalmotion.numeric.frozen_arrays import FrozenArrays
+from modalmotion.representation import shown
+
+Image: TypeAlias = Volume | PlaneSet
+
+# Voxels longer than this times their width are slices: what lies between two of them is not seen.
+_SLICED: Final = 2.5
+
+# Slices with fewer voxels through a volume are a few slices, not a volume.
+_FEWEST: Final = 4
+
+
+@shown("n_frames", "frames", "times")
+@dataclass(frozen=True, eq=False)
+class ImageSequence(FrozenArrays):
+    """Images of one object over time, in LPS mm.
+
+    Parameters
+    ----------
+    frames : tuple of Volume, PlaneSet or None
+        None where a frame is missing. Sets of planes have as many planes in each frame, in the
+        same order.
+    times : (frames,) float64, s, or None
+    period : float or None, s
+        Of the cycle, where the file states it.
+    notes : tuple of str
+        Of the file, for the user.
+    """
+
+    frames: tuple[Image | None, ...]
+    times: NDArray[np.float64] | None = None
+    period: float | None = None
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frames", tuple(self.frames))
+        if not any(frame is not None for frame in self.frames):
+            raise ShapeError(
+                "The images have no frame.", remedy="Give a volume or planes for one frame or more."
+            )
+        if self.times is not None:
+            object.__setattr__(self, "times", require_times(self.times, len(self.frames)))
+        sizes = {len(frame) for frame in self.frames if isinstance(frame, PlaneSet)}
+        if len(sizes) > 1:
+            raise ShapeError(
+                f"Frames have {min(sizes)} planes, others {max(sizes)}.",
+                remedy="Give each frame the same planes; one that is missing may be all NaN.",
+            )
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.frames)
+
+    def sliced(self) -> ImageSequence:
+        """Take volumes of thick slices apart into planes."""
+        frames = tuple(
+            slices_of(frame) if isinstance(frame, Volume) and _is_sliced(frame) else frame
+            for frame in self.frames
+        )
+        return ImageSequence(frames, self.times, self.period, self.notes)
+
+
+def _is_sliced(volume: Volume) -> bool:
+    return max(volume.spacing) > _SLICED * min(volume.spacing) or min(volume.shape) < _FEWEST
+
+
+Images: TypeAlias = ImageSequence | Volume | PlaneSet
+"""One image, or a sequence of them."""
+
+
+def images_in(observed: Any) -> ImageSequence | None:
+    """Read images, or a list with an image among its frames, as a sequence; None of other things.
+
+    Raises
+    ------
+    ShapeError
+        If other things are among the images.
+    """
+    if isinstance(observed, ImageSequence):
+        return observed
+    if isinstance(observed, (Volume, PlaneSet)):
+        return ImageSequence((observed,))
+    if not isinstance(observed, Sequence):
+        return None
+    kinds = [isinstance(item, (Volume, PlaneSet)) for item in observed]
+    if not any(kinds):
+        return None
+    for k, (item, is_image) in enumerate(zip(observed, kinds, strict=True)):
+        if item is not None and not is_image:
+            raise ShapeError(
+                f"Frame {k} is a {type(item).__name__}, others are images.",
+                remedy="Give images in all frames, and None where one is missing.",
+                frame=k,
+            )
+    return ImageSequence(tuple(observed))

@@ -1,0 +1,222 @@
+"""What lies around a simulated ventricle: wall, papillary muscles, right ventricle, atrium, chest.
+
+Each tissue is a signed distance, mm, negative inside, on a coarse lattice that all frames share;
+smooth functions are interpolated on it with little loss, so that any image can be taken of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
+
+from modalmotion.mesh import Cavity, face_areas, face_normals
+from modalmotion.mesh.sequence import MeshSequence
+
+Floats = NDArray[np.float64]
+
+# mm: of the lattice, and of what is shown around the ventricle.
+_STEP: Final = 2.5
+_MARGIN: Final = 27.0
+
+# Wall at end diastole, mm; thicker as its surface shrinks, for muscle keeps its volume.
+_WALL: Final = 9.0
+
+# mm around the surface in which distances are worked out; beyond them it is this far.
+_SHOWN: Final = 17.0
+_FAR: Final = 34.0
+
+# Papillary muscles at end diastole: azimuth of the root in turns (0 lateral), its height and that
+# of the tip, 0 apex to 1 base, place of the tip from the axis to the wall, and radius, mm.
+_PAPILLARY: Final = ((0.86, 0.34, 0.64, 0.50, 4.5), (0.17, 0.34, 0.62, 0.52, 4.5))
+
+# Right ventricle: half axes, mm, and its middle from the septum.
+_RIGHT: Final = ((24.0, 34.0, 36.0), 14.0)
+_SEPTUM: Final = 0.5
+
+# Correlation length of the chest's texture, mm.
+_TEXTURE: Final = 12.0
+
+
+@dataclass(frozen=True, eq=False)
+class FieldLattice:
+    """Regular places that fields are known at.
+
+    Parameters
+    ----------
+    origin : (3,) float64, mm
+    shape : (int, int, int)
+    """
+
+    origin: Floats
+    shape: tuple[int, ...]
+
+    @property
+    def points(self) -> Floats:
+        """Places, (n, 3) float64, mm."""
+        axes = [o + _STEP * np.arange(n) for o, n in zip(self.origin, self.shape, strict=True)]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+    def at(self, fields: Floats, points: Floats) -> Floats:
+        """Interpolate fields (n, fields) at points (m, 3); beyond the lattice as at its border.
+
+        Trilinear, all fields by the same eight shares.
+        """
+        most = np.array(self.shape) - 1
+        place = np.clip((points - self.origin) / _STEP, 0.0, most)
+        cell = np.minimum(place.astype(np.int64), most - 1)
+        t = (place - cell).astype(np.float32)
+        _, ny, nz = self.shape
+        first = (cell[:, 0] * ny + cell[:, 1]) * nz + cell[:, 2]
+        table = fields.astype(np.float32)
+        found = np.zeros((len(points), fields.shape[1]), dtype=np.float32)
+        for i, j, k in np.ndindex(2, 2, 2):
+            share = np.ones(len(points), dtype=np.float32)
+            for axis, upper in enumerate((i, j, k)):
+                share *= t[:, axis] if upper else 1.0 - t[:, axis]
+            found += share[:, None] * table[first + (i * ny + j) * nz + k]
+        return found.astype(np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Tissues:
+    """Signed distances at one moment, each (n,) float64, mm, and texture from 0 to 1."""
+
+    cavity: Floats
+    wall: Floats
+    papillary: Floats
+    right: Floats
+    atrium: Floats
+
+
+class Anatomy:
+    """The surroundings of a simulated ventricle over its beat.
+
+    Parameters
+    ----------
+    truth : MeshSequence
+        A cup lattice, as `simulate_ventricle` makes it, mm.
+    rng : numpy.random.Generator
+        Of the chest's texture.
+    """
+
+    def __init__(self, truth: MeshSequence, rng: np.random.Generator) -> None:
+        x = truth.vertices.astype(np.float64)
+        low, high = x.min(axis=(0, 1)) - _MARGIN, x.max(axis=(0, 1)) + _MARGIN
+        shape = tuple(int(np.ceil(n)) + 1 for n in (high - low) / _STEP)
+        self.lattice = FieldLattice(low, shape)
+        self._x, self._faces = x, truth.faces
+        n, m = truth.grid or (0, 0)
+        self._grid = (n, m)
+        texture = gaussian_filter(rng.normal(size=shape), _TEXTURE / _STEP).ravel()
+        self.texture = (texture - texture.min()) / np.ptp(texture)
+        self._areas = np.array([face_areas(frame, truth.faces).sum() for frame in x])
+        cavity = Cavity(truth.faces)
+        self._outward = float(np.sign(cavity.volume(x[0])))
+        self._radii = self._radii_of()
+
+    @property
+    def papillary_volume(self) -> float:
+        """Of the papillary muscles within the cavity at end diastole, mm^3."""
+        first = self.at(0)
+        spots = np.concatenate([np.stack(self._segment(0, k)) for k in range(len(_PAPILLARY))])
+        reach = float(self._radii[0].max()) + 1.0
+        low, high = spots.min(axis=0) - reach, spots.max(axis=0) + reach
+        axes = [np.arange(a, b) for a, b in zip(low, high, strict=True)]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        distances = self.lattice.at(np.stack([first.papillary, first.cavity], axis=1), points)
+        # Of cubes of 1 mm.
+        return float(np.clip(0.5 - distances.max(axis=1), 0.0, 1.0).sum())
+
+    def at(self, frame: int) -> Tissues:
+        """Work out all tissues at one frame."""
+        p, x = self.lattice.points, self._x[frame]
+        cavity = self._distance(p, x)
+        wall = cavity - _WALL * self._areas[0] / self._areas[frame]
+        papillary = np.full(len(p), _FAR)
+        for k in range(len(_PAPILLARY)):
+            capsule = _capsule(p, *self._segment(frame, k), float(self._radii[frame, k]))
+            papillary = np.minimum(papillary, capsule)
+        rows = x.reshape(*self._grid, 3)
+        base, apex, ring = rows[-1].mean(axis=0), rows[0].mean(axis=0), rows[-1]
+        axis = (base - apex) / np.linalg.norm(base - apex)
+        septum = rows[self._grid[0] // 2, int(_SEPTUM * self._grid[1])]
+        out = septum - apex - ((septum - apex) @ axis) * axis
+        out /= np.linalg.norm(out)
+        half, away = _RIGHT
+        centre = septum + away * out
+        local = (p - centre) @ np.stack([out, np.cross(axis, out), axis], axis=1)
+        size = np.linalg.norm(local / np.array(half), axis=1)
+        right = np.maximum((size - 1.0) * min(half), -(wall - 1.0))
+        up = (p - base) @ axis
+        aside = np.linalg.norm(p - base - up[:, None] * axis, axis=1)
+        opening = float(np.linalg.norm(ring - base, axis=1).mean())
+        # No edge at the valve: blood goes on, as wide as the ring and then wider.
+        atrium = np.maximum(-(up + 2.0), aside - opening - 0.3 * np.maximum(up, 0.0))
+        return Tissues(cavity, wall, papillary, right, atrium)
+
+    def _distance(self, p: Floats, x: Floats) -> Floats:
+        """Signed distance from the closed surface, by the nearest of many places on it."""
+        faces = self._faces
+        a, b, c = (x[faces[:, i]] for i in range(3))
+        shares = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6.0
+        spots = [s[0] * a + s[1] * b + s[2] * c for s in shares]
+        normals = face_normals(x, faces) * self._outward
+        size = np.linalg.norm(normals, axis=1)
+        proper = size > 0
+        normals = normals[proper] / size[proper, None]
+        ring = x.reshape(*self._grid, 3)[-1]
+        base = ring.mean(axis=0)
+        lid = [base + t * (ring - base) for t in np.linspace(0.1, 0.95, 12)]
+        up = base - x.reshape(*self._grid, 3)[0].mean(axis=0)
+        up /= np.linalg.norm(up)
+        places = np.concatenate([*(s[proper] for s in spots), *lid])
+        across = np.concatenate([*[normals] * 4, np.tile(up, (12 * len(ring), 1))])
+        # The chest is far off, and need not know how far.
+        start = x.reshape(*self._grid, 3)[0].mean(axis=0)
+        reach = float(np.linalg.norm(x - _foot(x, start, base), axis=1).max()) + _SHOWN
+        signed = np.full(len(p), _FAR)
+        near = np.flatnonzero(np.linalg.norm(p - _foot(p, base - 200.0 * up, base), axis=1) < reach)
+        d, k = cKDTree(places).query(p[near])
+        gap = p[near] - places[k]
+        along = (gap * across[k]).sum(axis=1)
+        # Beside a spot the plane through it says more than the way to it.
+        signed[near] = np.where(d < 2.0 * _STEP, along, np.sign(along) * d)
+        return signed
+
+    def _segment(self, frame: int, k: int) -> tuple[Floats, Floats]:
+        turn, low, high, inward, _ = _PAPILLARY[k]
+        rows = self._x[frame].reshape(*self._grid, 3)
+        n, m = self._grid
+        column = int(turn * m)
+        root, over = rows[int(low * n), column], rows[int(high * n), column]
+        return root, inward * over + (1.0 - inward) * rows[int(high * n)].mean(axis=0)
+
+    def _radii_of(self) -> Floats:
+        """Radius by frame and muscle, mm: pi r^2 length stays."""
+        lengths = np.array(
+            [
+                [np.linalg.norm(np.subtract(*self._segment(f, k))) for k in range(len(_PAPILLARY))]
+                for f in range(len(self._x))
+            ]
+        )
+        radii: Floats = np.array([m[-1] for m in _PAPILLARY]) * np.sqrt(lengths[0] / lengths)
+        return radii
+
+
+def _capsule(p: Floats, start: Floats, end: Floats, radius: float) -> Floats:
+    """Signed distance from a rod with round ends."""
+    distance: Floats = np.linalg.norm(p - _foot(p, start, end), axis=1) - radius
+    return distance
+
+
+def _foot(p: Floats, start: Floats, end: Floats) -> Floats:
+    """Closest point of a segment to each of p (n, 3)."""
+    d = end - start
+    t = np.clip((p - start) @ d / (d @ d), 0.0, 1.0)
+    foot: Floats = start + t[:, None] * d
+    return foot

@@ -1,0 +1,273 @@
+"""Images become observations: edges in every frame, found from the reference on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.images import ImageSequence, PlaneSet
+from modalmotion.images.sequence import Image
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.modes.topology import CUP
+from modalmotion.template import Template, make_template
+from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.folding import require_unfolded
+from modalmotion.tracking.image_levels import first_sight
+from modalmotion.tracking.image_search import search
+from modalmotion.tracking.image_view import Facets, Sight, View, view_of
+from modalmotion.tracking.observation import Frame
+from modalmotion.tracking.papillary import CONVENTIONS, Papillary
+from modalmotion.tracking.passes import first_guess
+from modalmotion.tracking.request import with_landmarks
+from modalmotion.tracking.start import start_shape
+
+Floats = NDArray[np.float64]
+
+# Modes and reach, mm: of a start from landmarks, and of each next frame.
+_COLD: Final = ((7, 18.0), (18, 10.0), (37, 5.0))
+_SHAPE: Final = (61, 4.0)
+_NEXT: Final = ((18, 8.0), (37, 5.0))
+
+# Least share of profiles with an edge. In noise alone it is about a tenth.
+_LEAST_FOUND: Final = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class ImageFrames:
+    """Observations that images came to.
+
+    Parameters
+    ----------
+    frames : tuple of Frame
+        Profiles without landmarks; empty where nothing was found.
+    start : MeshSequence
+        The reference frame's shape.
+    facets : Facets
+    papillary : {"pool", "wall"}
+    sight : Sight
+    found : (frames,) float64
+        Share of the profiles with an edge.
+    notes : tuple of str
+    """
+
+    frames: tuple[Frame, ...]
+    start: MeshSequence
+    facets: Facets
+    papillary: Papillary
+    sight: Sight
+    found: Floats
+    notes: tuple[str, ...]
+
+
+def frames_of_images(
+    images: ImageSequence,
+    landmarks: Mapping[str, Any] | None,
+    *,
+    papillary: Papillary,
+    start: MeshSequence | Template | None,
+    modes: int,
+    reference: int,
+    is_closed: bool,
+    done: Callable[[], None],
+) -> ImageFrames:
+    """Find a surface's edges in all frames.
+
+    Parameters
+    ----------
+    images : ImageSequence
+    landmarks : mapping of "apex" and "base" to (3,) or (frames, 3) array_like, mm
+    papillary : {"pool", "wall"}
+    start : MeshSequence or Template, optional
+    modes : int
+    reference : int
+        Frame that levels are taken from, and the search starts in.
+    is_closed : bool
+    done : callable
+        Called after each frame.
+
+    Raises
+    ------
+    InputError
+        Where nothing can be found in the reference frame.
+    """
+    if papillary not in CONVENTIONS:
+        raise ParameterError(
+            f"The convention about papillary muscles is {papillary!r:.40}.",
+            remedy="Use pool, where they are cavity, or wall, where they are not.",
+        )
+    images = images.sliced()
+    marks = _marks(images, landmarks, reference)
+    places = _places(marks[reference])
+    image = images.frames[reference]
+    if image is None:
+        raise ShapeError(
+            f"Frame {reference}, which the shape is taken from, is missing.",
+            remedy="Name a reference frame that is there.",
+            frame=reference,
+        )
+    if not {"apex", "base"} <= set(places):
+        raise ParameterError(
+            "Images say where edges are, and not which: the landmarks apex and base are missing "
+            f"in the reference frame {reference}.",
+            remedy="State apex=x,y,z and base=x,y,z (the middle of the opening) in LPS mm.",
+            frame=reference,
+            details={"needed": ["apex", "base"]},
+        )
+    first = first_sight(image, places["apex"], places["base"], reference)
+    n_planes = len(image) if isinstance(image, PlaneSet) else 1
+    middle = (places["apex"] + places["base"]) / 2.0
+    sight = Sight(first.levels, np.zeros(3), middle, np.zeros((n_planes, 3)))
+    rough = start_shape(CUP, first.points, places) if start is None else _as_sequence(start)
+    shape, sight, found = _reference_shape(rough, image, marks[reference], sight, reference)
+    done()
+    template = make_template(shape)
+    surface = Deformable.of(template, modes)
+    facets = Facets.of(template.faces, template.vertices, template.weights)
+    walked = _walk(surface, facets, images, marks, sight, reference, is_closed, done)
+    shapes = np.stack([surface.positions(a) for a in walked])
+    near = _NEXT[-1][1]
+    views: list[View | None] = []
+    for own, x in zip(images.frames, shapes, strict=True):
+        views.append(None if own is None else view_of(own, facets, x, sight.within(near), near))
+        done()
+    shares = np.array([0.0 if view is None else view.found for view in views])
+    frames: list[Frame] = []
+    for view, share in zip(views, shares, strict=True):
+        frames.append((view.observation(),) if view is not None and share >= _LEAST_FOUND else ())
+    notes = _notes(shares, images, found)
+    return ImageFrames(tuple(frames), shape, facets, papillary, sight, shares, notes)
+
+
+def _reference_shape(
+    rough: MeshSequence, image: Image, marks: Frame, sight: Sight, number: int
+) -> tuple[MeshSequence, Sight, float]:
+    base = make_template(rough)
+    facets = Facets.of(base.faces, base.vertices, base.weights)
+    surface, a, found = Deformable.of(base, 1), np.zeros((1, 3)), 0.0
+    for modes, reach in (*_COLD, _SHAPE):
+        surface = Deformable.of(base, modes)
+        prior, noise = first_guess(surface)
+        is_cold = len(a) == 1
+        a = np.concatenate([a, np.zeros((len(surface) - len(a), 3))])
+        state = search(
+            surface,
+            facets,
+            image,
+            marks,
+            a,
+            prior,
+            noise,
+            sight.within(reach),
+            reach,
+            sights_too=not is_cold,
+            evidence_too=not is_cold,
+        )
+        a, sight, found = state.amplitudes, state.sight, state.view.found
+    if found < _LEAST_FOUND:
+        raise ShapeError(
+            f"No object is seen in frame {number}: on {found:.0%} of the profiles across the "
+            "surface there is an edge, and noise alone shows one on a tenth.",
+            remedy="Check apex and base, and that the images show an inside and an outside.",
+            frame=number,
+            details={"found": found},
+        )
+    x = surface.positions(a)
+    require_unfolded(surface, x[None])
+    fitted = mesh_sequence(x[None], rough.faces, grid=rough.grid, topology=rough.topology)
+    return fitted, sight, found
+
+
+def _walk(
+    surface: Deformable,
+    facets: Facets,
+    images: ImageSequence,
+    marks: tuple[Frame, ...],
+    sight: Sight,
+    reference: int,
+    is_closed: bool,
+    done: Callable[[], None],
+) -> Floats:
+    """Amplitudes of all frames, both ways from the reference."""
+    n = images.n_frames
+    amplitudes = np.zeros((n, len(surface), 3))
+    if is_closed:
+        half = n // 2
+        paths = [
+            [(reference + i) % n for i in range(1, half + 1)],
+            [(reference - i) % n for i in range(1, n - half)],
+        ]
+    else:
+        paths = [list(range(reference + 1, n)), list(range(reference - 1, -1, -1))]
+    for path in paths:
+        a = np.zeros((len(surface), 3))
+        for k in path:
+            image = images.frames[k]
+            if image is not None:
+                a = _next(surface, facets, image, marks[k], a, sight)
+            amplitudes[k] = a
+            done()
+    return amplitudes
+
+
+def _next(
+    surface: Deformable, facets: Facets, image: Image, marks: Frame, a: Floats, sight: Sight
+) -> Floats:
+    for modes, reach in _NEXT:
+        coarse = surface if modes >= len(surface) else Deformable.of(surface.template, modes)
+        prior, noise = first_guess(coarse)
+        m = len(coarse)
+        # What finer modes have reached stays where it is.
+        rest = surface.positions(np.concatenate([np.zeros((m, 3)), a[m:]]))
+        moved = replace(coarse, template=replace(coarse.template, vertices=rest))
+        own = search(
+            moved,
+            facets,
+            image,
+            marks,
+            a[:m],
+            prior,
+            noise,
+            sight.within(reach),
+            reach,
+            sights_too=False,
+            evidence_too=False,
+        )
+        a = np.concatenate([own.amplitudes, a[m:]])
+    return a
+
+
+def _marks(
+    images: ImageSequence, landmarks: Mapping[str, Any] | None, reference: int
+) -> tuple[Frame, ...]:
+    return with_landmarks(tuple(() for _ in images.frames), landmarks, reference)
+
+
+def _places(marks: Frame) -> dict[str, Floats]:
+    return {
+        name: part.points[i]
+        for part in marks
+        for i, name in enumerate(part.places or ())
+        if isinstance(name, str)
+    }
+
+
+def _as_sequence(start: MeshSequence | Template) -> MeshSequence:
+    if isinstance(start, MeshSequence):
+        return start
+    return mesh_sequence(start.vertices[None], start.faces, topology=start.topology)
+
+
+def _notes(shares: Floats, images: ImageSequence, found: float) -> tuple[str, ...]:
+    notes = list(images.notes)
+    lost = [k for k, s in enumerate(shares) if s < _LEAST_FOUND and images.frames[k] is not None]
+    if lost:
+        notes.append(
+            f"In {len(lost)} frames, frame {lost[0]} the first, hardly any profile shows an edge "
+            f"(reference: {found:.0%}); there the motion is interpolated."
+        )
+    return tuple(notes)

@@ -1,0 +1,204 @@
+"""How bright inside and outside are: first by rays from the axis, then next to edges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ShapeError
+from modalmotion.images import PlaneSet, Volume
+from modalmotion.images.edges import Levels
+from modalmotion.images.sequence import Image
+from modalmotion.tracking.image_view import Sight, View
+
+Floats = NDArray[np.float64]
+
+# Heights along the axis, and turns about it, of the rays; of planes each has its own height.
+_HEIGHTS: Final = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+_N_TURNS: Final = 32
+
+# mm: samples on rays, and windows on both sides of an edge.
+_STEP: Final = 0.8
+_INNER: Final = 5.0
+_OUTER: Final = 3.5
+
+# Of the usual greatest step on a ray: the first step so large is the edge.
+_FIRST: Final = 0.6
+
+# Least share of rays that agree on the sign, and least contrast.
+_LEAST_AGREED: Final = 0.55
+_LEAST_CONTRAST: Final = 0.8
+
+# Normal deviation over the median one.
+_PER_MEDIAN: Final = 1.4826
+
+
+class FirstSight(NamedTuple):
+    """Levels, and where rays first met an edge.
+
+    Parameters
+    ----------
+    levels : Levels
+    points : (n, 3) float64, mm
+    """
+
+    levels: Levels
+    points: Floats
+
+
+def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSight:
+    """Find the brightness on both sides by rays outward from the axis between two landmarks.
+
+    Raises
+    ------
+    ShapeError
+        Where nothing is in the field of view, all is alike, or rays meet no common edge.
+    """
+    length = float(np.linalg.norm(base - apex))
+    offsets: Floats = np.arange(0.0, 0.6 * length + _OUTER, _STEP).astype(np.float64)
+    starts, directions, profiles = _rays(image, apex, base, offsets)
+    there = np.isfinite(profiles).mean(axis=1) > 0.6
+    if there.sum() < _N_TURNS:
+        raise ShapeError(
+            f"The object lies outside the images of frame {frame}: of {len(there)} rays from its "
+            f"axis {int(there.sum())} are in the field of view.",
+            remedy="State apex and base in LPS mm of these images (RAS has other signs of x, y).",
+            frame=frame,
+        )
+    v, starts, directions = profiles[there], starts[there], directions[there]
+    v = np.where(np.isfinite(v), v, np.nanmedian(v, axis=1, keepdims=True))
+    a, b = round(_INNER / _STEP), round(_OUTER / _STEP)
+    sums = np.concatenate([np.zeros((len(v), 1)), v.cumsum(axis=1)], axis=1)
+    j = np.arange(a, v.shape[1] - b)
+    inner = (sums[:, j + 1] - sums[:, j + 1 - a]) / a
+    outer = (sums[:, j + 1 + b] - sums[:, j + 1]) / b
+    step = np.abs(inner - outer)
+    usual = float(np.median(step.max(axis=1)))
+    if not usual > 1e-9 * float(np.abs(v).max(initial=0.0)):
+        raise _no_contrast(frame, 0.0)
+    first = (step > _FIRST * usual).argmax(axis=1)
+    rows = np.arange(len(v))
+    reach = round(5.0 / _STEP)
+    near = np.minimum(first[:, None] + np.arange(reach), len(j) - 1)
+    k = near[rows, step[rows[:, None], near].argmax(axis=1)]
+    A, B = inner[rows, k], outer[rows, k]
+    is_edge = step[rows, k] > _FIRST * usual
+    sign = np.sign(np.median((A - B)[is_edge])) if is_edge.any() else 1.0
+    agrees = is_edge & (np.sign(A - B) == sign)
+    noise = _PER_MEDIAN * float(np.median(np.abs(np.diff(v, axis=1)))) / np.sqrt(2.0)
+    if agrees.mean() < _LEAST_AGREED:
+        raise ShapeError(
+            f"No object is seen about the axis in frame {frame}: of the rays outward only "
+            f"{agrees.mean():.0%} meet an edge of one kind.",
+            remedy="Check apex and base, and that the images show them.",
+            frame=frame,
+            details={"agreed": float(agrees.mean())},
+        )
+    levels = _levels(A[agrees], B[agrees], noise)
+    if levels.contrast < _LEAST_CONTRAST:
+        raise _no_contrast(frame, levels.contrast)
+    places = starts[agrees] + (j[k[agrees]] + 0.5)[:, None] * _STEP * directions[agrees]
+    return FirstSight(levels, places)
+
+
+def renewed(sight: Sight, view: View) -> Sight:
+    """Find levels and bias field next to the edges that a view found: linear in place."""
+    inner, outer = view.beside()
+    x = view.starts[view.edges.is_found] - sight.middle
+    ok = np.isfinite(inner) & np.isfinite(outer)
+    if ok.sum() < 4 * _N_TURNS:
+        return sight
+    inner, outer, x = inner[ok], outer[ok], x[ok]
+    spread = _spread(view)
+    gain = 1.0 + x @ sight.slope
+    inside, outside, slope = sight.levels.inside, sight.levels.outside, sight.slope
+    for _ in range(4):
+        inside, outside = float(np.median(inner / gain)), float(np.median(outer / gain))
+        # Both sides, I (1 + c x) and O (1 + c x): c by least absolute deviations, reweighted.
+        rows = np.concatenate([inside * x, outside * x])
+        left = np.concatenate([inner - inside, outer - outside])
+        r = np.abs(left - rows @ slope)
+        w = 1.0 / np.maximum(r, 0.1 * np.median(r) + 1e-300)
+        ridge = 1e-3 * float((w[:, None] * rows * rows).sum()) / 3.0 * np.eye(3)
+        slope = np.linalg.solve(rows.T @ (w[:, None] * rows) + ridge, rows.T @ (w * left))
+        gain = np.clip(1.0 + x @ slope, 0.4, 1.8)
+    if (inside - outside) * (sight.levels.inside - sight.levels.outside) <= 0:
+        return sight
+    return replace(sight, levels=Levels(inside, outside, spread), slope=slope)
+
+
+def _spread(view: View) -> float:
+    """Deviation of brightness within one side, from neighbours on profiles inside the edge."""
+    k = view.edges.is_found
+    away = view.offsets[None] - view.edges.offsets[k, None]
+    own = view.profiles[k]
+    inside = np.where((away > -6.0) & (away < -2.0), own, np.nan)
+    middle = np.nanmedian(inside)
+    spread = _PER_MEDIAN * float(np.nanmedian(np.abs(inside - middle)))
+    return max(spread, 1e-12 * max(1.0, abs(float(middle))))
+
+
+def _rays(
+    image: Image, apex: Floats, base: Floats, offsets: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Sample rays from the axis: starts and directions (n, 3) and profiles (n, samples)."""
+    axis = (base - apex) / np.linalg.norm(base - apex)
+    if isinstance(image, Volume):
+        starts = np.repeat([apex + h * (base - apex) for h in _HEIGHTS], _N_TURNS, axis=0)
+        directions = np.tile(_around(axis), (len(_HEIGHTS), 1))
+        points = starts[:, None] + offsets[:, None] * directions[:, None]
+        return starts, directions, image.sample(points.reshape(-1, 3)).reshape(len(starts), -1)
+    return _rays_in(image, apex, base, offsets)
+
+
+def _rays_in(
+    planes: PlaneSet, apex: Floats, base: Floats, offsets: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Rays within planes that the axis goes through, each at its own height."""
+    axis = base - apex
+    starts, directions, profiles = [], [], []
+    for plane in planes.planes:
+        low, high = plane.heights(np.stack([apex, base]))
+        along = float(plane.normal @ axis) / float(np.linalg.norm(axis))
+        share = low / (low - high) if low != high else -1.0
+        if abs(along) < 0.7 or not 0.1 <= share <= 0.9:
+            continue
+        around = _around(plane.normal)
+        start = np.tile(apex + share * axis, (len(around), 1))
+        points = start[:, None] + offsets[:, None] * around[:, None]
+        starts.append(start)
+        directions.append(around)
+        profiles.append(plane.sample(points.reshape(-1, 3)).reshape(len(start), -1))
+    if not starts:
+        none = np.zeros((0, 3))
+        return none, none, np.zeros((0, len(offsets)))
+    return np.concatenate(starts), np.concatenate(directions), np.concatenate(profiles)
+
+
+def _around(axis: Floats) -> Floats:
+    first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    first /= np.linalg.norm(first)
+    angles = 2.0 * np.pi * np.arange(_N_TURNS) / _N_TURNS
+    around: Floats = np.outer(np.cos(angles), first) + np.outer(
+        np.sin(angles), np.cross(axis, first)
+    )
+    return around
+
+
+def _levels(inner: Floats, outer: Floats, noise: float) -> Levels:
+    inside, outside = float(np.median(inner)), float(np.median(outer))
+    spread = _PER_MEDIAN * float(np.median(np.abs(inner - inside)))
+    return Levels(inside, outside, max(spread, noise, 1e-12 * abs(inside - outside)))
+
+
+def _no_contrast(frame: int, contrast: float) -> ShapeError:
+    return ShapeError(
+        f"The images of frame {frame} have no contrast about the axis from apex to base: the two "
+        f"sides differ by {contrast:.2g} of the noise.",
+        remedy="Check apex and base, or take images in which the object stands out.",
+        frame=frame,
+        details={"contrast": contrast},
+    )

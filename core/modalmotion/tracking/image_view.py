@@ -1,0 +1,276 @@
+"""What an image shows of a surface near a shape: edges on profiles along its normals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.images import PlaneSet, Volume
+from modalmotion.images.edges import Edges, Levels, find_edges, offsets_of
+from modalmotion.images.sequence import Image
+from modalmotion.mesh import Cavity
+from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.plane_section import Edges as MeshEdges
+from modalmotion.tracking.observation import Observation
+
+Floats = NDArray[np.float64]
+
+# Profiles through a volume.
+_N_PROFILES: Final = 1000
+
+# Least share of a normal that lies in a plane: others meet the surface too flatly.
+_STEEP: Final = 0.5
+
+# Of the finest voxel: distance of samples on a profile, in mm no finer and no coarser.
+_SAMPLES: Final = (0.5, 0.4, 1.0)
+
+# What a mm of outside on the way to the edge costs, far off and within so many mm: there muscles
+# in the cavity may be crossed where blood is beyond them. Less, and the search leaps over a wall.
+FAR_CROSSING: Final = 1.0
+NEAR_CROSSING: Final = 0.35
+_NEAR: Final = 6.0
+
+# mm beyond the edge, and within it, that say how bright each side is.
+_BEYOND: Final = (1.5, 4.5)
+_WITHIN: Final = (-6.0, -2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Facets:
+    """What of a surface's triangles is the same in all its shapes.
+
+    Parameters
+    ----------
+    faces : (faces, 3) int64
+    edges : modalmotion.mesh.plane_section.Edges
+    outward : float
+        1 where triangles are wound outward, -1 inward.
+    vertices : (n,) int64
+        Those that profiles through volumes start from, each for an equal share of the area.
+    """
+
+    faces: NDArray[np.int64]
+    edges: MeshEdges
+    outward: float
+    vertices: NDArray[np.int64]
+
+    @staticmethod
+    def of(faces: NDArray[np.int64], x: Floats, weights: Floats) -> Facets:
+        """Take them from triangles, positions (vertices, 3) and areas (vertices,)."""
+        ends = np.cumsum(weights) / weights.sum()
+        spread = (np.arange(_N_PROFILES) + 0.5) / _N_PROFILES
+        vertices = np.unique(np.searchsorted(ends, spread).clip(0, len(x) - 1))
+        outward = 1.0 if float(Cavity(faces).volume(x)) >= 0 else -1.0
+        return Facets(faces, MeshEdges.of(faces), outward, vertices)
+
+    def normals(self, x: Floats) -> Floats:
+        """Outward unit normals at vertices."""
+        normals: Floats = self.outward * vertex_normals(x, self.faces)
+        return normals
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """How images are read, anchored at the reference.
+
+    Parameters
+    ----------
+    levels : Levels
+    slope : (3,) float64, 1 / mm
+        Of the bias field, a gain of 1 at `middle`.
+    middle : (3,) float64, mm
+    shifts : (planes, 3) float64, mm
+        By which each plane shows everything aside from its place.
+    shift_sd : float, mm
+        Of a shift along each axis of its plane, before the images.
+    crossing : float
+        See `find_edges`.
+    """
+
+    levels: Levels
+    slope: Floats
+    middle: Floats
+    shifts: Floats
+    shift_sd: float = 2.0
+    crossing: float = FAR_CROSSING
+
+    def within(self, reach: float) -> Sight:
+        """Sight for edges up to `reach` mm away."""
+        return replace(self, crossing=FAR_CROSSING if reach > _NEAR else NEAR_CROSSING)
+
+    def gain(self, points: Floats) -> Floats:
+        """Gain of the bias field at points (n, 3)."""
+        gain: Floats = np.clip(1.0 + (points - self.middle) @ self.slope, 0.4, 1.8)
+        return gain
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Edges that were found near a shape.
+
+    Parameters
+    ----------
+    feet : (n, 3) int64
+    shares : (n, 3) float64
+    starts : (n, 3) float64, mm
+        Of the profiles, on the surface.
+    directions : (n, 3) float64
+        Of the profiles: the surface's normals, or their parts in a plane.
+    normals : (n, 3) float64
+        Of the surface.
+    planes : (n,) int64
+        Plane of each, 0 in a volume.
+    weights : (n,) float64
+        By the surface that each stands for.
+    extents : (n,) float64, mm
+        Of a voxel along each.
+    profiles : (n, samples) float64
+    offsets : (samples,) float64, mm
+    edges : Edges
+    """
+
+    feet: NDArray[np.int64]
+    shares: Floats
+    starts: Floats
+    directions: Floats
+    normals: Floats
+    planes: NDArray[np.int64]
+    weights: Floats
+    extents: Floats
+    profiles: Floats
+    offsets: Floats
+    edges: Edges
+
+    @property
+    def found(self) -> float:
+        """Share of the profiles in the field of view that have an edge."""
+        there = np.isfinite(self.profiles).mean(axis=1) > 0.5
+        return float(self.edges.is_found[there].mean()) if there.any() else 0.0
+
+    def observation(self) -> Observation:
+        """Rows for the estimate: how far the surface lies from each edge along its normal."""
+        k = self.edges.is_found
+        return Observation(
+            self.starts[k] + self.edges.offsets[k, None] * self.directions[k],
+            weights=self.weights[k] * self.edges.steps[k],
+            normals=self.normals[k],
+            feet=self.feet[k],
+            shares=self.shares[k],
+        )
+
+    def beside(self) -> tuple[Floats, Floats]:
+        """Mean brightness within and beyond each edge that was found."""
+        k = self.edges.is_found
+        away = self.offsets[None] - self.edges.offsets[k, None]
+        return _mean_in(self.profiles[k], away, *_WITHIN), _mean_in(
+            self.profiles[k], away, *_BEYOND
+        )
+
+
+def view_of(image: Image, facets: Facets, x: Floats, sight: Sight, reach: float) -> View:
+    """Look for edges up to `reach` mm on both sides of a surface, (vertices, 3) mm."""
+    if isinstance(image, Volume):
+        view = _through_volume(image, facets, x, reach)
+    else:
+        view = _in_planes(image, facets, x, sight.shifts, reach)
+    like = sight.levels.likeness(view.profiles, sight.gain(view.starts)[:, None])
+    step = float(view.offsets[1] - view.offsets[0])
+    edges = find_edges(like, step, reach, view.extents, sight.crossing)
+    # Most of what an edge is judged by must be in the field of view.
+    near = np.abs(view.offsets[None] - edges.offsets[:, None]) < 3.0
+    seen = (np.isfinite(view.profiles) | ~near).all(axis=1)
+    return replace(view, edges=edges._replace(is_found=edges.is_found & seen))
+
+
+def _through_volume(volume: Volume, facets: Facets, x: Floats, reach: float) -> View:
+    v = facets.vertices
+    normals = facets.normals(x)[v]
+    offsets = offsets_of(_step(volume.spacing), reach)
+    n = len(v)
+    return View(
+        np.repeat(v[:, None], 3, axis=1),
+        np.tile([1.0, 0.0, 0.0], (n, 1)),
+        x[v],
+        normals,
+        normals,
+        np.zeros(n, dtype=np.int64),
+        np.ones(n),
+        volume.extents(normals),
+        _sampled(volume, x[v], normals, offsets),
+        offsets,
+        _none(n),
+    )
+
+
+def _in_planes(planes: PlaneSet, facets: Facets, x: Floats, shifts: Floats, reach: float) -> View:
+    normals_at = facets.normals(x)
+    finest = min(min(plane.spacing) for plane in planes.planes)
+    offsets = offsets_of(_step((finest,)), reach)
+    parts: list[View] = []
+    for k, plane in enumerate(planes.planes):
+        cut = facets.edges.cut(x, plane.heights(x))
+        starts = (cut.shares[:, :, None] * x[cut.corners]).sum(axis=1)
+        normals = (cut.shares[:, :, None] * normals_at[cut.corners]).sum(axis=1)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        inside = normals - (normals @ plane.normal)[:, None] * plane.normal
+        size = np.linalg.norm(inside, axis=1)
+        kept = (size > _STEEP) & (cut.lengths > 0)
+        n = int(kept.sum())
+        if not n:
+            continue
+        directions = inside[kept] / size[kept, None]
+        pad = np.zeros((n, 1))
+        parts.append(
+            View(
+                np.concatenate([cut.corners[kept], cut.corners[kept, :1]], axis=1),
+                np.concatenate([cut.shares[kept], pad], axis=1),
+                starts[kept],
+                directions,
+                normals[kept],
+                np.full(n, k),
+                cut.lengths[kept],
+                np.full(n, max(plane.spacing)),
+                _sampled(plane, starts[kept] + shifts[k], directions, offsets),
+                offsets,
+                _none(n),
+            )
+        )
+    return _joined(parts, len(offsets), offsets)
+
+
+def _joined(parts: Sequence[View], m: int, offsets: Floats) -> View:
+    if not parts:
+        z = np.zeros((0, 3))
+        i = np.zeros((0, 3), dtype=np.int64)
+        return View(i, z, z, z, z, i[:, 0], z[:, 0], z[:, 0], np.zeros((0, m)), offsets, _none(0))
+    names = ("feet", "shares", "starts", "directions", "normals", "planes", "weights", "extents")
+    joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
+    joined["weights"] = joined["weights"] / joined["weights"].mean()
+    profiles = np.concatenate([p.profiles for p in parts])
+    return View(**joined, profiles=profiles, offsets=offsets, edges=_none(len(profiles)))
+
+
+def _none(n: int) -> Edges:
+    return Edges(np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.bool_))
+
+
+def _step(spacing: Sequence[float]) -> float:
+    share, least, most = _SAMPLES
+    return float(np.clip(share * min(spacing), least, most))
+
+
+def _sampled(image: object, starts: Floats, directions: Floats, offsets: Floats) -> Floats:
+    points = starts[:, None] + offsets[:, None] * directions[:, None]
+    values: Floats = image.sample(points.reshape(-1, 3)).reshape(len(starts), -1)  # type: ignore[attr-defined]
+    return values
+
+
+def _mean_in(values: Floats, away: Floats, low: float, high: float) -> Floats:
+    there = (away >= low) & (away <= high) & np.isfinite(values)
+    total = np.where(there, values, 0.0).sum(axis=1)
+    mean: Floats = np.where(there.any(axis=1), total / np.maximum(there.sum(axis=1), 1), np.nan)
+    return mean

@@ -1,0 +1,70 @@
+"""A track from images, with what they add to it: convention, slices, and errors in common."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from modalmotion.images import ImageSequence, PlaneSet
+from modalmotion.mesh import face_areas
+from modalmotion.tracking.image_answer import ImageAnswer
+from modalmotion.tracking.image_frames import ImageFrames
+from modalmotion.tracking.papillary import papillary_volume
+from modalmotion.tracking.result import Track
+
+# Of a voxel, and of the noise of one edge (speckle is alike at neighbours): how far all edges may
+# be off alike, which no residual shows.
+_OF_VOXEL: Final = 0.08
+_OF_NOISE: Final = 0.4
+
+# Of the shifts' deviation: what bends a stack of slices without leaving residuals.
+_BENT: Final = 0.5
+
+
+def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Track:
+    """Add to a track of edges what its images were like.
+
+    Parameters
+    ----------
+    track : Track
+        Of the observations in `found`.
+    images : ImageSequence
+    found : ImageFrames
+
+    Returns
+    -------
+    Track
+        Its deviations with those that residuals do not show: of a bias that all edges have in
+        common, and of bent stacks of slices.
+    """
+    images, sight = images.sliced(), found.sight
+    shapes = track.sequence.vertices.astype(np.float64)
+    first = next(frame for frame in images.frames if frame is not None)
+    is_sliced = isinstance(first, PlaneSet)
+    if isinstance(first, PlaneSet):
+        voxel = max(max(plane.spacing) for plane in first.planes)
+    else:
+        voxel = max(first.spacing)
+    volumes = np.zeros(len(shapes)) if track.volumes is None else track.volumes
+    answer = ImageAnswer(
+        found.papillary,
+        papillary_volume(images.frames, shapes, volumes, found.facets, sight),
+        sight.levels.inside,
+        sight.levels.outside,
+        sight.levels.spread,
+        tuple(sight.slope.tolist()),
+        tuple(tuple(row) for row in sight.shifts.tolist()) if is_sliced else (),
+        sight.shift_sd if is_sliced else 0.0,
+        tuple(found.found.tolist()),
+        float(np.hypot(_OF_VOXEL * voxel, _OF_NOISE * track.noise.sd)),
+        _BENT * sight.shift_sd if is_sliced else 0.0,
+    )
+    deviations = np.array(track.deviations)
+    deviations[..., 0] = np.sqrt(deviations[..., 0] ** 2 + answer.localisation**2 + answer.bent**2)
+    volume_deviations = track.volume_deviations
+    if volume_deviations is not None:
+        areas = np.array([face_areas(x, track.template.faces).sum() for x in shapes])
+        volume_deviations = np.hypot(volume_deviations, answer.localisation * areas)
+    return replace(track, deviations=deviations, volume_deviations=volume_deviations, images=answer)

@@ -1,0 +1,67 @@
+"""What a page is sent of a kept signature, and the page itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from modalmotion.errors import LimitError
+from modalmotion.facts import Facts
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.signature.making import ModalSignature
+from modalmotion.store import sequence_from_hdf5, signature_from_hdf5, template_from_hdf5
+from modalmotion.viewer.page import View, view_page
+from modalmotion.viewer.payload import frames_payload
+from modalmotion_service.work.tasks.files import write_whole
+
+# Of one answer: a page asks for the frames of a large surface a piece at a time.
+MOST_FRAME_BYTES: Final = 64_000_000
+
+
+def make_view(
+    sequence: Path,
+    signature: Path,
+    template: Path | None,
+    facts: Facts,
+    as_page: bool,
+    output: Path,
+) -> None:
+    """Write what a page needs first of a kept signature; or the whole page, as one file."""
+    view = _view(sequence, signature, template, facts)
+    write_whole(output, view_page([view]).encode() if as_page else view.payload())
+
+
+def make_frames(
+    sequence: Path,
+    signature: Path,
+    template: Path | None,
+    first: int,
+    stop: int | None,
+    output: Path,
+) -> None:
+    """Write frames as they were sent.
+
+    Raises
+    ------
+    LimitError
+        If they are more than one answer holds.
+    """
+    loaded, fitted = sequence_from_hdf5(sequence), signature_from_hdf5(signature)
+    frames = range(loaded.n_frames)[first:stop]
+    size = 6 * loaded.n_vertices * len(frames)
+    if size > MOST_FRAME_BYTES and len(frames) > 1:
+        raise LimitError(
+            f"{len(frames)} frames take {size} bytes; an answer holds at most {MOST_FRAME_BYTES}.",
+            remedy="Ask for fewer frames at a time: first and stop name them.",
+            limit="view_frame_bytes",
+            details={"value": size, "most": MOST_FRAME_BYTES},
+        )
+    named = None if template is None else template_from_hdf5(template)
+    write_whole(output, frames_payload(loaded, fitted, first, stop, template=named))
+
+
+def _view(sequence: Path, signature: Path, template: Path | None, facts: Facts) -> View:
+    loaded: MeshSequence = sequence_from_hdf5(sequence).with_facts(facts)
+    fitted: ModalSignature = signature_from_hdf5(signature)
+    named = None if template is None else template_from_hdf5(template)
+    return View(fitted, loaded, template=named)

@@ -1,0 +1,62 @@
+"""Results as tables."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from viewed_surfaces import viewed
+
+from modalmotion.clinical import clinical_readouts
+from modalmotion.clinical.segments import regional_motion
+from modalmotion.exports.table import Table, amplitude_table, frame_table
+
+
+@pytest.mark.parametrize(
+    ("name", "directions"),
+    [
+        ("cup", ("x", "y", "z")),
+        ("local", ("radial", "tangential", "axial")),
+        ("offset", ("normal",)),
+    ],
+)
+def test_every_amplitude_has_a_row(name: str, directions: tuple[str, ...]) -> None:
+    _, signature = viewed(name)
+    rows = list(csv.DictReader(io.StringIO(amplitude_table(signature).to_csv())))
+    assert len(rows) == signature.amplitudes.size
+    for row in rows:
+        frame, mode = int(row["frame"]), int(row["mode"])
+        direction = directions.index(row["direction"])
+        assert float(row["amplitude"]) == signature.amplitudes[frame, mode, direction]
+        assert row["label"] == str(signature.modes.labels[mode])
+        assert float(row["time_s"]) == signature.times[frame]  # type: ignore[index]
+    assert {row["unit"] for row in rows} == {"mm"}
+
+
+def test_deviations_stand_beside_their_amplitudes() -> None:
+    signature = viewed("offset")[1]
+    assert signature.amplitude_deviations is None
+    assert np.isnan(amplitude_table(signature).columns["deviation"]).all()
+    sds = 0.1 + np.abs(signature.amplitudes)
+    table = amplitude_table(replace(signature, amplitude_deviations=sds))
+    np.testing.assert_array_equal(table.columns["deviation"], sds.ravel())
+
+
+def test_frames_have_errors_volumes_and_segments() -> None:
+    sequence, signature = viewed("cup")
+    readouts = clinical_readouts(signature, sequence)
+    regions = regional_motion(signature, sequence, 0)
+    table = frame_table(signature, readouts, regions)
+    assert table.n_rows == signature.n_frames
+    np.testing.assert_array_equal(table.columns["rms_error"], signature.rms_errors)
+    np.testing.assert_allclose(table.columns["volume_ml"], readouts.curve.volumes / 1000.0)
+    np.testing.assert_array_equal(table.columns["inward_basal_percent"], regions.shares[:, 0])
+
+
+def test_what_is_missing_is_empty_and_texts_are_quoted() -> None:
+    table = Table({"a": np.array([1.0, np.nan]), "b": np.array(['x, "y"', "z"])})
+    assert table.to_csv() == 'a,b\r\n1.0,"x, ""y"""\r\n,z\r\n'
+    assert repr(table) == "Table(names=('a', 'b'), n_rows=2)"

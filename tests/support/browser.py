@@ -1,0 +1,78 @@
+"""Real Chromium, headless, with the pages' own policies; tests skip where it is absent."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+# Software rendering: no machine of a test has a graphics card that is alike.
+ARGUMENTS = (
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--no-sandbox",
+    "--disable-dev-shm-usage",
+)
+
+
+@dataclass
+class Opened:
+    """A page, and what it said and asked for while it was open."""
+
+    page: Any
+    said: list[str] = field(default_factory=list)
+    asked: list[str] = field(default_factory=list)
+
+    def wait(self, condition: str) -> None:
+        # Asked from outside: the pages' policy lets nothing inside evaluate a text.
+        for _ in range(400):
+            if self.page.evaluate(f"Boolean({condition})"):
+                return
+            self.page.wait_for_timeout(50)
+        raise AssertionError(f"{condition}; the page said {self.said}")
+
+    def shown(self) -> Opened:
+        """Wait until the surface is there, with the frames as sent."""
+        self.wait("window.modalmotion?.motions?.every((m) => m.sent.isReady)")
+        return self
+
+
+@dataclass
+class Browser:
+    chromium: Any
+
+    @contextmanager
+    def open(self, url: str, **options: Any) -> Iterator[Opened]:
+        """Open a page in a context of its own."""
+        options = {"viewport": {"width": 720, "height": 480}, "reduced_motion": "reduce"} | options
+        context = self.chromium.new_context(**options)
+        page = context.new_page()
+        opened = Opened(page)
+        page.on("console", lambda message: opened.said.append(f"{message.type}: {message.text}"))
+        page.on("pageerror", lambda error: opened.said.append(f"error: {error}"))
+        page.on("request", lambda request: opened.asked.append(request.url))
+        try:
+            page.goto(url)
+            yield opened
+        finally:
+            context.close()
+
+
+@contextmanager
+def browser() -> Iterator[Browser]:
+    """Start Chromium, or skip the tests that need it."""
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.skip("chromium is absent")
+    api = pytest.importorskip("playwright.sync_api")
+    with api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=program, args=list(ARGUMENTS))
+        try:
+            yield Browser(chromium)
+        finally:
+            chromium.close()
