@@ -53,8 +53,8 @@ def test_the_whole_track_and_its_figures(tmp_path: Path) -> None:
     assert track.sequence.id == numbers["sequence_id"]
     assert track.sequence.times is not None
     # The track's own file is read by the other commands, with its deviations.
-    words = ["signature", str(output), "--kind", "offset", "--json", "--modes", "4"]
-    result = CliRunner().invoke(main, words)
+    asked = ["signature", str(output), "--kind", "offset", "--json", "--modes", "4"]
+    result = CliRunner().invoke(main, asked)
     assert json.loads(result.stdout)["deviation_share"] > 0.0
     assert json.loads(result.stdout)["sequence_id"] == numbers["sequence_id"]
 
