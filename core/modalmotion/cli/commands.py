@@ -23,6 +23,7 @@ COMMANDS: Final = {
     "evaluate": ("model_commands", "Test MODEL, a file or a name, on labelled sequences."),
     "features": ("features_command", "Write the features of labelled or unlabelled sequences."),
     "modes": ("modes_commands", "List the vibration modes of a lattice or of FILE's surface."),
+    "norm": ("norm_commands", "Compare recordings with those of your own controls."),
     "readouts": ("readouts_command", "Read volume and ejection fraction of the cavity in FILE."),
     "reconstruct": ("analysis_commands", "Write the surfaces that a few modes stand for."),
     "signature": ("analysis_commands", "Fit the modal signature of the sequence in FILE."),

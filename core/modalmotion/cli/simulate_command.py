@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import sys
 from collections.abc import Callable
 from dataclasses import fields
@@ -16,10 +17,13 @@ import numpy as np
 from modalmotion.cli.options import GridShape, example, output_option
 from modalmotion.cli.outputs import OutputFolder
 from modalmotion.formats import write_npz
+from modalmotion.formats.volumes import write_nifti_zip
 from modalmotion.simulate import (
     Acquisition,
+    ImageKind,
     MotionClass,
     VentricleParameters,
+    simulate_images,
     simulate_ventricle,
 )
 from modalmotion.simulate import simulate_cohort as cohort
@@ -66,7 +70,7 @@ def _parameter_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 @click.command(epilog=example("simulate -o beat.npz --ejection-fraction 0.4"))
-@output_option("File to write (.npz).")
+@output_option("File to write (.npz; .zip of images).")
 @click.option("--frames", default=25, show_default=True, help="Frames over one beat.")
 @click.option(
     "--noise", default=0.0, show_default=True, help="Standard deviation of coordinates, mm."
@@ -74,6 +78,11 @@ def _parameter_options(command: Callable[..., None]) -> Callable[..., None]:
 @click.option("--grid", type=GridShape(), default="32,64", show_default=True, help="Lattice shape.")
 @click.option("--vertices", type=int, help="Triangulate this many vertices, in place of a lattice.")
 @click.option("--seed", default=0, show_default=True, help="Seed of all random numbers.")
+@click.option(
+    "--image",
+    type=click.Choice([kind.value for kind in ImageKind]),
+    help="Images in place of a surface: a zip of NIfTI, with the true surface and landmarks.",
+)
 @_parameter_options
 def simulate(
     output: Path,
@@ -82,6 +91,7 @@ def simulate(
     grid: tuple[int, ...],
     vertices: int | None,
     seed: int,
+    image: str | None,
     **parameters: Any,
 ) -> None:
     """Simulate one heartbeat of a left ventricle.
@@ -91,6 +101,9 @@ def simulate(
     """
     if len(grid) != 2:
         raise click.BadParameter("A ventricle's lattice has two axes.", param_hint="--grid")
+    if image is not None:
+        _write_images(output, image, VentricleParameters(**parameters), frames, seed)
+        return
     sequence = simulate_ventricle(
         VentricleParameters(**parameters),
         grid=(grid[0], grid[1]),
@@ -100,6 +113,26 @@ def simulate(
     )
     write_atomic(output, write_npz(sequence))
     click.echo(f"{sequence.n_frames} frames of {sequence.n_vertices} vertices, in mm: {output}")
+
+
+def _write_images(
+    output: Path, kind: str, parameters: VentricleParameters, frames: int, seed: int
+) -> None:
+    """Write images to a zip, and beside it what they show: .truth.npz and .landmarks.json."""
+    phantom = simulate_images(kind, parameters, n_frames=frames, rng=np.random.default_rng(seed))
+    marks = {
+        "coordinates": "LPS",
+        "unit": "mm",
+        "landmarks": {
+            "apex": phantom.landmarks["apex"][0].tolist(),
+            "base": phantom.landmarks["base"].tolist(),
+        },
+    }
+    write_atomic(output, write_nifti_zip(phantom.images))
+    truth, places = (output.with_suffix(end) for end in (".truth.npz", ".landmarks.json"))
+    write_atomic(truth, write_npz(phantom.truth))
+    write_atomic(places, json.dumps(marks).encode())
+    click.echo(f"{frames} frames of {kind} images, LPS mm: {output}, {truth}, {places}")
 
 
 @click.command("simulate-cohort", epilog=example("simulate-cohort -o cohort --per-class 50"))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 import numpy as np
@@ -16,6 +15,7 @@ from modalmotion.cli.outputs import write_picture
 from modalmotion.errors import ParameterError
 from modalmotion.formats import read_sequence, write_npz
 from modalmotion.numerals import numeral
+from modalmotion.pictures.image_overlay import overlay_figure
 from modalmotion.pictures.track import (
     data_figure,
     determined_figure,
@@ -26,14 +26,14 @@ from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
 from modalmotion.tracking.landmark_file import read_landmark_file
+from modalmotion.tracking.papillary import CONVENTIONS
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
 from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded, read_observed
 
-_PICTURES: Final[dict[str, Callable[[Track, Recorded], Any]]] = {
-    "data": lambda result, recorded: data_figure(result, recorded.frames),
-    "deviations": lambda result, _: deviations_figure(result, usual_frame(result)),
-    "determined": lambda result, _: determined_figure(result),
-}
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_PICTURES: Final = ("data", "deviations", "determined")
 
 
 @click.command(epilog=example("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm"))
@@ -78,10 +78,17 @@ _PICTURES: Final[dict[str, Callable[[Track, Recorded], Any]]] = {
     show_default=True,
     help="Of typed contours: parts of the names to read.",
 )
+@click.option(
+    "--papillary",
+    type=click.Choice(CONVENTIONS),
+    default="pool",
+    show_default=True,
+    help="Of images: whether papillary muscles count as cavity.",
+)
 @plot_option
 @click.option(
     "--picture",
-    type=click.Choice(list(_PICTURES)),
+    type=click.Choice(_PICTURES),
     default="data",
     show_default=True,
     help="Of --plot: data over the surface by frame, the stated error on it, or what the data have "
@@ -101,8 +108,9 @@ def track(
 ) -> None:
     """Track a surface through the frames in IN, which need not correspond.
 
-    IN is a folder or zip with one mesh, cloud or set of contours a frame, or an npz of points and
-    offsets. The motion follows the data along the surface's normals.
+    IN is a folder or zip with one mesh, cloud or set of contours a frame, an npz of points and
+    offsets, or images: NIfTI, NRRD, MetaImage, or a folder or zip of DICOM. The motion follows the
+    data along the surface's normals.
     """
     with click.progressbar(length=1, label="frames", file=sys.stderr) as bar:
 
@@ -121,13 +129,23 @@ def track(
     data = write_npz(result.sequence) if is_npz else track_to_hdf5(result)
     write_atomic(output, data)
     if plot is not None:
-        write_picture(_PICTURES[picture](result, recorded), plot)
+        write_picture(_figure(result, recorded, picture), plot)
     if as_json:
         click.echo(json.dumps(_numbers(result), indent=2))
     else:
         notes = [f"note: {note}" for note in result.notes]
         click.echo("\n".join([*_lines(result), *notes]))
     list_written(output, plot, as_json=as_json)
+
+
+def _figure(result: Track, recorded: Recorded, picture: str) -> Figure:
+    if picture == "deviations":
+        return deviations_figure(result, usual_frame(result))
+    if picture == "determined":
+        return determined_figure(result)
+    if recorded.images is not None:
+        return overlay_figure(result, recorded.images)
+    return data_figure(result, recorded.frames)
 
 
 def _landmarks(text: str, recorded: Recorded, unit: str | None) -> dict[str, Any]:
@@ -164,6 +182,11 @@ def _lines(result: Track) -> list[str]:
         lines.append(f"volume change {result.ejection_fraction:.1f} % +- {bound:.1f}")
     if result.driven is not None:
         lines.append(f"driven to rest in {result.driven.steps[-1]} steps")
+    if result.images is not None:
+        both = ", ".join(
+            f"{value:.1f} % ({name})" for name, value in result.ejection_fractions.items()
+        )
+        lines.append(f"papillary muscles counted as {result.images.papillary}: {both}")
     if result.gap is not None:
         lines.append(f"both ways round the cycle end {result.gap:.2g} {unit} apart")
     return lines
@@ -186,5 +209,7 @@ def _numbers(result: Track) -> dict[str, object]:
         "determined": result.determined.tolist(),
         "ejection_fraction": result.ejection_fraction,
         "ejection_fraction_bound": result.ejection_fraction_bound,
+        "ejection_fractions": result.ejection_fractions,
+        "papillary": None if result.images is None else result.images.papillary,
         "notes": list(result.notes),
     }

@@ -13,6 +13,7 @@ from modalmotion.facts import NO_FACTS, UNKNOWN, Facts, facts_patched
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.tracking.making import Start, Time, track
+from modalmotion.tracking.papillary import Papillary
 from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded
 from modalmotion.tracking.result import Track
 
@@ -32,6 +33,8 @@ class TrackParameters:
         Of typed contours: parts of the names of those to read.
     landmarks : mapping of str to array
         As for `track`; they override those of the files by name.
+    papillary : {"pool", "wall"}
+        Of images, as for `track`.
     unit : str, optional
     times : tuple of float, s, optional
     frame_interval : float, s, optional
@@ -48,6 +51,7 @@ class TrackParameters:
     dynamics: bool = False
     contours: tuple[str, ...] = USUAL_CONTOURS
     landmarks: Mapping[str, Any] = field(default_factory=dict)
+    papillary: Papillary = "pool"
     unit: str | None = None
     times: tuple[float, ...] | None = None
     frame_interval: float | None = None
@@ -99,9 +103,9 @@ class TrackParameters:
         """
         times: Any = recorded.times if self.times is None else self.times
         if self.frame_interval is not None:
-            times = self.frame_interval * np.arange(len(recorded.frames), dtype=np.float64)
+            times = self.frame_interval * np.arange(recorded.n_frames, dtype=np.float64)
         result = track(
-            recorded.frames,
+            recorded.frames if recorded.images is None else recorded.images,
             start=start,
             topology=self.topology,
             landmarks={**recorded.landmarks, **self.landmarks},
@@ -113,6 +117,7 @@ class TrackParameters:
             unit=self.unit or recorded.unit,
             reference=self.reference,
             dynamics=self.dynamics,
+            papillary=self.papillary,
             progress=progress,
         )
         facts = result.sequence.facts.over(self.facts)

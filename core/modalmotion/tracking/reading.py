@@ -27,6 +27,9 @@ from modalmotion.formats.npz import read_arrays, text_in
 from modalmotion.formats.parser.answer import Parser
 from modalmotion.formats.parser.process import ParserProcess
 from modalmotion.formats.text import lines_of
+from modalmotion.formats.volumes import read_images
+from modalmotion.formats.volumes.reading import holds_images
+from modalmotion.images import ImageSequence
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
@@ -68,6 +71,8 @@ class Recorded:
     notes : tuple of str
     coordinates : {"LPS", "RAS"} or None
         As the files of the points state it; landmarks are in the same.
+    images : ImageSequence or None
+        In place of frames of points.
     """
 
     frames: tuple[tuple[Observation, ...], ...]
@@ -76,6 +81,12 @@ class Recorded:
     unit: str | None = None
     notes: tuple[str, ...] = ()
     coordinates: str | None = None
+    images: ImageSequence | None = None
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.frames) if self.images is None else self.images.n_frames
 
 
 def read_observed(
@@ -128,6 +139,9 @@ class _Statements:
 def _read(
     source: bytes | Path, stated: _Statements, parser: Parser, progress: Progress | None
 ) -> Recorded:
+    if holds_images(source):
+        images = read_images(source, parser=parser, progress=progress)
+        return Recorded((), {}, images.times, "mm", images.notes, "LPS", images)
     if isinstance(source, bytes):
         return _of_bytes(source, stated, parser, progress)
     if source.is_dir():

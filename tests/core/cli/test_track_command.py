@@ -6,12 +6,17 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 from clouds import breathing_spheroid, sampled
+from ellipsoid_images import LANDMARKS, planes
 
 from modalmotion.cli import main
-from modalmotion.formats import read_npz
+from modalmotion.formats import DEFAULT_LIMITS, ParserHere, read_npz
+from modalmotion.formats.volumes import read_images, write_nifti_zip
+from modalmotion.images import ImageSequence
 from modalmotion.tracking.hdf5 import track_from_hdf5
+from modalmotion.tracking.landmark_file import read_landmark_file
 
 BALL = breathing_spheroid(3)
 
@@ -89,3 +94,34 @@ def test_landmarks_come_from_a_file_too(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["track", *words, "--landmarks", str(file)])
     # Read and turned: the points are some 40 mm wide.
     assert "'apex' in frame 0 lies 8" in result.output
+
+
+def test_images_are_tracked_and_drawn_over(tmp_path: Path) -> None:
+    pytest.importorskip("nibabel")
+    frames = tuple(planes(radius) for radius in (22.0, 18.0))
+    source, output, plot = (tmp_path / name for name in ("beat.zip", "beat.h5", "beat.png"))
+    source.write_bytes(write_nifti_zip(ImageSequence(frames, np.array([0.0, 0.4]))))
+    marks = [f"{name}={','.join(map(str, place))}" for name, place in LANDMARKS.items()]
+    words = [w for mark in marks for w in ("--landmarks", mark)]
+    text = run(source, "-o", output, *words, "--papillary", "wall", "--plot", plot, "--json")
+    numbers = json.loads(text)
+    assert numbers["papillary"] == "wall"
+    assert numbers["ejection_fraction"] == pytest.approx(numbers["ejection_fractions"]["wall"])
+    track = track_from_hdf5(output.read_bytes())
+    assert track.images is not None
+    assert track.images.papillary == "wall"
+    assert track.sequence.facts.coordinates == "LPS"
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_simulated_images_come_with_their_truth(tmp_path: Path) -> None:
+    pytest.importorskip("nibabel")
+    words = ["simulate", "--image", "cine", "--frames", "1", "-o", str(tmp_path / "a.zip")]
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 0, result.output
+    images = read_images(tmp_path / "a.zip", parser=ParserHere(DEFAULT_LIMITS))
+    assert images.n_frames == 1
+    truth = read_npz((tmp_path / "a.truth.npz").read_bytes()).sequence
+    marks = read_landmark_file((tmp_path / "a.landmarks.json").read_bytes())
+    base = marks.for_points("LPS", "mm")["base"]
+    assert np.ravel(base)[:3] == pytest.approx(truth.vertices[0, -64:].mean(axis=0), abs=1e-3)

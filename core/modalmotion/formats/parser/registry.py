@@ -14,6 +14,10 @@ from modalmotion.limits import ReadLimits
 _TASKS: Final = {
     "hdf5": "modalmotion.formats.parser.hdf5:parse_hdf5",
     "clouds": "modalmotion.formats.parser.hdf5:parse_clouds",
+    "dicom": "modalmotion.formats.volumes.dicom:parse_dicom",
+    "metaimage": "modalmotion.formats.volumes.metaimage:parse_metaimage",
+    "nifti": "modalmotion.formats.volumes.nifti:parse_nifti",
+    "nrrd": "modalmotion.formats.volumes.nrrd_volumes:parse_nrrd",
     "vtk": "modalmotion.formats.vtk.vtk_polydata:parse_legacy",
     "vtp": "modalmotion.formats.vtk.vtk_polydata:parse_xml",
 }
@@ -22,6 +26,9 @@ _TASKS: Final = {
 _LIBRARIES: Final = {
     "hdf5": ("h5py", "encodings.ascii"),
     "clouds": ("h5py", "encodings.ascii"),
+    "dicom": ("pydicom.pixels",),
+    "nifti": ("nibabel",),
+    "nrrd": ("nrrd",),
     "vtk": ("vtkmodules.vtkIOLegacy", "vtkmodules.util.numpy_support"),
     "vtp": ("vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support"),
 }

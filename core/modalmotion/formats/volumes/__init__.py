@@ -1,0 +1,6 @@
+"""Files of images: NIfTI, NRRD, MetaImage, DICOM."""
+
+from modalmotion.formats.volumes.reading import read_images
+from modalmotion.formats.volumes.writing import write_nifti_zip
+
+__all__ = ["read_images", "write_nifti_zip"]

@@ -1,0 +1,102 @@
+"""MetaImage (.mha) from its documentation: raw or zlib, LPS as in ITK."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from modalmotion.errors import InputError, MalformedFileError
+from modalmotion.formats.parser.answer import Parsed
+from modalmotion.formats.volumes.stack import BROKEN, inflated, parsed, regular, require_size
+from modalmotion.limits import ReadLimits
+
+_TYPES: Final = {
+    "MET_CHAR": "i1",
+    "MET_UCHAR": "u1",
+    "MET_SHORT": "i2",
+    "MET_USHORT": "u2",
+    "MET_INT": "i4",
+    "MET_UINT": "u4",
+    "MET_LONG_LONG": "i8",
+    "MET_ULONG_LONG": "u8",
+    "MET_FLOAT": "f4",
+    "MET_DOUBLE": "f8",
+}
+_LONGEST_HEADER: Final = 20_000
+_REMEDY: Final = "Write it as one .mha with its data inside (ElementDataFile = LOCAL)."
+
+
+def parse_metaimage(data: bytes, limits: ReadLimits) -> Parsed:
+    """Read a .mha of three axes, or four with time the last.
+
+    Raises
+    ------
+    MalformedFileError
+        If it is no such image.
+    """
+    try:
+        return _parse(data, limits)
+    except InputError:
+        raise
+    except BROKEN:
+        raise MalformedFileError("The MetaImage file is damaged.", remedy=_REMEDY) from None
+
+
+def _parse(data: bytes, limits: ReadLimits) -> Parsed:
+    keys, start = _header(data)
+    if keys.get("ElementDataFile") != "LOCAL":
+        raise MalformedFileError("The samples lie in another file.", remedy=_REMEDY)
+    size = [int(word) for word in keys["DimSize"].split()]
+    n = len(size)
+    if n not in (3, 4) or int(keys.get("ElementNumberOfChannels", "1")) != 1:
+        raise MalformedFileError(
+            f"The image has {n} axes, or several numbers a voxel.", remedy=_REMEDY
+        )
+    is_big = keys.get("ElementByteOrderMSB", keys.get("BinaryDataByteOrderMSB", "False"))
+    kind = np.dtype((">" if is_big.lower() in ("true", "1") else "<") + _TYPES[keys["ElementType"]])
+    require_size(size, kind.itemsize, limits)
+    body = data[start:]
+    if keys.get("CompressedData", "False").lower() in ("true", "1"):
+        body = inflated(body, limits, 15)
+    count = int(np.prod(size))
+    if len(body) < count * kind.itemsize:
+        raise MalformedFileError("The MetaImage file ends before its samples do.", remedy=_REMEDY)
+    values = (
+        np.frombuffer(body, kind, count).reshape(size, order="F").astype(kind.newbyteorder("="))
+    )
+    spacing = _numbers(keys, ("ElementSpacing", "ElementSize"), [1.0] * n)
+    origin = _numbers(keys, ("Offset", "Position", "Origin"), [0.0] * n)
+    turn = _numbers(keys, ("TransformMatrix", "Rotation", "Orientation"), list(np.eye(n).ravel()))
+    # Row k of the matrix is the direction of axis k.
+    axes = np.array(turn).reshape(n, n).T[:3, :3] * np.array(spacing[:3])
+    affine = np.column_stack([axes, origin[:3]])
+    frames = np.moveaxis(values, 3, 0) if n == 4 else values[None]
+    limits.require("frames", len(frames))
+    interval = spacing[3] if n == 4 else 0.0
+    return parsed(frames, affine, regular(interval, len(frames)))
+
+
+def _header(data: bytes) -> tuple[dict[str, str], int]:
+    keys: dict[str, str] = {}
+    start = 0
+    while start < _LONGEST_HEADER:
+        end = data.index(b"\n", start)
+        name, _, value = data[start:end].decode("latin-1").partition("=")
+        keys[name.strip()] = value.strip()
+        start = end + 1
+        if name.strip() == "ElementDataFile":
+            return keys, start
+    raise MalformedFileError("The header of the MetaImage file has no end.", remedy=_REMEDY)
+
+
+def _numbers(keys: dict[str, str], names: tuple[str, ...], otherwise: list[float]) -> list[float]:
+    for name in names:
+        if name in keys:
+            numbers = [float(word) for word in keys[name].split()]
+            if len(numbers) != len(otherwise):
+                raise MalformedFileError(
+                    f"{name} has {len(numbers)} numbers, not {len(otherwise)}.", remedy=_REMEDY
+                )
+            return numbers
+    return otherwise

@@ -1,0 +1,250 @@
+"""Images from files: one file, or a folder or zip of them."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from modalmotion.errors import InputError, MalformedFileError, ShapeError, needs_extra
+from modalmotion.formats.detect import Format, detect_format
+from modalmotion.formats.frames.archive import opened
+from modalmotion.formats.frames.names import is_hidden, natural_key
+from modalmotion.formats.parser.answer import Answer, Parser
+from modalmotion.formats.parser.process import ParserProcess
+from modalmotion.formats.volumes.grouping import Slice, grouped
+from modalmotion.formats.zip_member import UNREADABLE
+from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
+from modalmotion.images.plane_set import slices_of
+from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
+from modalmotion.progress import Progress
+
+_REMEDY: Final = "Use NIfTI, NRRD, MetaImage, or a folder or zip of DICOM slices or of such files."
+
+# What parsers need, in a process whose missing packages nobody sees.
+_PACKAGES: Final = {"nifti": "nibabel", "nrrd": "nrrd", "dicom": "pydicom"}
+
+# Of the files of an examination: more that cannot be read are an error.
+_MOST_DAMAGED: Final = 0.2
+
+_HEAD: Final = 512
+
+# A scanner writes little besides images.
+_PRIVATE: Final = (".txt", ".xml", ".json", ".csv", ".html", ".md", ".jpg", ".png")
+
+
+def kind_of_image(data: bytes) -> str | None:
+    """Recognise a file of images by its first bytes: the name of its parser, or None."""
+    if data[:2] == b"\x1f\x8b" or data[344:348] in (b"n+1\0", b"n+2\0") or data[4:7] == b"n+2":
+        return "nifti"
+    if data[:4] == b"NRRD":
+        return "nrrd"
+    if data[128:132] == b"DICM":
+        return "dicom"
+    head = data[:400].lstrip()
+    if head.startswith((b"ObjectType", b"NDims")):
+        return "metaimage"
+    return None
+
+
+def holds_images(source: bytes | Path) -> bool:
+    """Tell whether a file, or the first of a zip's or folder's that is no text, holds images."""
+    if isinstance(source, Path):
+        if source.is_dir():
+            inside = sorted(path for path in source.rglob("*") if path.is_file())
+            inside = [path for path in inside if _counts(path.name)]
+            return bool(inside) and _begins(inside[0]) is not None
+        kind = _begins(source)
+        if kind is not None or not zipfile.is_zipfile(source):
+            return kind is not None
+        return _zip_holds(source)
+    if kind_of_image(source[:_HEAD]) is not None:
+        return True
+    return source[:4] == b"PK\x03\x04" and _zip_holds(io.BytesIO(source))
+
+
+def _zip_holds(source: Path | io.BytesIO) -> bool:
+    try:
+        with zipfile.ZipFile(source) as archive:
+            names = sorted(name for name in archive.namelist() if _counts(name))
+            if not names:
+                return False
+            with archive.open(names[0]) as member:
+                return kind_of_image(member.read(_HEAD)) is not None
+    except (*UNREADABLE, zipfile.BadZipFile, RuntimeError):
+        # What is wrong with it is said by its reader.
+        return False
+
+
+def _counts(name: str) -> bool:
+    return not (name.endswith("/") or is_hidden(name) or name.lower().endswith(_PRIVATE))
+
+
+def _begins(path: Path) -> str | None:
+    try:
+        with path.open("rb") as file:
+            return kind_of_image(file.read(_HEAD))
+    except OSError:
+        return None
+
+
+def read_images(
+    source: bytes | Path,
+    *,
+    limits: ReadLimits | None = None,
+    parser: Parser | None = None,
+    progress: Progress | None = None,
+) -> ImageSequence:
+    """Read volumes over time, or sets of planes, in LPS mm.
+
+    Parameters
+    ----------
+    source : bytes or Path
+        A NIfTI, NRRD or MetaImage file; a zip or folder of DICOM slices; or one of several such
+        files, which are frames in the natural order of their names where each has one frame, and
+        planes of the same frames where each has as many.
+    limits : ReadLimits, optional
+    parser : Parser, optional
+        Parser to reuse for many files; its own limits then hold.
+    progress : callable, optional
+        Called with the files read and all of them.
+
+    Raises
+    ------
+    InputError
+        Naming the file that cannot be read, and never its contents.
+    MissingExtraError
+        If the package for the format is absent.
+    """
+    if parser is None:
+        with ParserProcess(DEFAULT_LIMITS if limits is None else limits) as own:
+            return _read(source, own, progress)
+    return _read(source, parser, progress)
+
+
+def _read(source: bytes | Path, parser: Parser, progress: Progress | None) -> ImageSequence:
+    if isinstance(source, Path) and source.is_dir():
+        paths = (path for path in source.rglob("*") if path.is_file())
+        files = {str(path.relative_to(source)): path.read_bytes for path in paths}
+        return _of_files(files, parser, progress)
+    try:
+        data = source.read_bytes() if isinstance(source, Path) else source
+    except OSError as error:
+        raise MalformedFileError(f"It cannot be read: {error.strerror}.", remedy=_REMEDY) from error
+    if not data:
+        raise MalformedFileError("The file is empty.", remedy=_REMEDY)
+    kind = kind_of_image(data)
+    if kind is None and detect_format(data) is Format.ZIP:
+        with opened(data, parser) as archive:
+            members = {name: member.read for name, member in archive.members.items()}
+            return _of_files(members, archive.parser, progress)
+    if kind is None:
+        raise MalformedFileError("The file holds no images that are known.", remedy=_REMEDY)
+    answer = _parsed(kind, data, parser)
+    return grouped([_slice(answer)]) if kind == "dicom" else _sequence(answer)
+
+
+def _of_files(
+    files: Mapping[str, Callable[[], bytes]], parser: Parser, progress: Progress | None
+) -> ImageSequence:
+    names = sorted((name for name in files if _counts(name)), key=natural_key)
+    slices: list[Slice] = []
+    parts: list[ImageSequence] = []
+    skipped, damaged, total = 0, 0, 0
+    for k, name in enumerate(names):
+        data = files[name]()
+        kind = kind_of_image(data)
+        if kind is None:
+            skipped += 1
+            continue
+        try:
+            answer = _parsed(kind, data, parser)
+        except MalformedFileError as error:
+            # Exports hold reports and cut files; images of a few planes do without them.
+            damaged += 1
+            if kind == "dicom" and damaged <= _MOST_DAMAGED * len(names):
+                continue
+            error.message = f"File {k} of {len(names)}: {error.message}"
+            raise
+        except InputError as error:
+            error.message = f"File {k} of {len(names)}: {error.message}"
+            raise
+        total += sum(array.nbytes for array in answer.arrays.values())
+        parser.limits.require("decompressed_bytes", total)
+        if kind == "dicom":
+            slices.append(_slice(answer))
+        else:
+            parts.append(_sequence(answer))
+        if progress is not None:
+            progress(k + 1, len(names))
+    if bool(slices) == bool(parts):
+        raise MalformedFileError(
+            f"Of {len(names)} files none holds images that are known."
+            if not slices
+            else "The files are DICOM slices and other images together.",
+            remedy=_REMEDY,
+        )
+    found = grouped(slices) if slices else _joined(parts)
+    notes = list(found.notes)
+    for n, told in ((skipped, "are no images"), (damaged, "are damaged or no slices")):
+        if n:
+            notes.append(f"{n} files that {told} were left out.")
+    return replace(found, notes=tuple(notes))
+
+
+def _parsed(kind: str, data: bytes, parser: Parser) -> Answer:
+    with needs_extra("images"):
+        if kind in _PACKAGES and find_spec(_PACKAGES[kind]) is None:
+            raise ModuleNotFoundError(name=_PACKAGES[kind])
+    return parser.parse(kind, data)
+
+
+def _sequence(answer: Answer) -> ImageSequence:
+    affine = answer.arrays["affine"]
+    frames = tuple(Volume(values, affine) for values in answer.arrays["values"])
+    times = answer.info["times"]
+    at = None if times is None else np.array(times, dtype=np.float64)
+    return ImageSequence(frames, at, notes=tuple(answer.info["notes"]))
+
+
+def _slice(answer: Answer) -> Slice:
+    return Slice(answer.arrays["values"][0, :, :, 0], answer.arrays["affine"], answer.info)
+
+
+def _joined(parts: list[ImageSequence]) -> ImageSequence:
+    """Frames of files with one each, or planes of files with as many frames each."""
+    if len(parts) == 1:
+        return parts[0]
+    notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
+    counts = {part.n_frames for part in parts}
+    if counts == {1} and not _are_planes(parts):
+        return ImageSequence(tuple(part.frames[0] for part in parts), notes=notes)
+    if len(counts) > 1:
+        raise ShapeError(
+            f"The files have {min(counts)} to {max(counts)} frames.",
+            remedy="Send one file for each frame, or files of planes with the same frames.",
+        )
+    frames = []
+    for k in range(parts[0].n_frames):
+        planes = [p for part in parts for p in _planes(part.frames[k])]
+        frames.append(PlaneSet(tuple(planes)))
+    return ImageSequence(tuple(frames), parts[0].times, notes=notes)
+
+
+def _are_planes(parts: list[ImageSequence]) -> bool:
+    """Whether each file is one slice, of different places."""
+    volumes = [frame for part in parts for frame in part.frames if isinstance(frame, Volume)]
+    places = {tuple(np.round(volume.affine, 3).ravel()) for volume in volumes}
+    return all(1 in volume.shape for volume in volumes) and len(places) > 1
+
+
+def _planes(frame: object) -> tuple[Plane, ...]:
+    if isinstance(frame, PlaneSet):
+        return frame.planes
+    return slices_of(frame).planes if isinstance(frame, Volume) else ()

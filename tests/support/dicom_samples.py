@@ -1,0 +1,53 @@
+"""DICOM slices made in memory."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+
+
+def slice_file(
+    pixels: np.ndarray,
+    *,
+    z: float,
+    trigger: float | None,
+    number: int = 1,
+    patient: str = "nobody",
+    compressed: bool = False,
+    frames: int = 1,
+    orientation: bool = True,
+    cut: int = 0,
+) -> bytes:
+    """Make a slice across z: 2 mm from row to row along y, 3 mm from column to column along x."""
+    import pydicom
+    from pydicom.dataset import FileDataset, FileMetaDataset
+    from pydicom.uid import ExplicitVRLittleEndian, RLELossless
+
+    meta = FileMetaDataset()
+    meta.MediaStorageSOPClassUID = pydicom.uid.MRImageStorage
+    meta.MediaStorageSOPInstanceUID = f"1.2.3.{number}"
+    meta.TransferSyntaxUID = RLELossless if compressed else ExplicitVRLittleEndian
+    own = FileDataset("", {}, file_meta=meta, preamble=b"\0" * 128)
+    own.PatientID, own.PatientName = patient, patient
+    own.SeriesInstanceUID, own.FrameOfReferenceUID = "1.2.4", "1.2.5"
+    own.InstanceNumber, own.SliceThickness = number, 6.0
+    own.Rows, own.Columns = pixels.shape
+    own.PixelSpacing = [2.0, 3.0]
+    if orientation:
+        own.ImageOrientationPatient = [1, 0, 0, 0, 1, 0]
+        own.ImagePositionPatient = [10.0, 20.0, z]
+    if trigger is not None:
+        own.TriggerTime = trigger
+    if frames > 1:
+        own.NumberOfFrames = frames
+    own.SamplesPerPixel, own.PhotometricInterpretation = 1, "MONOCHROME2"
+    own.BitsAllocated, own.BitsStored, own.HighBit, own.PixelRepresentation = 16, 16, 15, 0
+    data = np.repeat(pixels[None].astype("<u2"), frames, axis=0).tobytes()
+    own.PixelData = pydicom.encaps.encapsulate([data]) if compressed else data
+    if compressed:
+        own["PixelData"].is_undefined_length = True
+    out = io.BytesIO()
+    own.save_as(out, enforce_file_format=True)
+    whole = out.getvalue()
+    return whole[: len(whole) - cut]
