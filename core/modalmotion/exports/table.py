@@ -64,13 +64,15 @@ def amplitude_table(signature: ModalSignature) -> Table:
     Returns
     -------
     Table
-        frame, time_s (NaN where unknown), mode (its rank), label, direction, amplitude, unit.
+        frame, time_s (NaN where unknown), mode (its rank), label, direction, amplitude, deviation
+        (its standard deviation, NaN where unknown), unit.
     """
     frames, modes, n = signature.amplitudes.shape
     directions = direction_names(signature)
     times = np.full(frames, np.nan) if signature.times is None else signature.times
     frame, mode, direction = (grid.ravel() for grid in np.indices((frames, modes, n)))
     labels = np.array([str(label) for label in signature.modes.labels])
+    sds = signature.amplitude_deviations
     return Table(
         {
             "frame": frame,
@@ -79,6 +81,7 @@ def amplitude_table(signature: ModalSignature) -> Table:
             "label": labels[mode],
             "direction": np.array(directions)[direction],
             "amplitude": signature.amplitudes.ravel(),
+            "deviation": np.full(frame.shape, np.nan) if sds is None else sds.ravel(),
             "unit": np.full(frame.shape, signature.unit or ""),
         }
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,6 +35,15 @@ def test_every_amplitude_has_a_row(name: str, directions: tuple[str, ...]) -> No
         assert row["label"] == str(signature.modes.labels[mode])
         assert float(row["time_s"]) == signature.times[frame]  # type: ignore[index]
     assert {row["unit"] for row in rows} == {"mm"}
+
+
+def test_deviations_stand_beside_their_amplitudes() -> None:
+    signature = viewed("offset")[1]
+    assert signature.amplitude_deviations is None
+    assert np.isnan(amplitude_table(signature).columns["deviation"]).all()
+    sds = 0.1 + np.abs(signature.amplitudes)
+    table = amplitude_table(replace(signature, amplitude_deviations=sds))
+    np.testing.assert_array_equal(table.columns["deviation"], sds.ravel())
 
 
 def test_frames_have_errors_volumes_and_segments() -> None:
