@@ -20,7 +20,10 @@ def test_segments_fill_the_disc_and_bear_their_numbers(names: tuple[str, ...]) -
     figure = bulls_eye_figure(motion(names, "" if len(names) == 17 else "Rings only."))
     axes = figure.axes[0]
     wedges = [patch for patch in axes.patches if isinstance(patch, Wedge)]
-    areas = [np.radians(w.theta2 - w.theta1) / 2 * (w.r**2 - (w.r - w.width) ** 2) for w in wedges]
+    areas = []
+    for wedge in wedges:
+        inner = wedge.r - float(wedge.width or 0.0)
+        areas.append(np.radians(wedge.theta2 - wedge.theta1) / 2 * (wedge.r**2 - inner**2))
     assert len(wedges) == len(names)
     assert sum(areas) == pytest.approx(np.pi)
     assert {text.get_text() for text in axes.texts} >= {str(n + 1) for n in range(len(names))}
