@@ -575,6 +575,7 @@ ELSEWHERE = {
     "Use it inside `with ResultStore(...)`": "all tests of the store",
     "Choose the modes from the lattice itself, with `lowest_modes`": "tests/core/modes",
     "Give rng=numpy.random.default_rng(seed)": "tests/core/simulate",
+    "Use what `view_payload`": "tests/core/viewer",
     "numpy.array": "written as it stands",
     "numpy.savez": "written as it stands",
     "`modalmotion ": "the command exists, see above; a store or a service of another",

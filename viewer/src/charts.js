@@ -128,11 +128,11 @@ export class BullsEye {
       return svg("text", { x, y: y + 4, "text-anchor": "middle", class: "segment-text" });
     });
     const walls = this.n === 17
-      ? [["anterior", 110, 10], ["septal", 4, 112], ["inferior", 110, 218], ["lateral", 216, 112]]
+      ? [["anterior", 110, 6], ["septal", 4, 112], ["inferior", 110, 229], ["lateral", 216, 112]]
       : [];
     this.picture = svg(
       "svg",
-      { viewBox: "-28 0 276 222", role: "img", "aria-label": `Bull's-eye: ${quantity}` },
+      { viewBox: "-28 -4 276 240", role: "img", "aria-label": `Bull's-eye: ${quantity}` },
       this.parts,
       this.texts,
       walls.map(([text, x, y]) =>

@@ -19,6 +19,12 @@ export const h = (tag, properties, ...children) =>
 export const svg = (tag, properties, ...children) =>
   fill(document.createElementNS(SVG, tag), properties, children);
 
+// Puts these in place of what an element held.
+export const refill = (element, ...children) => {
+  element.replaceChildren();
+  return fill(element, {}, children);
+};
+
 // Three significant digits, or none after the point for large numbers.
 export function numeral(x, digits = 3) {
   if (!Number.isFinite(x)) return "–";

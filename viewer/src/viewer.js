@@ -3,7 +3,7 @@
 import { save } from "./api.js";
 import { bar, BullsEye, CurveChart } from "./charts.js";
 import { readContainer } from "./container.js";
-import { h, numeral, svg } from "./dom.js";
+import { h, numeral, refill, svg } from "./dom.js";
 import { Motion } from "./motion.js";
 import { Stage } from "./stage.js";
 
@@ -267,7 +267,7 @@ export class Viewer {
     const box = this.classBox;
     box.hidden = !answer && !actions.classify;
     if (!answer) {
-      box.replaceChildren(
+      refill(box, 
         h("h2", {}, "Class of the motion"),
         h("button", {
           type: "button",
@@ -276,7 +276,7 @@ export class Viewer {
             try {
               this.showClass(await actions.classify());
             } catch (error) {
-              box.replaceChildren(h("h2", {}, "Class of the motion"), h("p", { class: "note" }, error.message));
+              refill(box, h("h2", {}, "Class of the motion"), h("p", { class: "note" }, error.message));
             }
           },
         }, "Classify"),
@@ -286,7 +286,7 @@ export class Viewer {
     const set = answer.class_set.length
       ? `Not ruled out at ${Math.round(100 * answer.coverage)} %: ${answer.class_set.join(", ")}.`
       : "Unlike every class that the model knows.";
-    box.replaceChildren(
+    refill(box, 
       h("h2", {}, "Class of the motion"),
       h("p", { class: "big" }, answer.label === null ? "no class" : answer.label, answer.label === null ? null : h("span", {}, ` probability ${answer.probability.toFixed(3)}`)),
       answer.label === null ? null : h("p", { class: "note" }, set),
@@ -304,7 +304,7 @@ export class Viewer {
       .map((wave, w) => [wave, w])
       .filter(([wave]) => part.modes.some((name) => this.labelsOf(wave).includes(name)))
       .map(([, w]) => w);
-    const name = waves.length ? this.header.waves[waves[0]].name : part.modes.join(" ");
+    const name = waves.length ? this.header.waves[waves[0]].name : "not among these modes";
     const label = waves.map((w) => this.header.waves[w].label).join(" ") || part.modes.join(" ");
     return h("button", {
       type: "button",

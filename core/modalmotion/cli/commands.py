@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Final
@@ -23,8 +24,10 @@ COMMANDS: Final = {
     "evaluate": ("model_commands", "Test MODEL, a file or a name, on labelled sequences."),
     "features": ("features_command", "Write the features of labelled or unlabelled sequences."),
     "modes": ("modes_commands", "List the vibration modes of a lattice or of FILE's surface."),
+    "norm": ("norm_commands", "Compare recordings with those of your own controls."),
     "readouts": ("readouts_command", "Read volume and ejection fraction of the cavity in FILE."),
     "reconstruct": ("analysis_commands", "Write the surfaces that a few modes stand for."),
+    "show": ("show_command", "Say what FILE holds."),
     "signature": ("analysis_commands", "Fit the modal signature of the sequence in FILE."),
     "simulate": ("simulate_command", "Simulate one heartbeat of a left ventricle."),
     "simulate-cohort": (
@@ -35,6 +38,7 @@ COMMANDS: Final = {
         "store_commands",
         "Look after a folder of results: back up, verify, rebuild, export.",
     ),
+    "table": ("table_command", "Write amplitudes of the sequence in FILE as CSV."),
     "track": ("track_command", "Track a surface through the frames in IN."),
     "tradeoff": ("tradeoff_command", "Measure what each choice of modes costs and loses."),
     "train": ("model_commands", "Train a model on labelled sequences."),
@@ -57,6 +61,18 @@ class _Commands(click.Group):
         for entry in entry_points(group="modalmotion.commands", name=cmd_name):
             return _command(entry.load())
         return super().get_command(ctx, cmd_name)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            near = get_close_matches(args[0], self.list_commands(ctx), n=2)
+            if not near:
+                raise
+            text = f"{error.message.rstrip('.')}. Did you mean {' or '.join(near)}?"
+            raise click.UsageError(text, ctx) from error
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

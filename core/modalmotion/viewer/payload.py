@@ -108,6 +108,8 @@ def view_payload(
         arrays[name] = _single(getattr(signature, name) / scale)
     if signature.times is not None:
         arrays["times"] = signature.times - signature.times[0]
+    # A signature that a store keeps has no facts of its own.
+    period = sequence.facts.period or signature.facts.period
     header = {
         "title": title,
         "intended_use": INTENDED_USE,
@@ -121,8 +123,8 @@ def view_payload(
         "holds_drift": not is_offset,
         "is_offset": is_offset,
         "reference": signature.parameters.reference,
-        "cycle": _cycle(signature),
-        "period": signature.facts.period,
+        "cycle": _cycle(signature, period),
+        "period": period,
         "error": {"rms": signature.rms_error / scale, "max": signature.max_error / scale},
         "compression": signature.compression,
         "view": np.round(upright(used), 6).tolist(),
@@ -232,8 +234,8 @@ def _waves(signature: ModalSignature) -> list[dict[str, Any]]:
     return entries
 
 
-def _cycle(signature: ModalSignature) -> str:
-    gap, n, period = signature.closure_gap, signature.n_frames, signature.facts.period
+def _cycle(signature: ModalSignature, period: float | None) -> str:
+    gap, n = signature.closure_gap, signature.n_frames
     if n < 3 or gap > _CLOSES:
         return "open"
     if period is not None and signature.times is not None:

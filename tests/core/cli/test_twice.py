@@ -26,12 +26,14 @@ CHEAP = {
     "decode": "{stream} -o {out}.npz",
     "encode": "{beat} -o {out}.stream --max-error 1",
     "modes": "{beat}",
+    "norm": "train {controls} --name ours -o {out}.norm.h5",
     "readouts": "{beat}",
     "reconstruct": "{beat} -o {out}.npz",
     "signature": "{beat} -o {out}.h5",
     "simulate": "-o {out}.npz",
     "simulate-cohort": "-o {out} --per-class 1 --seed 1",
     "tradeoff": "{beat} --tolerance 2",
+    "view": "{beat} -o {out}.html",
 }
 
 
@@ -56,9 +58,14 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "beat": folder / "in" / "beat.npz",
         "store": folder / "store",
         "cohort": folder / "cohort",
+        "controls": folder / "controls.csv",
         "stream": folder / "beat.stream",
         "out": folder / "out",
     }
+    bodies = [one.body for one in cohort(5, seed=4)][:9]
+    for k, body in enumerate(bodies):
+        (folder / f"{k}.npz").write_bytes(body)
+    places["controls"].write_text("path\n" + "".join(f"{k}.npz\n" for k in range(9)))
     run("encode", str(places["beat"]), "-o", str(places["stream"]), "--max-error", "1")
     run("cohort", str(places["folder"]), "-o", str(places["store"]))
     run(

@@ -1,4 +1,4 @@
-"""Documents of docs run: simulation, classification, error; figures are the model card's."""
+"""Documents of docs run: simulation, classification, error, norms; figures are the model card's."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ DOCUMENTS = ROOT / "docs"
 
 
 @pytest.mark.parametrize(
-    ("name", "n_blocks"), [("simulation.md", 2), ("classification.md", 9), ("error.md", 1)]
+    ("name", "n_blocks"),
+    [("simulation.md", 2), ("classification.md", 9), ("error.md", 1), ("norms.md", 2)],
 )
 def test_its_code_runs(name: str, n_blocks: int) -> None:
     namespace: dict[str, object] = {}

@@ -266,6 +266,7 @@ def test_reasons_of_the_class_set_the_modes_and_a_narrow_page_has_all(
     with chromium.open(beat_page, viewport={"width": 380, "height": 800}) as opened:
         page = opened.shown().page
         assert page.locator(".class .big").text_content()
+        assert "object" not in page.locator(".class").text_content()
         reason = page.locator(".reasons button:not(:disabled)").first
         reason.click()
         gains = page.evaluate("Array.from(modalmotion.gains[0])")

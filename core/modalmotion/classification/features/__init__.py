@@ -18,6 +18,7 @@ from modalmotion.classification.features.reader import (
     motion_of,
     surface_size,
 )
+from modalmotion.classification.features.readings import like_most, nearest, right_handed
 
 __all__ = [
     "READINGS",
@@ -36,8 +37,11 @@ __all__ = [
     "has_axis",
     "has_volume",
     "kind_of",
+    "like_most",
     "mean_motion",
     "motion_of",
+    "nearest",
     "powers_of",
+    "right_handed",
     "surface_size",
 ]

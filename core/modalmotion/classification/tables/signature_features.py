@@ -12,11 +12,13 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
 from modalmotion.classification.features import (
-    READINGS,
     FeatureReader,
     has_axis,
+    like_most,
     mean_motion,
     motion_of,
+    nearest,
+    right_handed,
 )
 from modalmotion.classification.options import Timing, TrainingOptions, Walls
 from modalmotion.classification.tables.covariate_columns import (
@@ -38,9 +40,6 @@ KINDS: Final = ("auto", "axis", "summary", "modes", "terms")
 
 # A cycle whose next frame would be the first closes within this many usual steps.
 _CLOSED: Final = 2.5
-
-# Times that the readings are chosen anew from the centre that they gave.
-_N_ROUNDS: Final = 5
 
 Array = NDArray[np.float64]
 
@@ -203,13 +202,7 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         )
         read = [reader.read(signature) for signature in signatures]
         self._names = read[0].names
-        values = [_right_handed(one.values) for one in read]
-        X = np.array([own[0] for own in values])
-        for _ in range(_N_ROUNDS):
-            spread = X.std(axis=0)
-            self._centre = X.mean(axis=0)
-            self._scale = np.where(spread > 1e-12 * np.abs(X).max(axis=0), spread, np.inf)
-            X = np.array([self._nearest(own) for own in values])
+        _, self._centre, self._scale = like_most([right_handed(one.values) for one in read])
         return signatures
 
     def _chosen(self, signatures: list[ModalSignature], options: TrainingOptions) -> FeatureReader:
@@ -256,21 +249,8 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
 
     def _table(self, signatures: list[ModalSignature]) -> Array:
         values = [self.reader_.read(signature).values for signature in signatures]
-        chosen = [self._nearest(_right_handed(own)) for own in values]
+        chosen = [nearest(right_handed(own), self._centre, self._scale) for own in values]
         covariates = [signature.facts.covariates for signature in signatures]
         table = covariate_values(covariates, self.covariate_columns_)
         features = np.array(chosen).reshape(len(signatures), len(self._names))
         return np.concatenate([features, table], axis=1)
-
-    def _nearest(self, readings: Array) -> Array:
-        """Take the reading that is nearest to the centre of those fitted to."""
-        apart = (((readings - self._centre) / self._scale) ** 2).sum(axis=1)
-        nearest: Array = readings[int(apart.argmin())]
-        return nearest
-
-
-def _right_handed(values: Array) -> Array:
-    """Take the readings in which theta runs right-handed, (1 or 2, features)."""
-    if len(values) == 1:
-        return values
-    return values[[k for k, reading in enumerate(READINGS) if not reading.is_mirrored]]

@@ -1,0 +1,144 @@
+"""Commands of norms: train and ask."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from modalmotion.cli.cases import LabelledSequence, labelled_files, labelled_sources
+from modalmotion.cli.options import example, json_option, list_written
+from modalmotion.cli.outputs import OutputFile
+
+
+@click.group()
+def norm() -> None:
+    """Compare recordings with those of your own controls."""
+
+
+@norm.command(epilog=example("norm train controls.csv --name volunteers -o volunteers.h5"))
+@labelled_sources
+@click.option("--name", required=True, help="Of the norm: lower-case letters, digits, '._-'.")
+@click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
+@click.option(
+    "--modes", default=7, show_default=True, help="Modes of the signatures; 3 amplitudes a frame."
+)
+@click.option(
+    "--topology",
+    help="cup, sphere, ..., or mesh for spring modes; all controls decide it together by default.",
+)
+@json_option
+def train(
+    sources: tuple[Path, ...],
+    name: str,
+    out: Path,
+    modes: int,
+    topology: str | None,
+    as_json: bool,
+    unit: str | None,
+    skip_unreadable: bool,
+) -> None:
+    """Make a norm of recordings of people who are taken as usual, one of each.
+
+    MANIFEST is a table with the column path and, where they are known, subject and facts; a label
+    is not read. FILES are files of sequences.
+    """
+    from modalmotion.classification.training.left_out import UNUSABLE, LeftOut, left_out_notes
+    from modalmotion.norm import norm_to_hdf5, train_norm
+    from modalmotion.store import write_atomic
+
+    files = labelled_files(sources, skip_unreadable=skip_unreadable, needs_label=False)
+    left_out: list[LeftOut] = []
+    cases = []
+    with click.progressbar(files, label="controls", file=sys.stderr) as bar:
+        for file in bar:
+            source = LabelledSequence(file, {"unit": unit})
+            try:
+                cases.append(source.read())
+            except UNUSABLE as error:
+                if not skip_unreadable:
+                    raise
+                left_out.append(LeftOut.of(error, source.name))
+    result = train_norm(cases, name, modes=modes, topology=topology)
+    write_atomic(out, norm_to_hdf5(result))
+    said = result.as_json()
+    if as_json:
+        click.echo(json.dumps(said, indent=2))
+    else:
+        click.echo(
+            f"{result.name} (id {result.id[:12]}): {result.n_controls} controls, "
+            f"{' or '.join(said['topologies'])}, {said['n_modes']} modes\n"
+            f"groups: {', '.join(said['groups'])}\n"
+            f"smallest level: {said['smallest_level']:.3g}"
+        )
+        for note in result.notes:
+            click.echo(f"note: {note}")
+    for note in left_out_notes(left_out):
+        click.echo(note, err=as_json)
+    list_written(out, as_json=as_json)
+
+
+@norm.command(epilog=example("norm ask volunteers.h5 beat.npz"))
+@click.argument("norm_file", metavar="NORM", type=click.Path(path_type=Path))
+@labelled_sources
+@click.option(
+    "--level",
+    default=0.05,
+    show_default=True,
+    help="Share of recordings like the controls that may be called a deviation.",
+)
+@json_option
+def ask(
+    norm_file: Path,
+    sources: tuple[Path, ...],
+    level: float,
+    as_json: bool,
+    unit: str | None,
+    skip_unreadable: bool,
+) -> None:
+    """Tell how far recordings lie from the controls of NORM, a file.
+
+    Five and more are also compared together: a cohort of another machine or protocol is warned
+    of. MANIFEST and FILES are as for training.
+    """
+    from modalmotion.classification.training.left_out import UNUSABLE, LeftOut, left_out_notes
+    from modalmotion.norm import cohort_deviation, norm_from_hdf5
+    from modalmotion.norm.cohort import FEWEST_RECORDINGS, others_than
+
+    controls = norm_from_hdf5(norm_file)
+    files = labelled_files(sources, skip_unreadable=skip_unreadable, needs_label=False)
+    readings: list[Any] = []
+    left_out: list[LeftOut] = []
+    with click.progressbar(files, label="recordings", file=sys.stderr) as bar:
+        for file in bar:
+            source = LabelledSequence(file, {"unit": unit})
+            try:
+                case = source.read()
+                readings.append(controls.read(case.motion, subject=case.subject, name=source.name))
+            except UNUSABLE as error:
+                if not skip_unreadable:
+                    raise
+                left_out.append(LeftOut.of(error, source.name))
+    together = None
+    if len(others_than(controls, readings)) >= FEWEST_RECORDINGS:
+        together = cohort_deviation(controls, readings, level=level)
+    answers = [controls.deviation(one, level=level) for one in readings]
+    if as_json:
+        whole = None if together is None else together.as_json()
+        shown = [
+            {"path": one.name, **answer.as_json()}
+            for one, answer in zip(readings, answers, strict=True)
+        ]
+        click.echo(json.dumps({"cohort": whole, "deviations": shown}, indent=2))
+    else:
+        for one, answer in zip(readings, answers, strict=True):
+            click.echo(f"{one.name}\n{answer.lines}")
+        if together is not None:
+            click.echo(f"together: p = {together.p:.3g} of {controls.n_controls} like controls")
+            if together.warning is not None:
+                click.echo(f"warning: {together.warning}")
+    for note in left_out_notes(left_out):
+        click.echo(note, err=as_json)

@@ -1,0 +1,137 @@
+"""A norm from controls."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any, Final
+
+from modalmotion.classification.model.record import require_model_name
+from modalmotion.classification.tables.recordings import in_one_basis
+from modalmotion.classification.tables.signature_features import SignatureFeatures
+from modalmotion.classification.training.cases import TrainingCase
+from modalmotion.errors import ParameterError
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.norm.controls import Control, reading_of
+from modalmotion.norm.norm import LEVEL, Norm
+from modalmotion.norm.ranks import fewest_controls
+from modalmotion.numerals import counted
+from modalmotion.progress import Progress
+from modalmotion.signature.making import ModalSignature, SignatureKind
+
+# Fewer can tell nothing that is rarer than one in ten.
+FEWEST_CONTROLS: Final = 9
+
+
+def train_norm(
+    controls: Iterable[Any],
+    name: str,
+    *,
+    modes: int = 7,
+    topology: str | None = None,
+    progress: Progress | None = None,
+) -> Norm:
+    """Make a norm of recordings of people who are taken as usual.
+
+    The modes in which they compare, and whether they are cycles, are decided from all of them
+    together. Nothing else is fitted: what is usual is decided anew for each recording that is
+    compared, from the controls and that recording.
+
+    Parameters
+    ----------
+    controls : iterable of Control, TrainingCase, MeshSequence or ModalSignature
+        One recording of each person, or a source that reads one; labels are not read. From
+        signatures no volumes are read. Those with points that slide (`tracking="offset"`) are
+        read by their offsets.
+    name : str
+        As models are named.
+    modes : int
+        Of the signatures of sequences.
+    topology : str, optional
+        Of these signatures; "mesh" for spring modes.
+    progress : function, optional
+        Called with the number of controls read and of all.
+
+    Raises
+    ------
+    ParameterError
+        If there are too few controls, two of one person, or the name cannot be kept.
+    UnlikeCasesError
+        If their modes do not compare.
+    ModalMotionError
+        If one cannot be fitted; it is named.
+    """
+    require_model_name(name)
+    cases = [_control(number, one) for number, one in enumerate(controls)]
+    _require_people(cases)
+    transformer = SignatureFeatures(modes=modes, topology=topology)
+    parameters = transformer.signature_parameters
+    if any(case.motion.facts.tracking == SignatureKind.OFFSET.value for case in cases):
+        parameters = replace(parameters, kind=SignatureKind.OFFSET)
+    signatures, readable = in_one_basis(
+        [case.motion for case in cases], parameters, mixes_axes=True
+    )
+    transformer.fit(signatures)
+    reader = transformer.reader_
+    readings = []
+    for number, (case, signature) in enumerate(zip(cases, signatures, strict=True)):
+        sequence = case.motion if isinstance(case.motion, MeshSequence) else None
+        own = reading_of(signature, sequence, reader, subject=case.subject, name=case.name)
+        readings.append(own)
+        if progress is not None:
+            progress(number + 1, len(cases))
+    notes = []
+    if len(cases) < fewest_controls(LEVEL):
+        notes.append(
+            f"{counted(len(cases), 'control')} tell nothing that is rarer than one in "
+            f"{len(cases) + 1}; a level of {LEVEL} needs {fewest_controls(LEVEL)}."
+        )
+    return Norm(
+        name=name,
+        readable=readable,
+        reader=reader,
+        columns=tuple(map(str, transformer.get_feature_names_out())),
+        controls=tuple(readings),
+        notes=tuple(notes),
+    )
+
+
+def _control(number: int, item: Any) -> Control:
+    one = item
+    if not isinstance(one, Control | TrainingCase | MeshSequence | ModalSignature) and hasattr(
+        one, "read"
+    ):
+        one = one.read()
+    if isinstance(one, TrainingCase):
+        return Control(one.motion, one.subject, one.name or f"control {number}")
+    if isinstance(one, MeshSequence | ModalSignature):
+        return Control(one, name=f"control {number}")
+    if not isinstance(one, Control):
+        raise ParameterError(
+            f"Item {number} is a {type(one).__name__}, which is no recording.",
+            remedy="Give Controls, MeshSequences, ModalSignatures or TrainingCases.",
+            details={"case": number},
+        )
+    return one if one.name else replace(one, name=f"control {number}")
+
+
+def _require_people(cases: list[Control]) -> None:
+    if len(cases) < FEWEST_CONTROLS:
+        raise ParameterError(
+            f"There are {counted(len(cases), 'control')}.",
+            remedy=f"Give at least {FEWEST_CONTROLS}, and {fewest_controls(LEVEL)} for the usual "
+            f"level of {LEVEL}.",
+            details={"n_controls": len(cases), "needed": FEWEST_CONTROLS},
+        )
+    seen: dict[str, str] = {}
+    for case in cases:
+        motion = case.motion
+        own = motion.id if isinstance(motion, MeshSequence) else motion.sequence_id
+        for key in filter(None, (own, case.subject and f"subject {case.subject}")):
+            if key in seen:
+                raise ParameterError(
+                    f"{case.name} and {seen[key]} are recordings of one person.",
+                    remedy="Give one recording of each control: two of one are too much alike.",
+                    details={"case": case.name},
+                )
+            seen[key] = case.name

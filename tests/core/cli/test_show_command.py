@@ -1,0 +1,88 @@
+"""What a file holds, in words and as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from viewed_surfaces import viewed
+
+from modalmotion.classification import classify
+from modalmotion.classification.model.shipped import load_model
+from modalmotion.cli import main
+from modalmotion.codec import encode
+from modalmotion.formats import write_npz
+from modalmotion.simulate import simulate_ventricle
+from modalmotion.store import (
+    classification_to_hdf5,
+    model_to_hdf5,
+    sequence_to_hdf5,
+    signature_to_hdf5,
+    template_to_hdf5,
+)
+from modalmotion.template import make_template
+
+
+def shown(path: Path) -> dict[str, Any]:
+    run = CliRunner().invoke(main, ["show", str(path), "--json"])
+    assert run.exit_code == 0, run.output
+    content: dict[str, Any] = json.loads(run.stdout)
+    words = CliRunner().invoke(main, ["show", str(path)])
+    assert str(content["holds"]) in words.stdout.splitlines()[0]
+    return content
+
+
+def written(folder: Path, name: str) -> Path:
+    sequence, signature = viewed("cup")
+    beat = simulate_ventricle(grid=(8, 16))
+    makers: dict[str, Callable[[], Any]] = {
+        "signature.h5": lambda: signature_to_hdf5(signature),
+        "sequence.h5": lambda: sequence_to_hdf5(sequence),
+        "template.h5": lambda: template_to_hdf5(make_template(sequence)),
+        "class.h5": lambda: classification_to_hdf5(classify(beat)),
+        "model.h5": lambda: model_to_hdf5(load_model()),
+        "beat.stream": lambda: encode(sequence, max_error=0.3),
+        "beat.npz": lambda: write_npz(sequence),
+    }
+    data = makers[name]()
+    path = folder / name
+    path.write_bytes(data if isinstance(data, bytes) else data.data)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "holds", "stated"),
+    [
+        ("signature.h5", "signature", {"modes": 9, "unit": "mm", "surface": "cup"}),
+        ("sequence.h5", "sequence", {"frames": 5, "vertices": 108, "topology": "cup"}),
+        ("template.h5", "template", {"surface": "cup", "vertices": 108}),
+        ("class.h5", "classification", {"model": "ventricle-simulated"}),
+        ("model.h5", "model", {"name": "ventricle-simulated"}),
+        ("beat.stream", "compressed sequence", {"n_frames": 5, "unit": "mm"}),
+        ("beat.npz", "moving surface", {"format": "npz", "frames": 5, "grid": [9, 12]}),
+    ],
+)
+def test_each_kind_of_file_says_what_it_is(
+    tmp_path: Path, name: str, holds: str, stated: dict[str, Any]
+) -> None:
+    content = shown(written(tmp_path, name))
+    assert content["holds"] == holds
+    assert {key: content[key] for key in stated} == stated
+
+
+def test_what_is_neither_is_refused_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "letter.txt"
+    path.write_text("Dear all")
+    run = CliRunner().invoke(main, ["show", str(path)])
+    assert run.exit_code == 1
+    assert "neither a file of modalmotion's nor a moving surface" in run.output
+
+
+def test_a_mistyped_command_is_answered_with_the_intended_one() -> None:
+    run = CliRunner().invoke(main, ["signatur"])
+    assert run.exit_code == 2
+    assert "Did you mean signature" in run.output
