@@ -568,6 +568,7 @@ ELSEWHERE = {
     "State the landmark theta_zero": "classification/features: of a cup whose zero is weak",
     "To go on without such files use --skip-unreadable": "tests/core/cli/test_model_commands.py",
     "Write --landmarks apex=1,2,3": "tests/core/cli/test_track_command.py",
+    "Leave --label out": "tests/core/cli/test_track_command.py",
     "Name another owner of FOLDER: --owner": "tests/core/cli/test_store_commands.py",
     "Ask for less at once, or allow more as `most_bytes`": "tests/core/client",
     "Change it with `update_sequence`": "tests/core/store",
