@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,9 @@ import numpy as np
 from measure import Table
 from numpy.typing import NDArray
 
+from modalmotion.classification import classify, load_model
+from modalmotion.classification.model.shipped import OFFSET_MODEL
+from modalmotion.facts import Facts
 from modalmotion.formats import read_npz
 from modalmotion.mesh import cavity_of, face_normals
 from modalmotion.mesh.normal_lines import vertex_normals
@@ -30,6 +33,7 @@ DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 N_POINTS = 2000
 N_VENTRICLES = 200
 N_PEER = 1000
+N_OF_EACH_CLASS = 10
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -38,7 +42,7 @@ Frames = Sequence[Sequence[Observation]]
 
 def run(_folder: Path) -> list[Table]:
     """Measure everything."""
-    tables = [closed(), stated(N_VENTRICLES)]
+    tables = [closed(), stated(N_VENTRICLES), classes(N_OF_EACH_CLASS)]
     if (DATA / "heart" / "lv_endocardium.npz").is_file():
         tables = [clouds(), remeshed(), contours(), peers(), *tables]
     return tables
@@ -347,6 +351,33 @@ def stated(n_ventricles: int) -> Table:
         worst = f"{np.quantile(own, 0.1):.0%} to {np.quantile(own, 0.9):.0%}"
         table.add_at_most(abs(one - 0.68), 0.08, name, f"{one:.1%}", "", worst)
         table.add_at_least(two, 0.90, name, "", f"{two:.1%}", "")
+    return table
+
+
+def classes(n_of_each: int) -> Table:
+    """Classes that the model of offsets names for a ventricle's mesh, and for its noisy cloud."""
+    model, same, right = load_model(OFFSET_MODEL), [], []
+    for k, case in enumerate(
+        simulate_cohort(n_of_each, rng=np.random.default_rng(1234), noise=0.0)
+    ):
+        if str(case.label) not in model.classes:
+            continue
+        mesh = replace(case.sequence, times=None)
+        start = replace(mesh, vertices=mesh.vertices[:1])
+        clouds = Truth.of(mesh).seen(N_POINTS, 1.0, np.random.default_rng(1234 + k))
+        found = track(clouds, start=start, unit="mm").sequence
+        both = [
+            classify(sequence.with_facts(Facts(tracking="offset")), model).label
+            for sequence in (mesh, found)
+        ]
+        if None not in both:
+            same.append(both[0] == both[1])
+            right.append([label == case.label for label in both])
+    table = Table(f"Classes of {len(same)} ventricles, mesh and cloud", ("figure", "value"))
+    share = float(np.mean(same))
+    table.add_at_least(share, 0.97, "mesh and cloud are of the same class", f"{share:.1%}")
+    of_mesh, of_cloud = np.mean(right, axis=0)
+    table.add("right of meshes, of clouds", f"{of_mesh:.1%}, {of_cloud:.1%}")
     return table
 
 

@@ -11,9 +11,12 @@ import click
 
 from modalmotion.cli.options import Member, several
 from modalmotion.cli.stated_facts import fact_options, stated_facts
+from modalmotion.errors import StoreError
 from modalmotion.facts import NO_FACTS, Facts
 from modalmotion.formats import Format, ReadOptions, read_sequence
 from modalmotion.formats.raw import RAW_TYPES
+from modalmotion.formats.result import Reading
+from modalmotion.hdf5.form import form_of
 from modalmotion.mesh.sequence import MeshSequence
 
 
@@ -63,7 +66,8 @@ def read(
 ) -> MeshSequence:
     """Read a sequence: a file, a folder of frames, or a pattern of their names.
 
-    Frames that are files of their own show a progress bar; unused content and assumptions are
+    Of a track's own file its sequence is read, with what the track says of its errors. Frames that
+    are files of their own show a progress bar; unused content and assumptions are
     printed. One file of many is quiet, and tracked first where it holds no one mesh.
 
     Parameters
@@ -80,13 +84,30 @@ def read(
         from modalmotion.tracking.recording import sequence_of
 
         return sequence_of(source, options)
-    with _FrameBar() as bar:
-        result = read_sequence(source, options, progress=bar)
+    kept = _tracked(source)
+    if kept is not None:
+        result = options.apply(Reading(kept, format="hdf5"))
+    else:
+        with _FrameBar() as bar:
+            result = read_sequence(source, options, progress=bar)
     if result.ignored:
         click.echo(f"not used: {', '.join(result.ignored)}", err=True)
     for note in result.notes:
         click.echo(f"note: {note}", err=True)
     return result.sequence
+
+
+def _tracked(source: Path) -> MeshSequence | None:
+    """Sequence of a file that holds a track, with how far it may be off; None of other files."""
+    if source.suffix.lower() not in (".h5", ".hdf5") or not source.is_file():
+        return None
+    from modalmotion.tracking.hdf5 import FORM, track_from_hdf5
+
+    try:
+        is_track = form_of(source).kind == FORM.kind
+    except StoreError:
+        return None
+    return track_from_hdf5(source).sequence if is_track else None
 
 
 class _FrameBar:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
@@ -23,6 +24,9 @@ from modalmotion.cli.options import (
 from modalmotion.cli.outputs import write_picture
 from modalmotion.cli.waiting import Waiting
 from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts
+from modalmotion.clinical.plain import ventricle_json
+from modalmotion.clinical.strain import DIRECTIONS
+from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
 from modalmotion.errors import TopologyError
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence
@@ -53,12 +57,14 @@ def readouts(source: Path, plot: Path | None, as_json: bool, **options: Any) -> 
         signature = modal_signature(sequence, parameters, watch=waiting.watch)
         with waiting.watch.stage("volume"):
             result = clinical_readouts(signature, sequence)
+            ventricle = ventricle_readouts(signature, sequence, result)
     if plot is not None:
         write_picture(volume_figure(result), plot)
     if as_json:
-        click.echo(json.dumps(_numbers(result), indent=2))
+        click.echo(json.dumps({**_numbers(result), **ventricle_json(ventricle)}, indent=2))
     else:
-        click.echo("\n".join([*_lines(result), *(f"note: {note}" for note in result.notes)]))
+        notes = [f"note: {note}" for note in (*result.notes, *ventricle.reasons)]
+        click.echo("\n".join([*_lines(result), *_further(ventricle, result.volume_unit), *notes]))
     list_written(plot, as_json=as_json)
 
 
@@ -115,6 +121,29 @@ def _lines(readouts: ClinicalReadouts) -> list[str]:
             f"{mesh.share:10.2f} %"
         )
     lines.append(f"end diastole in frame {curve.end_diastole}, end systole in {curve.end_systole}")
+    return lines
+
+
+def _further(ventricle: VentricleReadouts, unit: str) -> list[str]:
+    lines = []
+    if (rates := ventricle.rates) is not None:
+        for name, value, bound in (
+            ("peak ejection rate", rates.peak_ejection_rate, rates.ejection_bound),
+            ("peak filling rate", rates.peak_filling_rate, rates.filling_bound),
+        ):
+            lines.append(f"{name:<24}{numeral(value, 1):>12} +- {numeral(bound, 1)} {unit}/s")
+        if rates.heart_rate is not None and rates.cardiac_output is not None:
+            lines.append(f"{'heart rate':<24}{rates.heart_rate:12.1f} /min")
+            lines.append(f"{'cardiac output':<24}{numeral(rates.cardiac_output, 1):>12} {unit}/min")
+    if (strain := ventricle.strain) is not None:
+        bounds = strain.whole_bounds.max(axis=0)
+        for name, peak, bound in zip(DIRECTIONS, strain.peak, bounds, strict=True):
+            lines.append(f"{f'{name} strain':<24}{peak:12.1f} +- {bound:.1f} %")
+    if (regions := ventricle.regions) is not None:
+        frame = int(np.nanmean(regions.shares, axis=1).argmax())
+        lines.append(f"inward motion over the radius at end diastole, frame {frame}, %:")
+        for name, share in zip(regions.names, regions.shares[frame], strict=True):
+            lines.append(f"  {name:<22}{share:12.1f}")
     return lines
 
 

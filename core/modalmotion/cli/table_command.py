@@ -23,7 +23,7 @@ from modalmotion.cli.options import (
 )
 from modalmotion.cli.waiting import Waiting
 from modalmotion.clinical import ClinicalReadouts, clinical_readouts
-from modalmotion.clinical.segments import RegionalMotion, regional_motion
+from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
 from modalmotion.errors import InputError
 from modalmotion.exports.table import Table, amplitude_table, frame_table
 from modalmotion.mesh.sequence import MeshSequence
@@ -37,7 +37,7 @@ from modalmotion.signature.making import ModalSignature, modal_signature
     "--frames",
     is_flag=True,
     help="A row a frame in place of a row an amplitude: motion and error, volume in ml, inward "
-    "motion of each segment in percent.",
+    "motion of each segment and strain in percent.",
 )
 @mode_options
 @surface_options
@@ -68,10 +68,13 @@ def table(source: Path, output: Path | None, frames: bool, **options: Any) -> No
 def _frames(signature: ModalSignature, sequence: MeshSequence) -> Table:
     """Tabulate frames, with all that this surface has."""
     readouts: ClinicalReadouts | None = None
-    regions: RegionalMotion | None = None
+    ventricle: VentricleReadouts | None = None
     try:
         readouts = clinical_readouts(signature, sequence)
-        regions = regional_motion(signature, sequence, readouts.mesh_curve.end_diastole)
     except InputError as error:
         click.echo(f"note: {error}", err=True)
-    return frame_table(signature, readouts, regions)
+    else:
+        ventricle = ventricle_readouts(signature, sequence, readouts)
+        for reason in ventricle.reasons:
+            click.echo(f"note: {reason}", err=True)
+    return frame_table(signature, readouts, ventricle)

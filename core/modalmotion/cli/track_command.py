@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 import numpy as np
@@ -16,7 +16,12 @@ from modalmotion.errors import ParameterError
 from modalmotion.formats import read_sequence, write_npz
 from modalmotion.numerals import numeral
 from modalmotion.pictures.image_overlay import overlay_figure
-from modalmotion.pictures.track import data_figure
+from modalmotion.pictures.track import (
+    data_figure,
+    determined_figure,
+    deviations_figure,
+    usual_frame,
+)
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
@@ -27,6 +32,8 @@ from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded, read_observed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_PICTURES: Final = ("data", "deviations", "determined")
 
 
 @click.command(epilog=example("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm"))
@@ -58,6 +65,11 @@ if TYPE_CHECKING:
 )
 @click.option("--frame-interval", type=float, help="Seconds from frame to frame.")
 @click.option("--reference", default=0, show_default=True, help="Frame that it starts from.")
+@click.option(
+    "--dynamics",
+    is_flag=True,
+    help="Go to the estimate by oscillators that the data drive; .h5 then holds the way.",
+)
 @click.option("--unit", help="Length unit: m, cm, mm, um or nm.")
 @click.option(
     "--contours",
@@ -74,6 +86,14 @@ if TYPE_CHECKING:
     help="Of images: whether papillary muscles count as cavity.",
 )
 @plot_option
+@click.option(
+    "--picture",
+    type=click.Choice(_PICTURES),
+    default="data",
+    show_default=True,
+    help="Of --plot: data over the surface by frame, the stated error on it, or what the data have "
+    "set.",
+)
 @json_option
 def track(
     source: Path,
@@ -82,6 +102,7 @@ def track(
     start: Path | None,
     contours: tuple[str, ...],
     plot: Path | None,
+    picture: str,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -108,7 +129,7 @@ def track(
     data = write_npz(result.sequence) if is_npz else track_to_hdf5(result)
     write_atomic(output, data)
     if plot is not None:
-        write_picture(_figure(result, recorded), plot)
+        write_picture(_figure(result, recorded, picture), plot)
     if as_json:
         click.echo(json.dumps(_numbers(result), indent=2))
     else:
@@ -117,7 +138,11 @@ def track(
     list_written(output, plot, as_json=as_json)
 
 
-def _figure(result: Track, recorded: Recorded) -> Figure:
+def _figure(result: Track, recorded: Recorded, picture: str) -> Figure:
+    if picture == "deviations":
+        return deviations_figure(result, usual_frame(result))
+    if picture == "determined":
+        return determined_figure(result)
     if recorded.images is not None:
         return overlay_figure(result, recorded.images)
     return data_figure(result, recorded.frames)
@@ -155,6 +180,8 @@ def _lines(result: Track) -> list[str]:
     if result.ejection_fraction is not None and result.ejection_fraction_bound is not None:
         bound = result.ejection_fraction_bound
         lines.append(f"volume change {result.ejection_fraction:.1f} % +- {bound:.1f}")
+    if result.driven is not None:
+        lines.append(f"driven to rest in {result.driven.steps[-1]} steps")
     if result.images is not None:
         both = ", ".join(
             f"{value:.1f} % ({name})" for name, value in result.ejection_fractions.items()
@@ -178,6 +205,7 @@ def _numbers(result: Track) -> dict[str, object]:
         "coverage": result.coverage.tolist(),
         "unseen": list(result.unseen),
         "gap": result.gap,
+        "driven_steps": None if result.driven is None else result.driven.steps[-1],
         "determined": result.determined.tolist(),
         "ejection_fraction": result.ejection_fraction,
         "ejection_fraction_bound": result.ejection_fraction_bound,

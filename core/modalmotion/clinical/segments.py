@@ -21,7 +21,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
-from modalmotion.template import Template
+from modalmotion.template import Landmarks, Template
 from modalmotion.template.directions import Direction, directions_on
 
 ANTERIOR: Final = "anterior"
@@ -109,12 +109,7 @@ def regional_motion(
         If the surface is not a cup.
     """
     used = fitted_on(signature, sequence, template)
-    if used.surface != CUP or used.landmarks is None:
-        raise TopologyError(
-            "Segments are those of a ventricle, a cup from apex to base; this surface is of the "
-            f"kind {signature.surface}.",
-            remedy="Send the wall of a ventricle, open at its base, or state topology cup.",
-        )
+    landmarks = require_ventricle(used, signature.surface)
     start = reference_positions(sequence, signature.parameters.reference)
     centre = used.weights @ start
     size = float(np.abs(start - centre).max()) or 1.0
@@ -126,12 +121,12 @@ def regional_motion(
         y = ((x - used.weights @ x) / size) @ R
         heights[frame] = np.einsum("vd,vd->v", y, normals)
         if frame == end_diastole:
-            offsets = y - (used.landmarks.origin - centre) / size
-            along = offsets @ used.landmarks.axis
-            across = offsets - along[:, None] * used.landmarks.axis
+            offsets = y - (landmarks.origin - centre) / size
+            along = offsets @ landmarks.axis
+            across = offsets - along[:, None] * landmarks.axis
             radii = np.linalg.norm(across, axis=1)
     inward = heights[end_diastole] - heights
-    names, segment, reason = _segments(used, sequence.facts)
+    names, segment, reason = at_places(used, sequence.facts, used.coordinates[:, 0], used.vertices)
     ring = _rings(used.coordinates[:, 0])
     shares = np.full((sequence.n_frames, len(names)), np.nan)
     for number in range(len(names)):
@@ -152,28 +147,65 @@ def _rings(s: NDArray[np.float64]) -> NDArray[np.int64]:
     return rings
 
 
-def _segments(template: Template, facts: Facts) -> tuple[tuple[str, ...], NDArray[np.int64], str]:
-    """Names of the segments, and the one that each vertex lies in."""
-    ring = _rings(template.coordinates[:, 0])
-    place = facts.landmarks.get(ANTERIOR)
-    reason = ""
-    if place is None or template.landmarks is None:
+def require_ventricle(template: Template, surface: str) -> Landmarks:
+    """Give the landmarks of a ventricle's wall.
+
+    Raises
+    ------
+    TopologyError
+        If the surface is not a cup.
+    """
+    if template.surface != CUP or template.landmarks is None:
+        raise TopologyError(
+            "Segments are those of a ventricle, a cup from apex to base; this surface is of the "
+            f"kind {surface}.",
+            remedy="Send the wall of a ventricle, open at its base, or state topology cup.",
+        )
+    return template.landmarks
+
+
+def at_places(
+    template: Template, facts: Facts, s: NDArray[np.float64], places: NDArray[np.float64]
+) -> tuple[tuple[str, ...], NDArray[np.int64], str]:
+    """Tell the segment of each place on the reference.
+
+    Parameters
+    ----------
+    template : Template
+        Of a ventricle.
+    facts : Facts
+        Of its sequence: the landmark of the anterior wall, and the hand of the coordinates.
+    s : (places,) float64
+        Way from apex to base.
+    places : (places, 3) float64, length unit
+
+    Returns
+    -------
+    names : tuple of str
+        The 17 segments, or rings.
+    segment : (places,) int64
+    reason : str
+        Why these are rings; empty where they are segments.
+    """
+    landmarks = require_ventricle(template, "mesh")
+    ring = _rings(s)
+    point = facts.landmarks.get(ANTERIOR)
+    if point is None:
         reason = (
             "Nothing says where the anterior wall is, so these are rings. State the landmark "
             f"'{ANTERIOR}', a vertex or a point in the middle of that wall."
         )
-    elif facts.handedness == UNKNOWN and facts.coordinates == UNKNOWN:
+        return RINGS, ring, reason
+    if facts.handedness == UNKNOWN and facts.coordinates == UNKNOWN:
         reason = (
             "Whether the coordinates are right-handed is unknown, so septal and lateral walls may "
             "be exchanged and these are rings. State handedness, or coordinates LPS or RAS."
         )
-    if reason or place is None or template.landmarks is None:
         return RINGS, ring, reason
-    marks = template.landmarks
-    point = template.vertices[place] if isinstance(place, int) else np.array(place, dtype=float)
-    away = np.stack([marks.theta_zero, np.cross(marks.axis, marks.theta_zero)])
+    anterior = template.vertices[point] if isinstance(point, int) else np.array(point, dtype=float)
+    away = np.stack([landmarks.theta_zero, np.cross(landmarks.axis, landmarks.theta_zero)])
     # Right-handed about the axis, which the columns of a lattice need not be.
-    x, y = away @ (np.vstack([template.vertices, point]) - marks.origin).T
+    x, y = away @ (np.vstack([places, anterior]) - landmarks.origin).T
     azimuths = np.arctan2(y, x) / (2 * np.pi)
     theta = azimuths[:-1] - azimuths[-1]
     # From anterior over septal to inferior: against the right-handed sense about the axis from

@@ -52,9 +52,9 @@ def to_xarray(
     Returns
     -------
     xarray.Dataset
-        amplitude (frame, mode, direction), its spectrum and frequencies by mode, errors and
-        volume by frame; coordinates label, wavenumber, time_s; attributes unit, ids, notes. It
-        goes to netCDF and back without loss.
+        amplitude (frame, mode, direction), its deviation where that is known, its spectrum and
+        frequencies by mode, errors and volume by frame; coordinates label, wavenumber, time_s;
+        attributes unit, ids, notes. It goes to netCDF and back without loss.
 
     Raises
     ------
@@ -73,6 +73,9 @@ def to_xarray(
         "rotation": (("frame", "row", "column"), signature.rotations.matrices),
         "translation": (("frame", "axis_name"), signature.translations, lengths),
     }
+    if signature.amplitude_deviations is not None:
+        sds = signature.amplitude_deviations
+        variables["deviation"] = (("frame", "mode", "direction"), sds, lengths)
     for name, column in frame_table(signature, readouts).columns.items():
         if name not in ("frame", "time_s", "unit"):
             volume = readouts.volume_unit if readouts is not None else ""

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.clinical.readouts import ClinicalReadouts
-from modalmotion.clinical.segments import RegionalMotion
+from modalmotion.clinical.strain import DIRECTIONS
+from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.template.body_frame import Components
@@ -63,13 +64,15 @@ def amplitude_table(signature: ModalSignature) -> Table:
     Returns
     -------
     Table
-        frame, time_s (NaN where unknown), mode (its rank), label, direction, amplitude, unit.
+        frame, time_s (NaN where unknown), mode (its rank), label, direction, amplitude, deviation
+        (its standard deviation, NaN where unknown), unit.
     """
     frames, modes, n = signature.amplitudes.shape
     directions = direction_names(signature)
     times = np.full(frames, np.nan) if signature.times is None else signature.times
     frame, mode, direction = (grid.ravel() for grid in np.indices((frames, modes, n)))
     labels = np.array([str(label) for label in signature.modes.labels])
+    sds = signature.amplitude_deviations
     return Table(
         {
             "frame": frame,
@@ -78,6 +81,7 @@ def amplitude_table(signature: ModalSignature) -> Table:
             "label": labels[mode],
             "direction": np.array(directions)[direction],
             "amplitude": signature.amplitudes.ravel(),
+            "deviation": np.full(frame.shape, np.nan) if sds is None else sds.ravel(),
             "unit": np.full(frame.shape, signature.unit or ""),
         }
     )
@@ -86,17 +90,17 @@ def amplitude_table(signature: ModalSignature) -> Table:
 def frame_table(
     signature: ModalSignature,
     readouts: ClinicalReadouts | None = None,
-    regions: RegionalMotion | None = None,
+    ventricle: VentricleReadouts | None = None,
 ) -> Table:
-    """List what is known of each frame: motion, error, volume, inward motion by segment.
+    """List what is known of each frame: motion, error, volume, segments, strain.
 
     Parameters
     ----------
     signature : ModalSignature
     readouts : ClinicalReadouts, optional
         Adds volume and its bound, in the unit that the columns name.
-    regions : RegionalMotion, optional
-        Adds a column for each segment, percent.
+    ventricle : VentricleReadouts, optional
+        Adds inward motion of each segment and strain of the whole, percent.
     """
     frames = np.arange(signature.n_frames)
     times = np.full(len(frames), np.nan) if signature.times is None else signature.times
@@ -115,9 +119,13 @@ def frame_table(
         columns[f"volume_{unit}"] = readouts.curve.volumes * factor
         columns[f"volume_bound_{unit}"] = readouts.curve.bounds * factor
         columns[f"mesh_volume_{unit}"] = readouts.mesh_curve.volumes * factor
-    if regions is not None:
+    if ventricle is not None and ventricle.regions is not None:
+        regions = ventricle.regions
         for name, share in zip(regions.names, regions.shares.T, strict=True):
             columns[f"inward_{name.replace(' ', '_')}_percent"] = share
+    if ventricle is not None and ventricle.strain is not None:
+        for name, strain in zip(DIRECTIONS, ventricle.strain.whole.T, strict=True):
+            columns[f"{name}_strain_percent"] = strain
     return Table(columns)
 
 

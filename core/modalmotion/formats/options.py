@@ -97,7 +97,10 @@ class ReadOptions:
             vertices, ordered, notes = in_time_order(sequence.vertices, list(stated or ()))
             for note in notes:
                 result = _noted(result, note)
-            result = replace(result, sequence=replace(result.sequence, vertices=vertices))
+            if vertices is not sequence.vertices:
+                # What is known of the frames' errors is in their old order.
+                moved = replace(result.sequence, vertices=vertices, uncertainty=None)
+                result = replace(result, sequence=moved)
             times = require_times(ordered, n if len(vertices) == n else len(vertices))
             result = replace(
                 result, sequence=replace(result.sequence, times=times), times_from="caller"

@@ -78,6 +78,13 @@ def data_figure(track: Track, observed: Sequence[Any]) -> Figure:
     return figure
 
 
+def usual_frame(track: Track) -> int:
+    """Choose the frame of the smallest volume, or of the largest stated error without volumes."""
+    if track.volumes is not None:
+        return int(np.argmin(track.volumes))
+    return int(np.argmax(track.deviations.mean(axis=(1, 2))))
+
+
 def deviations_figure(track: Track, frame: int) -> Figure:
     """Draw the stated standard deviation on the surface: across it, and along it.
 
@@ -131,6 +138,7 @@ def determined_figure(track: Track) -> Figure:
     """
     with needs_extra("plot"):
         from matplotlib.figure import Figure
+        from matplotlib.ticker import MaxNLocator
 
     share: NDArray[np.float64] = 100.0 * track.determined
     at = np.arange(len(share))
@@ -139,7 +147,8 @@ def determined_figure(track: Track) -> Figure:
     axes.bar(at - 0.2, share[:, 0], 0.4, color=_NORMAL, label="across the surface")
     axes.bar(at + 0.2, share[:, 1], 0.4, color=_TANGENTIAL, label="along it")
     axes.axhline(50.0, color=_DATA, lw=0.8, ls="--")
-    axes.set(xlabel="mode", ylabel="determined by the data (%)", ylim=(0, 105))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(xlabel="mode, by rank", ylabel="determined by the data (%)", ylim=(0, 105))
     undetermined = int((share[:, 1] < 50.0).sum())
     axes.set_title(
         f"{undetermined} of {len(share)} modes undetermined along the surface", fontsize=11

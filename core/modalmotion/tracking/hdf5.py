@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from modalmotion.modes.topology import Topology
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
 from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.template import Template
+from modalmotion.tracking.driven_frames import DrivenFrames
 from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.posterior import uncertainty_of
@@ -76,6 +77,12 @@ def track_to_hdf5(track: Track) -> bytes:
         json_text("template_notes", template.notes),
         json_text("provenance", dict(track.provenance)),
     ]
+    if track.driven is not None:
+        path = track.driven.path.reshape(-1, *track.amplitudes.shape)
+        axes = "snapshot, frame, mode, direction"
+        datasets.append(Dataset("driven_path", path, unit, axes))
+        steps = np.array(track.driven.steps, dtype="<i8")
+        datasets.append(Dataset("driven_steps", steps, "1", "snapshot"))
     if template.landmarks is not None:
         datasets += landmark_datasets(template.landmarks, unit)
     if sequence.times is not None:
@@ -128,6 +135,17 @@ def _across(track: Track, unit: str) -> list[Dataset]:
     return [Dataset("across_covariances", uncertainty.across, f"{unit}^2", axes)]
 
 
+def _driven(
+    contents: Contents, shape: tuple[int, int, int], estimate: dict[str, Any]
+) -> DrivenFrames | None:
+    if "driven_path" not in contents.arrays:
+        return None
+    path = contents.array("driven_path", (None, *shape))
+    steps = contents.array("driven_steps", (len(path),)).tolist()
+    flat = path.reshape(len(path), shape[0], -1)
+    return DrivenFrames(flat, tuple(steps), estimate["driven_frequency"])
+
+
 def _estimate(track: Track) -> dict[str, object]:
     return {
         "prior": asdict(track.prior),
@@ -135,6 +153,7 @@ def _estimate(track: Track) -> dict[str, object]:
         "harmonic": track.harmonic,
         "gap": track.gap,
         "reference": track.reference,
+        "driven_frequency": None if track.driven is None else track.driven.frequency,
         "images": None if track.images is None else asdict(track.images),
         "ejection_fraction_percent": track.ejection_fraction,
         "ejection_fraction_bound": track.ejection_fraction_bound,
@@ -206,6 +225,7 @@ def track_in(contents: Contents) -> Track:
         unseen=tuple(contents.array("unseen", (None,)).tolist()),
         gap=estimate["gap"],
         reference=estimate["reference"],
+        driven=_driven(contents, (f, m, 3), estimate),
         notes=tuple(contents.json("notes", list)),
         provenance=contents.json("provenance", dict),
         images=None if estimate.get("images") is None else ImageAnswer(**estimate["images"]),

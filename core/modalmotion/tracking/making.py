@@ -17,7 +17,7 @@ from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import whole_count
 from modalmotion.modes.topology import Topology
-from modalmotion.numeric.kinds import whole
+from modalmotion.numeric.kinds import truth, whole
 from modalmotion.progress import Progress
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.deformable import Deformable
@@ -64,6 +64,7 @@ def track(
     period: float | None = None,
     unit: str | None = None,
     reference: int | None = 0,
+    dynamics: bool = False,
     papillary: Papillary = "pool",
     progress: Progress | None = None,
 ) -> Track:
@@ -101,6 +102,10 @@ def track(
         Frame whose surface the start is, exactly; None where it is the surface of none. Without
         a start it is the frame that the shape is taken from. Of images it is also the frame whose
         brightness counts, and a start is only where the search begins.
+    dynamics : bool
+        Go to the last estimate by oscillators that the data drive, equation (3), in steps that are
+        proved stable: `tracking.driven_frames`. It ends at the same amplitudes, to a millionth,
+        and the track has the way there as `driven`.
     papillary : {"pool", "wall"}
         Of images: whether papillary muscles count as cavity in volumes.
     progress : callable, optional
@@ -187,7 +192,9 @@ def track(
         noise = replace(noise, truncation=truncation, n_values=n_values)
     noises = [noise.of_frame(energy(surface, a, prior)) for a in here.amplitudes(len(surface))]
     Q, h0, prior = chain_of(surface, here, prior, phases, is_closed=is_closed, pinned=pinned)
-    found = together(surface, frames, here, prior, noises, Q, pinned, done)
+    found = together(
+        surface, frames, here, prior, noises, Q, pinned, done, dynamics=truth("dynamics", dynamics)
+    )
     vertices = np.stack([surface.positions(a) for a in found.amplitudes])
     require_unfolded(surface, vertices)
     require_volume(cavity_in(template), vertices)
@@ -227,6 +234,7 @@ def track(
         unseen=unseen,
         gap=gap,
         reference=pinned,
+        driven=found.driven,
         notes=notes,
         provenance={
             "modes": len(surface),

@@ -27,7 +27,7 @@ class TrackParameters:
 
     Parameters
     ----------
-    topology, modes, tolerance, time, reference : optional
+    topology, modes, tolerance, time, reference, dynamics : optional
         As for `modalmotion.tracking.track`.
     contours : tuple of str
         Of typed contours: parts of the names of those to read.
@@ -48,6 +48,7 @@ class TrackParameters:
     tolerance: float | None = None
     time: Time = "cycle"
     reference: int | None = 0
+    dynamics: bool = False
     contours: tuple[str, ...] = USUAL_CONTOURS
     landmarks: Mapping[str, Any] = field(default_factory=dict)
     papillary: Papillary = "pool"
@@ -115,6 +116,7 @@ class TrackParameters:
             period=self.facts.period,
             unit=self.unit or recorded.unit,
             reference=self.reference,
+            dynamics=self.dynamics,
             papillary=self.papillary,
             progress=progress,
         )

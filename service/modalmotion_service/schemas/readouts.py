@@ -5,6 +5,8 @@ from __future__ import annotations
 from pydantic import BaseModel, Field
 
 from modalmotion.clinical import ClinicalReadouts, Fraction, VolumeCurve
+from modalmotion.clinical.plain import ventricle_json
+from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.hdf5.image import INTENDED_USE
 
 
@@ -66,6 +68,45 @@ class VolumeAnswer(BaseModel):
         )
 
 
+class RatesAnswer(BaseModel):
+    """How fast the cavity empties and fills; volumes in `volume_unit`."""
+
+    peak_ejection_rate: float = Field(description="Volume per s, positive.")
+    peak_filling_rate: float = Field(description="Volume per s.")
+    ejection_bound: float = Field(description="Largest error of it that left-out modes make.")
+    filling_bound: float = Field(description="Largest error of it that left-out modes make.")
+    ejection_frame: int
+    filling_frame: int
+    heart_rate: float | None = Field(description="Beats per minute; null without a stated period.")
+    cardiac_output: float | None = Field(description="Volume per minute.")
+    output_range: tuple[float, float] | None = Field(description="Interval that holds it.")
+
+
+class SegmentsAnswer(BaseModel):
+    """Inward motion of the wall over the radius at end diastole (Cerqueira 2002)."""
+
+    names: list[str] = Field(description="The 17 segments, or the four rings.")
+    percent: list[list[float | None]] = Field(description="By frame, then by segment.")
+    end_diastole: int
+    reason: str = Field(description="Why there are rings only; empty where there are segments.")
+
+
+class StrainAnswer(BaseModel):
+    """Lagrangian strain since end diastole, percent; negative is shorter."""
+
+    directions: list[str]
+    whole: list[list[float]] = Field(description="By frame, then by direction.")
+    whole_bounds: list[list[float]] = Field(
+        description="What leaving out other modes does to it, percentage points."
+    )
+    peak: list[float] = Field(description="Most negative, by direction.")
+    names: list[str] = Field(description="The 17 segments, or the four rings.")
+    by_segment: list[list[list[float | None]]] = Field(
+        description="By frame, segment and direction."
+    )
+    end_diastole: int
+
+
 class ReadoutsAnswer(BaseModel):
     """Read-outs from a cavity's volume over time."""
 
@@ -80,11 +121,16 @@ class ReadoutsAnswer(BaseModel):
         "out all other modes puts on it, not the accuracy of the measurement."
     )
     of_mesh: VolumeAnswer = Field(description="Of the frames as they were sent.")
+    rates: RatesAnswer | None = Field(description="Null where times are unknown.")
+    segments: SegmentsAnswer | None = Field(description="Null where this is not a ventricle.")
+    strain: StrainAnswer | None = Field(
+        description="Null where nothing says that vertices follow the tissue (tracking=material)."
+    )
     notes: list[str]
     intended_use: str = INTENDED_USE
 
     @staticmethod
-    def of(readouts: ClinicalReadouts) -> ReadoutsAnswer:
+    def of(readouts: ClinicalReadouts, ventricle: VentricleReadouts) -> ReadoutsAnswer:
         """Write read-outs out."""
         factor = readouts.shown_in
         return ReadoutsAnswer(
@@ -96,5 +142,6 @@ class ReadoutsAnswer(BaseModel):
             n_openings=readouts.n_openings,
             from_signature=VolumeAnswer.of(readouts.curve, factor),
             of_mesh=VolumeAnswer.of(readouts.mesh_curve, factor),
-            notes=list(readouts.notes),
+            notes=[*readouts.notes, *ventricle.reasons],
+            **ventricle_json(ventricle),
         )

@@ -65,6 +65,11 @@ class TrackQuery(FactsQuery):
         description="Frame that it starts from, whose surface a start is; none where it is the "
         "surface of none.",
     )
+    dynamics: bool = Field(
+        False,
+        description="Go to the estimate by oscillators that the data drive, in stable steps; it "
+        "ends at the same place, and the HDF5 file has the way there.",
+    )
     contours: str = Field(
         ",".join(USUAL_CONTOURS),
         min_length=1,
@@ -104,6 +109,7 @@ class TrackQuery(FactsQuery):
             tolerance=self.tolerance,
             time=self.time,
             reference=None if self.reference == "none" else int(self.reference),
+            dynamics=self.dynamics,
             contours=tuple(part for part in self.contours.split(",") if part),
             landmarks=landmarks,
             unit=self.unit,
@@ -156,6 +162,9 @@ class TrackEstimate(BaseModel):
         description="Distance of the shapes that both ways round the cycle end at; null of an "
         "open recording."
     )
+    driven_steps: int | None = Field(
+        description="Steps in which oscillators came to rest; null without dynamics."
+    )
     volumes: list[float] | None = Field(description="Cubed unit; null of what encloses none.")
     volume_deviations: list[float] | None
     ejection_fraction: float | None = Field(
@@ -186,6 +195,7 @@ class TrackEstimate(BaseModel):
             truncations=track.truncations.tolist(),
             determined=track.determined.tolist(),
             gap=track.gap,
+            driven_steps=None if track.driven is None else track.driven.steps[-1],
             volumes=_plain(track.volumes),
             volume_deviations=_plain(track.volume_deviations),
             ejection_fraction=track.ejection_fraction,

@@ -57,6 +57,25 @@ def test_the_whole_track_and_its_figures(tmp_path: Path) -> None:
     track = track_from_hdf5(output.read_bytes())
     assert track.sequence.id == numbers["sequence_id"]
     assert track.sequence.times is not None
+    # The track's own file is read by the other commands, with its deviations.
+    asked = ["signature", str(output), "--kind", "offset", "--json", "--modes", "4"]
+    result = CliRunner().invoke(main, asked)
+    assert json.loads(result.stdout)["deviation_share"] > 0.0
+    assert json.loads(result.stdout)["sequence_id"] == numbers["sequence_id"]
+
+
+def test_oscillators_and_each_picture(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    source, output = clouds_in(tmp_path / "in"), tmp_path / "beat.h5"
+    words = (source, "-o", output, "--modes", 4, "--dynamics", "--plot", tmp_path / "a.png")
+    pictures = set()
+    for picture in ("data", "deviations", "determined"):
+        text = run(*words, "--picture", picture)
+        pictures.add((tmp_path / "a.png").read_bytes())
+    assert len(pictures) == 3
+    driven = track_from_hdf5(output.read_bytes()).driven
+    assert driven is not None
+    assert f"driven to rest in {driven.steps[-1]} steps" in text
 
 
 def test_a_landmark_that_is_none_is_refused(tmp_path: Path) -> None:

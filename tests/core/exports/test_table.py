@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from viewed_surfaces import viewed
 
 from modalmotion.clinical import clinical_readouts
-from modalmotion.clinical.segments import regional_motion
+from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.exports.table import Table, amplitude_table, frame_table
+from modalmotion.facts import Facts
 
 
 @pytest.mark.parametrize(
@@ -35,15 +37,32 @@ def test_every_amplitude_has_a_row(name: str, directions: tuple[str, ...]) -> No
     assert {row["unit"] for row in rows} == {"mm"}
 
 
+def test_deviations_stand_beside_their_amplitudes() -> None:
+    signature = viewed("offset")[1]
+    assert signature.amplitude_deviations is None
+    assert np.isnan(amplitude_table(signature).columns["deviation"]).all()
+    sds = 0.1 + np.abs(signature.amplitudes)
+    table = amplitude_table(replace(signature, amplitude_deviations=sds))
+    np.testing.assert_array_equal(table.columns["deviation"], sds.ravel())
+
+
 def test_frames_have_errors_volumes_and_segments() -> None:
     sequence, signature = viewed("cup")
     readouts = clinical_readouts(signature, sequence)
-    regions = regional_motion(signature, sequence, 0)
-    table = frame_table(signature, readouts, regions)
+    stated = sequence.with_facts(Facts(tracking="material"))
+    ventricle = ventricle_readouts(signature, stated, readouts)
+    assert ventricle.regions is not None
+    assert ventricle.strain is not None
+    table = frame_table(signature, readouts, ventricle)
     assert table.n_rows == signature.n_frames
     np.testing.assert_array_equal(table.columns["rms_error"], signature.rms_errors)
     np.testing.assert_allclose(table.columns["volume_ml"], readouts.curve.volumes / 1000.0)
-    np.testing.assert_array_equal(table.columns["inward_basal_percent"], regions.shares[:, 0])
+    np.testing.assert_array_equal(
+        table.columns["inward_basal_percent"], ventricle.regions.shares[:, 0]
+    )
+    np.testing.assert_array_equal(
+        table.columns["longitudinal_strain_percent"], ventricle.strain.whole[:, 1]
+    )
 
 
 def test_what_is_missing_is_empty_and_texts_are_quoted() -> None:

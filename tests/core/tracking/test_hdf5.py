@@ -19,7 +19,8 @@ def result() -> Track:
     beat, rng = breathing_spheroid(4), np.random.default_rng(0)
     clouds: list[object] = [sampled(x, beat.faces, 150, rng, 0.3) for x in beat.vertices]
     clouds[2] = None
-    return track(clouds, modes=7, times=[0.0, 0.2, 0.5, 0.7], period=0.9, unit="mm")
+    times = [0.0, 0.2, 0.5, 0.7]
+    return track(clouds, modes=7, times=times, period=0.9, unit="mm", dynamics=True)
 
 
 def test_a_track_reads_as_it_was_written(result: Track) -> None:
@@ -33,6 +34,10 @@ def test_a_track_reads_as_it_was_written(result: Track) -> None:
     assert again.modes == result.modes
     for name in ("prior", "noise", "unseen", "gap", "reference", "notes", "harmonic"):
         assert getattr(again, name) == getattr(result, name)
+    assert again.driven is not None
+    assert result.driven is not None
+    assert again.driven.steps == result.driven.steps
+    assert again.driven.path.tobytes() == result.driven.path.tobytes()
     for name in ("amplitudes", "covariances", "deviations", "residuals", "volumes", "determined"):
         assert np.array_equal(getattr(again, name), getattr(result, name), equal_nan=True)
 

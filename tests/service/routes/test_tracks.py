@@ -53,6 +53,7 @@ def test_a_track_is_made_once_and_is_the_librarys_bit_for_bit(
     here = client.get(link).json()
     assert again.json()["residual_rms"] == here["residual_rms"]
     assert link == f"{HERE}/{here['id']}"
+    assert here["driven_steps"] is None
     assert here["links"] == {"self": link, "sequence": f"/v1/sequences/{here['id']}"}
     assert here["sequence"]["facts"]["tracking"] == "offset"
     assert (here["sequence"]["subject"], here["sequence"]["n_frames"]) == ("P 1", 4)

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from modalmotion.clinical import clinical_readouts
+from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.exports.surfaces import SurfaceFormat, write_superposed
 from modalmotion.exports.table import frame_table
 from modalmotion.facts import Facts
@@ -29,16 +30,15 @@ def read_out(
 ) -> bytes:
     """Read volume and ejection fraction from a kept signature, as JSON, PNG or a table."""
     fitted = signature_from_hdf5(signature)
-    result = clinical_readouts(
-        fitted,
-        sequence_from_hdf5(sequence).with_facts(facts),
-        template=None if template is None else template_from_hdf5(template),
-    )
-    if media_type == CSV:
-        return frame_table(fitted, result).to_csv().encode()
+    loaded = sequence_from_hdf5(sequence).with_facts(facts)
+    named = None if template is None else template_from_hdf5(template)
+    result = clinical_readouts(fitted, loaded, template=named)
     if media_type == PNG:
         return png_of(volume_figure(result))
-    return ReadoutsAnswer.of(result).model_dump_json().encode()
+    ventricle = ventricle_readouts(fitted, loaded, result, template=named)
+    if media_type == CSV:
+        return frame_table(fitted, result, ventricle).to_csv().encode()
+    return ReadoutsAnswer.of(result, ventricle).model_dump_json().encode()
 
 
 # Parts of the whole.

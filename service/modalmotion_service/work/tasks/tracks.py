@@ -6,8 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
 
-import numpy as np
-
 from modalmotion.errors import ParameterError
 from modalmotion.facts import Facts
 from modalmotion.stopwatch import Stopwatch
@@ -95,11 +93,11 @@ def draw_track(
 
 
 def _frame_of(track: Track, frame: int | None) -> int:
-    """Frame that is asked for, or the one of the smallest volume, or of the largest error."""
+    """Frame that is asked for, or the usual one."""
+    from modalmotion.pictures.track import usual_frame
+
     if frame is None:
-        if track.volumes is not None:
-            return int(np.argmin(track.volumes))
-        return int(np.argmax(track.deviations.mean(axis=(1, 2))))
+        return usual_frame(track)
     if frame >= track.n_frames:
         raise ParameterError(
             f"The picture is to show frame {frame}, but there are {track.n_frames} (0 to "

@@ -1,0 +1,76 @@
+"""What is read of a ventricle beside its volume: rates, segments, strain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from modalmotion.clinical.rates import Rates, rates_of
+from modalmotion.clinical.readouts import ClinicalReadouts
+from modalmotion.clinical.segments import RegionalMotion, regional_motion
+from modalmotion.clinical.strain import Strain, wall_strain
+from modalmotion.errors import InputError
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.representation import shown
+from modalmotion.signature.making import ModalSignature
+from modalmotion.template import Template
+
+T = TypeVar("T")
+
+
+@shown("rates", "regions", "strain")
+@dataclass(frozen=True, eq=False)
+class VentricleReadouts:
+    """Readouts that not every surface has; None where it has not, and why.
+
+    Parameters
+    ----------
+    rates : Rates or None
+    regions : RegionalMotion or None
+    strain : Strain or None
+    reasons : tuple of str
+        Why each of those that are None is.
+    """
+
+    rates: Rates | None
+    regions: RegionalMotion | None
+    strain: Strain | None
+    reasons: tuple[str, ...]
+
+
+def ventricle_readouts(
+    signature: ModalSignature,
+    sequence: MeshSequence,
+    readouts: ClinicalReadouts,
+    *,
+    template: Template | None = None,
+) -> VentricleReadouts:
+    """Read what a ventricle's wall and volume tell further.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    sequence : MeshSequence
+        The one it was made from, with its facts.
+    readouts : ClinicalReadouts
+        Of the same signature: its largest volume is end diastole.
+    template : Template, optional
+        The one that the signature's parameters name, if they name one.
+    """
+    start = readouts.mesh_curve.end_diastole
+    reasons: list[str] = []
+
+    def attempt(make: Callable[[], T]) -> T | None:
+        try:
+            return make()
+        except InputError as error:
+            reasons.append(str(error))
+            return None
+
+    return VentricleReadouts(
+        rates=attempt(lambda: rates_of(readouts, sequence.facts.period)),
+        regions=attempt(lambda: regional_motion(signature, sequence, start, template=template)),
+        strain=attempt(lambda: wall_strain(signature, sequence, start, template=template)),
+        reasons=tuple(dict.fromkeys(reasons)),
+    )

@@ -1,0 +1,37 @@
+"""What is read of a ventricle beside its volume."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from viewed_surfaces import viewed
+
+from modalmotion.clinical import clinical_readouts
+from modalmotion.clinical.plain import ventricle_json
+from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
+from modalmotion.facts import Facts
+
+
+def read(name: str, facts: Facts) -> VentricleReadouts:
+    sequence, signature = viewed(name)
+    readouts = clinical_readouts(signature, sequence)
+    return ventricle_readouts(signature, sequence.with_facts(facts), readouts)
+
+
+def test_a_tracked_ventricle_has_all_and_json_takes_it() -> None:
+    result = read("cup", Facts(tracking="material", period=1.0))
+    assert result.reasons == ()
+    plain = json.loads(json.dumps(ventricle_json(result), allow_nan=False))
+    assert plain["rates"]["heart_rate"] == pytest.approx(60.0)
+    assert len(plain["segments"]["percent"][0]) == 4
+    assert plain["strain"]["directions"] == ["circumferential", "longitudinal"]
+
+
+def test_what_is_not_there_is_null_and_has_a_reason() -> None:
+    result = read("torus", Facts())
+    assert (result.regions, result.strain) == (None, None)
+    assert result.rates is not None
+    assert any("torus" in reason for reason in result.reasons)
+    assert any("tracking=material" in reason for reason in result.reasons)
+    assert ventricle_json(result)["strain"] is None

@@ -1,0 +1,122 @@
+"""All frames driven to rest: the same end as the solution's, at any step, as proved."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from clouds import Floats, breathing_spheroid, sampled
+
+from modalmotion.errors import ParameterError, ToleranceError
+from modalmotion.tracking import Track, track
+from modalmotion.tracking import driven_frames as here
+from modalmotion.tracking.driven_frames import drive_frames
+from modalmotion.tracking.time_chain import chain_precision, joined
+
+BALL = breathing_spheroid(4)
+N_FRAMES, N = 4, 9
+
+
+def system(rng: np.random.Generator) -> tuple[Floats, Floats, Floats, Floats]:
+    """Data terms of unlike strength, one of them empty, and a chain."""
+    half = rng.normal(size=(N_FRAMES, N, N // 2)) * np.geomspace(0.5, 2, N_FRAMES)[:, None, None]
+    half[2] = 0.0
+    A = half @ half.transpose(0, 2, 1)
+    Q = chain_precision(np.arange(N_FRAMES) / N_FRAMES, 2.0, is_closed=True)
+    b = rng.normal(size=(N_FRAMES, N))
+    b[2] = 0.0
+    return A, b, rng.uniform(0.5, 5.0, N), Q
+
+
+def test_oscillators_rest_where_the_solution_is(rng: np.random.Generator) -> None:
+    A, b, K, Q = system(rng)
+    solution = joined(A, b, K, Q)[0]
+    found = drive_frames(A, b, K, Q, rng.normal(size=(N_FRAMES, N)), None)
+    assert np.abs(found.path[-1] - solution).max() <= 1e-6 * np.abs(solution).max()
+    assert found.steps[:5] == (0, 1, 2, 4, 8)
+    assert len(found.path) == len(found.steps)
+    # The second road begins where the first rests.
+    assert drive_frames(A, b, K, Q, found.path[-1], None).path[0] == pytest.approx(found.path[-1])
+
+
+@pytest.mark.parametrize("step", [0.3, 40.0])
+def test_any_step_ends_there(
+    step: float, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    A, b, K, Q = system(rng)
+    monkeypatch.setattr(here, "STEP", step)
+    found = drive_frames(A, b, K, Q, np.zeros((N_FRAMES, N)), None)
+    solution = joined(A, b, K, Q)[0]
+    assert np.abs(found.path[-1] - solution).max() <= 1e-6 * np.abs(solution).max()
+    assert np.abs(found.path).max() <= 3.0 * np.abs(solution).max()
+
+
+def test_no_eigenvalue_exceeds_the_bound(rng: np.random.Generator) -> None:
+    for _ in range(3):
+        A, b, K, Q = system(rng)
+        W = drive_frames(A, b, K, Q, np.zeros((N_FRAMES, N)), None).frequency
+        # The frame without data follows the others.
+        seen = np.array([0, 1, 3])
+        Q = np.linalg.inv(np.linalg.inv(Q)[np.ix_(seen, seen)])
+        q, U = np.linalg.eigh(Q)
+        H = np.kron(Q, np.diag(K))
+        M = np.zeros_like(H)
+        for f, own in enumerate(A[seen]):
+            rows = slice(f * N, (f + 1) * N)
+            H[rows, rows] += own
+            M[rows, rows] = A[seen].mean(axis=0) + q[f] * np.diag(K)
+        turn = np.kron(U.T, np.eye(N))
+        largest = np.linalg.eigvals(np.linalg.solve(M, turn @ H @ turn.T)).real.max()
+        assert largest <= W**2
+
+
+def test_a_pinned_frame_stays_where_it_is(rng: np.random.Generator) -> None:
+    A, b, K, Q = system(rng)
+    found = drive_frames(A, b, K, Q, np.zeros((N_FRAMES, N)), 1)
+    assert not found.path[:, 1].any()
+    held = A.copy()
+    held[1] = np.diag(1e8 * K)
+    b[1] = 0.0
+    solution = joined(held, b, K, Q)[0]
+    assert found.path[-1] == pytest.approx(solution, abs=1e-5 * np.abs(solution).max())
+
+
+def test_what_does_not_rest_is_said(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(here, "_MOST_STEPS", 3)
+    with pytest.raises(ToleranceError, match="after 3 steps") as caught:
+        drive_frames(*system(rng), np.zeros((N_FRAMES, N)), None)
+    assert "leave out dynamics" in caught.value.remedy
+
+
+@pytest.fixture(scope="module")
+def both() -> tuple[Track, Track]:
+    rng = np.random.default_rng(0)
+    clouds = [sampled(x, BALL.faces, 100, rng, 0.3) for x in BALL.vertices]
+    usual, slow = (track(clouds, start=BALL, modes=7, dynamics=d) for d in (False, True))
+    return usual, slow
+
+
+def test_tracking_by_oscillators_ends_at_the_same_amplitudes(both: tuple[Track, Track]) -> None:
+    usual, slow = both
+    size = np.abs(usual.amplitudes).max()
+    assert np.abs(slow.amplitudes - usual.amplitudes).max() <= 1e-6 * size
+    assert slow.covariances == pytest.approx(usual.covariances, rel=1e-3, abs=1e-9)
+
+
+def test_the_way_leads_from_the_start_to_the_surface(both: tuple[Track, Track]) -> None:
+    usual, slow = both
+    assert usual.driven is None
+    assert slow.driven is not None
+    start = np.broadcast_to(BALL.vertices[0], BALL.vertices.shape)
+    assert slow.driven_vertices(0) == pytest.approx(start)
+    assert slow.driven_vertices(-1) == pytest.approx(slow.sequence.vertices)
+    away = [
+        float(np.linalg.norm(slow.driven_vertices(k) - slow.sequence.vertices))
+        for k in range(len(slow.driven.steps))
+    ]
+    assert away[-1] < 1e-6 * away[0]
+    assert max(away) < 1.5 * away[0]
+    for track_, snapshot in ((usual, 0), (slow, len(away))):
+        with pytest.raises(ParameterError, match="dynamics=True"):
+            track_.driven_vertices(snapshot)
