@@ -29,6 +29,7 @@ CHEAP = {
     "norm": "train {controls} --name ours -o {out}.norm.h5",
     "readouts": "{beat}",
     "reconstruct": "{beat} -o {out}.npz",
+    "report": "{beat} -o {out}",
     "signature": "{beat} -o {out}.h5",
     "simulate": "-o {out}.npz",
     "simulate-cohort": "-o {out} --per-class 1 --seed 1",
