@@ -16,6 +16,7 @@ MODULES = (
     "tradeoff_front",
     "codec",
     "tracking",
+    "images",
     "classification",
     "classification_domain",
     "classification_invariance",

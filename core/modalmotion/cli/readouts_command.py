@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
@@ -21,7 +20,7 @@ from modalmotion.cli.options import (
     signature_parameters,
     surface_options,
 )
-from modalmotion.cli.outputs import write_picture
+from modalmotion.cli.outputs import PICTURES, OutputFile, write_picture
 from modalmotion.cli.waiting import Waiting
 from modalmotion.clinical import ClinicalReadouts, VolumeCurve, clinical_readouts
 from modalmotion.clinical.plain import ventricle_json
@@ -31,6 +30,7 @@ from modalmotion.errors import TopologyError
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numerals import counted, numeral
+from modalmotion.pictures.bulls_eye import bulls_eye_figure, most_moved
 from modalmotion.pictures.readouts import volume_figure
 from modalmotion.signature.making import ModalSignature, modal_signature
 
@@ -43,8 +43,15 @@ from modalmotion.signature.making import ModalSignature, modal_signature
 @reference_option
 @components_option
 @plot_option
+@click.option(
+    "--bulls-eye",
+    type=OutputFile(*PICTURES),
+    help="Picture of inward motion by segment to write (.png, .svg, .pdf).",
+)
 @json_option
-def readouts(source: Path, plot: Path | None, as_json: bool, **options: Any) -> None:
+def readouts(
+    source: Path, plot: Path | None, bulls_eye: Path | None, as_json: bool, **options: Any
+) -> None:
     """Read volume and ejection fraction of the surface in FILE, with their bounds.
 
     The share of its volume that is lost is an ejection fraction where --cavity is stated or the
@@ -60,12 +67,19 @@ def readouts(source: Path, plot: Path | None, as_json: bool, **options: Any) -> 
             ventricle = ventricle_readouts(signature, sequence, result)
     if plot is not None:
         write_picture(volume_figure(result), plot)
+    if bulls_eye is not None:
+        if ventricle.regions is None:
+            raise TopologyError(
+                "This surface has no segments to draw.",
+                remedy="Leave --bulls-eye out: segments are those of a cup, a ventricle's wall.",
+            )
+        write_picture(bulls_eye_figure(ventricle.regions), bulls_eye)
     if as_json:
         click.echo(json.dumps({**_numbers(result), **ventricle_json(ventricle)}, indent=2))
     else:
         notes = [f"note: {note}" for note in (*result.notes, *ventricle.reasons)]
         click.echo("\n".join([*_lines(result), *_further(ventricle, result.volume_unit), *notes]))
-    list_written(plot, as_json=as_json)
+    list_written(plot, bulls_eye, as_json=as_json)
 
 
 def volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]:
@@ -140,7 +154,7 @@ def _further(ventricle: VentricleReadouts, unit: str) -> list[str]:
         for name, peak, bound in zip(DIRECTIONS, strain.peak, bounds, strict=True):
             lines.append(f"{f'{name} strain':<24}{peak:12.1f} +- {bound:.1f} %")
     if (regions := ventricle.regions) is not None:
-        frame = int(np.nanmean(regions.shares, axis=1).argmax())
+        frame = most_moved(regions)
         lines.append(f"inward motion over the radius at end diastole, frame {frame}, %:")
         for name, share in zip(regions.names, regions.shares[frame], strict=True):
             lines.append(f"  {name:<22}{share:12.1f}")

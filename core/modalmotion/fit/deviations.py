@@ -240,6 +240,5 @@ def _from_reference(
     else:
         c = correlations[:, reference][:, None, None]
         variances = own**2 - 2.0 * c * own * own[reference] + own[reference] ** 2
-        variances[reference] = 0.0
     deviations: NDArray[np.float64] = np.sqrt(np.maximum(variances, 0.0))
     return deviations

@@ -20,10 +20,12 @@ from modalmotion.tracking.folding import require_unfolded
 from modalmotion.tracking.image_levels import first_sight
 from modalmotion.tracking.image_search import search
 from modalmotion.tracking.image_view import Facets, Sight, View, view_of
-from modalmotion.tracking.observation import Frame
+from modalmotion.tracking.landmark_path import path_between
+from modalmotion.tracking.observation import Frame, Observation
 from modalmotion.tracking.papillary import CONVENTIONS, Papillary
 from modalmotion.tracking.passes import first_guess
 from modalmotion.tracking.request import with_landmarks
+from modalmotion.tracking.settling import settle
 from modalmotion.tracking.start import start_shape
 
 Floats = NDArray[np.float64]
@@ -101,7 +103,9 @@ def frames_of_images(
             remedy="Use pool, where they are cavity, or wall, where they are not.",
         )
     images = images.sliced()
-    marks = _marks(images, landmarks, reference)
+    soft = path_between(landmarks, images.n_frames, is_closed=is_closed)
+    stated = _marks(images, landmarks, reference)
+    marks = tuple((*a, *b) for a, b in zip(stated, soft, strict=True))
     places = _places(marks[reference])
     image = images.frames[reference]
     if image is None:
@@ -123,7 +127,9 @@ def frames_of_images(
     middle = (places["apex"] + places["base"]) / 2.0
     sight = Sight(first.levels, np.zeros(3), middle, np.zeros((n_planes, 3)))
     rough = start_shape(CUP, first.points, places) if start is None else _as_sequence(start)
-    shape, sight, found = _reference_shape(rough, image, marks[reference], sight, reference)
+    shape, sight, found = _reference_shape(
+        rough, image, marks[reference], sight, reference, first.points
+    )
     done()
     template = make_template(shape)
     surface = Deformable.of(template, modes)
@@ -137,14 +143,20 @@ def frames_of_images(
         done()
     shares = np.array([0.0 if view is None else view.found for view in views])
     frames: list[Frame] = []
-    for view, share in zip(views, shares, strict=True):
-        frames.append((view.observation(),) if view is not None and share >= _LEAST_FOUND else ())
+    for view, share, between in zip(views, shares, soft, strict=True):
+        is_seen = view is not None and share >= _LEAST_FOUND
+        frames.append((view.observation(), *between) if view is not None and is_seen else ())
     notes = _notes(shares, images, found)
     return ImageFrames(tuple(frames), shape, facets, papillary, sight, shares, notes)
 
 
 def _reference_shape(
-    rough: MeshSequence, image: Image, marks: Frame, sight: Sight, number: int
+    rough: MeshSequence,
+    image: Image,
+    marks: Frame,
+    sight: Sight,
+    number: int,
+    points: Floats,
 ) -> tuple[MeshSequence, Sight, float]:
     base = make_template(rough)
     facets = Facets.of(base.faces, base.vertices, base.weights)
@@ -154,6 +166,10 @@ def _reference_shape(
         prior, noise = first_guess(surface)
         is_cold = len(a) == 1
         a = np.concatenate([a, np.zeros((len(surface) - len(a), 3))])
+        if is_cold:
+            # Wherever a start lies, and however wide it is, rays from the axis met the edge there.
+            variances = prior.variances(surface.wavenumbers)
+            a = settle(surface, (Observation(points), *marks), a, variances, noise).amplitudes
         state = search(
             surface,
             facets,

@@ -114,6 +114,8 @@ def renewed(sight: Sight, view: View) -> Sight:
     inner, outer, x = inner[ok], outer[ok], x[ok]
     spread = _spread(view)
     gain = 1.0 + x @ sight.slope
+    # Labels have no noise: all errors of more than a thousandth count alike.
+    least = 1e-3 * abs(sight.levels.inside - sight.levels.outside)
     inside, outside, slope = sight.levels.inside, sight.levels.outside, sight.slope
     for _ in range(4):
         inside, outside = float(np.median(inner / gain)), float(np.median(outer / gain))
@@ -121,7 +123,7 @@ def renewed(sight: Sight, view: View) -> Sight:
         rows = np.concatenate([inside * x, outside * x])
         left = np.concatenate([inner - inside, outer - outside])
         r = np.abs(left - rows @ slope)
-        w = 1.0 / np.maximum(r, 0.1 * np.median(r) + 1e-300)
+        w = 1.0 / np.maximum(r, max(0.1 * float(np.median(r)), least))
         ridge = 1e-3 * float((w[:, None] * rows * rows).sum()) / 3.0 * np.eye(3)
         slope = np.linalg.solve(rows.T @ (w[:, None] * rows) + ridge, rows.T @ (w * left))
         gain = np.clip(1.0 + x @ slope, 0.4, 1.8)

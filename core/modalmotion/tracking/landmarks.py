@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -15,6 +16,22 @@ from modalmotion.facts.json_form import read_object
 
 Landmarks = Mapping[str, NDArray[np.float64]]
 """By name a place (3,), or (frames, 3) with NaN where it is unknown; in the points' unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Proposed:
+    """A landmark that was proposed, and how far it may be off.
+
+    Parameters
+    ----------
+    places : (frames, 3) float64, length unit
+        NaN where it is unknown.
+    sd : float, length unit
+    """
+
+    places: NDArray[np.float64]
+    sd: float
+
 
 _REMEDY: Final = (
     'Write {"apex": [x, y, z], "base": [[x, y, z], null, ...]}: a place in the reference frame, or '

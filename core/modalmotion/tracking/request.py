@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.sequence import MM_PER_UNIT
+from modalmotion.tracking.landmarks import Proposed
 from modalmotion.tracking.observation import NAMED_PLACES, Frame, Observation
 
 
@@ -67,7 +68,9 @@ def with_landmarks(
     full = list(frames)
     box = _box(frames)
     for name, value in landmarks.items():
-        places = np.asarray(value, dtype=np.float64)
+        sd = value.sd if isinstance(value, Proposed) else None
+        own = value.places if isinstance(value, Proposed) else value
+        places = np.asarray(own, dtype=np.float64)
         if name not in NAMED_PLACES:
             raise ParameterError(
                 f"The landmark '{name}' places nothing.",
@@ -88,7 +91,7 @@ def with_landmarks(
         for k, place in enumerate(places):
             if np.isfinite(place).all():
                 _require_near(name, k, place, box)
-                full[k] = (*full[k], Observation(place[None], places=(name,)))
+                full[k] = (*full[k], Observation(place[None], sd=sd, places=(name,)))
     return tuple(full)
 
 

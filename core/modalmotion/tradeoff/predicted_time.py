@@ -66,7 +66,8 @@ def signature_seconds(
     modes, fits = most_modes(parameters), 1
     if modes != parameters.modes:
         fits = _FITS_OF_MAX if parameters.tolerance_of == ErrorKind.MAX else _FITS
-    noise = _OF_NOISE * n_bytes if parameters.auto else 0.0
+    is_estimated = parameters.auto or parameters.deviations
+    noise = _OF_NOISE * n_bytes if is_estimated else 0.0
     springs = 0.0 if parameters.closed_form else spring_seconds(n_bytes, modes)
     fitting = fits * _products(n_bytes, modes) * _OF_PRODUCT
     return reading_seconds(n_bytes, kind) + fitting + noise + springs

@@ -38,6 +38,15 @@ def test_numbers_are_the_librarys_and_the_picture_is_written(beat: Path, tmp_pat
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_bulls_eye_is_drawn_of_a_ventricle(beat: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "segments.png"
+    run = CliRunner().invoke(main, ["readouts", str(beat), "--bulls-eye", str(picture)])
+    assert run.exit_code == 0, run.output
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert "inward motion over the radius" in run.output
+    assert "cardiac output" in run.output
+
+
 def test_a_table_for_people_and_a_line_beside_the_signature(beat: Path) -> None:
     own = read(read_npz(beat.read_bytes()).sequence)
     table = CliRunner().invoke(main, ["readouts", str(beat)])

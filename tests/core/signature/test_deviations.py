@@ -115,6 +115,9 @@ def test_a_distance_comes_with_the_one_that_errors_make(tracked: Track) -> None:
     assert one is not None
     assert found.by_errors == pytest.approx(np.sqrt(2.0) * one, rel=0.1)
     assert compare(true, true).by_errors is None
+    tenth = replace(own, amplitude_deviations=0.1 * np.abs(own.amplitudes))
+    assert compare(true, tenth).by_errors == pytest.approx(0.1)
+    assert compare(tenth, true).by_errors == pytest.approx(0.1)
     in_metres = replace(
         own,
         unit="m",

@@ -1,0 +1,153 @@
+"""Label maps: a segmentation as the easiest image, its apex and base proposed from itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.images import ImageSequence, PlaneSet, Volume
+from modalmotion.tracking.landmarks import Proposed
+
+Floats = NDArray[np.float64]
+
+# Brightness of the labelled cavity; outside is 0.
+_INSIDE: Final = 100.0
+
+# Deviation of a proposal, in voxels: of an opening seen between labels, and of an end.
+_OPENING: Final = 1.0
+_END: Final = 2.0
+
+# Fewer voxels have no axis.
+_FEWEST: Final = 30
+
+
+class Labelled(NamedTuple):
+    """Images of labels, ready to be tracked.
+
+    Parameters
+    ----------
+    images : ImageSequence
+    landmarks : mapping of "apex" and "base" to Proposed
+    """
+
+    images: ImageSequence
+    landmarks: dict[str, Proposed]
+
+
+def from_labels(images: ImageSequence, labels: Sequence[int], wall: Sequence[int] = ()) -> Labelled:
+    """Make a label map ready for `track`: cavity bright, wall dark, ends proposed.
+
+    Parameters
+    ----------
+    images : ImageSequence
+        Volumes of whole numbers.
+    labels : sequence of int
+        Of the cavity.
+    wall : sequence of int
+        Of the wall around it. With it the opening is where the cavity borders on neither, and
+        nothing is looked for there; without it the wider end of the cavity is its base.
+
+    Raises
+    ------
+    ParameterError
+        If a label is nowhere in a frame; it names those that are.
+    ShapeError
+        If a frame is no volume.
+    """
+    frames: list[Volume | None] = []
+    n = images.n_frames
+    apices, bases = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+    spacing = 0.0
+    axis = None
+    for k, frame in enumerate(images.frames):
+        if frame is None:
+            frames.append(None)
+            continue
+        if isinstance(frame, PlaneSet):
+            raise ShapeError(
+                f"Frame {k} is a set of planes; the ends of a cavity are seen in volumes.",
+                remedy="State apex and base, and track the planes as images.",
+                frame=k,
+            )
+        cavity = np.isin(frame.values, list(labels))
+        if cavity.sum() < _FEWEST:
+            there = ", ".join(str(v) for v in np.unique(frame.values)[:12])
+            raise ParameterError(
+                f"Label {', '.join(map(str, labels))} has {int(cavity.sum())} voxels in frame {k}.",
+                remedy=f"Name one of these: {there}.",
+                frame=k,
+            )
+        around = np.isin(frame.values, list(wall))
+        apices[k], bases[k], axis = _ends(frame, cavity, around if wall else None, axis)
+        spacing = max(spacing, float(max(frame.spacing)))
+        values = np.where(cavity, np.float32(_INSIDE), np.float32(0.0))
+        if wall:
+            values[~cavity & ~around] = np.nan
+        frames.append(Volume(values, frame.affine))
+    marks = {
+        "apex": Proposed(apices, _END * spacing),
+        "base": Proposed(bases, (_OPENING if wall else _END) * spacing),
+    }
+    note = "Apex and base were proposed from the labels."
+    made = ImageSequence(tuple(frames), images.times, images.period, (*images.notes, note))
+    return Labelled(made, marks)
+
+
+def _ends(
+    volume: Volume, cavity: NDArray[np.bool_], wall: NDArray[np.bool_] | None, before: Floats | None
+) -> tuple[Floats, Floats, Floats]:
+    """Apex, base and the unit vector between them, of one frame."""
+    A = volume.affine
+    points = np.argwhere(cavity) @ A[:, :3].T + A[:, 3]
+    middle = points.mean(axis=0)
+    half = float(np.linalg.norm(A[:, :3], axis=0).mean()) / 2.0
+    faces = np.zeros((0, 3)) if wall is None else _open_faces(cavity, wall) @ A[:, :3].T + A[:, 3]
+    if len(faces):
+        base: Floats = faces.mean(axis=0)
+        axis = (base - middle) / np.linalg.norm(base - middle)
+        height = float(((points - base) @ axis).min()) - half
+        return _near_axis(points, base, axis, height, half), base, axis
+    _, vectors = np.linalg.eigh(np.cov((points - middle).T))
+    axis = vectors[:, -1]
+    z = (points - middle) @ axis
+    if before is None:
+        # A base is cut where the cavity is still wide.
+        low, high = np.quantile(z, (0.0, 1.0))
+        step = 0.12 * (high - low)
+        turn = (z > high - step).sum() >= (z < low + step).sum()
+    else:
+        turn = axis @ before > 0
+    axis = axis if turn else -axis
+    z = (points - middle) @ axis
+    top = points[z > z.max() - 3.0 * half]
+    base = top.mean(axis=0)
+    base = base + (float(z.max()) + half - float((base - middle) @ axis)) * axis
+    height = float(z.min() - (base - middle) @ axis) - half
+    return _near_axis(points, base, axis, height, half), base, axis
+
+
+def _near_axis(points: Floats, base: Floats, axis: Floats, height: float, half: float) -> Floats:
+    """Tip: at the height of the lowest voxels, in the middle of those near it."""
+    z = (points - base) @ axis
+    tip = points[z < height + 5.0 * half].mean(axis=0)
+    place: Floats = tip + (height - float((tip - base) @ axis)) * axis
+    return place
+
+
+def _open_faces(cavity: NDArray[np.bool_], wall: NDArray[np.bool_]) -> Floats:
+    """Middles, as indices, of voxels' faces between the cavity and what is neither it nor wall."""
+    other = ~cavity & ~wall
+    found: list[Any] = []
+    for axis in range(3):
+        a, b = [slice(None)] * 3, [slice(None)] * 3
+        a[axis], b[axis] = slice(None, -1), slice(1, None)
+        lower, upper = tuple(a), tuple(b)
+        is_open = (cavity[lower] & other[upper]) | (other[lower] & cavity[upper])
+        places = np.argwhere(is_open).astype(np.float64)
+        places[:, axis] += 0.5
+        found.append(places)
+    return np.concatenate(found)

@@ -1,0 +1,65 @@
+"""Label maps: tracked with no landmark of the user's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from ellipsoid_images import (
+    APEX,
+    AXES,
+    BASE,
+    CUT,
+    LENGTH,
+    MIDDLE,
+    RADIUS,
+    WALL,
+    enclosed,
+    off_surface,
+    planes,
+)
+
+from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.images import ImageSequence, Volume
+from modalmotion.tracking import track
+from modalmotion.tracking.label_maps import from_labels
+
+STEP = 1.5
+SHAPE = (56, 56, 66)
+AFFINE = np.column_stack([STEP * np.eye(3), MIDDLE - STEP * (np.array(SHAPE) - 1) / 2])
+
+
+def labels(radius: float = RADIUS) -> Volume:
+    """3 in the cavity, 2 in the wall; cut at the base."""
+    index = np.stack(np.meshgrid(*map(np.arange, SHAPE), indexing="ij"), axis=-1)
+    local = (index @ AFFINE[:, :3].T + AFFINE[:, 3] - MIDDLE) @ AXES
+    inside, outside = (
+        np.linalg.norm(local / (np.array([radius, radius, LENGTH]) + w), axis=-1) < 1.0
+        for w in (0.0, WALL)
+    )
+    values = np.where(inside, 3, np.where(outside, 2, 0)).astype(np.uint8)
+    values[local[..., 2] > CUT] = 0
+    return Volume(values, AFFINE)
+
+
+@pytest.mark.parametrize("wall", [(2,), ()], ids=["wall", "cavity alone"])
+def test_a_segmentation_is_tracked_with_no_other_statement(wall: tuple[int, ...]) -> None:
+    made = from_labels(ImageSequence((labels(), labels(18.0))), (3,), wall)
+    for name, place in (("apex", APEX), ("base", BASE)):
+        own = made.landmarks[name]
+        away = np.linalg.norm(own.places - place, axis=1)
+        assert (away < 2.0 * own.sd).all(), name
+    result = track(made.images, landmarks=made.landmarks)
+    for x, radius in zip(result.sequence.vertices, (RADIUS, 18.0), strict=True):
+        below = x[(x - MIDDLE) @ AXES[:, 2] < CUT - 3.0].astype(np.float64)
+        assert off_surface(below, radius) < 0.5
+    assert result.volumes == pytest.approx([enclosed(), enclosed(18.0)], rel=0.05)
+    assert any("proposed" in note for note in result.notes)
+
+
+def test_labels_that_are_nowhere_are_named() -> None:
+    images = ImageSequence((labels(),))
+    with pytest.raises(ParameterError, match="Label 7") as error:
+        from_labels(images, (7,))
+    assert "0, 2, 3" in error.value.remedy
+    with pytest.raises(ShapeError, match="planes"):
+        from_labels(ImageSequence((planes(),)), (3,))
