@@ -17,7 +17,7 @@ DOCUMENTS = ROOT / "docs"
     [
         ("simulation.md", 2),
         ("classification.md", 9),
-        ("error.md", 1),
+        ("error.md", 2),
         ("norms.md", 2),
         ("interoperability.md", 1),
     ],
