@@ -577,6 +577,8 @@ ELSEWHERE = {
     "Choose the modes from the lattice itself, with `lowest_modes`": "tests/core/modes",
     "Give rng=numpy.random.default_rng(seed)": "tests/core/simulate",
     "Use what `view_payload`": "tests/core/viewer",
+    "Leave --bulls-eye out": "tests/core/cli",
+    "State times or the interval of frames": "tests/core/clinical",
     "numpy.array": "written as it stands",
     "numpy.savez": "written as it stands",
     "`modalmotion ": "the command exists, see above; a store or a service of another",
