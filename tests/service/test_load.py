@@ -95,7 +95,7 @@ def test_uploads_of_20_mb_take_at_most_four_bodies_each(
         if kind == "signature of raw":
             return client.signature_of(raws[number % 2], **RAW)
         if kind == "upload of raw":
-            return client.upload(raws[number % 2], label=str(number), **RAW)
+            return client.upload(raws[number % 2], label=str(number % 2), **RAW)
         return client.upload(sequences[number % 2])
 
     found = bodies_in_memory(service, N_WORKERS, call, size)

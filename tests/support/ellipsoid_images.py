@@ -100,3 +100,20 @@ def enclosed(radius: float = RADIUS) -> float:
     z = np.array([CUT, -LENGTH])
     high, low = z - z**3 / (3.0 * LENGTH**2)
     return float(np.pi * radius**2 * (high - low))
+
+
+_LABELLED = (56, 56, 66)
+
+
+def labels(radius: float = RADIUS) -> Volume:
+    """3 in the cavity, 2 in the wall; cut at the base."""
+    affine = np.column_stack([1.5 * np.eye(3), MIDDLE - 1.5 * (np.array(_LABELLED) - 1) / 2])
+    index = np.stack(np.meshgrid(*map(np.arange, _LABELLED), indexing="ij"), axis=-1)
+    local = (index @ affine[:, :3].T + affine[:, 3] - MIDDLE) @ AXES
+    inside, outside = (
+        np.linalg.norm(local / (np.array([radius, radius, LENGTH]) + w), axis=-1) < 1.0
+        for w in (0.0, WALL)
+    )
+    values = np.where(inside, 3, np.where(outside, 2, 0)).astype(np.uint8)
+    values[local[..., 2] > CUT] = 0
+    return Volume(values, affine)

@@ -27,6 +27,7 @@ COMMANDS: Final = {
     "norm": ("norm_commands", "Compare recordings with those of your own controls."),
     "readouts": ("readouts_command", "Read volume and ejection fraction of the cavity in FILE."),
     "reconstruct": ("analysis_commands", "Write the surfaces that a few modes stand for."),
+    "report": ("report_command", "Report on the sequence in FILE, for people and systems."),
     "show": ("show_command", "Say what FILE holds."),
     "signature": ("analysis_commands", "Fit the modal signature of the sequence in FILE."),
     "simulate": ("simulate_command", "Simulate one heartbeat of a left ventricle."),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -25,6 +26,7 @@ from modalmotion.pictures.track import (
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
+from modalmotion.tracking.label_maps import from_labels
 from modalmotion.tracking.landmark_file import read_landmark_file
 from modalmotion.tracking.papillary import CONVENTIONS
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
@@ -79,6 +81,14 @@ _PICTURES: Final = ("data", "deviations", "determined")
     help="Of typed contours: parts of the names to read.",
 )
 @click.option(
+    "--label",
+    "labels",
+    type=int,
+    multiple=True,
+    help="Of a label map: value of the cavity; apex and base are then proposed.",
+)
+@click.option("--wall", type=int, multiple=True, help="Of a label map: value of the wall.")
+@click.option(
     "--papillary",
     type=click.Choice(CONVENTIONS),
     default="pool",
@@ -101,6 +111,8 @@ def track(
     landmarks: tuple[str, ...],
     start: Path | None,
     contours: tuple[str, ...],
+    labels: tuple[int, ...],
+    wall: tuple[int, ...],
     plot: Path | None,
     picture: str,
     as_json: bool,
@@ -118,8 +130,7 @@ def track(
             bar.length = total
             bar.update(done - bar.pos)
 
-        recorded = read_observed(source, contours=contours)
-        marks: dict[str, Any] = {}
+        recorded, marks = _labelled(read_observed(source, contours=contours), labels, wall)
         for text in landmarks:
             marks |= _landmarks(text, recorded, options["unit"])
         parameters = TrackParameters(contours=contours, landmarks=marks, **options)
@@ -136,6 +147,21 @@ def track(
         notes = [f"note: {note}" for note in result.notes]
         click.echo("\n".join([*_lines(result), *notes]))
     list_written(output, plot, as_json=as_json)
+
+
+def _labelled(
+    recorded: Recorded, labels: tuple[int, ...], wall: tuple[int, ...]
+) -> tuple[Recorded, dict[str, Any]]:
+    """Turn label maps to images, with the landmarks that they propose."""
+    if not labels:
+        return recorded, {}
+    if recorded.images is None:
+        raise ParameterError(
+            "A label is named, but IN holds no images.",
+            remedy="Leave --label out, or give a label map as NIfTI, NRRD or MetaImage.",
+        )
+    made = from_labels(recorded.images, labels, wall)
+    return replace(recorded, images=made.images, notes=made.images.notes), dict(made.landmarks)
 
 
 def _figure(result: Track, recorded: Recorded, picture: str) -> Figure:

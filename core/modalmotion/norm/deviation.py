@@ -121,6 +121,17 @@ class Deviation:
     @property
     def lines(self) -> str:
         """The answer in words, line by line."""
+        return "\n".join([*self.findings, *self.remarks])
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Warnings and notes, as lines."""
+        warnings = [f"warning: {words}" for words in self.warnings]
+        return (*warnings, *(f"note: {words}" for words in self.notes))
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What was found, as lines."""
         verdict = "deviates from" if self.deviates else "lies within"
         share = f"{100 * self.attainable:.1f} % of recordings like the controls"
         lines = [
@@ -128,15 +139,14 @@ class Deviation:
             f"  {share} would be called a deviation (level {self.level:g})",
             *(f"  {group.words}" for group in self.groups),
             *(
-                f"  {one.words} {one.value:.1f} {one.unit}: p = {numeral(one.p)}, "
-                f"{100 * one.share_less:.0f} % of the controls have less"
+                f"  {one.words}: p = {numeral(one.p)}, "
+                f"{100 * one.share_less:.0f} % of the controls have a smaller one"
                 for one in self.quantities
             ),
         ]
         if self.covariates:
             lines.append(f"  accounted for: {', '.join(self.covariates)}")
-        lines += [f"warning: {words}" for words in self.warnings]
-        return "\n".join(lines + [f"note: {words}" for words in self.notes])
+        return tuple(lines)
 
     def as_json(self) -> dict[str, Any]:
         """Every field as JSON values, and each group in words."""

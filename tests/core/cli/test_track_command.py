@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from clouds import breathing_spheroid, sampled
-from ellipsoid_images import LANDMARKS, planes
+from ellipsoid_images import LANDMARKS, labels, planes
 
 from modalmotion.cli import main
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, read_npz
 from modalmotion.formats.volumes import read_images, write_nifti_zip
+from modalmotion.formats.volumes.writing import write_nifti
 from modalmotion.images import ImageSequence
 from modalmotion.tracking.hdf5 import track_from_hdf5
 from modalmotion.tracking.landmark_file import read_landmark_file
@@ -125,3 +126,16 @@ def test_simulated_images_come_with_their_truth(tmp_path: Path) -> None:
     marks = read_landmark_file((tmp_path / "a.landmarks.json").read_bytes())
     base = marks.for_points("LPS", "mm")["base"]
     assert np.ravel(base)[:3] == pytest.approx(truth.vertices[0, -64:].mean(axis=0), abs=1e-3)
+
+
+def test_a_label_map_is_tracked_with_no_landmark(tmp_path: Path) -> None:
+    pytest.importorskip("nibabel")
+    source = tmp_path / "labels.nii.gz"
+    source.write_bytes(write_nifti(ImageSequence((labels(), labels(18.0)))))
+    text = run(source, "-o", tmp_path / "b.npz", "--label", 3, "--wall", 2, "--modes", 7)
+    assert "Apex and base were proposed" in text
+    assert "2 frames in 7 modes of a cup" in text
+    words = [str(clouds_in(tmp_path)), "-o", str(tmp_path / "c.npz"), "--label", "3"]
+    result = CliRunner().invoke(main, ["track", *words])
+    assert result.exit_code != 0
+    assert "no images" in result.output

@@ -29,9 +29,12 @@ CHEAP = {
     "norm": "train {controls} --name ours -o {out}.norm.h5",
     "readouts": "{beat}",
     "reconstruct": "{beat} -o {out}.npz",
+    "report": "{beat} -o {out}",
     "signature": "{beat} -o {out}.h5",
+    "show": "{beat}",
     "simulate": "-o {out}.npz",
     "simulate-cohort": "-o {out} --per-class 1 --seed 1",
+    "table": "{beat} -o {out}.csv",
     "tradeoff": "{beat} --tolerance 2",
     "view": "{beat} -o {out}.html",
 }

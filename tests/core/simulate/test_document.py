@@ -14,7 +14,13 @@ DOCUMENTS = ROOT / "docs"
 
 @pytest.mark.parametrize(
     ("name", "n_blocks"),
-    [("simulation.md", 2), ("classification.md", 9), ("error.md", 1), ("norms.md", 2)],
+    [
+        ("simulation.md", 2),
+        ("classification.md", 9),
+        ("error.md", 2),
+        ("norms.md", 2),
+        ("interoperability.md", 1),
+    ],
 )
 def test_its_code_runs(name: str, n_blocks: int) -> None:
     namespace: dict[str, object] = {}

@@ -9,36 +9,18 @@ from ellipsoid_images import (
     AXES,
     BASE,
     CUT,
-    LENGTH,
     MIDDLE,
     RADIUS,
-    WALL,
     enclosed,
+    labels,
     off_surface,
     planes,
 )
 
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.images import ImageSequence, Volume
+from modalmotion.images import ImageSequence
 from modalmotion.tracking import track
 from modalmotion.tracking.label_maps import from_labels
-
-STEP = 1.5
-SHAPE = (56, 56, 66)
-AFFINE = np.column_stack([STEP * np.eye(3), MIDDLE - STEP * (np.array(SHAPE) - 1) / 2])
-
-
-def labels(radius: float = RADIUS) -> Volume:
-    """3 in the cavity, 2 in the wall; cut at the base."""
-    index = np.stack(np.meshgrid(*map(np.arange, SHAPE), indexing="ij"), axis=-1)
-    local = (index @ AFFINE[:, :3].T + AFFINE[:, 3] - MIDDLE) @ AXES
-    inside, outside = (
-        np.linalg.norm(local / (np.array([radius, radius, LENGTH]) + w), axis=-1) < 1.0
-        for w in (0.0, WALL)
-    )
-    values = np.where(inside, 3, np.where(outside, 2, 0)).astype(np.uint8)
-    values[local[..., 2] > CUT] = 0
-    return Volume(values, AFFINE)
 
 
 @pytest.mark.parametrize("wall", [(2,), ()], ids=["wall", "cavity alone"])

@@ -30,7 +30,7 @@ from modalmotion.classification.model.model import Model
 from modalmotion.facts import UNKNOWN
 from modalmotion.signature.making import ModalSignature
 
-# Of the amplitudes: above it probabilities were too sure (docs/decisions/0036).
+# Of the amplitudes: above it probabilities were too sure (docs/decisions/0039).
 _UNSURE = 0.2
 
 _COLUMNS_NOTE = (

@@ -1,0 +1,17 @@
+"""A report of one recording: for systems, for tables and for people."""
+
+from modalmotion.report.content import Report, report_of
+from modalmotion.report.fhir import fhir_bundle, fhir_json
+from modalmotion.report.page import report_figure, report_pdf
+from modalmotion.report.quantities import Quantity, quantities_of
+
+__all__ = [
+    "Quantity",
+    "Report",
+    "fhir_bundle",
+    "fhir_json",
+    "quantities_of",
+    "report_figure",
+    "report_of",
+    "report_pdf",
+]

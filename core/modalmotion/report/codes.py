@@ -1,0 +1,67 @@
+"""Codes of what is reported: one table, which a person reviews.
+
+LOINC stands only where the sender states cavity and modality, since its terms name both; all
+else has a code of our own.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from modalmotion.facts import Facts
+
+SYSTEM: Final = "urn:modalmotion:codes"
+"""Of our own codes."""
+
+LOINC: Final = "http://loinc.org"
+UCUM: Final = "http://unitsofmeasure.org"
+ABSENT: Final = "http://terminology.hl7.org/CodeSystem/data-absent-reason"
+CATEGORY: Final = "http://terminology.hl7.org/CodeSystem/observation-category"
+
+OWN: Final = {
+    "analysis": "Motion analysis of a surface",
+    "volumes": "Volumes of a moving cavity",
+    "ejection_fraction": "Ejection fraction",
+    "volume_change": "Volume change",
+    "end_diastolic_volume": "End-diastolic volume",
+    "end_systolic_volume": "End-systolic volume",
+    "stroke_volume": "Stroke volume",
+    "low": "Lower end of the interval",
+    "high": "Upper end of the interval",
+    "amplitudes": "Modal amplitudes over time",
+    "times": "Times of the frames",
+    "volume_curve": "Volume over time",
+    "fit": "Error of the modal fit",
+    "rms_error": "Root mean square error",
+    "max_error": "Largest error",
+    "class": "Class of motion",
+    "probability": "Probability of a class",
+    "deviation": "Deviation from controls",
+    "p": "p-value",
+}
+"""Displays of our own codes."""
+
+# (code, cavities, modalities) -> LOINC code and its exact display.
+_LOINC: Final = {
+    ("ejection_fraction", "lv"): ("10230-1", "Left ventricular Ejection fraction"),
+}
+
+
+def concept(code: str, facts: Facts | None = None, text: str | None = None) -> dict[str, Any]:
+    """Give the CodeableConcept of a code.
+
+    Parameters
+    ----------
+    code : str
+        Of `OWN`.
+    facts : Facts, optional
+        With a cavity and a modality a term of LOINC is named first.
+    text : str, optional
+        In place of the code's display.
+    """
+    coding = [{"system": SYSTEM, "code": code.replace("_", "-"), "display": OWN[code]}]
+    if facts is not None and facts.modality not in (None, "simulated"):
+        term = _LOINC.get((code, str(facts.cavity)))
+        if term is not None:
+            coding.insert(0, {"system": LOINC, "code": term[0], "display": term[1]})
+    return {"coding": coding, "text": text or OWN[code]}
