@@ -238,7 +238,11 @@ def test_files_of_one_volume_each_are_frames_in_the_order_of_their_names() -> No
         read(zipped(a__nii__gz=one, b__nii__gz=write_nifti(BEAT)))
 
 
-@pytest.mark.parametrize("data", [b"", b"abc" * 200, gzip.compress(b"x" * 500), nifti()[:300]])
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"abc" * 200, gzip.compress(b"x" * 500), nifti()[:300]],
+    ids=["empty", "text", "packed", "cut"],
+)
 def test_other_files_are_refused(data: bytes) -> None:
     with pytest.raises(MalformedFileError) as error:
         read(data)
