@@ -40,6 +40,7 @@ from modalmotion_service.routes import (
     models,
     prometheus,
     readouts,
+    reports,
     sent_signature,
     sequences,
     signatures,
@@ -68,8 +69,8 @@ def judged_routes() -> list[BaseRoute]:
     """All routes, made once for all applications of a process: it takes longer than all else."""
     router = APIRouter(dependencies=[Depends(require_judged)])
     for module in (
-        *(sequences, tracks, signatures, sent_signature, tradeoff, readouts, templates, codec),
-        *(classifications, classify, models, evaluations, features, jobs, limits),
+        *(sequences, tracks, signatures, sent_signature, tradeoff, readouts, reports),
+        *(templates, codec, classifications, classify, models, evaluations, features, jobs, limits),
         *(audit, health, kserve, prometheus, documentation, views),
     ):
         router.include_router(module.router)

@@ -47,6 +47,7 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("GET", "/v1/sequences/{sequence_id}/signature"): Scope.READ,
     ("GET", "/v1/sequences/{sequence_id}/tradeoff"): Scope.READ,
     ("GET", "/v1/sequences/{sequence_id}/readouts"): Scope.READ,
+    ("GET", "/v1/sequences/{sequence_id}/report"): Scope.READ,
     ("GET", "/v1/sequences/{sequence_id}/view"): Scope.READ,
     ("GET", "/v1/sequences/{sequence_id}/view/frames"): Scope.READ,
     ("GET", "/v1/sequences/{sequence_id}/distance"): Scope.READ,

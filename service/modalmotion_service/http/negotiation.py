@@ -17,6 +17,8 @@ STREAM: Final = "application/vnd.modalmotion.stream"
 PNG: Final = "image/png"
 CSV: Final = "text/csv"
 HTML: Final = "text/html"
+FHIR: Final = "application/fhir+json"
+PDF: Final = "application/pdf"
 VIEW: Final = "application/vnd.modalmotion.view"
 
 

@@ -25,8 +25,8 @@ class JobAnswer(BaseModel):
     kind: str = Field(
         description="upload, signature, signatures, template, track, classification, training, or "
         "the answer that it makes: sent-signature, sent-classification, sent-encoding, decoding, "
-        "encoding, tradeoff, signature-view, distance, readouts, reconstruction, template-modes, "
-        "template-view, model-view, track-view."
+        "encoding, tradeoff, signature-view, distance, readouts, report, reconstruction, "
+        "template-modes, template-view, model-view, track-view."
     )
     state: JobState
     progress: float = Field(description="Share that is done, 0 to 1.")

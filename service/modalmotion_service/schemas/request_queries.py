@@ -47,6 +47,17 @@ class ViewFramesQuery(SignatureQuery):
     stop: int | None = Field(None, ge=1, description="Frame after the last; all by default.")
 
 
+class ReportQuery(SignatureQuery):
+    """What a report says beside the signature."""
+
+    model: str | None = Field(
+        None,
+        max_length=80,
+        description="Model whose kept classification is reported: a name, or name@version. None "
+        "by default.",
+    )
+
+
 class ReconstructionQuery(SignatureQuery):
     """Query parameters of a reconstruction."""
 

@@ -34,6 +34,7 @@ from modalmotion_service.work.task_progress import followed
 from modalmotion_service.work.tasks import (
     codec,
     derived,
+    reports,
     sequences,
     signatures,
     templates,
@@ -319,6 +320,29 @@ class Analysis:
                 output,
             )
         return output
+
+    async def report(
+        self,
+        sequence_id: str,
+        parameters: SignatureParameters,
+        classification: Path | None,
+        media_type: str,
+    ) -> bytes:
+        """Report on a sequence, as FHIR, PDF or a table."""
+        sequence, signature = await self._with_sequence(sequence_id, parameters)
+        template = self._template_path(parameters)
+        record = self._store.sequence_record(sequence_id)
+        with stage("report"):
+            return await self.work(
+                reports.make_report,
+                sequence,
+                signature,
+                template,
+                media_type,
+                record.facts,
+                classification,
+                record.created,
+            )
 
     async def view(
         self, sequence_id: str, parameters: SignatureParameters, *, as_page: bool

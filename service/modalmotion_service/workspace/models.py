@@ -31,7 +31,7 @@ from modalmotion.store import (
 )
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.timing import stage
-from modalmotion_service.schemas import ReadingAnswer
+from modalmotion_service.schemas import ClassificationRequest, ReadingAnswer
 from modalmotion_service.work.tasks import classification
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
@@ -294,6 +294,34 @@ class Models:
             version = self._version_of(result)
             classifications.append(KeptClassification(result, version, path))
         return classifications
+
+    def known_classification(self, sequence_id: str, text: str) -> KeptClassification:
+        """Find a kept classification by its model, as "name" for the newest or "name@3".
+
+        Of several by one version that of the usual coverage is given.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        """
+        name, version = parse_reference(text)
+        known = [
+            one
+            for one in self.classifications(sequence_id)
+            if one.result.model == name and version in (None, one.version)
+        ]
+        if not known:
+            raise NotFoundError(
+                f"The model {text[:80]} has not classified this sequence.",
+                remedy=f"POST /v1/sequences/{sequence_id}/classifications names its class; then "
+                "ask again.",
+            )
+        usual = ClassificationRequest().coverage
+        return max(
+            known,
+            key=lambda one: (one.version or 0, one.result.coverage == usual, str(one.path)),
+        )
 
     async def classify(
         self, upload: Upload, model: ChosenModel, coverage: float

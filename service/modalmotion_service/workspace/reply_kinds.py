@@ -13,6 +13,7 @@ from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion.facts import Facts, facts_from_json
 from modalmotion_service.http.negotiation import (
     CSV,
+    FHIR,
     GLB,
     HDF5,
     HTML,
@@ -40,6 +41,7 @@ from modalmotion_service.schemas.request_queries import (
     DistanceQuery,
     EncodeQuery,
     ReconstructionQuery,
+    ReportQuery,
     TemplateQuery,
     ViewFramesQuery,
 )
@@ -166,6 +168,18 @@ def make_replies(
         body = await analysis.readouts(request["sequence_id"], parameters, media_type)
         return Reply(body, media_type)
 
+    async def report(request: Request, _: Report) -> Reply:
+        query, media_type = query_of(request, ReportQuery), request["media_type"]
+        sequence_id = request["sequence_id"]
+        parameters, _facts = analysis.resolved(sequence_id, query.parameters())
+        known = None
+        if query.model is not None:
+            known = await asyncio.to_thread(models.known_classification, sequence_id, query.model)
+        path = None if known is None else known.path
+        body = await analysis.report(sequence_id, parameters, path, media_type)
+        kind = f"{media_type}; fhirVersion=4.0" if media_type == FHIR else media_type
+        return Reply(body, kind)
+
     async def reconstruction(request: Request, _: Report) -> Reply:
         query, media_type = query_of(request, ReconstructionQuery), request["media_type"]
         surface_format, suffix = SURFACES[media_type]
@@ -262,6 +276,7 @@ def make_replies(
         "signature-view": signature_view,
         "distance": distance,
         "readouts": readouts,
+        "report": report,
         "reconstruction": reconstruction,
         "view": view,
         "view-frames": view_frames,
