@@ -104,6 +104,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> FileSch
 # Parts of names, in the order of the time that their tests take; all others come last.
 _ORDER = (
     *("tests/service/work/dask/", "tests/service/test_", "tests/service/cohort/"),
+    "in_browser",
     *("tests/service/", "tests/core/client/", "tests/test_", "tests/core/classification/"),
     *("tests/core/cli/", "tests/core/store/", "tests/core/codec/", ""),
 )
