@@ -41,7 +41,11 @@ def test_the_cycle_closes_only_where_a_period_says_so() -> None:
     # The steepest rise is put between the last frame and the first.
     moved = np.roll(readouts.curve.volumes, -30)
     shifted = replace(readouts, curve=replace(readouts.curve, volumes=moved))
-    assert rates_of(shifted, period=0.8).filling_frame == 0
+    closed = rates_of(shifted, period=0.8)
+    assert closed.filling_frame == 0
+    # Between the frames on both sides; without a period there is one side only.
+    assert closed.filling_bound == pytest.approx(2.0 / (2 * 0.02))
+    assert rates_of(shifted).filling_bound == pytest.approx(2.0 / 0.02)
     assert rates_of(shifted).heart_rate is None
     assert rates_of(shifted).cardiac_output is None
 

@@ -15,9 +15,10 @@ from viewed_surfaces import VIEWED, viewed
 from modalmotion.classification import classify
 from modalmotion.errors import LimitError, ParameterError
 from modalmotion.facts import Facts
+from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.mode_set import ModeSet
-from modalmotion.modes.topology import Topology
+from modalmotion.modes.topology import CUP, Topology
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import simulate_ventricle
@@ -59,6 +60,19 @@ def test_a_payload_stands_for_what_the_library_reconstructs(name: str) -> None:
     shown += (true[0] - shown[0]).mean(axis=0)
     extent = np.ptp(true[0], axis=0).max()
     assert np.abs(shown - true).max() <= 1e-4 * extent
+
+
+def test_a_vertex_in_no_triangle_moves_as_the_nearest_one() -> None:
+    sequence, _ = viewed("cup")
+    vertices = np.asarray(sequence.vertices)
+    loose = vertices[:, 40:41] + np.array([0.4, 0.1, 0.2])
+    faces = lattice_faces(CUP, (9, 12))
+    joined = mesh_sequence(np.concatenate([vertices, loose], axis=1), faces, topology="cup")
+    signature = modal_signature(joined)
+    true = reconstruct(signature, joined)
+    shown = positions(view_payload(signature, joined))
+    shown += (true[0] - shown[0]).mean(axis=0)
+    assert np.abs(shown - true).max() <= 1e-4 * np.ptp(true[0], axis=0).max()
 
 
 def test_frames_as_sent_are_right_to_a_65536th_of_their_box() -> None:
