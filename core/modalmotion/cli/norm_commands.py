@@ -82,7 +82,7 @@ def train(
 
 
 @norm.command(epilog=example("norm ask volunteers.h5 beat.npz"))
-@click.argument("norm_file", metavar="NORM", type=click.Path(path_type=Path))
+@click.argument("norm_file", metavar="NORM", type=click.Path(exists=True, path_type=Path))
 @labelled_sources
 @click.option(
     "--level",

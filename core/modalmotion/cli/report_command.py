@@ -18,15 +18,14 @@ from modalmotion.cli.options import (
     signature_parameters,
     surface_options,
 )
+from modalmotion.cli.outputs import OutputFolder
 from modalmotion.cli.waiting import Waiting
 from modalmotion.signature.making import modal_signature
 
 
 @click.command(epilog=example("report beat.npz --model mine.h5 --norm volunteers.h5 -o folder"))
 @sequence_argument
-@click.option(
-    "-o", "--out", required=True, type=click.Path(path_type=Path), help="Folder to write."
-)
+@click.option("-o", "--out", required=True, type=OutputFolder(), help="Folder to write.")
 @click.option("--modes", default=7, show_default=True, help="Modes, 3 amplitudes a frame each.")
 @click.option("--model", help="Model: the name of a shipped one, or a file; none by default.")
 @click.option(

@@ -25,6 +25,7 @@ from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.mesh.uncertainty import Uncertainty
 from modalmotion.numeric.products import product
+from modalmotion.numeric.scale import power_of_two
 from modalmotion.template import Template
 
 # Below this cosine the surface has turned away from the line: it meets it at the rim, whose
@@ -76,14 +77,15 @@ def amplitude_deviations(
     own = np.empty(
         (sequence.n_frames, len(basis.modes), 3 if directions is None else directions.shape[1])
     )
-    for f, x in enumerate(sequence.vertices.astype(np.float64)):
-        R = rotations[f]
+    # Squares of lengths in any unit neither overflow nor vanish.
+    unit = power_of_two(float(np.abs(sequence.vertices).max(initial=0.0)))
+    for f, vertices in enumerate(sequence.vertices):
+        x, R = vertices.astype(np.float64) / unit, rotations[f]
         q = _answers(x, template, R, directions, is_offset=is_offset)
         rigid = _rigid(x, template, q, is_offset=is_offset, remove_rotation=remove_rotation)
-        own[f] = _deviations(
-            basis.projector, q, rigid, uncertainty, covariances[f], float(uncertainty.rest[f])
-        )
-    return _from_reference(own, uncertainty.between_frames, reference)
+        covariance, rest = covariances[f] / unit / unit, float(uncertainty.rest[f]) / unit
+        own[f] = _deviations(basis.projector, q, rigid, uncertainty, covariance, rest)
+    return unit * _from_reference(own, uncertainty.between_frames, reference)
 
 
 @dataclass(frozen=True, eq=False)
