@@ -51,6 +51,11 @@ def slow_mark(mark: Path, seconds: float) -> str:
     return "done"
 
 
+def wait_for(gate: Path) -> None:
+    while not gate.exists():
+        time.sleep(0.01)
+
+
 def is_running(pid: int) -> bool:
     try:
         status = Path(f"/proc/{pid}/stat").read_text()

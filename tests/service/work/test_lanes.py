@@ -10,7 +10,7 @@ from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
-from worker_tasks import hang, note, slow_mark
+from worker_tasks import hang, note, slow_mark, wait_for
 
 from modalmotion_service.work.lanes import SHORT_SECONDS, Lanes, Task
 from modalmotion_service.work.pool import WorkerPool
@@ -87,13 +87,15 @@ def test_what_outlives_the_lane_is_done_in_the_long_queue(
 
 
 def test_the_long_queue_of_an_owner_holds_up_nobody_else(tmp_path: Path) -> None:
-    order = tmp_path / "order"
+    order, gate = tmp_path / "order", tmp_path / "gate"
     with WorkerPool(1, 60.0, MEMORY) as pool:
-        under_way(pool, tmp_path / "mark", LONG, 0.3)
+        # Nothing is taken before all wait, however busy the machine is.
+        pool.submit_for(LONG, wait_for, gate)
         for number in range(48):
             pool.submit_for(LONG, note, order, f"a{number}")
         for number in range(2):
             pool.submit_for(Terms("b", 5.0), note, order, f"b{number}")
+        gate.touch()
     assert sorted(map(order.read_text().split().index, ("a0", "b0", "b1"))) == [0, 1, 2]
 
 
