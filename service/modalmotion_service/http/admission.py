@@ -22,10 +22,14 @@ from modalmotion_service.http.problems import problem_of
 
 UPLOADS: Final = frozenset(
     f"/v1/{name}"
-    for name in ("sequences", "tracks", "signature", "templates", "encode", "decode", "classify")
+    for name in (
+        *("sequences", "tracks", "images", "signature"),
+        *("templates", "encode", "decode", "classify"),
+    )
 )
 """Routes whose body goes to a file as it comes. All others hold it in memory, as JSON."""
 
+_IMAGES: Final = "/v1/images"
 _TRAINING: Final = "/v1/models"
 _MANY: Final = (
     "/v1/signatures/query",
@@ -45,6 +49,8 @@ class BodyLimits:
     ----------
     app : ASGIApp
     body_bytes : int
+    image_bytes : int
+        Of images.
     json_bytes : int
         Of requests that are not uploads; for all but trainings it is less, by what they need.
     query_ids : int
@@ -59,6 +65,7 @@ class BodyLimits:
         self,
         app: ASGIApp,
         body_bytes: int,
+        image_bytes: int,
         json_bytes: int,
         query_ids: int,
         idle_seconds: float,
@@ -66,6 +73,7 @@ class BodyLimits:
     ) -> None:
         self.app = app
         self.body_bytes = body_bytes
+        self.image_bytes = image_bytes
         # Where there is no route, nothing is read.
         self.json_bytes: dict[str | None, int] = {None: json_bytes, _TRAINING: json_bytes}
         for route in _MANY:
@@ -81,6 +89,8 @@ class BodyLimits:
             return
         most, name = self.body_bytes, "body_bytes"
         route = route_of(scope)
+        if route == _IMAGES:
+            most, name = self.image_bytes, "image_body_bytes"
         of_json = self.json_bytes.get(route, self.other_bytes)
         if route not in UPLOADS and of_json < most:
             most, name = of_json, "json_bytes"
@@ -128,6 +138,7 @@ class BodyLimits:
 def _too_large(most: int, name: str) -> LimitError:
     remedies = {
         "body_bytes": "Send fewer frames, a coarser mesh, or float32.",
+        "image_body_bytes": "Send fewer frames, or a part of the images around the object.",
         "json_bytes": "Ask for less in one request.",
     }
     return LimitError(
