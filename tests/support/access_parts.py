@@ -9,7 +9,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from fastapi.testclient import TestClient
+from norm_controls import drawn, norm_of
 
 from modalmotion.classification import load_model
 from modalmotion_service.access.keys import KeyRing
@@ -52,6 +54,12 @@ class Guarded:
         """Keep a model for an owner who has asked before, without training one."""
         store = self.client.app.state.owners.states[owner].store  # type: ignore[attr-defined]
         store.put_model(replace(load_model(), name=name))
+
+    def keep_norm(self, owner: str, name: str) -> None:
+        """Keep a norm of drawn controls for an owner who has asked before."""
+        store = self.client.app.state.owners.states[owner].store  # type: ignore[attr-defined]
+        rng = np.random.default_rng(0)
+        store.put_norm(replace(norm_of([drawn(rng, k) for k in range(20)]), name=name))
 
 
 @contextmanager

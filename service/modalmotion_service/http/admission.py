@@ -29,6 +29,7 @@ UPLOADS: Final = frozenset(
 _TRAINING: Final = "/v1/models"
 _MANY: Final = (
     "/v1/signatures/query",
+    "/v1/norms",
     "/v1/models/comparisons",
     "/v1/models/{name}/versions/{version}/evaluations",
 )

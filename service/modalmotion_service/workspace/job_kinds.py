@@ -26,12 +26,13 @@ from modalmotion_service.workspace.disk import require_room
 from modalmotion_service.workspace.job_runner import Handler, JobRunner, Report
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.replies import Replies
 from modalmotion_service.workspace.reply_kinds import OF_UPLOADS
 from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.tracks import Tracks
 from modalmotion_service.workspace.training import Trainer
-from modalmotion_service.workspace.training_set import read_cases
+from modalmotion_service.workspace.training_set import cases_from_json, read_cases
 
 # Kinds of jobs whose request names a file in the spool, kept until the job is finished.
 _WITH_FILES: Final = ("upload", "template", "track", "training")
@@ -49,6 +50,7 @@ def make_runner(
     analysis: Analysis,
     models: Models,
     tracks: Tracks,
+    norms: Norms,
     trainer: Trainer,
     replies: Replies,
 ) -> JobRunner:
@@ -111,6 +113,13 @@ def make_runner(
         record = await trainer.train(request["file"], request["name"], options, cases, report)
         return {"link": f"/v1/models/{record.name}/versions/{record.version}"}
 
+    async def norm(request: Any, report: Report) -> Any:
+        cases = cases_from_json(request["cases"])
+        made = await norms.make(
+            request["name"], cases, request["modes"], request["topology"], report
+        )
+        return {"link": f"/v1/norms/{made.name}"}
+
     return JobRunner(
         jobs,
         {
@@ -121,6 +130,7 @@ def make_runner(
             "track": track,
             "classification": classification,
             "training": training,
+            "norm": norm,
             **{kind: reply(kind) for kind in replies.kinds},
         },
         dict.fromkeys((*_WITH_FILES, *OF_UPLOADS), lambda request: spool.remove(request["file"])),

@@ -25,6 +25,7 @@ from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.job_kinds import make_runner
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.perseverance import for_ever
 from modalmotion_service.workspace.reply_kinds import make_replies
 from modalmotion_service.workspace.retention import Retention
@@ -177,18 +178,25 @@ class Owners:
             tariff = Tariff(owner, settings.task_cost_factor, settings.task_cost_seconds)
             analysis = Analysis(store, self._engine, spool, tariff)
             models, tracks = Models(store, analysis), Tracks(store, analysis)
+            norms = Norms(store, analysis)
             trainer = Trainer(
                 *(owner, store, analysis, self._training_engine, spool),
                 settings.scheduler,
                 settings.workers,
             )
             replies = make_replies(
-                *(settings, spool, analysis, models, tracks),
+                *(settings, spool, analysis, models, tracks, norms),
                 Evaluations(store, analysis, models),
             )
-            runner = make_runner(settings, jobs, spool, analysis, models, tracks, trainer, replies)
+            runner = make_runner(
+                *(settings, jobs, spool, analysis, models, tracks, norms, trainer, replies)
+            )
             state = State(
-                *(settings, store, spool, analysis, models, tracks), jobs, runner, replies, keys
+                *(settings, store, spool, analysis, models, tracks, norms),
+                jobs,
+                runner,
+                replies,
+                keys,
             )
             await runner.resume()
         except BaseException:

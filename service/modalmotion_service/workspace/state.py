@@ -11,6 +11,7 @@ from modalmotion_service.workspace.idempotency import IdempotencyKeys
 from modalmotion_service.workspace.job_runner import JobRunner
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.replies import Replies
 from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.tracks import Tracks
@@ -28,6 +29,7 @@ class State:
     analysis : Analysis
     models : Models
     tracks : Tracks
+    norms : Norms
     jobs : Jobs
     runner : JobRunner
     replies : Replies
@@ -40,6 +42,7 @@ class State:
     analysis: Analysis
     models: Models
     tracks: Tracks
+    norms: Norms
     jobs: Jobs
     runner: JobRunner
     replies: Replies

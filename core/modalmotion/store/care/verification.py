@@ -14,6 +14,7 @@ from modalmotion.errors import StoreError
 from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.sealed import digest_of, load_sealed
 from modalmotion.mesh.hdf5 import read_sequence
+from modalmotion.norm.hdf5 import norm_from_hdf5
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.signature.hdf5 import read_signature
@@ -104,6 +105,7 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
             *((folder.upload(name), partial(check.upload, name)) for name in scan.uploads),
             *((folder.result(name), partial(check.result, name)) for name in scan.results),
             *((folder.template(name), partial(check.template, name)) for name in scan.templates),
+            *((folder.norm(name), partial(check.norm, name)) for name in scan.norms),
             *((folder.model(name), partial(check.model, name)) for name in scan.models),
             *(
                 (folder.deleted_model(name), partial(check.deleted_model, name))
@@ -215,6 +217,10 @@ class _Check:
     def template(self, template_id: str) -> None:
         path = self.folder.template(template_id)
         require_match(path, read_template(path)[1], template_id=template_id)
+
+    def norm(self, name: str) -> None:
+        if norm_from_hdf5(self.folder.norm(name)).name != name:
+            raise StoreError("It is the norm of another name.")
 
     def model(self, reference: ModelReference) -> None:
         path = self.folder.model(reference)
