@@ -9,11 +9,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from fastapi.testclient import TestClient
-from norm_controls import drawn, norm_of
+from norm_controls import beat
 
 from modalmotion.classification import load_model
+from modalmotion.norm import train_norm
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.app import create_app
@@ -56,10 +56,9 @@ class Guarded:
         store.put_model(replace(load_model(), name=name))
 
     def keep_norm(self, owner: str, name: str) -> None:
-        """Keep a norm of drawn controls for an owner who has asked before."""
+        """Keep a norm of nine controls for an owner who has asked before."""
         store = self.client.app.state.owners.states[owner].store  # type: ignore[attr-defined]
-        rng = np.random.default_rng(0)
-        store.put_norm(replace(norm_of([drawn(rng, k) for k in range(20)]), name=name))
+        store.put_norm(train_norm(map(beat, range(9)), name))
 
 
 @contextmanager

@@ -48,7 +48,7 @@ def small(seed: int = 3) -> bytes:
 NEEDED = {
     "/v1/sequences/{sequence_id}/distance": {"to": "{sequence_id}"},
     "/v1/encode": {"rms": "0.5"},
-    "/v1/sequences/{sequence_id}/deviations": {"norm": "kept"},
+    "/v1/sequences/{sequence_id}/deviations": {"norm": "kept", "level": "0.1"},
     "/v1/tracks": {"modes": "2"},
     "/v1/sequences/{sequence_id}/encoded": {"rms": "0.5"},
 }
