@@ -68,7 +68,7 @@ def test_a_norm_of_kept_controls_is_the_librarys_own(kept: Kept) -> None:
 def test_a_kept_sequence_is_compared_as_the_library_compares_it(kept: Kept) -> None:
     patient = beat(100, MotionClass.HYPOKINESIA)
     name = sent(kept.client, patient)
-    query = {"norm": "volunteers", "level": 0.1}
+    query: dict[str, str | float] = {"norm": "volunteers", "level": 0.1}
     answer = kept.client.post(f"/v1/sequences/{name}/deviations", params=query)
     file = kept.client.get("/v1/norms/volunteers", headers={"Accept": "application/x-hdf5"})
     own = norm_from_hdf5(file.content).deviation(patient, level=0.1)
