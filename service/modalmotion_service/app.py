@@ -39,6 +39,7 @@ from modalmotion_service.routes import (
     kserve,
     limits,
     models,
+    norms,
     prometheus,
     readouts,
     reports,
@@ -72,7 +73,7 @@ def judged_routes() -> list[BaseRoute]:
     for module in (
         *(sequences, images, tracks, signatures, sent_signature, tradeoff, readouts, reports),
         *(templates, codec, classifications, classify, models, evaluations, features, jobs, limits),
-        *(audit, health, kserve, prometheus, documentation, views),
+        *(norms, audit, health, kserve, prometheus, documentation, views),
     ):
         router.include_router(module.router)
     router.include_router(views.pages)

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from fastapi.testclient import TestClient
+from norm_controls import beat
 
 from modalmotion.classification import load_model
+from modalmotion.norm import train_norm
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.app import create_app
@@ -52,6 +54,11 @@ class Guarded:
         """Keep a model for an owner who has asked before, without training one."""
         store = self.client.app.state.owners.states[owner].store  # type: ignore[attr-defined]
         store.put_model(replace(load_model(), name=name))
+
+    def keep_norm(self, owner: str, name: str) -> None:
+        """Keep a norm of nine controls for an owner who has asked before."""
+        store = self.client.app.state.owners.states[owner].store  # type: ignore[attr-defined]
+        store.put_norm(train_norm(map(beat, range(9)), name))
 
 
 @contextmanager

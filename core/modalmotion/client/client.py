@@ -14,6 +14,7 @@ from modalmotion.client.feature_calls import FeatureCalls
 from modalmotion.client.image_calls import ImageCalls
 from modalmotion.client.jobs import Job, JobStatus
 from modalmotion.client.model_calls import ModelCalls
+from modalmotion.client.norm_calls import NormCalls
 from modalmotion.client.query import Option, segment
 from modalmotion.client.readout_calls import ReadoutCalls
 from modalmotion.client.retries import Retries
@@ -31,6 +32,7 @@ class Client(
     SignatureCalls,
     ReadoutCalls,
     ModelCalls,
+    NormCalls,
     FeatureCalls,
     CodecCalls,
     TemplateCalls,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -67,23 +67,33 @@ class Control:
     Parameters
     ----------
     motion : MeshSequence or ModalSignature
-        From a signature no volume can be read.
+        From a signature alone no volume can be read.
     subject : str or None
         Who was recorded: a norm takes one recording of each.
     name : str
         What errors call it, such as the path of its file.
     covariates : mapping of str to (float or str)
         Over those of the recording's facts.
+    sequence : function, optional
+        Reads the recording that a signature was made from, for its volumes; None where its
+        vertices are not kept.
     """
 
     motion: MeshSequence | ModalSignature
     subject: str | None = None
     name: str = ""
     covariates: Mapping[str, float | str] = field(default_factory=Named)
+    sequence: Callable[[], MeshSequence | None] | None = None
 
     def __post_init__(self) -> None:
         if self.covariates:
             object.__setattr__(self, "motion", with_covariates(self.motion, self.covariates))
+
+    def read_sequence(self) -> MeshSequence | None:
+        """Give the recording itself, where it is known."""
+        if isinstance(self.motion, MeshSequence):
+            return self.motion
+        return None if self.sequence is None else self.sequence()
 
 
 def reading_of(

@@ -104,6 +104,7 @@ class Norm:
         *,
         subject: str | None = None,
         name: str = "",
+        sequence: MeshSequence | None = None,
     ) -> Reading:
         """Read a recording as the controls are read.
 
@@ -114,6 +115,8 @@ class Norm:
             Who was recorded; a control of the same name is left out of the comparison.
         name : str
             What errors call it.
+        sequence : MeshSequence, optional
+            The one that a signature was made from, for its volumes.
 
         Raises
         ------
@@ -122,7 +125,8 @@ class Norm:
         ModalMotionError
             If it cannot be fitted, or has other modes.
         """
-        sequence = recording if isinstance(recording, MeshSequence) else None
+        if isinstance(recording, MeshSequence):
+            sequence = recording
         signature = (
             in_basis([recording], self.readable)[0]
             if isinstance(recording, ModalSignature)

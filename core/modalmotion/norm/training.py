@@ -11,13 +11,14 @@ from modalmotion.classification.tables.recordings import in_one_basis
 from modalmotion.classification.tables.signature_features import SignatureFeatures
 from modalmotion.classification.training.cases import TrainingCase
 from modalmotion.errors import ParameterError
+from modalmotion.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm.controls import Control, reading_of
 from modalmotion.norm.norm import LEVEL, Norm
 from modalmotion.norm.ranks import fewest_controls
 from modalmotion.numerals import counted
 from modalmotion.progress import Progress
-from modalmotion.signature.making import ModalSignature, SignatureKind
+from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 
 # Fewer can tell nothing that is rarer than one in ten.
 FEWEST_CONTROLS: Final = 9
@@ -65,9 +66,9 @@ def train_norm(
     cases = [_control(number, one) for number, one in enumerate(controls)]
     _require_people(cases)
     transformer = SignatureFeatures(modes=modes, topology=topology)
-    parameters = transformer.signature_parameters
-    if any(case.motion.facts.tracking == SignatureKind.OFFSET.value for case in cases):
-        parameters = replace(parameters, kind=SignatureKind.OFFSET)
+    parameters = parameters_of_controls(
+        transformer.signature_parameters, (case.motion.facts for case in cases)
+    )
     signatures, readable = in_one_basis(
         [case.motion for case in cases], parameters, mixes_axes=True
     )
@@ -75,8 +76,9 @@ def train_norm(
     reader = transformer.reader_
     readings = []
     for number, (case, signature) in enumerate(zip(cases, signatures, strict=True)):
-        sequence = case.motion if isinstance(case.motion, MeshSequence) else None
-        own = reading_of(signature, sequence, reader, subject=case.subject, name=case.name)
+        own = reading_of(
+            *(signature, case.read_sequence(), reader), subject=case.subject, name=case.name
+        )
         readings.append(own)
         if progress is not None:
             progress(number + 1, len(cases))
@@ -94,6 +96,15 @@ def train_norm(
         controls=tuple(readings),
         notes=tuple(notes),
     )
+
+
+def parameters_of_controls(
+    parameters: SignatureParameters, facts: Iterable[Facts]
+) -> SignatureParameters:
+    """Give the parameters that controls are read with: by offsets where points of one slide."""
+    if any(one.tracking == SignatureKind.OFFSET.value for one in facts):
+        return replace(parameters, kind=SignatureKind.OFFSET)
+    return parameters
 
 
 def _control(number: int, item: Any) -> Control:

@@ -16,7 +16,8 @@
     tracks/ab/<id>-<first digits of the id>.h5      how the sequence was tracked
     models/<name>/<version>.h5
     models/<name>/<version>.deleted                 stays, so that the number is never used again
-    deleted/ab/<digest of an id>                    tombstone of a sequence, template or images
+    norms/<name>.h5
+    deleted/ab/<digest of an id>                    tombstone: sequence, template, images, norm
     backup.json  removed/                           of a backup: its time, and what was set aside
 
 `ab` are the first two digits of the id, so that no folder grows too large to list.
@@ -81,6 +82,7 @@ class Scan:
     templates: set[str] = field(default_factory=set)
     image_records: set[str] = field(default_factory=set)
     images: set[str] = field(default_factory=set)
+    norms: set[str] = field(default_factory=set)
     models: set[ModelReference] = field(default_factory=set)
     deleted_models: set[ModelReference] = field(default_factory=set)
     temporaries: list[Path] = field(default_factory=list)
@@ -156,6 +158,15 @@ class Folder:
         ids = [name.removesuffix(".json") for name in names if name.endswith(".json")]
         return sorted(filter(is_id, ids))
 
+    def norm(self, name: str) -> Path:
+        """File of a norm."""
+        return self.root / "norms" / f"{name}.h5"
+
+    def norms(self) -> list[str]:
+        """Names of all norms, sorted."""
+        paths = _files(self.root / "norms")
+        return sorted(path.stem for path in paths if _is_norm(path))
+
     def model(self, reference: ModelReference) -> Path:
         """File of a version of a model."""
         return self.root / "models" / reference.name / f"{reference.version}.h5"
@@ -220,6 +231,10 @@ class Folder:
                 references = scan.models if match[2] == "h5" else scan.deleted_models
                 references.add(ModelReference(path.parent.name, int(match[1])))
                 return
+        elif folder == "norms":
+            if _is_norm(path):
+                scan.norms.add(path.stem)
+                return
         elif name[:2] == path.parent.name:
             if folder == "sequences":
                 match = _SEQUENCE.fullmatch(name)
@@ -261,7 +276,7 @@ _RESULT_FOLDERS: Final[dict[str, ResultKind]] = {
 # cluster's workers are known by.
 _OF_THE_SERVICE: Final = ("spool", "access", "owners", "cluster", *_COHORT_FILES)
 _OF_CARE: Final = ("deleted", "removed", "backup.json")
-_FOLDERS: Final = ("sequences", "templates", "images", "models", *_RESULT_FOLDERS)
+_FOLDERS: Final = ("sequences", "templates", "images", "models", "norms", *_RESULT_FOLDERS)
 
 
 def is_id(text: object) -> bool:
@@ -272,6 +287,10 @@ def is_id(text: object) -> bool:
 def is_key(text: object) -> bool:
     """Tell whether this is a key of parameters."""
     return isinstance(text, str) and re.fullmatch(_KEY, text) is not None
+
+
+def _is_norm(path: Path) -> bool:
+    return path.parent.name == "norms" and path.suffix == ".h5" and is_model_name(path.stem)
 
 
 def _files(folder: Path) -> Iterator[Path]:

@@ -17,12 +17,13 @@ from modalmotion.signature.making import ModalSignature
 from modalmotion.store.folder import ResultKind, ResultName, is_id, is_key
 from modalmotion.store.images import ImageStore
 from modalmotion.store.models import ModelStore
+from modalmotion.store.norms import NormStore
 from modalmotion.store.staging import StagedSignature, Transfer
 from modalmotion.store.templates import TemplateStore
 from modalmotion.store.tracks import TrackStore
 
 
-class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore):
+class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
     """Immutable results in files, found through an index; nothing acknowledged is lost.
 
     Safe for any number of threads of one process, which holds the folder's lock from `open`

@@ -28,6 +28,7 @@ TOMBSTONE_DAYS: Final = 90
 _STEP_SECONDS: Final = 0.01
 
 _OWNERS: Final = "owners"
+_NORMS: Final = "norms"
 _BY_ID: Final = (
     *("sequences", "signatures", "classifications", "tracks"),
     *("templates", "images"),
@@ -97,6 +98,11 @@ def digest_of_owner(owner: str) -> str:
     return hashlib.sha256(f"{_OWNERS}/{owner}".encode()).hexdigest()
 
 
+def digest_of_norm(name: str) -> str:
+    """Digest that a norm is known by among deleted things."""
+    return hashlib.sha256(f"{_NORMS}/{name}".encode()).hexdigest()
+
+
 @dataclass(frozen=True)
 class Deletions:
     """Deletions that a folder of one store, or of a service, knows of.
@@ -137,6 +143,8 @@ def _things(root: Path, name: PurePath) -> Iterator[tuple[Path, str]]:
         yield from _things(root / _OWNERS / parts[1], PurePath(*parts[2:]))
     elif parts[0] in _BY_ID and _ID.match(name.name):
         yield root, name.name[:64]
+    elif parts[0] == _NORMS:
+        yield root, digest_of_norm(name.stem)
 
 
 def _path(root: Path, digest: str) -> Path:

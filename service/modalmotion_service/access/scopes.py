@@ -83,6 +83,11 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     # These store the classifications that they make on the way.
     ("POST", "/v1/models/{name}/versions/{version}/evaluations"): Scope.WRITE,
     ("POST", "/v1/models/comparisons"): Scope.WRITE,
+    ("POST", "/v1/norms"): Scope.TRAIN,
+    ("GET", "/v1/norms"): Scope.READ,
+    ("GET", "/v1/norms/{name}"): Scope.READ,
+    ("DELETE", "/v1/norms/{name}"): Scope.TRAIN,
+    ("POST", "/v1/sequences/{sequence_id}/deviations"): Scope.READ,
     ("GET", "/v1/jobs"): Scope.READ,
     ("GET", "/v1/jobs/{job_id}"): Scope.READ,
     ("GET", "/v1/jobs/{job_id}/result"): Scope.READ,

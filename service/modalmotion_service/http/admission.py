@@ -33,6 +33,7 @@ _IMAGES: Final = "/v1/images"
 _TRAINING: Final = "/v1/models"
 _MANY: Final = (
     "/v1/signatures/query",
+    "/v1/norms",
     "/v1/models/comparisons",
     "/v1/models/{name}/versions/{version}/evaluations",
 )

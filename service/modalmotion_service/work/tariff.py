@@ -28,6 +28,7 @@ from modalmotion_service.work.tasks import (
     evaluation,
     features,
     images,
+    norms,
     reports,
     sequences,
     signatures,
@@ -35,6 +36,7 @@ from modalmotion_service.work.tasks import (
     tracks,
     views,
 )
+from modalmotion_service.work.tasks.norms import KeptRecording
 from modalmotion_service.work.terms import Terms
 from modalmotion_service.work.upload import Upload
 
@@ -185,6 +187,10 @@ def _packing(args: Sequence[Any]) -> float:
     return _reading(args) + _PACKED * len(args[0])
 
 
+def _recording(one: KeptRecording) -> float:
+    return _PACKED + _read_out((one.vertices, one.signature, None, None))
+
+
 def _tracking(args: Sequence[Any]) -> float:
     parameters = next(one for one in args if isinstance(one, TrackParameters))
     modes = max(parameters.modes, 0 if parameters.tolerance is None else _MODES_OF_TOLERANCE)
@@ -232,5 +238,7 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     tracks.track_with_facts: _reading,
     tracks.draw_track: _picture,
     tracks.draw_overlay: lambda args: _picture(args) + _IMAGES * _bytes(args),
+    norms.make_norm: lambda args: _PICTURE + sum(map(_recording, args[0])),
+    norms.ask_norm: lambda args: _reading(args[1:]) + _recording(args[0]),
     features.tabulate: lambda args: _TABLE + _packing(args),
 }

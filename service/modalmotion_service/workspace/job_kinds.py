@@ -27,12 +27,13 @@ from modalmotion_service.workspace.images import Images, link_of
 from modalmotion_service.workspace.job_runner import Handler, JobRunner, Report
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.replies import Replies
 from modalmotion_service.workspace.reply_kinds import OF_UPLOADS
 from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.tracks import Tracks
 from modalmotion_service.workspace.training import Trainer
-from modalmotion_service.workspace.training_set import read_cases
+from modalmotion_service.workspace.training_set import cases_from_json, read_cases
 
 # Kinds of jobs whose request names a file in the spool, kept until the job is finished.
 _WITH_FILES: Final = ("upload", "template", "images", "track", "training")
@@ -51,6 +52,7 @@ def make_runner(
     models: Models,
     images: Images,
     tracks: Tracks,
+    norms: Norms,
     trainer: Trainer,
     replies: Replies,
 ) -> JobRunner:
@@ -134,6 +136,13 @@ def make_runner(
         if "file" in request:
             spool.remove(request["file"])
 
+    async def norm(request: Any, report: Report) -> Any:
+        cases = cases_from_json(request["cases"])
+        made = await norms.make(
+            request["name"], cases, request["modes"], request["topology"], report
+        )
+        return {"link": f"/v1/norms/{made.name}"}
+
     return JobRunner(
         jobs,
         {
@@ -145,6 +154,7 @@ def make_runner(
             "track": track,
             "classification": classification,
             "training": training,
+            "norm": norm,
             **{kind: reply(kind) for kind in replies.kinds},
         },
         dict.fromkeys((*_WITH_FILES, *OF_UPLOADS), remove_file),

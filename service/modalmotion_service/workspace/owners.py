@@ -26,6 +26,7 @@ from modalmotion_service.workspace.images import Images
 from modalmotion_service.workspace.job_kinds import make_runner
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.perseverance import for_ever
 from modalmotion_service.workspace.reply_kinds import make_replies
 from modalmotion_service.workspace.retention import Retention
@@ -179,20 +180,22 @@ class Owners:
             analysis = Analysis(store, self._engine, spool, tariff)
             images = Images(store, analysis, jobs, keys)
             models, tracks = Models(store, analysis), Tracks(store, analysis, images)
+            norms = Norms(store, analysis)
             trainer = Trainer(
                 *(owner, store, analysis, self._training_engine, spool),
                 settings.scheduler,
                 settings.workers,
             )
             replies = make_replies(
-                *(settings, spool, analysis, models, tracks),
+                *(settings, spool, analysis, models, tracks, norms),
                 Evaluations(store, analysis, models),
             )
             runner = make_runner(
-                *(settings, jobs, spool, analysis, models, images, tracks, trainer, replies)
+                *(settings, jobs, spool, analysis, models, images, tracks, norms),
+                *(trainer, replies),
             )
             state = State(
-                *(settings, store, spool, analysis, models, images, tracks),
+                *(settings, store, spool, analysis, models, images, tracks, norms),
                 *(jobs, runner, replies, keys),
             )
             await runner.resume()

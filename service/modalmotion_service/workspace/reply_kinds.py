@@ -35,6 +35,7 @@ from modalmotion_service.schemas import (
     UploadClassificationAnswer,
     parse_times,
 )
+from modalmotion_service.schemas.norms import DeviationQuery
 from modalmotion_service.schemas.request_queries import (
     ClassifyQuery,
     DecodeQuery,
@@ -54,6 +55,7 @@ from modalmotion_service.workspace.evaluations import Evaluations
 from modalmotion_service.workspace.feature_tables import FeatureTables
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.replies import Maker, Replies, Reply, Request
 from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.tracks import Tracks
@@ -85,6 +87,7 @@ def make_replies(
     analysis: Analysis,
     models: Models,
     tracks: Tracks,
+    norms: Norms,
     evaluations: Evaluations,
 ) -> Replies:
     """Make the maker of all kinds."""
@@ -243,6 +246,10 @@ def make_replies(
         body = await evaluations.compare((first, second), cases, request["coverage"], report)
         return Reply(body, JSON)
 
+    async def deviation(request: Request, _: Report) -> Reply:
+        query = query_of(request, DeviationQuery)
+        return Reply(await norms.deviation(request["sequence_id"], query.norm, query.level), JSON)
+
     async def held_out(request: Request, _: Report) -> Reply:
         model = await asyncio.to_thread(models.choose, request["model"])
         name = f"{model.name}-{model.version}.csv"
@@ -286,6 +293,7 @@ def make_replies(
         "track-view": track_view,
         "evaluation": evaluation,
         "comparison": comparison,
+        "deviation": deviation,
         "held-out": held_out,
     }
     return Replies(makers, spool)

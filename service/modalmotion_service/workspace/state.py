@@ -12,6 +12,7 @@ from modalmotion_service.workspace.images import Images
 from modalmotion_service.workspace.job_runner import JobRunner
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
+from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.replies import Replies
 from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.tracks import Tracks
@@ -30,6 +31,7 @@ class State:
     models : Models
     images : Images
     tracks : Tracks
+    norms : Norms
     jobs : Jobs
     runner : JobRunner
     replies : Replies
@@ -43,6 +45,7 @@ class State:
     models: Models
     images: Images
     tracks: Tracks
+    norms: Norms
     jobs: Jobs
     runner: JobRunner
     replies: Replies

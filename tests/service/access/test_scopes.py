@@ -24,7 +24,10 @@ PAGES = {"/", "/docs", "/view/{sequence_id}", "/viewer/{name}"}
 CLOSED = [route for route in ROUTES if SCOPE_OF[route] is not OPEN]
 # What is the same for everybody, whatever its path names.
 SHARED = {"/metrics", "/v1/limits"}
-NEEDS_QUERY = {"/v1/sequences/{sequence_id}/distance": {"to": "0" * 64}}
+NEEDS_QUERY = {
+    "/v1/sequences/{sequence_id}/distance": {"to": "0" * 64},
+    "/v1/sequences/{sequence_id}/deviations": {"norm": "nobodys"},
+}
 _CASES = [{"id": "0" * 64, "label": label} for label in ("normal", "weak")]
 NEEDS_BODY = {
     ("PATCH", "/v1/sequences/{sequence_id}"): {"label": "mine"},
@@ -61,6 +64,8 @@ def alices(service: Guarded, beat: bytes) -> dict[str, str]:
         pass
     assert service.ask("alice", "GET", f"/v1/jobs/{job}/result").status_code == 200
     service.keep_model("alice", "hers")
+    service.keep_norm("alice", "hers")
+    assert service.ask("alice", "GET", "/v1/norms/hers").status_code == 200
     model = {"name": "hers", "model_name": "hers", "version": "1"}
     assert service.ask("alice", "GET", "/v1/models/hers/versions/1").status_code == 200
     assert service.ask("alice", "GET", "/v2/models/hers/ready").status_code == 200

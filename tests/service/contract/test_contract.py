@@ -48,6 +48,7 @@ def small(seed: int = 3) -> bytes:
 NEEDED = {
     "/v1/sequences/{sequence_id}/distance": {"to": "{sequence_id}"},
     "/v1/encode": {"rms": "0.5"},
+    "/v1/sequences/{sequence_id}/deviations": {"norm": "kept", "level": "0.1"},
     "/v1/tracks": {"modes": "2"},
     "/v1/sequences/{sequence_id}/encoded": {"rms": "0.5"},
 }
@@ -91,6 +92,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
         body["headers"]["Prefer"] = "respond-async"
         job = ask("lab", "POST", "/v1/signatures/query", **body).json()["id"]
         found.keep_model("lab", "kept")
+        found.keep_norm("lab", "kept")
         stream = ask("lab", "GET", f"/v1/sequences/{sequence}/encoded?rms=0.5").content
         ids = {
             "sequence_id": sequence,
@@ -123,6 +125,9 @@ def strategies(operation: Any, service: Service) -> list[st.SearchStrategy[Any]]
         if operation.path.endswith("comparisons"):
             wanted["models"] = ["kept", service.ids["model_name"]]
         more.update(body=wanted, media_type="application/json")
+    elif operation.label == "POST /v1/norms":
+        ids = [service.ids[f"sequence_{n}"] for n in range(6)]
+        more.update(body={"name": "made", "sequences": ids}, media_type="application/json")
     elif operation.label == "POST /v1/models":
         # Enough for a training to be begun; whether it succeeds its job says.
         cases = [

@@ -27,7 +27,7 @@ from modalmotion.store.index.index import Index, put_records, put_results
 from modalmotion.store.index.model_index import ModelIndex, put_models
 from modalmotion.store.model_deletion import deleted_record, finish_model_deletion
 from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
-from modalmotion.store.tombstones import buried, is_older
+from modalmotion.store.tombstones import buried, digest_of_norm, is_older
 from modalmotion.tracking import hdf5 as track_hdf5
 
 _FORMS: Final[dict[ResultKind, Form]] = {
@@ -165,7 +165,7 @@ def reconcile(
 
 
 def _returned(folder: Folder, scan: Scan) -> Iterator[str]:
-    """List sequences that are there though they were deleted; remove such templates and images.
+    """List sequences that are there though they were deleted; remove what else came back so.
 
     A copy of older files that was laid over the folder brings them; what was put after the
     deletion is newer than its tombstone.
@@ -175,12 +175,15 @@ def _returned(folder: Folder, scan: Scan) -> Iterator[str]:
             time = buried(folder.root, sequence_id)
             if time is not None and read_record(folder.record(sequence_id)).created <= time:
                 yield sequence_id
-    for template_id in list(scan.templates):
-        path = folder.template(template_id)
-        time = buried(folder.root, template_id)
+    without_rows = [
+        *((scan.templates, name, folder.template(name), name) for name in scan.templates),
+        *((scan.norms, name, folder.norm(name), digest_of_norm(name)) for name in scan.norms),
+    ]
+    for names, name, path, digest in without_rows:
+        time = buried(folder.root, digest)
         if time is not None and is_older(path.stat().st_mtime, time):
             remove_durably(path)
-            scan.templates.remove(template_id)
+            names.remove(name)
     for images_id in scan.images | scan.image_records:
         files = (folder.images_record(images_id), folder.images(images_id))
         time = buried(folder.root, images_id)

@@ -15,6 +15,7 @@ from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.sealed import digest_of, load_sealed
 from modalmotion.images.hdf5 import read_images_file
 from modalmotion.mesh.hdf5 import read_sequence
+from modalmotion.norm.hdf5 import norm_from_hdf5
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.signature.hdf5 import read_signature
@@ -107,6 +108,7 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
             *((folder.result(name), partial(check.result, name)) for name in scan.results),
             *((folder.template(name), partial(check.template, name)) for name in scan.templates),
             *((folder.images_record(n), partial(check.images, n)) for n in scan.image_records),
+            *((folder.norm(name), partial(check.norm, name)) for name in scan.norms),
             *((folder.model(name), partial(check.model, name)) for name in scan.models),
             *(
                 (folder.deleted_model(name), partial(check.deleted_model, name))
@@ -228,6 +230,10 @@ class _Check:
         self.n_bytes += path.stat().st_size
         if read_images_file(path).id != images_id or record.id != images_id:
             raise StoreError("The samples are not those that their id stands for.")
+
+    def norm(self, name: str) -> None:
+        if norm_from_hdf5(self.folder.norm(name)).name != name:
+            raise StoreError("It is the norm of another name.")
 
     def model(self, reference: ModelReference) -> None:
         path = self.folder.model(reference)

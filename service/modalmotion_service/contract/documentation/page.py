@@ -22,6 +22,7 @@ _SECTIONS: Final = {
     "codec": "Compression",
     "classifications": "Motion classes",
     "models": "Models",
+    "norms": "Norms",
     "jobs": "Jobs",
     "limits": "Limits",
     "audit": "Audit",

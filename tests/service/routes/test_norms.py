@@ -1,0 +1,148 @@
+"""Norms over HTTP: made of kept controls, asked as the library is asked, deleted for good."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from norm_controls import beat
+from training_cohort import finished
+
+import modalmotion as mm
+from modalmotion.client import Client, RemoteError
+from modalmotion.facts import Facts
+from modalmotion.formats import write_npz
+from modalmotion.norm import norm_from_hdf5, train_norm
+from modalmotion.norm.controls import Control
+from modalmotion.simulate import MotionClass
+
+N_CONTROLS = 10
+CONTROLS = [beat(seed).with_facts(Facts(covariates={"age": 40 + seed})) for seed in range(10)]
+
+
+@dataclass(frozen=True)
+class Kept:
+    client: TestClient
+    data_dir: Path
+    ids: list[str]
+    norm: dict[str, Any]
+
+
+def sent(client: TestClient, sequence: mm.MeshSequence, **names: str) -> str:
+    answer = client.post("/v1/sequences", content=write_npz(sequence), params=names)
+    assert answer.status_code == 201, answer.text
+    return str(answer.json()["id"])
+
+
+# Ten controls are fitted: 2 s, once for all tests.
+@pytest.fixture(scope="module")
+def kept(shared_client: TestClient, shared_data_dir: Path) -> Kept:
+    client = shared_client
+    ids = [sent(client, one, subject=f"v-{k}") for k, one in enumerate(CONTROLS)]
+    answer = client.post("/v1/norms", json={"name": "volunteers", "sequences": ids})
+    assert answer.status_code == 202, answer.text
+    job = finished(client, answer.json())
+    assert job["state"] == "succeeded", job
+    return Kept(client, shared_data_dir, ids, client.get(job["result"]).json())
+
+
+def test_a_norm_of_kept_controls_is_the_librarys_own(kept: Kept) -> None:
+    own = train_norm([Control(one, f"v-{k}") for k, one in enumerate(CONTROLS)], "volunteers")
+    assert kept.norm == {**own.as_json(), "links": {"self": "/v1/norms/volunteers"}}
+    assert kept.norm["has_volumes"]
+    assert kept.norm["covariates"] == ["age"]
+    here = "/v1/norms/volunteers"
+    file = kept.client.get(here, headers={"Accept": "application/x-hdf5"})
+    assert 'filename="volunteers.h5"' in file.headers["content-disposition"]
+    assert norm_from_hdf5(file.content).id == own.id
+    tag = kept.client.get(here).headers["etag"]
+    assert kept.client.get(here, headers={"If-None-Match": tag}).status_code == 304
+    listed = kept.client.get("/v1/norms").json()["norms"]
+    assert listed == [{"name": "volunteers", "links": {"self": here}}]
+
+
+def test_a_kept_sequence_is_compared_as_the_library_compares_it(kept: Kept) -> None:
+    patient = beat(100, MotionClass.HYPOKINESIA)
+    name = sent(kept.client, patient)
+    query: dict[str, str | float] = {"norm": "volunteers", "level": 0.1}
+    answer = kept.client.post(f"/v1/sequences/{name}/deviations", params=query)
+    file = kept.client.get("/v1/norms/volunteers", headers={"Accept": "application/x-hdf5"})
+    own = norm_from_hdf5(file.content).deviation(patient, level=0.1)
+    assert answer.json() == {
+        key: list(value) if isinstance(value, tuple) else value
+        for key, value in own.as_json().items()
+    }
+    assert {one["name"] for one in answer.json()["quantities"]} == {
+        one.name for one in own.quantities
+    }
+    few = kept.client.post(f"/v1/sequences/{name}/deviations", params={"norm": "volunteers"})
+    assert (few.status_code, few.json()["needed"]) == (422, 19)
+    assert "level of at least 0.091" in few.json()["remedy"]
+    control = f"/v1/sequences/{kept.ids[0]}/deviations"
+    its_own = kept.client.post(control, params={"norm": "volunteers", "level": 0.1}).json()
+    assert its_own["n_controls"] == N_CONTROLS - 1
+
+
+def test_what_cannot_be_a_norm_is_refused_at_once(kept: Kept) -> None:
+    def refused(status: int, code: str, **body: Any) -> str:
+        request = {"name": "other", "sequences": kept.ids, **body}
+        answer = kept.client.post("/v1/norms", json=request)
+        assert (answer.status_code, answer.json()["code"]) == (status, code), answer.text
+        return str(answer.json().get("remedy"))
+
+    assert "DELETE /v1/norms/volunteers" in refused(409, "conflict", name="volunteers")
+    refused(404, "not_found", sequences=["0" * 64])
+    refused(422, "invalid_request", name="Not A Name")
+    refused(422, "invalid_request", modes=0)
+    few = kept.client.post("/v1/norms", json={"name": "few", "sequences": kept.ids[:8]})
+    job = finished(kept.client, few.json())
+    assert job["state"] == "failed"
+    assert "at least 9" in job["error"]["remedy"]
+    for method, path in (("GET", "few"), ("DELETE", "few"), ("GET", "Few")):
+        assert kept.client.request(method, f"/v1/norms/{path}").status_code in (404, 422)
+    here = f"/v1/sequences/{kept.ids[0]}/deviations"
+    assert kept.client.post(here, params={"norm": "few"}).status_code == 404
+    assert kept.client.post(here).status_code == 422
+    unknown = f"/v1/sequences/{'0' * 64}/deviations"
+    assert kept.client.post(unknown, params={"norm": "volunteers"}).status_code == 404
+
+
+def test_the_client_makes_asks_and_deletes_norms(kept: Kept, tmp_path: Path) -> None:
+    with Client("http://testserver", transport=kept.client._transport) as remote:
+        made = remote.make_norm("second", kept.ids, modes=5)
+        assert made["n_modes"] < kept.norm["n_modes"]
+        assert remote.norm("second") == made
+        assert remote.norms() == ["second", "volunteers"]
+        remote.save_norm("second", tmp_path / "second.h5")
+        assert norm_from_hdf5(tmp_path / "second.h5").id == made["id"]
+        found = remote.deviation(kept.ids[3], "second", level=0.1)
+        assert found["norm_id"] == made["id"]
+        remote.delete_norm("second")
+        with pytest.raises(RemoteError, match="no norm named 'second'"):
+            remote.norm("second")
+        # The name is free, and the file of the one before does not stand in its way.
+        again = remote.make_norm("second", kept.ids)
+        assert again["n_modes"] == kept.norm["n_modes"]
+        remote.delete_norm("second")
+    assert not list(kept.data_dir.rglob("second*"))
+
+
+def test_two_norms_of_one_name_made_at_once_end_as_one(kept: Kept) -> None:
+    bodies = [{"name": "raced", "sequences": kept.ids, "modes": n} for n in (3, 4)]
+    jobs: list[Any] = []
+
+    def start(body: dict[str, Any]) -> None:
+        jobs.append(kept.client.post("/v1/norms", json=body).json())
+
+    threads = [threading.Thread(target=start, args=(body,)) for body in bodies]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    ends = [finished(kept.client, job) if "id" in job else {"state": "failed"} for job in jobs]
+    assert sorted(end["state"] for end in ends) == ["failed", "succeeded"]
+    assert kept.client.delete("/v1/norms/raced").status_code == 204
