@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,6 @@ from modalmotion_service.schemas.facts import FactsQuery
 from modalmotion_service.schemas.fields import POINT, SequenceId, parse_times
 from modalmotion_service.schemas.sequences import SequenceSummary
 from modalmotion_service.schemas.signatures import Label
-
-_LABELS: Final = "^[0-9]{1,9}(,[0-9]{1,9}){0,31}$"
 
 
 class TrackQuery(FactsQuery):
@@ -92,12 +90,12 @@ class TrackQuery(FactsQuery):
     )
     labels: str | None = Field(
         None,
-        pattern=_LABELS,
+        max_length=300,
         description="Of label maps: values of the cavity, such as 3 or 1,3; apex and base are "
         "proposed from them.",
     )
     wall: str | None = Field(
-        None, pattern=_LABELS, description="Of label maps: values of the wall around it."
+        None, max_length=300, description="Of label maps: values of the wall around it."
     )
     unit: str | None = Field(None, max_length=20, description="m, cm, mm, um or nm.")
     times: str | None = Field(None, max_length=50_000, description="In s, such as 0,0.04,0.08.")
@@ -141,8 +139,8 @@ class TrackQuery(FactsQuery):
             contours=tuple(part for part in self.contours.split(",") if part),
             landmarks=landmarks,
             papillary=self.papillary,
-            labels=_values(self.labels),
-            wall=_values(self.wall),
+            labels=_labels("labels", self.labels),
+            wall=_labels("wall", self.wall),
             unit=self.unit,
             times=None if self.times is None else tuple(parse_times(self.times)),
             frame_interval=self.frame_interval,
@@ -316,5 +314,10 @@ def _plain(values: NDArray[np.float64] | None) -> list[float] | None:
     return None if values is None else values.tolist()
 
 
-def _values(text: str | None) -> tuple[int, ...]:
-    return () if text is None else tuple(map(int, text.split(",")))
+def _labels(name: str, text: str | None) -> tuple[int, ...]:
+    try:
+        return () if text is None else tuple(int(word) for word in text.split(","))
+    except ValueError:
+        raise ParameterError(
+            f"The values of {name} are {text!r:.40}.", remedy="Write whole numbers, such as 1,3."
+        ) from None

@@ -23,6 +23,7 @@ _TABLES: Final = (
     "CREATE INDEX IF NOT EXISTS jobs_by_time ON jobs (created, id)",
     "CREATE INDEX IF NOT EXISTS jobs_by_state ON jobs (state, created, id)",
     "CREATE INDEX IF NOT EXISTS jobs_by_sequence ON jobs (json_extract(request, '$.sequence_id'))",
+    "CREATE INDEX IF NOT EXISTS jobs_by_images ON jobs (json_extract(request, '$.query.images'))",
     "CREATE INDEX IF NOT EXISTS jobs_by_link ON jobs (json_extract(result, '$.link'))",
     (
         "CREATE INDEX IF NOT EXISTS jobs_of_several ON jobs (id) "
