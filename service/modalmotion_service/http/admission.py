@@ -25,6 +25,7 @@ UPLOADS: Final = frozenset(
     for name in (
         *("sequences", "tracks", "images", "signature"),
         *("templates", "encode", "decode", "classify"),
+        "sequences/{sequence_id}/dicom",
     )
 )
 """Routes whose body goes to a file as it comes. All others hold it in memory, as JSON."""

@@ -85,6 +85,14 @@ def receiving(
     return receive_upload
 
 
+async def receive_raw(request: Request, state: StateDependency) -> SpoolFile:
+    """Receive the raw body of a request into the spool."""
+    with stage("receive"):
+        file = await state.spool.receive(request.stream(), hashed=False)
+    request.state.remove_upload = file.remove
+    return file
+
+
 async def _receive(
     request: Request, state: State, names: tuple[str, ...], *, takes_facts: bool
 ) -> SpoolFile:
@@ -154,4 +162,5 @@ StoreDependency = Annotated[ResultStore, Depends(get_store)]
 PreferenceDependency = Annotated[Preference, Depends(get_preference)]
 FileDependency = Annotated[SpoolFile, Depends(receiving())]
 BareFileDependency = Annotated[SpoolFile, Depends(receiving(takes_facts=False))]
+RawFileDependency = Annotated[SpoolFile, Depends(receive_raw)]
 NamedFileDependency = Annotated[SpoolFile, Depends(receiving("subject", "label"))]
