@@ -36,14 +36,12 @@ def test_images_are_read_as_they_were_written(tmp_path: Path, name: str) -> None
     assert again.id == images.id
     assert (again.period, again.notes) == (images.period, images.notes)
     for ours, theirs in zip(images.frames, again.frames, strict=True):
-        for a, b in zip(
-            () if ours is None else parts_of(ours),
-            () if theirs is None else parts_of(theirs),
-            strict=True,
-        ):
-            assert a.values.dtype == b.values.dtype
+        assert (ours is None) == (theirs is None)
+        if ours is None or theirs is None:
+            continue
+        for a, b in zip(parts_of(ours), parts_of(theirs), strict=True):
+            assert (a.values.dtype, a.affine.tolist()) == (b.values.dtype, b.affine.tolist())
             assert np.array_equal(a.values, b.values)
-            assert np.array_equal(a.affine, b.affine)
     # The samples stay in the file; the same images make the same bytes.
     assert not any(part.values.flags.owndata for part in parts_of(again.frames[0]))  # type: ignore[arg-type]
     write_images(tmp_path / "again.h5", again)
