@@ -94,7 +94,7 @@ class ImageSequence(FrozenArrays):
         return ImageSequence(frames, self.times, self.period, self.notes)
 
 
-def parts_of(frame: Image) -> tuple[Volume, ...] | tuple[Plane, ...]:
+def parts_of(frame: Image) -> tuple[Volume | Plane, ...]:
     """Volume, or planes, that a frame consists of."""
     return frame.planes if isinstance(frame, PlaneSet) else (frame,)
 
