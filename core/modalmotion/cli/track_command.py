@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -26,7 +25,6 @@ from modalmotion.pictures.track import (
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
-from modalmotion.tracking.label_maps import from_labels
 from modalmotion.tracking.landmark_file import read_landmark_file
 from modalmotion.tracking.papillary import CONVENTIONS
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
@@ -111,8 +109,6 @@ def track(
     landmarks: tuple[str, ...],
     start: Path | None,
     contours: tuple[str, ...],
-    labels: tuple[int, ...],
-    wall: tuple[int, ...],
     plot: Path | None,
     picture: str,
     as_json: bool,
@@ -130,7 +126,8 @@ def track(
             bar.length = total
             bar.update(done - bar.pos)
 
-        recorded, marks = _labelled(read_observed(source, contours=contours), labels, wall)
+        recorded = read_observed(source, contours=contours)
+        marks: dict[str, Any] = {}
         for text in landmarks:
             marks |= _landmarks(text, recorded, options["unit"])
         parameters = TrackParameters(contours=contours, landmarks=marks, **options)
@@ -147,21 +144,6 @@ def track(
         notes = [f"note: {note}" for note in result.notes]
         click.echo("\n".join([*_lines(result), *notes]))
     list_written(output, plot, as_json=as_json)
-
-
-def _labelled(
-    recorded: Recorded, labels: tuple[int, ...], wall: tuple[int, ...]
-) -> tuple[Recorded, dict[str, Any]]:
-    """Turn label maps to images, with the landmarks that they propose."""
-    if not labels:
-        return recorded, {}
-    if recorded.images is None:
-        raise ParameterError(
-            "A label is named, but IN holds no images.",
-            remedy="Leave --label out, or give a label map as NIfTI, NRRD or MetaImage.",
-        )
-    made = from_labels(recorded.images, labels, wall)
-    return replace(recorded, images=made.images, notes=made.images.notes), dict(made.landmarks)
 
 
 def _figure(result: Track, recorded: Recorded, picture: str) -> Figure:

@@ -47,6 +47,23 @@ def _upload_body(*names: str) -> dict[str, Any]:
 UPLOAD_BODY: Final = _upload_body()
 NAMED_UPLOAD_BODY: Final = _upload_body("subject", "label")
 
+FILE_BODY: Final[dict[str, Any]] = {
+    "requestBody": {
+        "required": True,
+        "description": "The file's bytes, or a form with one part named 'file' and no other field.",
+        "content": {
+            "application/octet-stream": BINARY,
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["file"],
+                    "properties": {"file": {"type": "string", "format": "binary"}},
+                }
+            },
+        },
+    }
+}
+
 _PROBLEM_CONTENT: Final = {
     "application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}
 }
