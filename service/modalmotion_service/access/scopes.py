@@ -95,6 +95,8 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("DELETE", "/v1/jobs/{job_id}"): Scope.WRITE,
     ("GET", "/v2/models/{model_name}"): Scope.READ,
     ("GET", "/v2/models/{model_name}/ready"): Scope.READ,
+    ("POST", "/v2/models/{model_name}/infer"): Scope.READ,
+    ("POST", "/v2/models/{model_name}/versions/{version}/infer"): Scope.READ,
 }
 """By method and by the route's template. A route that is not here is refused to everybody."""
 

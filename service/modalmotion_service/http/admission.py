@@ -21,11 +21,18 @@ from modalmotion_service.http.gate import route_of
 from modalmotion_service.http.problems import problem_of
 
 UPLOADS: Final = frozenset(
-    f"/v1/{name}"
-    for name in (
-        *("sequences", "tracks", "images", "signature"),
-        *("templates", "encode", "decode", "classify"),
-        "sequences/{sequence_id}/dicom",
+    (
+        "/v1/sequences",
+        "/v1/sequences/{sequence_id}/dicom",
+        "/v1/tracks",
+        "/v1/images",
+        "/v1/signature",
+        "/v1/templates",
+        "/v1/encode",
+        "/v1/decode",
+        "/v1/classify",
+        "/v2/models/{model_name}/infer",
+        "/v2/models/{model_name}/versions/{version}/infer",
     )
 )
 """Routes whose body goes to a file as it comes. All others hold it in memory, as JSON."""
