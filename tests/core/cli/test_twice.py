@@ -15,7 +15,17 @@ from modalmotion.cli import main
 COMMANDS = main.list_commands(click.Context(main))
 
 # What each does at little cost. These run until they are ended, or cost a training.
-LONG = {"serve", "worker", "train", "evaluate", "compare-models", "decide", "features", "track"}
+LONG = {
+    "serve",
+    "worker",
+    "train",
+    "evaluate",
+    "compare-models",
+    "decide",
+    "features",
+    "track",
+    "segment",
+}
 CHEAP = {
     "audit": "verify --data-dir {store}",
     "cohort": "{folder} -o {cohort}",
