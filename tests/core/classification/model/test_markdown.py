@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -19,9 +20,9 @@ def card() -> ModelCard:
     return load_model().card
 
 
-def head_of(page: str) -> dict[str, object]:
+def head_of(page: str) -> dict[str, Any]:
     _, head, _ = page.split("---\n", 2)
-    found: dict[str, object] = yaml.safe_load(head)
+    found: dict[str, Any] = yaml.safe_load(head)
     return found
 
 
@@ -30,9 +31,9 @@ def test_the_head_is_as_registries_read_it(card: ModelCard) -> None:
     assert page == card_markdown("mine", "0" * 64, card, version=3)
     head = head_of(page)
     assert head["library_name"] == "modalmotion"
-    (index,) = head["model-index"]  # type: ignore[misc]
-    (result,) = index["results"]  # type: ignore[index]
-    assert index["name"] == "mine"  # type: ignore[index]
+    (index,) = head["model-index"]
+    (result,) = index["results"]
+    assert index["name"] == "mine"
     assert {"task", "dataset", "metrics"} <= result.keys()
     values = {one["type"]: one["value"] for one in result["metrics"]}
     assert values["accuracy"] == card.accuracy
