@@ -6,6 +6,8 @@ import io
 
 import numpy as np
 
+from modalmotion.formats.volumes.stack import unheard
+
 
 def slice_file(
     pixels: np.ndarray,
@@ -51,3 +53,36 @@ def slice_file(
     own.save_as(out, enforce_file_format=True)
     whole = out.getvalue()
     return whole[: len(whole) - cut]
+
+
+def study_instance(**changes: str | None) -> bytes:
+    """Make an instance of a patient's study, as an archive has it; None leaves an element out."""
+    import pydicom
+
+    with io.BytesIO(slice_file(np.zeros((4, 5), int), z=0.0, trigger=0.0)) as file:
+        own = pydicom.dcmread(file)
+    stated = {
+        "SpecificCharacterSet": "ISO_IR 100",
+        "SOPClassUID": pydicom.uid.MRImageStorage,
+        "SOPInstanceUID": "1.2.3.1",
+        "StudyInstanceUID": "1.2.3.4.5",
+        "StudyID": "77",
+        "StudyDate": "20260102",
+        "StudyTime": "101112",
+        "AccessionNumber": "A 9",
+        "PatientName": "Müller^Jörg",
+        "PatientID": "P 7",
+        "PatientBirthDate": "19600131",
+        "PatientSex": "M",
+        **changes,
+    }
+    out = io.BytesIO()
+    # Wrong values are written as they are.
+    with unheard("pydicom"):
+        for name, value in stated.items():
+            if value is None:
+                own.pop(name, None)
+            else:
+                setattr(own, name, value)
+        own.save_as(out, enforce_file_format=True)
+    return out.getvalue()

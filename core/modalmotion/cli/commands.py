@@ -20,6 +20,7 @@ COMMANDS: Final = {
         "Write MODEL with a rule by which its probabilities become a label.",
     ),
     "decode": ("codec_commands", "Decode a compressed STREAM, or some of its frames."),
+    "dicom": ("dicom_command", "Write DICOM objects of FILE into its patient's study."),
     "encode": ("codec_commands", "Compress the sequence in FILE at an error that you choose."),
     "evaluate": ("model_commands", "Test MODEL, a file or a name, on labelled sequences."),
     "features": ("features_command", "Write the features of labelled or unlabelled sequences."),

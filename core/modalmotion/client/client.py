@@ -16,6 +16,7 @@ from modalmotion.client.model_calls import ModelCalls
 from modalmotion.client.norm_calls import NormCalls
 from modalmotion.client.query import Option, segment
 from modalmotion.client.readout_calls import ReadoutCalls
+from modalmotion.client.report_calls import ReportCalls
 from modalmotion.client.retries import Retries
 from modalmotion.client.sequence_calls import SequenceCalls
 from modalmotion.client.signature_calls import SignatureCalls
@@ -30,6 +31,7 @@ class Client(
     SequenceCalls,
     SignatureCalls,
     ReadoutCalls,
+    ReportCalls,
     ModelCalls,
     NormCalls,
     FeatureCalls,

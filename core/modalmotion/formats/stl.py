@@ -18,7 +18,9 @@ from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frames.frame import Frame, space_in
 from modalmotion.formats.text import line_blocks
 from modalmotion.limits import NO_LIMITS, ReadLimits
+from modalmotion.mesh.areas import face_normals
 from modalmotion.mesh.checks import FloatArray
+from modalmotion.mesh.connectivity import oriented_faces
 
 _TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
 _HEADER_BYTES: Final = 84
@@ -92,6 +94,34 @@ def read_stl(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         raise _malformed("The STL file holds no triangle.")
     faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
     return Frame(corners, faces, is_soup=True, statements=space_in(header))
+
+
+def write_stl(vertices: NDArray[np.floating], faces: NDArray[np.int64], title: str = "") -> bytes:
+    """Write triangles as binary STL, in float32, all wound the same way round where they can be.
+
+    Parameters
+    ----------
+    vertices : (vertices, 3) float
+    faces : (faces, 3) int64
+    title : str
+        Of the header, in ASCII; at most 68 letters of it are kept.
+
+    Returns
+    -------
+    bytes
+        `read_stl` reads it back.
+    """
+    wound = oriented_faces(faces, len(vertices))
+    corners = np.asarray(vertices, dtype=np.float64)
+    wound = faces if wound is None else wound
+    normals = face_normals(corners, wound)
+    sizes = np.linalg.norm(normals, axis=1, keepdims=True)
+    triangles = np.zeros(len(wound), _TRIANGLE)
+    triangles["normal"] = np.divide(normals, sizes, out=np.zeros_like(normals), where=sizes > 0)
+    triangles["corners"] = corners[wound]
+    # A header that begins with "solid" would be text.
+    header = f"modalmotion {title}".encode("ascii", "replace")[:80].ljust(80)
+    return header + len(wound).to_bytes(4, "little") + triangles.tobytes()
 
 
 def _declared_bytes(data: bytes) -> int:

@@ -16,7 +16,7 @@ from modalmotion.exports.table import direction_names
 from modalmotion.norm import Deviation
 from modalmotion.report.codes import ABSENT, CATEGORY, OWN, SYSTEM, UCUM, concept
 from modalmotion.report.content import Report
-from modalmotion.report.quantities import Quantity, quantities_of
+from modalmotion.report.quantities import Quantity, errors_of, quantities_of
 
 MEDIA_TYPE: Final = "application/fhir+json; fhirVersion=4.0"
 
@@ -255,10 +255,8 @@ def _is_even(times: NDArray[np.float64]) -> bool:
 
 
 def _fit(report: Report) -> Found:
-    signature = report.signature
-    unit, ucum = _length(signature.unit)
-    rms = float(np.sqrt(np.mean(signature.rms_errors**2)))
-    most = float(signature.max_errors.max())
+    unit, ucum = _length(report.signature.unit)
+    rms, most = errors_of(report)
     components = [
         {"code": concept("rms_error"), "valueQuantity": _quantity(rms, unit, ucum)},
         {"code": concept("max_error"), "valueQuantity": _quantity(most, unit, ucum)},

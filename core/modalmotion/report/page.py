@@ -15,6 +15,7 @@ from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals, oriented_faces
 from modalmotion.report.codes import OWN
 from modalmotion.report.content import Report
+from modalmotion.report.moments import moments_of
 from modalmotion.report.quantities import quantities_of
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def report_figure(report: Report) -> Figure:
         color=_SOFT,
     )
     figure.text(0.93, 0.955, "preliminary", fontsize=11, color="#b5533c", ha="right")
-    frames = _frames(report)
+    frames = moments_of(report)
     for k, (frame, name) in enumerate(frames):
         axes = figure.add_axes((0.05 + 0.30 * k, 0.70, 0.28, 0.21))
         _draw_surface(axes, report, frame)
@@ -100,17 +101,6 @@ def report_figure(report: Report) -> Figure:
 def _cavity(name: str) -> str:
     words = {"lv": "left ventricle", "rv": "right ventricle", "la": "left atrium"}
     return {**words, "ra": "right atrium"}.get(name, "")
-
-
-def _frames(report: Report) -> list[tuple[int, str]]:
-    if report.readouts is None:
-        middle = int(np.argmax(report.signature.motion_rms))
-        return [(0, "first frame"), (middle, "largest motion")]
-    curve = report.readouts.mesh_curve
-    names = ("end diastole", "end systole")
-    if report.readouts.curve.fraction != "ejection_fraction":
-        names = ("largest volume", "smallest volume")
-    return list(zip((curve.end_diastole, curve.end_systole), names, strict=True))
 
 
 def _draw_surface(axes: Axes, report: Report, frame: int) -> None:

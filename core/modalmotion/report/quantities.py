@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from modalmotion.report.content import Report
 from modalmotion.representation import shown
 
@@ -49,3 +51,10 @@ def quantities_of(report: Report) -> tuple[Quantity, ...]:
     ):
         found.append(Quantity(name, value * factor, low * factor, high * factor, unit, ucum))
     return tuple(found)
+
+
+def errors_of(report: Report) -> tuple[float, float]:
+    """Give the RMS and the largest error of the modes, in the unit of lengths."""
+    signature = report.signature
+    rms = float(np.sqrt(np.mean(signature.rms_errors**2)))
+    return rms, float(signature.max_errors.max())

@@ -48,6 +48,7 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("GET", "/v1/sequences/{sequence_id}/tradeoff"): Scope.READ,
     ("GET", "/v1/sequences/{sequence_id}/readouts"): Scope.READ,
     ("GET", "/v1/sequences/{sequence_id}/report"): Scope.READ,
+    ("POST", "/v1/sequences/{sequence_id}/dicom"): Scope.READ,
     ("GET", "/v1/sequences/{sequence_id}/view"): Scope.READ,
     ("GET", "/v1/sequences/{sequence_id}/view/frames"): Scope.READ,
     ("GET", "/v1/sequences/{sequence_id}/distance"): Scope.READ,

@@ -22,7 +22,10 @@ from modalmotion_service.http.problems import problem_of
 
 UPLOADS: Final = frozenset(
     f"/v1/{name}"
-    for name in ("sequences", "tracks", "signature", "templates", "encode", "decode", "classify")
+    for name in (
+        *("sequences", "tracks", "signature", "templates", "encode", "decode", "classify"),
+        "sequences/{sequence_id}/dicom",
+    )
 )
 """Routes whose body goes to a file as it comes. All others hold it in memory, as JSON."""
 

@@ -53,6 +53,8 @@ _SURFACE: Final = 1e-7
 _SURFACES_OF_SEQUENCE: Final = 100
 # s for a signature among many, and for a mode at a byte of its template.
 _PACKED: Final = 5e-3
+# highdicom is imported.
+_DICOM: Final = 3.0
 # scikit-learn is imported.
 _TABLE: Final = 3.0
 _MODE: Final = 1e-8
@@ -223,6 +225,7 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     derived.measure_trade: _trade,
     derived.superpose: _superposed,
     reports.make_report: lambda args: _PICTURE + _read_out(args),
+    reports.make_dicom: lambda args: _DICOM + _read_out((*args[:3], None)),
     views.make_view: _shown,
     views.make_frames: _shown,
     tracks.follow: _tracking,

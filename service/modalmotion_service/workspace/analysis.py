@@ -344,6 +344,26 @@ class Analysis:
                 record.created,
             )
 
+    async def dicom(
+        self,
+        sequence_id: str,
+        parameters: SignatureParameters,
+        classification: Path | None,
+        instance: Path,
+        limits: ReadLimits,
+    ) -> Path:
+        """Write DICOM objects of an instance's study into a file, which the caller removes."""
+        sequence, signature = await self._with_sequence(sequence_id, parameters)
+        template = self._template_path(parameters)
+        record = self._store.sequence_record(sequence_id)
+        with self._output() as output, stage("report"):
+            await self.work(
+                reports.make_dicom,
+                *(sequence, signature, template, instance, limits),
+                *(record.facts, classification, record.created, output),
+            )
+        return output
+
     async def view(
         self, sequence_id: str, parameters: SignatureParameters, *, as_page: bool
     ) -> Path:

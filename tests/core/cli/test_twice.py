@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
+from dicom_samples import study_instance
 from training_cohort import cohort
 
 from modalmotion.cli import main
@@ -24,6 +25,7 @@ CHEAP = {
     "animate": "cup --mode 1,1,cos=0.1 -o {out}.glb",
     "classify": "{beat}",
     "decode": "{stream} -o {out}.npz",
+    "dicom": "{beat} --study {study} --coordinates LPS -o {out}",
     "encode": "{beat} -o {out}.stream --max-error 1",
     "modes": "{beat}",
     "norm": "train {controls} --name ours -o {out}.norm.h5",
@@ -63,8 +65,11 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "cohort": folder / "cohort",
         "controls": folder / "controls.csv",
         "stream": folder / "beat.stream",
+        "study": folder / "study.dcm",
         "out": folder / "out",
     }
+    pytest.importorskip("highdicom")
+    places["study"].write_bytes(study_instance())
     bodies = [one.body for one in cohort(5, seed=4)][:9]
     for k, body in enumerate(bodies):
         (folder / f"{k}.npz").write_bytes(body)

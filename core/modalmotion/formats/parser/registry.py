@@ -18,6 +18,7 @@ _TASKS: Final = {
     "metaimage": "modalmotion.formats.volumes.metaimage:parse_metaimage",
     "nifti": "modalmotion.formats.volumes.nifti:parse_nifti",
     "nrrd": "modalmotion.formats.volumes.nrrd_volumes:parse_nrrd",
+    "study": "modalmotion.formats.volumes.study:parse_study",
     "vtk": "modalmotion.formats.vtk.vtk_polydata:parse_legacy",
     "vtp": "modalmotion.formats.vtk.vtk_polydata:parse_xml",
 }
@@ -29,6 +30,7 @@ _LIBRARIES: Final = {
     "dicom": ("pydicom.pixels",),
     "nifti": ("nibabel",),
     "nrrd": ("nrrd",),
+    "study": ("pydicom.valuerep",),
     "vtk": ("vtkmodules.vtkIOLegacy", "vtkmodules.util.numpy_support"),
     "vtp": ("vtkmodules.vtkIOXML", "vtkmodules.util.numpy_support"),
 }

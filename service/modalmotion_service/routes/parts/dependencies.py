@@ -81,6 +81,14 @@ def receiving(*names: str) -> Callable[[Request, State], Awaitable[SpoolFile]]:
     return receive_upload
 
 
+async def receive_raw(request: Request, state: StateDependency) -> SpoolFile:
+    """Receive the raw body of a request into the spool."""
+    with stage("receive"):
+        file = await state.spool.receive(request.stream(), hashed=False)
+    request.state.remove_upload = file.remove
+    return file
+
+
 async def _receive(request: Request, state: State, names: tuple[str, ...]) -> SpoolFile:
     # Only requests with an idempotency key are compared by their hash.
     hashed = "idempotency-key" in request.headers
@@ -146,4 +154,5 @@ async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:
 StoreDependency = Annotated[ResultStore, Depends(get_store)]
 PreferenceDependency = Annotated[Preference, Depends(get_preference)]
 FileDependency = Annotated[SpoolFile, Depends(receiving())]
+RawFileDependency = Annotated[SpoolFile, Depends(receive_raw)]
 NamedFileDependency = Annotated[SpoolFile, Depends(receiving("subject", "label"))]

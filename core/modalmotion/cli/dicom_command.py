@@ -1,0 +1,47 @@
+"""Command that writes DICOM objects of one recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from modalmotion.cli.options import example, list_written
+from modalmotion.cli.reported import Wanted, report_options
+from modalmotion.cli.waiting import Waiting
+
+
+@click.command(
+    epilog=example("dicom beat.npz --study image.dcm --coordinates LPS --cavity lv -o folder")
+)
+@report_options
+@click.option(
+    "--study",
+    required=True,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Any instance of the patient's study: its header is copied, and its pixels are not read.",
+)
+def dicom(source: Path, out: Path, study: Path, **options: Any) -> None:
+    """Write DICOM objects of the sequence in FILE: a structured report and surfaces.
+
+    The folder gets report.dcm (TID 1500) and the surfaces at the ends of diastole and systole as
+    encapsulated STL, as instances of the patient's study. Coordinates must be stated as LPS, in
+    mm. Needs pydicom and highdicom (extra dicom).
+    """
+    from modalmotion.report.dicom import dicom_instances, read_study, require_space
+    from modalmotion.store import write_atomic
+
+    wanted = Wanted.of(source, **options)
+    header = read_study(study)
+    with Waiting(source) as waiting:
+        found = wanted.report(waiting)
+        require_space(found.sequence.facts, found.sequence.unit)
+        with waiting.watch.stage("write"):
+            pieces = dicom_instances(found, header)
+            out.mkdir(parents=True, exist_ok=True)
+            for name, data in pieces.items():
+                write_atomic(out / name, data)
+    for note in found.caveats:
+        click.echo(f"note: {note}")
+    list_written(*(out / name for name in pieces))
