@@ -34,6 +34,7 @@ from modalmotion_service.routes import (
     evaluations,
     features,
     health,
+    images,
     jobs,
     kserve,
     limits,
@@ -70,7 +71,7 @@ def judged_routes() -> list[BaseRoute]:
     """All routes, made once for all applications of a process: it takes longer than all else."""
     router = APIRouter(dependencies=[Depends(require_judged)])
     for module in (
-        *(sequences, tracks, signatures, sent_signature, tradeoff, readouts, reports),
+        *(sequences, images, tracks, signatures, sent_signature, tradeoff, readouts, reports),
         *(templates, codec, classifications, classify, models, evaluations, features, jobs, limits),
         *(norms, audit, health, kserve, prometheus, documentation, views),
     ):
@@ -143,6 +144,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(
         BodyLimits,
         body_bytes=chosen.max_body_bytes,
+        image_bytes=chosen.max_image_body_bytes,
         json_bytes=chosen.max_json_bytes,
         query_ids=chosen.max_query_ids,
         idle_seconds=chosen.idle_seconds,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -100,6 +101,18 @@ class Settings(BaseSettings):
     max_decompressed_bytes: int = Field(
         1_000_000_000, gt=0, description="Largest total of the arrays in an upload."
     )
+    max_image_body_bytes: int = Field(
+        1_000_000_000, gt=0, description="Largest request body of images."
+    )
+    max_image_bytes: int = Field(
+        2_000_000_000, gt=0, description="Largest total of the samples of images."
+    )
+    image_hours: float = Field(
+        168.0,
+        gt=0,
+        le=1e6,
+        description="How long images wait to be tracked; those kept on purpose stay.",
+    )
     max_query_ids: int = Field(1_000, gt=0, description="Most signatures in one answer.")
     max_concurrent_requests: int = Field(
         64, gt=0, description="Requests under way at once; more are answered 429."
@@ -161,12 +174,18 @@ class Settings(BaseSettings):
         )
 
     @property
+    def image_limits(self) -> ReadLimits:
+        """The same of images."""
+        return replace(self.read_limits, decompressed_bytes=self.max_image_bytes)
+
+    @property
     def limits(self) -> dict[str, float]:
         """All limits on clients, by the names in errors."""
         of_readers = ("frames", "vertices", "faces", "decompressed_bytes")
         counts = ("query_ids", "training_sequences", "concurrent_requests", "unfinished_jobs")
         of_owner = "concurrent_requests_of_owner"
-        names = ("body_bytes", "json_bytes", *of_readers, *counts, of_owner)
+        of_images = ("image_body_bytes", "image_bytes")
+        names = ("body_bytes", "json_bytes", *of_readers, *of_images, *counts, of_owner)
         rates = ("requests_per_minute", "anonymous_per_minute", "failures_per_minute")
         of_requests = ("header_seconds", "idle_seconds", "upload_seconds")
         seconds = (*of_requests, "task_seconds", "training_seconds")

@@ -23,6 +23,7 @@ NOBODYS = {
     "sequence_id": "0" * 64,
     "template_id": "0" * 64,
     "track_id": "0" * 64,
+    "images_id": "0" * 64,
     "job_id": "0" * 32,
     "name": "nobodys",
     "model_name": "nobodys",

@@ -13,6 +13,7 @@ from modalmotion.errors import ModalMotionError
 
 COMMANDS: Final = {
     "animate": ("modes_commands", "Add modes over the surface in FILE and let them swing."),
+    "card": ("model_commands", "Say what MODEL was made of, and how well it does."),
     "classify": ("model_commands", "Name the motion class of the sequence in FILE."),
     "compare-models": ("model_commands", "Compare two models, on the same labelled sequences."),
     "decide": (
@@ -29,6 +30,7 @@ COMMANDS: Final = {
     "readouts": ("readouts_command", "Read volume and ejection fraction of the cavity in FILE."),
     "reconstruct": ("analysis_commands", "Write the surfaces that a few modes stand for."),
     "report": ("report_command", "Report on the sequence in FILE, for people and systems."),
+    "segment": ("segment_command", "Find a surface in one image of IN, with its stated error."),
     "show": ("show_command", "Say what FILE holds."),
     "signature": ("analysis_commands", "Fit the modal signature of the sequence in FILE."),
     "simulate": ("simulate_command", "Simulate one heartbeat of a left ventricle."),

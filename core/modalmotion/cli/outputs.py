@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 PICTURES: Final = (".png", ".svg", ".pdf")
 """Suffixes of pictures."""
+MOVING: Final = ".gif"
+"""Suffix of a moving one."""
 
 
 class OutputFile(click.Path):
@@ -47,7 +49,7 @@ class OutputFile(click.Path):
         """Fail where the file cannot be written."""
         if self.suffixes and path.suffix.lower() not in self.suffixes:
             self.fail(f"{path.name} ends with none of {', '.join(self.suffixes)}.", param, ctx)
-        if self.suffixes and path.suffix.lower() in PICTURES:
+        if self.suffixes and path.suffix.lower() in (*PICTURES, MOVING):
             require_matplotlib()
         try:
             obstacle = _obstacle(path)

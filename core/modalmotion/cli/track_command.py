@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 import numpy as np
 
-from modalmotion.cli.options import example, json_option, list_written, output_option, plot_option
-from modalmotion.cli.outputs import write_picture
+from modalmotion.cli.options import example, json_option, list_written, output_option
+from modalmotion.cli.outputs import MOVING, PICTURES, OutputFile, write_picture
 from modalmotion.errors import ParameterError
 from modalmotion.formats import read_sequence, write_npz
 from modalmotion.numerals import numeral
-from modalmotion.pictures.image_overlay import overlay_figure
+from modalmotion.pictures.image_overlay import overlay_figure, overlay_gif
 from modalmotion.pictures.track import (
     data_figure,
     determined_figure,
@@ -26,7 +25,6 @@ from modalmotion.pictures.track import (
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
-from modalmotion.tracking.label_maps import from_labels
 from modalmotion.tracking.landmark_file import read_landmark_file
 from modalmotion.tracking.papillary import CONVENTIONS
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
@@ -95,7 +93,11 @@ _PICTURES: Final = ("data", "deviations", "determined")
     show_default=True,
     help="Of images: whether papillary muscles count as cavity.",
 )
-@plot_option
+@click.option(
+    "--plot",
+    type=OutputFile(*PICTURES, MOVING),
+    help="Picture to write (.png, .svg, .pdf); of images a .gif of all frames too.",
+)
 @click.option(
     "--picture",
     type=click.Choice(_PICTURES),
@@ -111,8 +113,6 @@ def track(
     landmarks: tuple[str, ...],
     start: Path | None,
     contours: tuple[str, ...],
-    labels: tuple[int, ...],
-    wall: tuple[int, ...],
     plot: Path | None,
     picture: str,
     as_json: bool,
@@ -130,16 +130,21 @@ def track(
             bar.length = total
             bar.update(done - bar.pos)
 
-        recorded, marks = _labelled(read_observed(source, contours=contours), labels, wall)
+        recorded = read_observed(source, contours=contours)
+        if plot is not None and plot.suffix.lower() == MOVING:
+            _require_images(recorded, picture)
+        marks: dict[str, Any] = {}
         for text in landmarks:
-            marks |= _landmarks(text, recorded, options["unit"])
+            marks |= landmarks_in(text, recorded, options["unit"])
         parameters = TrackParameters(contours=contours, landmarks=marks, **options)
         surface = None if start is None else read_sequence(start).sequence
         result = parameters.follow(recorded, start=surface, progress=shown)
     is_npz = output.suffix.lower() == ".npz"
     data = write_npz(result.sequence) if is_npz else track_to_hdf5(result)
     write_atomic(output, data)
-    if plot is not None:
+    if plot is not None and plot.suffix.lower() == MOVING and recorded.images is not None:
+        write_atomic(plot, overlay_gif(result, recorded.images))
+    elif plot is not None:
         write_picture(_figure(result, recorded, picture), plot)
     if as_json:
         click.echo(json.dumps(_numbers(result), indent=2))
@@ -149,19 +154,13 @@ def track(
     list_written(output, plot, as_json=as_json)
 
 
-def _labelled(
-    recorded: Recorded, labels: tuple[int, ...], wall: tuple[int, ...]
-) -> tuple[Recorded, dict[str, Any]]:
-    """Turn label maps to images, with the landmarks that they propose."""
-    if not labels:
-        return recorded, {}
-    if recorded.images is None:
+def _require_images(recorded: Recorded, picture: str) -> None:
+    """Refuse a moving picture of what has none, before any work."""
+    if recorded.images is None or picture != _PICTURES[0]:
         raise ParameterError(
-            "A label is named, but IN holds no images.",
-            remedy="Leave --label out, or give a label map as NIfTI, NRRD or MetaImage.",
+            "A .gif shows contours over images, and of nothing else there is one.",
+            remedy="Name a .png, or track images with --picture data.",
         )
-    made = from_labels(recorded.images, labels, wall)
-    return replace(recorded, images=made.images, notes=made.images.notes), dict(made.landmarks)
 
 
 def _figure(result: Track, recorded: Recorded, picture: str) -> Figure:
@@ -174,8 +173,8 @@ def _figure(result: Track, recorded: Recorded, picture: str) -> Figure:
     return data_figure(result, recorded.frames)
 
 
-def _landmarks(text: str, recorded: Recorded, unit: str | None) -> dict[str, Any]:
-    """Read a landmark, or a file of some."""
+def landmarks_in(text: str, recorded: Recorded, unit: str | None) -> dict[str, Any]:
+    """Read a landmark (NAME=X,Y,Z), or a file of some."""
     path = Path(text)
     if path.is_file():
         file = read_landmark_file(path.read_bytes())

@@ -3,6 +3,7 @@
 from modalmotion.client.answers import (
     ClassAnswer,
     CompressedSequence,
+    ImagesInfo,
     ModelInfo,
     Readouts,
     SequenceInfo,
@@ -30,6 +31,7 @@ __all__ = [
     "ClassAnswer",
     "Client",
     "CompressedSequence",
+    "ImagesInfo",
     "Job",
     "JobCancelledError",
     "JobStatus",

@@ -52,6 +52,40 @@ class SequenceInfo:
     answer: dict[str, Any] = field(repr=False, compare=False)
 
 
+@shown("kind", "n_frames", "shapes", "spacings", "is_kept", "id")
+@dataclass(frozen=True)
+class ImagesInfo:
+    """Description of stored images.
+
+    Parameters
+    ----------
+    id : str
+        sha256 of the content, in hex.
+    kind : str
+        volumes or planes.
+    n_frames : int
+    shapes : list of list of int
+        Samples along each axis: of the volume, or of each plane of a frame.
+    spacings : list of list of float, mm
+    times : list of float or None, s
+    is_kept : bool
+        Whether they stay after they were tracked.
+    notes : list of str
+    answer : dict
+        The full answer of the service.
+    """
+
+    id: str
+    kind: str
+    n_frames: int
+    shapes: list[list[int]]
+    spacings: list[list[float]]
+    times: list[float] | None
+    is_kept: bool
+    notes: list[str]
+    answer: dict[str, Any] = field(repr=False, compare=False)
+
+
 @shown("topology", "n_vertices", "n_faces", "notes", "id")
 @dataclass(frozen=True)
 class TemplateInfo:

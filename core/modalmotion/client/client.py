@@ -11,6 +11,7 @@ from modalmotion.client.codec_calls import CodecCalls
 from modalmotion.client.connection import MOST_BYTES, Answer, Call, Connection
 from modalmotion.client.errors import RemoteError, UnreachableError
 from modalmotion.client.feature_calls import FeatureCalls
+from modalmotion.client.image_calls import ImageCalls
 from modalmotion.client.jobs import Job, JobStatus
 from modalmotion.client.model_calls import ModelCalls
 from modalmotion.client.norm_calls import NormCalls
@@ -37,6 +38,7 @@ class Client(
     FeatureCalls,
     CodecCalls,
     TemplateCalls,
+    ImageCalls,
     TrackCalls,
 ):
     """A service: use it in a `with` block, or close it.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from modalmotion.client.answers import SequenceInfo, value_of
+from modalmotion.client.answers import ImagesInfo, SequenceInfo, value_of
 from modalmotion.client.bodies import Source, body_of
 from modalmotion.client.calls import HDF5, PNG, Calls, require_place, save
 from modalmotion.client.connection import Answer, Call
@@ -20,8 +20,9 @@ from modalmotion.errors import ShapeError
 from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_from_hdf5
 
-Recording = Source | Sequence[Any]
-"""Source of a track: a file by its path or as its bytes, or a cloud (n, 3) for each frame."""
+Recording = Source | ImagesInfo | Sequence[Any]
+"""Source of a track: a file by its path or as its bytes, images that were sent before, or a cloud
+(n, 3) for each frame."""
 
 
 class TrackCalls(Calls):
@@ -39,16 +40,18 @@ class TrackCalls(Calls):
 
         Parameters
         ----------
-        source : path, bytes or sequence of (n, 3) array_like
-            A zip of one mesh, cloud or set of contours a frame, or an npz of points and offsets;
-            or the points of each frame, none where it is missing.
+        source : path, bytes, ImagesInfo or sequence of (n, 3) array_like
+            A zip of one mesh, cloud or set of contours a frame, images, or an npz of points and
+            offsets; images as `upload_images` returns them, which are deleted once they are tracked
+            (keep=True keeps them); or the points of each frame, none where it is missing.
         landmarks : mapping of "apex" and "base" to (3,) or (frames, 3) array_like, optional
             A place in the reference frame, or one for each frame with NaN where it is unknown.
         progress : callable, optional
             Called with the share that is done where a job of the service tracks.
         **options
             As the service names them: modes, tolerance, time, reference, start, topology,
-            contours, unit, times, frame_interval, subject, label, and facts.
+            contours, unit, times, frame_interval, subject, label, and facts; of images keep,
+            papillary, labels and wall.
 
         Raises
         ------
@@ -90,7 +93,8 @@ class TrackCalls(Calls):
         track_id : str
         path : str or Path
         **options
-            picture: deviations (the stated error on the surface, in a `frame`) or determined.
+            picture: deviations (the stated error on the surface, in a `frame`), determined, or
+            overlay (contours over images that were kept).
         """
         target = Path(path)
         require_place(target)
@@ -112,6 +116,8 @@ def _track(
     query: dict[str, Any] = dict(options)
     if landmarks is not None:
         query["landmarks"] = {name: _places(value) for name, value in landmarks.items()}
+    if isinstance(source, ImagesInfo):
+        return Call("POST", "/v1/tracks", {**query, "images": source.id}, is_keyed=True)
     if isinstance(source, Sequence) and not isinstance(source, str | bytes | bytearray):
         source = _as_npz(source)
     return Call("POST", "/v1/tracks", query, body=body_of(source), is_keyed=True)

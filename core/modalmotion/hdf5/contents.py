@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -82,11 +83,36 @@ def contents_of(name: str, data: bytes) -> Contents:
         If it is not made of plain datasets.
     """
     # The library's lower level, which takes half the time on many small datasets.
-    from h5py import h5d, h5f, h5g, h5l, h5s
+    from h5py import h5f, h5g, h5s
 
     root = h5g.open(h5f.open_file_image(data), b"/")
-    attributes = _attributes(root)
     arrays: dict[str, NDArray[Any]] = {}
+    for key, dataset in _datasets(root, len(data)):
+        array = np.empty(dataset.shape, dataset.dtype)
+        if array.size:
+            dataset.read(h5s.ALL, h5s.ALL, array)
+        arrays[key] = array
+    return Contents(name, _attributes(root), arrays)
+
+
+def contents_in(path: Path) -> Contents:
+    """Read a file whose datasets stay where they are, as maps of the file: see `contents_of`."""
+    from h5py import h5f, h5g
+
+    root = h5g.open(h5f.open(str(path).encode(), h5f.ACC_RDONLY), b"/")
+    arrays: dict[str, NDArray[Any]] = {}
+    for key, dataset in _datasets(root, path.stat().st_size):
+        kind, shape, offset = dataset.dtype, dataset.shape, dataset.get_offset()
+        if offset is None:
+            arrays[key] = np.empty(shape, kind)
+        else:
+            arrays[key] = np.asarray(np.memmap(path, kind, "r", offset, shape))
+    return Contents(f"'{path.name}'", _attributes(root), arrays)
+
+
+def _datasets(root: Any, most_bytes: int) -> Iterator[tuple[str, Any]]:
+    from h5py import h5d, h5l
+
     n_bytes = 0
     for number in range(root.get_num_objs()):
         key = root.get_objname_by_idx(number)
@@ -97,13 +123,9 @@ def contents_of(name: str, data: bytes) -> Contents:
         _require_in_file(key, dataset)
         # Many names of one dataset, or datasets on the same bytes, would fill the memory.
         n_bytes += dataset.get_storage_size()
-        if n_bytes > len(data):
+        if n_bytes > most_bytes:
             raise ValueError("its datasets lie on one another")
-        array = np.empty(dataset.shape, dataset.dtype)
-        if array.size:
-            dataset.read(h5s.ALL, h5s.ALL, array)
-        arrays[key.decode()] = array
-    return Contents(name, attributes, arrays)
+        yield key.decode(), dataset
 
 
 def header_of(name: str, data: bytes) -> Contents:

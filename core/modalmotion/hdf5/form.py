@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion.errors import CorruptFileError, ModalMotionError, OlderFileError, StoreError
-from modalmotion.hdf5.contents import Contents, contents_of, header_of
+from modalmotion.hdf5.contents import Contents, contents_in, contents_of, header_of
 from modalmotion.hdf5.image import INTENDED_USE, Attribute, Dataset, sealed_image
-from modalmotion.hdf5.sealed import digest_of, load_sealed
+from modalmotion.hdf5.sealed import digest_of, load_sealed, require_sealed
 
 REBUILD: Final = "Run `modalmotion store rebuild FOLDER` on the folder of its store"
 
@@ -23,7 +23,8 @@ class Form:
     Parameters
     ----------
     kind : str
-        "signature", "sequence", "classification", "track", "model", "template" or "export".
+        "signature", "sequence", "classification", "track", "images", "model", "template" or
+        "export".
     version : int
         Raised when what is written changes; `store rebuild` then rewrites older files.
     """
@@ -94,6 +95,15 @@ class Form:
         name, data = load_sealed(source)
         with _explained(name, self.kind):
             contents = contents_of(name, data)
+            self._require(contents)
+            yield contents
+
+    @contextmanager
+    def mapped(self, path: Path) -> Iterator[Contents]:
+        """Read a file too large for memory: its datasets are maps of it; errors as of `read`."""
+        require_sealed(path)
+        with _explained(f"'{path.name}'", self.kind):
+            contents = contents_in(path)
             self._require(contents)
             yield contents
 

@@ -12,13 +12,14 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import StoreError
-from modalmotion.hdf5.sealed import seal
+from modalmotion.hdf5.sealed import seal, seal_file
 
 Attribute = str | int | tuple[int, ...]
 
@@ -133,6 +134,57 @@ def write_image(layout: Layout, ids: Sequence[str], arrays: Sequence[NDArray[Any
             offsets.append(dataset.id.get_offset())
         file.flush()
         return file.id.get_file_image(), offsets
+
+
+class Rows(NamedTuple):
+    """One dataset of a file that is written a row at a time.
+
+    Parameters
+    ----------
+    name : str
+    rows : sequence of ndarray
+        All of one shape and type.
+    unit, axes : str
+        As of `Dataset`.
+    """
+
+    name: str
+    rows: Sequence[NDArray[Any]]
+    unit: str
+    axes: str
+
+
+def write_sealed(
+    path: Path, attributes: Mapping[str, Attribute], datasets: Sequence[Dataset | Rows]
+) -> None:
+    """Write a sealed HDF5 file that is too large to be built in memory; may raise OSError.
+
+    Parameters
+    ----------
+    path : Path
+        Written over.
+    attributes : mapping
+        Of the root.
+    datasets : sequence of Dataset or Rows
+    """
+    import h5py
+
+    for name, value in attributes.items():
+        _require_storable(name, value)
+    with h5py.File(path, "w", libver=("earliest", "latest")) as file:
+        for name, value in attributes.items():
+            file.attrs[name] = _as_attribute(value)
+        for one in datasets:
+            if isinstance(one, Dataset):
+                dataset = file.create_dataset(one.name, data=one.values, track_times=False)
+            else:
+                shape = (len(one.rows), *one.rows[0].shape)
+                dataset = file.create_dataset(one.name, shape, one.rows[0].dtype, track_times=False)
+                for k, row in enumerate(one.rows):
+                    dataset[k] = row
+            dataset.attrs["unit"] = _as_attribute(one.unit)
+            dataset.attrs["axes"] = _as_attribute(one.axes)
+    seal_file(path)
 
 
 @lru_cache(maxsize=256)

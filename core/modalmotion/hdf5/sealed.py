@@ -20,6 +20,9 @@ _MARK: Final = b"\nmodalmotion sha256 "
 _SEAL: Final = re.compile(rb"\nmodalmotion sha256 ([0-9a-f]{64})\n")
 SEAL_LENGTH: Final = len(_MARK) + 64 + 1
 
+# Of a file, at a time.
+_PIECE: Final = 1 << 20
+
 _RESTORE = "Restore it from a copy, or delete it and make the result again."
 
 
@@ -29,6 +32,44 @@ def seal(pieces: Sequence[bytes | memoryview]) -> bytes:
     for piece in pieces:
         digest.update(piece)
     return b"".join((*pieces, _MARK, digest.hexdigest().encode(), b"\n"))
+
+
+def seal_file(path: Path) -> None:
+    """Put the seal behind an HDF5 file that is too large to be built in memory.
+
+    May raise OSError.
+    """
+    with path.open("rb+") as file:
+        digest = hashlib.file_digest(file, "sha256")
+        file.write(_MARK + digest.hexdigest().encode() + b"\n")
+
+
+def require_sealed(path: Path) -> None:
+    """Check the seal of a file a piece at a time, as `load_sealed` does in memory.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such file.
+    CorruptFileError
+        If it has no seal, or differs from what was sealed.
+    """
+    name = f"'{path.name}'"
+    digest = hashlib.sha256()
+    try:
+        with path.open("rb") as file:
+            left = path.stat().st_size - SEAL_LENGTH
+            while left > 0 and (piece := file.read(min(left, _PIECE))):
+                digest.update(piece)
+                left -= len(piece)
+            match = _SEAL.fullmatch(file.read())
+    except OSError as error:
+        raise _unreadable(path, error) from error
+    if match is None or digest.hexdigest().encode() != match[1]:
+        raise CorruptFileError(
+            f"{name} is damaged: its bytes do not have the sha256 of a seal at its end.",
+            remedy=_RESTORE,
+        )
 
 
 def digest_of(data: bytes) -> str:
@@ -106,15 +147,19 @@ def read_file(path: Path) -> bytes:
     """
     try:
         return path.read_bytes()
-    except FileNotFoundError:
-        raise NotFoundError(
-            f"There is no file '{path.name}'.", remedy="Check its name and folder."
-        ) from None
     except OSError as error:
-        raise StoreError(
-            f"'{path.name}' could not be read: {error.strerror}.",
-            remedy="Check that it is a file, that this user may read it, and the disk.",
-        ) from error
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: OSError) -> StoreError:
+    if isinstance(error, FileNotFoundError):
+        return NotFoundError(
+            f"There is no file '{path.name}'.", remedy="Check its name and folder."
+        )
+    return StoreError(
+        f"'{path.name}' could not be read: {error.strerror}.",
+        remedy="Check that it is a file, that this user may read it, and the disk.",
+    )
 
 
 def _capital(text: str) -> str:

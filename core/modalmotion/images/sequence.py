@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
-from modalmotion.images.plane_set import PlaneSet, slices_of
+from modalmotion.images.plane_set import Plane, PlaneSet, slices_of
 from modalmotion.images.volume import Volume
 from modalmotion.mesh.checks import require_times
 from modalmotion.numeric.frozen_arrays import FrozenArrays
@@ -67,6 +69,22 @@ class ImageSequence(FrozenArrays):
         """Number of frames."""
         return len(self.frames)
 
+    @cached_property
+    def id(self) -> str:
+        """Digest (sha256, hex) of samples, places and times: the same for the same content."""
+        digest = hashlib.sha256(b"modalmotion.images 1\0")
+        for array in (self.times, None if self.period is None else np.array([self.period])):
+            _add(digest, array)
+        for frame in self.frames:
+            parts: Sequence[Volume | Plane] = () if frame is None else parts_of(frame)
+            _add(digest, np.array([len(parts), isinstance(frame, PlaneSet)]))
+            for part in parts:
+                _add(digest, part.affine)
+                _add(digest, part.values)
+                if isinstance(part, Plane):
+                    _add(digest, np.array([part.thickness]))
+        return digest.hexdigest()
+
     def sliced(self) -> ImageSequence:
         """Take volumes of thick slices apart into planes."""
         frames = tuple(
@@ -74,6 +92,21 @@ class ImageSequence(FrozenArrays):
             for frame in self.frames
         )
         return ImageSequence(frames, self.times, self.period, self.notes)
+
+
+def parts_of(frame: Image) -> tuple[Volume | Plane, ...]:
+    """Volume, or planes, that a frame consists of."""
+    return frame.planes if isinstance(frame, PlaneSet) else (frame,)
+
+
+def _add(digest: hashlib._Hash, array: NDArray[Any] | None) -> None:
+    """Add an array's type and shape and its elements, in one order of bytes."""
+    if array is None:
+        digest.update(b"none\0")
+        return
+    kind = array.dtype.newbyteorder("<")
+    digest.update(f"{kind.str} {array.shape}\0".encode())
+    digest.update(np.ascontiguousarray(array, dtype=kind).data)
 
 
 def _is_sliced(volume: Volume) -> bool:

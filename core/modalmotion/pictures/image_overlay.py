@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -21,6 +23,10 @@ _CONTOUR: Final = "#ffb000"
 # Planes from top to bottom, and phases from left to right.
 _N_PLANES: Final = 4
 _N_PHASES: Final = 6
+
+# Of a moving picture: ms that browsers show a frame for at least, and colours.
+_LEAST_STEP: Final = 20
+_N_COLOURS: Final = 64
 
 # Of a plane through a volume: mm around the surface, and samples along a side.
 _MARGIN: Final = 20.0
@@ -43,31 +49,92 @@ def overlay_figure(track: Track, images: ImageSequence) -> Figure:
     with needs_extra("plot"):
         from matplotlib.figure import Figure
 
-    images = images.sliced()
+    overlay = _Overlay(track, images.sliced())
     frames = np.unique(np.linspace(0, track.n_frames - 1, _N_PHASES).round().astype(np.int64))
-    x = track.sequence.vertices.astype(np.float64)
-    edges = Edges.of(track.template.faces)
-    rows = min(_N_PLANES, len(_planes(next(f for f in images.frames if f is not None), x)))
-    figure = Figure(figsize=(2.0 * len(frames), 2.0 * rows), dpi=120, layout="constrained")
-    shifts = () if track.images is None else track.images.shifts
+    rows, columns = overlay.n_planes, len(frames)
+    figure = Figure(figsize=(2.0 * columns, 2.0 * rows), dpi=120, layout="constrained")
     for column, k in enumerate(frames.tolist()):
-        image = images.frames[k]
-        chosen = [] if image is None else _planes(image, x)
-        for row in range(rows):
-            axes: Any = figure.add_subplot(rows, len(frames), row * len(frames) + column + 1)
+        places = [row * columns + column + 1 for row in range(rows)]
+        overlay.draw(k, [figure.add_subplot(rows, columns, place) for place in places])
+    return figure
+
+
+def overlay_gif(track: Track, images: ImageSequence) -> bytes:
+    """Draw the surface's contours over slices in every frame, as a GIF that repeats.
+
+    Parameters
+    ----------
+    track : Track
+    images : ImageSequence
+        That it was tracked through.
+
+    Returns
+    -------
+    bytes
+        It takes as long as the recording where its times are known, else a second.
+    """
+    with needs_extra("plot"):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+        from PIL import Image as Picture
+
+    overlay = _Overlay(track, images.sliced())
+    pictures = []
+    for k in range(track.n_frames):
+        size = (2.4 * overlay.n_planes, 2.6)
+        figure = Figure(figsize=size, dpi=100, layout="constrained")
+        canvas = FigureCanvasAgg(figure)
+        places = range(1, overlay.n_planes + 1)
+        overlay.draw(k, [figure.add_subplot(1, overlay.n_planes, place) for place in places])
+        canvas.draw()
+        picture = Picture.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+        pictures.append(picture.quantize(_N_COLOURS))
+    times = track.sequence.times
+    step = 1.0 / track.n_frames if times is None or len(times) < 2 else float(np.diff(times).mean())
+    stream = io.BytesIO()
+    milliseconds = max(round(1000.0 * step), _LEAST_STEP)
+    pictures[0].save(
+        stream,
+        format="GIF",
+        save_all=True,
+        append_images=pictures[1:],
+        duration=milliseconds,
+        loop=0,
+    )
+    return stream.getvalue()
+
+
+class _Overlay:
+    """Contours of a track over images, sliced: what all frames have in common.
+
+    Parameters
+    ----------
+    track : Track
+    images : ImageSequence
+    """
+
+    def __init__(self, track: Track, images: ImageSequence) -> None:
+        self._images = images
+        self._x = track.sequence.vertices.astype(np.float64)
+        self._edges = Edges.of(track.template.faces)
+        self._shifts = () if track.images is None else track.images.shifts
+        first = next(frame for frame in images.frames if frame is not None)
+        self.n_planes = min(_N_PLANES, len(_planes(first, self._x)))
+
+    def draw(self, k: int, all_axes: Sequence[Any]) -> None:
+        """Draw the planes of a frame, each into its axes; a missing frame is left empty."""
+        image = self._images.frames[k]
+        chosen = [] if image is None else _planes(image, self._x)
+        all_axes[0].set_title(f"frame {k}", fontsize=8)
+        for axes in all_axes:
             axes.set_axis_off()
-            if row == 0:
-                axes.set_title(f"frame {k}", fontsize=8)
-            if row >= len(chosen):
-                continue
-            number, plane = chosen[row]
+        for axes, (number, plane) in zip(all_axes, chosen, strict=False):
             low, high = np.nanpercentile(plane.values.astype(np.float64), (1, 99.5))
             axes.imshow(plane.values, cmap="gray", vmin=low, vmax=high)
-            shift = np.array(shifts[number]) if shifts else np.zeros(3)
-            for segment in contours_in(plane, x[k], edges, shift):
+            shift = np.array(self._shifts[number]) if self._shifts else np.zeros(3)
+            for segment in contours_in(plane, self._x[k], self._edges, shift):
                 axes.plot(segment[:, 1], segment[:, 0], color=_CONTOUR, linewidth=0.8)
-            _zoom(axes, plane, x)
-    return figure
+            _zoom(axes, plane, self._x)
 
 
 def contours_in(

@@ -27,6 +27,8 @@ from modalmotion.store.care.recovery import Reconciliation
 from modalmotion.store.care.restoration import RestoreReport, restore
 from modalmotion.store.care.verification import Fault, VerifyReport, verify
 from modalmotion.store.disk.atomic import write_atomic
+from modalmotion.store.images import ImagesPage
+from modalmotion.store.images_record import ImagesRecord, images_record_of
 from modalmotion.store.index.index import SequencePage
 from modalmotion.store.record import UNSET, SequenceRecord, Unset, record_of, record_to_json
 from modalmotion.store.results import ResultStore, signature_image
@@ -42,6 +44,8 @@ __all__ = [
     "VERSION_PATTERN",
     "BackupReport",
     "Fault",
+    "ImagesPage",
+    "ImagesRecord",
     "KeptModel",
     "ModelRecord",
     "ModelReference",
@@ -58,6 +62,7 @@ __all__ = [
     "classification_from_hdf5",
     "classification_key",
     "classification_to_hdf5",
+    "images_record_of",
     "kept_model",
     "model_from_hdf5",
     "model_to_hdf5",

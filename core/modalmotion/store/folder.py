@@ -3,6 +3,8 @@
 ::
 
     templates/ab/<id>.h5                            kept until the folder is deleted
+    images/ab/<id>.json                             record: shape, spacing, times, when
+    images/ab/<id>.h5                               the samples
     spool/  access/  owners/                        a service's: not the store's
     lock                                            held by the process that has it open
     index.sqlite                                    index, jobs, idempotency keys
@@ -15,7 +17,7 @@
     models/<name>/<version>.h5
     models/<name>/<version>.deleted                 stays, so that the number is never used again
     norms/<name>.h5
-    deleted/ab/<digest of an id>                    tombstone of a sequence, template or norm
+    deleted/ab/<digest of an id>                    tombstone: sequence, template, images, norm
     backup.json  removed/                           of a backup: its time, and what was set aside
 
 `ab` are the first two digits of the id, so that no folder grows too large to list.
@@ -78,6 +80,8 @@ class Scan:
     deletions: set[str] = field(default_factory=set)
     results: set[ResultName] = field(default_factory=set)
     templates: set[str] = field(default_factory=set)
+    image_records: set[str] = field(default_factory=set)
+    images: set[str] = field(default_factory=set)
     norms: set[str] = field(default_factory=set)
     models: set[ModelReference] = field(default_factory=set)
     deleted_models: set[ModelReference] = field(default_factory=set)
@@ -138,6 +142,20 @@ class Folder:
         """Ids of all templates, sorted."""
         names = [path.name for path in _files(self.root / "templates")]
         ids = [name.removesuffix(".h5") for name in names if name.endswith(".h5")]
+        return sorted(filter(is_id, ids))
+
+    def images(self, images_id: str) -> Path:
+        """File of the samples of images."""
+        return self.root / "images" / images_id[:2] / f"{images_id}.h5"
+
+    def images_record(self, images_id: str) -> Path:
+        """Record of images."""
+        return self.images(images_id).with_suffix(".json")
+
+    def image_ids(self) -> list[str]:
+        """Ids of all images that have a record, sorted."""
+        names = [path.name for path in _files(self.root / "images")]
+        ids = [name.removesuffix(".json") for name in names if name.endswith(".json")]
         return sorted(filter(is_id, ids))
 
     def norm(self, name: str) -> Path:
@@ -232,6 +250,11 @@ class Folder:
                 if is_id(name.removesuffix(".h5")):
                     scan.templates.add(name.removesuffix(".h5"))
                     return
+            elif folder == "images":
+                images_id, _, suffix = name.partition(".")
+                if is_id(images_id) and suffix in ("json", "h5"):
+                    (scan.images if suffix == "h5" else scan.image_records).add(images_id)
+                    return
             else:
                 match = _RESULT.fullmatch(name)
                 kind = _RESULT_FOLDERS[folder]
@@ -253,7 +276,7 @@ _RESULT_FOLDERS: Final[dict[str, ResultKind]] = {
 # cluster's workers are known by.
 _OF_THE_SERVICE: Final = ("spool", "access", "owners", "cluster", *_COHORT_FILES)
 _OF_CARE: Final = ("deleted", "removed", "backup.json")
-_FOLDERS: Final = ("sequences", "templates", "models", "norms", *_RESULT_FOLDERS)
+_FOLDERS: Final = ("sequences", "templates", "images", "models", "norms", *_RESULT_FOLDERS)
 
 
 def is_id(text: object) -> bool:

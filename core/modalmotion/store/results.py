@@ -15,6 +15,7 @@ from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
 from modalmotion.signature.hdf5 import read_signature, signature_to_hdf5
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store.folder import ResultKind, ResultName, is_id, is_key
+from modalmotion.store.images import ImageStore
 from modalmotion.store.models import ModelStore
 from modalmotion.store.norms import NormStore
 from modalmotion.store.staging import StagedSignature, Transfer
@@ -22,7 +23,7 @@ from modalmotion.store.templates import TemplateStore
 from modalmotion.store.tracks import TrackStore
 
 
-class ResultStore(TemplateStore, TrackStore, ModelStore, NormStore):
+class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
     """Immutable results in files, found through an index; nothing acknowledged is lost.
 
     Safe for any number of threads of one process, which holds the folder's lock from `open`

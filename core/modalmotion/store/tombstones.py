@@ -29,7 +29,10 @@ _STEP_SECONDS: Final = 0.01
 
 _OWNERS: Final = "owners"
 _NORMS: Final = "norms"
-_BY_ID: Final = ("sequences", "signatures", "classifications", "tracks", "templates")
+_BY_ID: Final = (
+    *("sequences", "signatures", "classifications", "tracks"),
+    *("templates", "images"),
+)
 _ID: Final = re.compile(r"[0-9a-f]{64}")
 
 

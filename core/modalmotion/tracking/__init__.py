@@ -3,5 +3,6 @@
 from modalmotion.tracking.making import track
 from modalmotion.tracking.observation import Observation, of_surface
 from modalmotion.tracking.result import Track
+from modalmotion.tracking.segmentation import segment
 
-__all__ = ["Observation", "Track", "of_surface", "track"]
+__all__ = ["Observation", "Track", "of_surface", "segment", "track"]

@@ -12,6 +12,8 @@ from modalmotion.errors import ParameterError
 from modalmotion.facts import NO_FACTS, UNKNOWN, Facts, facts_patched
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
+from modalmotion.tracking.label_maps import from_labels
+from modalmotion.tracking.landmarks import Proposed
 from modalmotion.tracking.making import Start, Time, track
 from modalmotion.tracking.papillary import Papillary
 from modalmotion.tracking.reading import USUAL_CONTOURS, Recorded
@@ -35,6 +37,9 @@ class TrackParameters:
         As for `track`; they override those of the files by name.
     papillary : {"pool", "wall"}
         Of images, as for `track`.
+    labels, wall : tuple of int
+        Of label maps: values of the cavity, and of the wall around it; apex and base are proposed
+        from them where nobody states them. See `label_maps.from_labels`.
     unit : str, optional
     times : tuple of float, s, optional
     frame_interval : float, s, optional
@@ -52,6 +57,8 @@ class TrackParameters:
     contours: tuple[str, ...] = USUAL_CONTOURS
     landmarks: Mapping[str, Any] = field(default_factory=dict)
     papillary: Papillary = "pool"
+    labels: tuple[int, ...] = ()
+    wall: tuple[int, ...] = ()
     unit: str | None = None
     times: tuple[float, ...] | None = None
     frame_interval: float | None = None
@@ -61,6 +68,11 @@ class TrackParameters:
         if self.times is not None and self.frame_interval is not None:
             raise ParameterError(
                 "Both times and an interval between frames are stated.", remedy="Keep one."
+            )
+        if self.wall and not self.labels:
+            raise ParameterError(
+                "The label of a wall is named, and none of the cavity.",
+                remedy="Name the cavity's label too.",
             )
         if self.facts.tracking not in ("offset", "unknown"):
             raise ParameterError(
@@ -101,6 +113,7 @@ class TrackParameters:
         InputError
             As `modalmotion.tracking.track` does.
         """
+        recorded, proposed = self._labelled(recorded)
         times: Any = recorded.times if self.times is None else self.times
         if self.frame_interval is not None:
             times = self.frame_interval * np.arange(recorded.n_frames, dtype=np.float64)
@@ -108,7 +121,7 @@ class TrackParameters:
             recorded.frames if recorded.images is None else recorded.images,
             start=start,
             topology=self.topology,
-            landmarks={**recorded.landmarks, **self.landmarks},
+            landmarks={**proposed, **recorded.landmarks, **self.landmarks},
             modes=self.modes,
             tolerance=self.tolerance,
             time=self.time,
@@ -126,5 +139,18 @@ class TrackParameters:
         return replace(
             result,
             sequence=result.sequence.with_facts(facts),
-            notes=(*recorded.notes, *result.notes),
+            # Notes of images are the track's own already.
+            notes=tuple(dict.fromkeys((*recorded.notes, *result.notes))),
         )
+
+    def _labelled(self, recorded: Recorded) -> tuple[Recorded, Mapping[str, Proposed]]:
+        """Turn label maps to images, with the landmarks that they propose."""
+        if not self.labels:
+            return recorded, {}
+        if recorded.images is None:
+            raise ParameterError(
+                "A label is named, but there are no images.",
+                remedy="Leave the label out, or give a label map as NIfTI, NRRD or MetaImage.",
+            )
+        made = from_labels(recorded.images, self.labels, self.wall)
+        return replace(recorded, images=made.images, notes=made.images.notes), made.landmarks

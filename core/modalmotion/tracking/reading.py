@@ -128,6 +128,11 @@ def read_observed(
     return _read(source, _Statements(contours, coordinates), parser, progress)
 
 
+def recorded_images(images: ImageSequence) -> Recorded:
+    """Take images as what was recorded."""
+    return Recorded((), {}, images.times, "mm", images.notes, "LPS", images)
+
+
 @dataclass(frozen=True)
 class _Statements:
     """What the caller says of the files."""
@@ -140,8 +145,7 @@ def _read(
     source: bytes | Path, stated: _Statements, parser: Parser, progress: Progress | None
 ) -> Recorded:
     if holds_images(source):
-        images = read_images(source, parser=parser, progress=progress)
-        return Recorded((), {}, images.times, "mm", images.notes, "LPS", images)
+        return recorded_images(read_images(source, parser=parser, progress=progress))
     if isinstance(source, bytes):
         return _of_bytes(source, stated, parser, progress)
     if source.is_dir():

@@ -62,6 +62,10 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("POST", "/v1/signature"): Scope.READ,
     ("POST", "/v1/encode"): Scope.READ,
     ("POST", "/v1/decode"): Scope.READ,
+    ("POST", "/v1/images"): Scope.WRITE,
+    ("GET", "/v1/images"): Scope.READ,
+    ("GET", "/v1/images/{images_id}"): Scope.READ,
+    ("DELETE", "/v1/images/{images_id}"): Scope.WRITE,
     ("POST", "/v1/tracks"): Scope.WRITE,
     ("GET", "/v1/tracks"): Scope.READ,
     ("GET", "/v1/tracks/{track_id}"): Scope.READ,
@@ -91,6 +95,8 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("DELETE", "/v1/jobs/{job_id}"): Scope.WRITE,
     ("GET", "/v2/models/{model_name}"): Scope.READ,
     ("GET", "/v2/models/{model_name}/ready"): Scope.READ,
+    ("POST", "/v2/models/{model_name}/infer"): Scope.READ,
+    ("POST", "/v2/models/{model_name}/versions/{version}/infer"): Scope.READ,
 }
 """By method and by the route's template. A route that is not here is refused to everybody."""
 

@@ -21,14 +21,23 @@ from modalmotion_service.http.gate import route_of
 from modalmotion_service.http.problems import problem_of
 
 UPLOADS: Final = frozenset(
-    f"/v1/{name}"
-    for name in (
-        *("sequences", "tracks", "signature", "templates", "encode", "decode", "classify"),
-        "sequences/{sequence_id}/dicom",
+    (
+        "/v1/sequences",
+        "/v1/sequences/{sequence_id}/dicom",
+        "/v1/tracks",
+        "/v1/images",
+        "/v1/signature",
+        "/v1/templates",
+        "/v1/encode",
+        "/v1/decode",
+        "/v1/classify",
+        "/v2/models/{model_name}/infer",
+        "/v2/models/{model_name}/versions/{version}/infer",
     )
 )
 """Routes whose body goes to a file as it comes. All others hold it in memory, as JSON."""
 
+_IMAGES: Final = "/v1/images"
 _TRAINING: Final = "/v1/models"
 _MANY: Final = (
     "/v1/signatures/query",
@@ -49,6 +58,8 @@ class BodyLimits:
     ----------
     app : ASGIApp
     body_bytes : int
+    image_bytes : int
+        Of images.
     json_bytes : int
         Of requests that are not uploads; for all but trainings it is less, by what they need.
     query_ids : int
@@ -63,6 +74,7 @@ class BodyLimits:
         self,
         app: ASGIApp,
         body_bytes: int,
+        image_bytes: int,
         json_bytes: int,
         query_ids: int,
         idle_seconds: float,
@@ -70,6 +82,7 @@ class BodyLimits:
     ) -> None:
         self.app = app
         self.body_bytes = body_bytes
+        self.image_bytes = image_bytes
         # Where there is no route, nothing is read.
         self.json_bytes: dict[str | None, int] = {None: json_bytes, _TRAINING: json_bytes}
         for route in _MANY:
@@ -85,6 +98,8 @@ class BodyLimits:
             return
         most, name = self.body_bytes, "body_bytes"
         route = route_of(scope)
+        if route == _IMAGES:
+            most, name = self.image_bytes, "image_body_bytes"
         of_json = self.json_bytes.get(route, self.other_bytes)
         if route not in UPLOADS and of_json < most:
             most, name = of_json, "json_bytes"
@@ -132,6 +147,7 @@ class BodyLimits:
 def _too_large(most: int, name: str) -> LimitError:
     remedies = {
         "body_bytes": "Send fewer frames, a coarser mesh, or float32.",
+        "image_body_bytes": "Send fewer frames, or a part of the images around the object.",
         "json_bytes": "Ask for less in one request.",
     }
     return LimitError(

@@ -48,8 +48,8 @@ async def make(
     A cohort whose vertices correspond names it (`?template=`) and pays for it once.
     """
     request = {"file": file.path.name, "query": query, "facts": file.facts}
-    sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
     with file:
+        sent = Upload(file.path, query.options(state.settings.read_limits, file.facts))
         work = state.analysis.template(sent, query.parameters())
         result = await result_or_job(
             *(state, preference, "template", lambda: as_json(request), work),

@@ -1,4 +1,4 @@
-"""Tracks: surfaces followed through clouds, contours and changing meshes."""
+"""Tracks: surfaces followed through clouds, contours, changing meshes and images."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response
 
+from modalmotion.errors import ParameterError
 from modalmotion.facts import facts_as_json
 from modalmotion.formats import ReadOptions
 from modalmotion.store import record_to_json
@@ -40,6 +41,7 @@ from modalmotion_service.schemas.tracks import (
 )
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.erasure import erase
+from modalmotion_service.workspace.spool import SpoolFile
 
 router = APIRouter(prefix="/v1/tracks", tags=["tracks"], responses=PROBLEMS, route_class=JsonRoute)
 
@@ -61,36 +63,41 @@ async def track(
 ) -> Response:
     """Track a surface through frames that need not correspond, and store the sequence it makes.
 
-    A zip of one mesh, cloud or set of contours a frame, or an npz of `points` and `offsets`. The
-    track has the id of its sequence. It becomes a job where it takes longer than the client, or the
-    service, waits.
+    A zip of one mesh, cloud or set of contours a frame, images, or an npz of points and offsets.
+    Of images that were sent to POST /v1/images the id stands in the query, and the body is empty;
+    they are deleted once they are tracked. The track has the id of its sequence. It becomes a job
+    where it takes longer than the client, or the service, waits.
     """
     query = named(query, file.names)
-    # Before anything is stored for a job.
-    parameters = query.parameters(file.facts)
     form_facts = facts_as_json(file.facts)
-    if query.start is not None:
-        note_ids(request, [query.start])
-        await state.tracks.start_path(query.start)
 
     async def make() -> Response:
-        sent = Upload(file.path, ReadOptions(limits=state.settings.read_limits))
-        job = {
-            "file": file.path.name,
+        sent: Upload | str
+        job: dict[str, object] = {
             "query": query.model_dump(mode="json"),
             "facts": form_facts,
             # A job about a sequence ends with it.
             "ids": [] if query.start is None else [query.start],
         }
+        if query.images is None:
+            sent = Upload(file.path, ReadOptions(limits=state.settings.read_limits))
+            job["file"] = file.path.name
+        else:
+            sent = query.images
         if preference.is_async or state.settings.wait_seconds < state.settings.task_seconds:
             # A job may be acknowledged before the bytes are read: they must outlive a crash.
             await asyncio.to_thread(file.make_durable)
         work = state.tracks.keep(
-            sent, parameters, query.start, subject=query.subject, label=query.label
+            sent,
+            parameters,
+            query.start,
+            subject=query.subject,
+            label=query.label,
+            keeps_images=query.keep,
         )
         result = await result_or_job(state, preference, "track", job, work)
         if isinstance(result, Response):
-            file.is_left = True
+            file.is_left = query.images is None
             return result
         note_facts(request, result.filled)
         answer = TrackAnswer.joined(result.estimate, result.record)
@@ -102,6 +109,13 @@ async def track(
         )
 
     with file:
+        # Before anything is stored for a job.
+        parameters = query.parameters(file.facts)
+        note_ids(request, [name for name in (query.start, query.images) if name is not None])
+        await state.tracks.start_path(query.start)
+        if query.images is not None:
+            await asyncio.to_thread(_require_no_body, file)
+            await asyncio.to_thread(state.store.images_record, query.images)
         fingerprint = (
             "POST /v1/tracks",
             file.sha256,
@@ -109,6 +123,15 @@ async def track(
             json.dumps(form_facts),
         )
         return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
+
+
+def _require_no_body(file: SpoolFile) -> None:
+    """Refuse a file beside the images that are named."""
+    if file.path.stat().st_size:
+        raise ParameterError(
+            "Images are named, and a file was sent besides.",
+            remedy="Leave the body empty, or the images out.",
+        )
 
 
 @router.get("")
@@ -133,10 +156,16 @@ async def view(
     request: Request,
     accept: Annotated[str, Header(description=f"{JSON}, {HDF5} or {PNG}.")] = JSON,
 ) -> Response:
-    """Give a track: what was found and how well, its HDF5 file, or a picture of its error."""
+    """Give a track: what was found and how well, its HDF5 file, or a picture.
+
+    Contours over the images (`picture=overlay`) need images that were kept.
+    """
     media_type = best_type(accept, (JSON, HDF5, PNG))
     record = state.store.track_record(track_id)
     tag = tag_of(media_type, query.model_dump_json(), record_to_json(record).decode())
+    if media_type == PNG and query.picture == "overlay":
+        # They may be deleted while somebody has the picture still.
+        await asyncio.to_thread(state.store.images_of_track, track_id)
     if is_known(request, tag):
         return not_modified(tag)
     headers = {"ETag": tag, "Vary": "Accept"}

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from modalmotion.errors import ParameterError
 from modalmotion.facts import NAMES, NO_FACTS, Facts, facts_from_texts
 from modalmotion.store import SequenceRecord
 from modalmotion.tracking import Track
 from modalmotion.tracking.landmarks import landmarks_from_json, landmarks_of
 from modalmotion.tracking.making import MOST_MODES
+from modalmotion.tracking.papillary import Papillary
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
 from modalmotion.tracking.reading import USUAL_CONTOURS
 from modalmotion_service.schemas.facts import FactsQuery
@@ -76,6 +78,25 @@ class TrackQuery(FactsQuery):
         max_length=1000,
         description="Of typed contours: parts of the names to read, such as LV_ENDOCARDIAL.",
     )
+    images: SequenceId | None = Field(
+        None, description="Images that were sent before, in place of a body; see POST /v1/images."
+    )
+    keep: bool = Field(
+        False, description="Keep the images; they are deleted once they are tracked otherwise."
+    )
+    papillary: Papillary = Field(
+        "pool",
+        description="Of images: whether papillary muscles count as cavity (pool) or not (wall).",
+    )
+    labels: str | None = Field(
+        None,
+        max_length=300,
+        description="Of label maps: values of the cavity, such as 3 or 1,3; apex and base are "
+        "proposed from them.",
+    )
+    wall: str | None = Field(
+        None, max_length=300, description="Of label maps: values of the wall around it."
+    )
     unit: str | None = Field(None, max_length=20, description="m, cm, mm, um or nm.")
     times: str | None = Field(None, max_length=50_000, description="In s, such as 0,0.04,0.08.")
     frame_interval: float | None = Field(
@@ -97,6 +118,11 @@ class TrackQuery(FactsQuery):
         ParameterError
             If one cannot be read, or two contradict each other.
         """
+        if self.keep and self.images is None:
+            raise ParameterError(
+                "Images are to be kept, and none are named.",
+                remedy="Send them to POST /v1/images first, and name them: images=ID&keep=true.",
+            )
         landmarks: dict[str, NDArray[np.float64]] = landmarks_of(form)
         if self.landmarks is not None:
             landmarks |= landmarks_from_json(self.landmarks)
@@ -112,6 +138,9 @@ class TrackQuery(FactsQuery):
             dynamics=self.dynamics,
             contours=tuple(part for part in self.contours.split(",") if part),
             landmarks=landmarks,
+            papillary=self.papillary,
+            labels=_labels("labels", self.labels),
+            wall=_labels("wall", self.wall),
             unit=self.unit,
             times=None if self.times is None else tuple(parse_times(self.times)),
             frame_interval=self.frame_interval,
@@ -124,14 +153,48 @@ class TrackViewQuery(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    picture: Literal["deviations", "determined"] = Field(
+    picture: Literal["deviations", "determined", "overlay"] = Field(
         "deviations",
-        description="Stated error on the surface, or the share of each mode that the data have "
-        "set.",
+        description="Stated error on the surface, the share of each mode that the data have set, "
+        "or contours over the images, where these were kept.",
     )
     frame: int | None = Field(
         None, ge=0, description="Of the stated error; that of the smallest volume by default."
     )
+
+
+class ImagesEstimate(BaseModel):
+    """What was found of images that were tracked."""
+
+    papillary: Papillary = Field(description="Convention of the volumes.")
+    papillary_volume: float = Field(description="Within the surface, like its outside; mm^3.")
+    ejection_fractions: dict[str, float] = Field(description="Under both conventions, percent.")
+    inside: float = Field(description="Brightness within the surface in the reference frame.")
+    outside: float
+    spread: float = Field(description="Standard deviation of brightness on one side.")
+    shifts: list[list[float]] = Field(
+        description="By which each slice shows everything aside, mm; none of volumes."
+    )
+    shift_deviation: float = Field(description="Of a shift along one axis, mm.")
+    found: list[float] = Field(description="Share of profiles with an edge in each frame.")
+
+    @staticmethod
+    def of(track: Track) -> ImagesEstimate | None:
+        """Write out what a track says of its images; None of one without."""
+        own = track.images
+        if own is None:
+            return None
+        return ImagesEstimate(
+            papillary=own.papillary,
+            papillary_volume=own.papillary_volume,
+            ejection_fractions=track.ejection_fractions,
+            inside=own.inside,
+            outside=own.outside,
+            spread=own.spread,
+            shifts=[list(row) for row in own.shifts],
+            shift_deviation=own.shift_sd,
+            found=list(own.found),
+        )
 
 
 class TrackEstimate(BaseModel):
@@ -174,6 +237,7 @@ class TrackEstimate(BaseModel):
         description="Two standard deviations, percentage points."
     )
     times: list[float] | None = Field(description="In s.")
+    images: ImagesEstimate | None = Field(description="Null where points were tracked.")
     parameters: dict[str, Any] = Field(description="As they were used.")
     notes: list[str]
 
@@ -201,6 +265,7 @@ class TrackEstimate(BaseModel):
             ejection_fraction=track.ejection_fraction,
             ejection_fraction_bound=track.ejection_fraction_bound,
             times=_plain(track.sequence.times),
+            images=ImagesEstimate.of(track),
             parameters=dict(track.provenance),
             notes=list(track.notes),
         )
@@ -247,3 +312,12 @@ def _with_null(values: NDArray[np.float64]) -> list[float | None]:
 
 def _plain(values: NDArray[np.float64] | None) -> list[float] | None:
     return None if values is None else values.tolist()
+
+
+def _labels(name: str, text: str | None) -> tuple[int, ...]:
+    try:
+        return () if text is None else tuple(int(word) for word in text.split(","))
+    except ValueError:
+        raise ParameterError(
+            f"The values of {name} are {text!r:.40}.", remedy="Write whole numbers, such as 1,3."
+        ) from None

@@ -12,7 +12,7 @@ from modalmotion.errors import InputError
 from modalmotion.exports.surfaces import SurfaceFormat
 from modalmotion.formats.detect import Format, detect_format
 from modalmotion.signature.making import SignatureParameters
-from modalmotion.tracking.parameters import TrackParameters
+from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
 from modalmotion.tradeoff.predicted_time import (
     most_modes,
     reading_seconds,
@@ -27,6 +27,7 @@ from modalmotion_service.work.tasks import (
     derived,
     evaluation,
     features,
+    images,
     norms,
     reports,
     sequences,
@@ -69,6 +70,10 @@ _OF_TRACKED_MODES: Final = 1e-5 / 37**2
 # Modes that a tolerance may end at.
 _MODES_OF_TOLERANCE: Final = 150
 _TRACK: Final = 1.0
+
+# s for a byte of images that are read, at most packed ones, and of small ones that are tracked.
+_IMAGES: Final = 2e-7
+_TRACKED_IMAGES: Final = 1.5e-6
 
 _HEAD_BYTES: Final = 1024
 
@@ -192,6 +197,8 @@ def _tracking(args: Sequence[Any]) -> float:
     parameters = next(one for one in args if isinstance(one, TrackParameters))
     modes = max(parameters.modes, 0 if parameters.tolerance is None else _MODES_OF_TOLERANCE)
     of_byte = _OF_POINTS + _OF_TRACKED_MODES * modes**2
+    if isinstance(args[0], Path):
+        return _TRACK + _TRACKED_IMAGES * (1.0 + (modes / USUAL_MODES) ** 2) * _bytes(args[:1])
     return _TRACK + _reading(args) + of_byte * _bytes(args[:1])
 
 
@@ -228,10 +235,12 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     reports.make_dicom: lambda args: _DICOM + _read_out((*args[:3], None)),
     views.make_view: _shown,
     views.make_frames: _shown,
+    images.ingest_images: lambda args: _TRACK + _IMAGES * _bytes(args),
     tracks.follow: _tracking,
     tracks.describe_track: _reading,
     tracks.track_with_facts: _reading,
     tracks.draw_track: _picture,
+    tracks.draw_overlay: lambda args: _picture(args) + _IMAGES * _bytes(args),
     norms.make_norm: lambda args: _PICTURE + sum(map(_recording, args[0])),
     norms.ask_norm: lambda args: _reading(args[1:]) + _recording(args[0]),
     features.tabulate: lambda args: _TABLE + _packing(args),

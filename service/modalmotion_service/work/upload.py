@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from modalmotion.errors import InputError
+from modalmotion.errors import InputError, LimitError
 from modalmotion.formats import Reading, ReadOptions, read_sequence
 from modalmotion.formats.frames.frame import TRACK
+from modalmotion.formats.volumes import read_images
+from modalmotion.images import ImageSequence
 from modalmotion.progress import Progress
 from modalmotion.tracking.reading import Recorded, read_observed
 from modalmotion_service.work.parsing import parser_for
@@ -78,3 +80,24 @@ class Upload:
             parser=parser,
             progress=progress,
         )
+
+    def images(self, progress: Progress | None = None) -> ImageSequence:
+        """Read it as images, in a worker.
+
+        Parameters
+        ----------
+        progress : callable, optional
+
+        Raises
+        ------
+        InputError
+            If it holds none, or is beyond a limit.
+        """
+        parser = parser_for(self.options.limits)
+        try:
+            return read_images(self.path.read_bytes(), parser=parser, progress=progress)
+        except LimitError as error:
+            # As `/v1/limits` calls it.
+            if error.limit == "decompressed_bytes":
+                error.limit = "image_bytes"
+            raise

@@ -1,15 +1,13 @@
-"""Deleting a sequence with its jobs, their files, and stored answers."""
+"""Deleting a sequence, or images, with jobs, their files, and stored answers."""
 
 from __future__ import annotations
 
 import asyncio
-import base64
 import contextlib
-import json
 
 from modalmotion.errors import NotFoundError
 from modalmotion_service.errors import ConflictError
-from modalmotion_service.http.problems import problem_body
+from modalmotion_service.workspace.gone import gone
 from modalmotion_service.workspace.state import State
 
 
@@ -34,6 +32,23 @@ async def erase(state: State, sequence_id: str) -> None:
     await _forget(state, sequence_id)
 
 
+async def erase_images(state: State, images_id: str) -> None:
+    """Delete images and every mention of them; jobs that read them end.
+
+    Raises
+    ------
+    NotFoundError
+        If there are none of that id.
+    StoreError
+        If they cannot be deleted, or not wholly; then they can be deleted again.
+    """
+    for job in await asyncio.to_thread(state.images.about, images_id):
+        # One that ends by itself just now is as good.
+        with contextlib.suppress(ConflictError, NotFoundError):
+            await state.runner.cancel(job.id)
+    await asyncio.to_thread(state.images.forget, images_id)
+
+
 async def _forget(state: State, sequence_id: str) -> None:
     # A track has the id of its sequence.
     for kind in ("sequences", "tracks"):
@@ -50,19 +65,4 @@ async def _forget_at(state: State, sequence_id: str, link: str) -> None:
         if "file" in (job.result or {}):
             state.spool.remove(job.result["file"])
     await asyncio.to_thread(state.jobs.forget, *(job.id for job in about))
-    status, answer = _gone()
-    await asyncio.to_thread(state.idempotency.replace_answers, link, status, answer)
-
-
-def _gone() -> tuple[int, dict[str, object]]:
-    """Answer to a request that is sent again after its result was deleted."""
-    body = problem_body(
-        NotFoundError(
-            "The result of this request has been deleted since.",
-            remedy="Send it with a new Idempotency-Key to have it again.",
-        )
-    )
-    text = base64.b64encode(json.dumps(body).encode()).decode("ascii")
-    status = body["status"]
-    assert isinstance(status, int)  # noqa: S101 (as `problem_body` makes it)
-    return status, {"body": text, "headers": {"content-type": "application/problem+json"}}
+    await asyncio.to_thread(state.idempotency.replace_answers, link, *gone())

@@ -23,6 +23,7 @@ from modalmotion_service.settings import Settings
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.disk import require_room
+from modalmotion_service.workspace.images import Images, link_of
 from modalmotion_service.workspace.job_runner import Handler, JobRunner, Report
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
@@ -35,7 +36,7 @@ from modalmotion_service.workspace.training import Trainer
 from modalmotion_service.workspace.training_set import cases_from_json, read_cases
 
 # Kinds of jobs whose request names a file in the spool, kept until the job is finished.
-_WITH_FILES: Final = ("upload", "template", "track", "training")
+_WITH_FILES: Final = ("upload", "template", "images", "track", "training")
 
 
 def trainings_at_once(settings: Settings) -> int:
@@ -49,6 +50,7 @@ def make_runner(
     spool: Spool,
     analysis: Analysis,
     models: Models,
+    images: Images,
     tracks: Tracks,
     norms: Norms,
     trainer: Trainer,
@@ -82,12 +84,28 @@ def make_runner(
         answer, _is_new = await analysis.template(sent, query.parameters())
         return {"link": answer.links["self"]}
 
+    async def image(request: Any, report: Report) -> Any:
+        sent = Upload(_spooled(spool, request), ReadOptions(limits=settings.image_limits))
+        record, _is_new = await images.take(sent, report)
+        return {"link": link_of(record.id)}
+
     async def track(request: Any, report: Report) -> Any:
         query = TrackQuery(**request["query"])
         parameters = query.parameters(facts_from_json(request["facts"]))
-        sent = Upload(_spooled(spool, request), ReadOptions(limits=settings.read_limits))
-        names = {"subject": query.subject, "label": query.label}
-        result = await tracks.keep(sent, parameters, query.start, **names, report=report)
+        sent: Upload | str
+        if query.images is None:
+            sent = Upload(_spooled(spool, request), ReadOptions(limits=settings.read_limits))
+        else:
+            sent = query.images
+        result = await tracks.keep(
+            sent,
+            parameters,
+            query.start,
+            subject=query.subject,
+            label=query.label,
+            keeps_images=query.keep,
+            report=report,
+        )
         return {"link": f"/v1/tracks/{result.record.id}"}
 
     def reply(kind: str) -> Handler:
@@ -113,6 +131,11 @@ def make_runner(
         record = await trainer.train(request["file"], request["name"], options, cases, report)
         return {"link": f"/v1/models/{record.name}/versions/{record.version}"}
 
+    def remove_file(request: Any) -> None:
+        # A track of stored images has none.
+        if "file" in request:
+            spool.remove(request["file"])
+
     async def norm(request: Any, report: Report) -> Any:
         cases = cases_from_json(request["cases"])
         made = await norms.make(
@@ -127,13 +150,14 @@ def make_runner(
             "signature": signature,
             "signatures": signatures,
             "template": template,
+            "images": image,
             "track": track,
             "classification": classification,
             "training": training,
             "norm": norm,
             **{kind: reply(kind) for kind in replies.kinds},
         },
-        dict.fromkeys((*_WITH_FILES, *OF_UPLOADS), lambda request: spool.remove(request["file"])),
+        dict.fromkeys((*_WITH_FILES, *OF_UPLOADS), remove_file),
         n_at_once=2 * analysis.engine.n_workers,
         most_unfinished=settings.max_unfinished_jobs,
         apart={"training": trainings_at_once(settings)},

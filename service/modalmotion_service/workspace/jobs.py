@@ -23,6 +23,7 @@ _TABLES: Final = (
     "CREATE INDEX IF NOT EXISTS jobs_by_time ON jobs (created, id)",
     "CREATE INDEX IF NOT EXISTS jobs_by_state ON jobs (state, created, id)",
     "CREATE INDEX IF NOT EXISTS jobs_by_sequence ON jobs (json_extract(request, '$.sequence_id'))",
+    "CREATE INDEX IF NOT EXISTS jobs_by_images ON jobs (json_extract(request, '$.query.images'))",
     "CREATE INDEX IF NOT EXISTS jobs_by_link ON jobs (json_extract(result, '$.link'))",
     (
         "CREATE INDEX IF NOT EXISTS jobs_of_several ON jobs (id) "
@@ -125,7 +126,7 @@ class Jobs:
     ) -> bool:
         """Change a job that is not finished; what is left out stays.
 
-        Once it is finished, `subject` and `label` go from the `query` of its request.
+        Once it is finished, `subject`, `label` and `images` go from the `query` of its request.
 
         Returns
         -------
@@ -153,7 +154,7 @@ class Jobs:
                 "result = coalesce(?, result), error = coalesce(?, error), updated = ?, "
                 # Whose it is and what it shows is of no more use: it stands in the record.
                 "request = CASE WHEN ? THEN json_remove(request, '$.query.subject', "
-                "'$.query.label') ELSE request END "
+                "'$.query.label', '$.query.images') ELSE request END "
                 "WHERE id = ? AND state IN ('queued', 'running')",
                 (*changes, now(), is_last, job_id),
             )
@@ -233,16 +234,17 @@ class Jobs:
         Parameters
         ----------
         sequence_id : str
-            As `sequence_id` or in `ids` of the request.
+            As `sequence_id`, in `ids` or as `images` of the `query` of the request.
         link : str
             As `link` of the result.
         """
         return self._select(
             "WHERE json_extract(request, '$.sequence_id') = ? "
             "UNION SELECT * FROM jobs WHERE json_extract(result, '$.link') = ? "
+            "UNION SELECT * FROM jobs WHERE json_extract(request, '$.query.images') = ? "
             "UNION SELECT * FROM jobs WHERE json_extract(request, '$.ids') IS NOT NULL "
             "AND EXISTS (SELECT 1 FROM json_each(request, '$.ids') WHERE value = ?)",
-            *(sequence_id, link, sequence_id),
+            *(sequence_id, link, sequence_id, sequence_id),
         )
 
     def _select(self, rest: str, *values: Any) -> tuple[Job, ...]:

@@ -22,6 +22,7 @@ from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.evaluations import Evaluations
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
+from modalmotion_service.workspace.images import Images
 from modalmotion_service.workspace.job_kinds import make_runner
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
@@ -177,7 +178,8 @@ class Owners:
             spool.clear(keep=await asyncio.to_thread(retention.needed))
             tariff = Tariff(owner, settings.task_cost_factor, settings.task_cost_seconds)
             analysis = Analysis(store, self._engine, spool, tariff)
-            models, tracks = Models(store, analysis), Tracks(store, analysis)
+            images = Images(store, analysis, jobs, keys)
+            models, tracks = Models(store, analysis), Tracks(store, analysis, images)
             norms = Norms(store, analysis)
             trainer = Trainer(
                 *(owner, store, analysis, self._training_engine, spool),
@@ -189,14 +191,12 @@ class Owners:
                 Evaluations(store, analysis, models),
             )
             runner = make_runner(
-                *(settings, jobs, spool, analysis, models, tracks, norms, trainer, replies)
+                *(settings, jobs, spool, analysis, models, images, tracks, norms),
+                *(trainer, replies),
             )
             state = State(
-                *(settings, store, spool, analysis, models, tracks, norms),
-                jobs,
-                runner,
-                replies,
-                keys,
+                *(settings, store, spool, analysis, models, images, tracks, norms),
+                *(jobs, runner, replies, keys),
             )
             await runner.resume()
         except BaseException:
@@ -204,5 +204,7 @@ class Owners:
             raise
         self._states[owner] = state
         self._failed.discard(owner)
-        self._background.append(asyncio.create_task(retention.sweep_for_ever()))
+        image_age = timedelta(hours=settings.image_hours)
+        for sweeping in (retention.sweep_for_ever(), images.sweep_for_ever(image_age)):
+            self._background.append(asyncio.create_task(sweeping))
         return state

@@ -8,6 +8,7 @@ from modalmotion.store import ResultStore
 from modalmotion_service.settings import Settings
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
+from modalmotion_service.workspace.images import Images
 from modalmotion_service.workspace.job_runner import JobRunner
 from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
@@ -28,6 +29,7 @@ class State:
     spool : Spool
     analysis : Analysis
     models : Models
+    images : Images
     tracks : Tracks
     norms : Norms
     jobs : Jobs
@@ -41,6 +43,7 @@ class State:
     spool: Spool
     analysis: Analysis
     models: Models
+    images: Images
     tracks: Tracks
     norms: Norms
     jobs: Jobs

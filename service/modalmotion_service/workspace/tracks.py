@@ -14,6 +14,7 @@ from modalmotion_service.schemas.tracks import TrackAnswer, TrackEstimate, Track
 from modalmotion_service.work.tasks import tracks
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.images import Images
 from modalmotion_service.workspace.shared_work import SharedWork, unheard
 
 
@@ -45,65 +46,83 @@ class Tracks:
     store : ResultStore
     analysis : Analysis
         Its workers read uploads and track.
+    images : Images
+        That are tracked, and then forgotten or kept.
     """
 
-    def __init__(self, store: ResultStore, analysis: Analysis) -> None:
+    def __init__(self, store: ResultStore, analysis: Analysis, images: Images) -> None:
         self._store = store
         self._analysis = analysis
+        self._images = images
         self._shared_work = SharedWork()
 
     async def keep(
         self,
-        upload: Upload,
+        sent: Upload | str,
         parameters: TrackParameters,
         start: str | None,
         *,
         subject: str | None,
         label: str | None,
+        keeps_images: bool = False,
         report: StageReport = unheard,
     ) -> KeptTrack:
-        """Track a surface through an upload, and store the track and its sequence.
+        """Track a surface through an upload or images, and store the track and its sequence.
 
         Parameters
         ----------
-        upload : Upload
+        sent : Upload or str
+            Or the id of images, which are deleted in the end.
         parameters : TrackParameters
         start : str or None
             Id of a stored sequence whose first surface is started from.
         subject, label : str or None
+        keeps_images : bool
+            Whether they stay, for pictures of the track.
         report : callable
 
         Raises
         ------
         NotFoundError
-            If the start is not there.
+            If the start is not there, or the images are not.
         ConflictError
             If the sequence is known, and something that is stated is known to be otherwise.
         """
 
         async def make(tell: StageReport) -> KeptTrack:
             surface = await self.start_path(start)
+            source: Upload | Path
+            if isinstance(sent, str):
+                source = await asyncio.to_thread(self._store.images_path, sent)
+            else:
+                source = sent
             with self._analysis.image() as sequence, self._analysis.image() as track:
                 with stage("worker"):
-                    sent, estimate, milliseconds = await self._analysis.followed(
-                        tell, tracks.follow, upload, parameters, surface, sequence, track
+                    found, estimate, milliseconds = await self._analysis.followed(
+                        tell, tracks.follow, source, parameters, surface, sequence, track
                     )
                     add_milliseconds(milliseconds)
                 with stage("store"):
                     record, is_new = await asyncio.to_thread(
                         self._store.put_track_images,
-                        *(sequence, track, sent),
+                        *(sequence, track, found),
                         subject=subject,
                         label=label,
                     )
             # Of a sequence that was there before, by itself or with this track.
             stated = parameters.facts
             record, filled = await asyncio.to_thread(
-                self._analysis.completed, record.id, subject, label, stated, sent.facts
+                self._analysis.completed, record.id, subject, label, stated, found.facts
             )
+            if isinstance(sent, str):
+                await asyncio.to_thread(
+                    self._images.after_track, sent, record.id, is_kept=keeps_images
+                )
             return KeptTrack(record, estimate, is_new, filled)
 
-        return await self._shared_work.join(upload.path, make, report)
+        # Images are tracked once for each request, for it may ask for something else.
+        key = object() if isinstance(sent, str) else sent.path
+        return await self._shared_work.join(key, make, report)
 
     async def start_path(self, start: str | None) -> Path | None:
         """File of the sequence that is started from.
@@ -133,4 +152,7 @@ class Tracks:
         """Draw a stored track, as PNG."""
         path = await asyncio.to_thread(self._store.track_path, track_id)
         with stage("draw"):
+            if query.picture == "overlay":
+                images = await asyncio.to_thread(self._store.images_of_track, track_id)
+                return await self._analysis.work(tracks.draw_overlay, path, images)
             return await self._analysis.work(tracks.draw_track, path, query.picture, query.frame)

@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 from clouds import breathing_spheroid, sampled
 from ellipsoid_images import LANDMARKS, labels, planes
+from PIL import Image
 
 from modalmotion.cli import main
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, read_npz
@@ -100,7 +101,7 @@ def test_landmarks_come_from_a_file_too(tmp_path: Path) -> None:
 def test_images_are_tracked_and_drawn_over(tmp_path: Path) -> None:
     pytest.importorskip("nibabel")
     frames = tuple(planes(radius) for radius in (22.0, 18.0))
-    source, output, plot = (tmp_path / name for name in ("beat.zip", "beat.h5", "beat.png"))
+    source, output, plot = (tmp_path / name for name in ("beat.zip", "beat.h5", "beat.gif"))
     source.write_bytes(write_nifti_zip(ImageSequence(frames, np.array([0.0, 0.4]))))
     marks = [f"{name}={','.join(map(str, place))}" for name, place in LANDMARKS.items()]
     words = [w for mark in marks for w in ("--landmarks", mark)]
@@ -112,7 +113,9 @@ def test_images_are_tracked_and_drawn_over(tmp_path: Path) -> None:
     assert track.images is not None
     assert track.images.papillary == "wall"
     assert track.sequence.facts.coordinates == "LPS"
-    assert plot.read_bytes().startswith(b"\x89PNG")
+    with Image.open(plot) as gif:
+        assert (gif.format, gif.n_frames) == ("GIF", 2)  # type: ignore[attr-defined]
+        assert (gif.info["duration"], gif.info["loop"]) == (400, 0)
 
 
 def test_simulated_images_come_with_their_truth(tmp_path: Path) -> None:
@@ -139,3 +142,11 @@ def test_a_label_map_is_tracked_with_no_landmark(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["track", *words])
     assert result.exit_code != 0
     assert "no images" in result.output
+
+
+def test_a_moving_picture_needs_images(tmp_path: Path) -> None:
+    source = str(clouds_in(tmp_path))
+    words = [source, "-o", str(tmp_path / "b.npz"), "--plot", str(tmp_path / "b.gif")]
+    result = CliRunner().invoke(main, ["track", *words])
+    assert result.exit_code == 1
+    assert "Name a .png" in result.output

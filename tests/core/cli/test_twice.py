@@ -15,7 +15,17 @@ from modalmotion.cli import main
 COMMANDS = main.list_commands(click.Context(main))
 
 # What each does at little cost. These run until they are ended, or cost a training.
-LONG = {"serve", "worker", "train", "evaluate", "compare-models", "decide", "features", "track"}
+LONG = {
+    "serve",
+    "worker",
+    "train",
+    "evaluate",
+    "compare-models",
+    "decide",
+    "features",
+    "track",
+    "segment",
+}
 CHEAP = {
     "audit": "verify --data-dir {store}",
     "cohort": "{folder} -o {cohort}",
@@ -23,6 +33,7 @@ CHEAP = {
     "owners": "list --data-dir {store}",
     "store": "verify {store}",
     "animate": "cup --mode 1,1,cos=0.1 -o {out}.glb",
+    "card": "ventricle-simulated",
     "classify": "{beat}",
     "decode": "{stream} -o {out}.npz",
     "dicom": "{beat} --study {study} --coordinates LPS -o {out}",

@@ -8,6 +8,7 @@ import json
 import numpy as np
 import pytest
 
+from modalmotion.client.answers import ImagesInfo
 from modalmotion.client.query import query_of
 from modalmotion.client.track_calls import _track
 from modalmotion.errors import ShapeError
@@ -44,3 +45,10 @@ def test_what_are_no_points_is_said_before_anything_is_sent() -> None:
     with pytest.raises(ShapeError, match="Frame 1 has the shape") as caught:
         _track([np.ones((4, 3)), np.ones((4, 2))], None, {})
     assert caught.value.frame == 1
+
+
+def test_images_that_were_sent_before_are_named_and_not_sent_again() -> None:
+    images = ImagesInfo("ab", "volumes", 2, [[3, 4, 5]], [[1.0, 1.0, 1.0]], None, False, [], {})
+    call = _track(images, {"apex": (1, 2, 3)}, {"keep": True})
+    query = query_of(call.query or {})
+    assert (query["images"], query["keep"], call.body, call.is_keyed) == ("ab", "true", None, True)

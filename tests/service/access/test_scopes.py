@@ -11,6 +11,7 @@ import pytest
 from access_parts import NOBODYS, Guarded, guarded, json_body
 from clouds import small_recording
 from fastapi.testclient import TestClient
+from image_files import metaimage
 from starlette.routing import Route
 
 from modalmotion.formats import read_npz
@@ -57,6 +58,7 @@ def alices(service: Guarded, beat: bytes) -> dict[str, str]:
     template = service.ask("alice", "POST", "/v1/templates", content=beat).json()["id"]
     sent = {"content": small_recording(2), "params": {"modes": 2}}
     track = service.ask("alice", "POST", "/v1/tracks", **sent).json()["id"]
+    images = service.ask("alice", "POST", "/v1/images", content=metaimage()).json()["id"]
     body = json_body([sequence_id])
     body["headers"]["Prefer"] = "respond-async"
     job = service.ask("alice", "POST", "/v1/signatures/query", **body).json()["id"]
@@ -70,7 +72,7 @@ def alices(service: Guarded, beat: bytes) -> dict[str, str]:
     assert service.ask("alice", "GET", "/v1/models/hers/versions/1").status_code == 200
     assert service.ask("alice", "GET", "/v2/models/hers/ready").status_code == 200
     ids = {"sequence_id": sequence_id, "template_id": template, "track_id": track}
-    return {**ids, "job_id": job, **model}
+    return {**ids, "images_id": images, "job_id": job, **model}
 
 
 def test_every_route_of_the_app_has_a_scope_and_every_scope_a_route() -> None:
@@ -174,7 +176,7 @@ def test_lists_comparisons_and_many_at_once_name_nothing_of_another(
     service: Guarded, alices: dict[str, str], beat: bytes
 ) -> None:
     known = alices["sequence_id"]
-    for path in ("/v1/sequences", "/v1/sequences?subject=Jane", "/v1/jobs"):
+    for path in ("/v1/sequences", "/v1/sequences?subject=Jane", "/v1/images", "/v1/jobs"):
         listed = service.ask("bob", "GET", path).json()
         assert listed == {path.split("/")[2].split("?")[0]: [], "cursor": None}
     query = json_body([known])
@@ -185,6 +187,9 @@ def test_lists_comparisons_and_many_at_once_name_nothing_of_another(
     assert service.ask("bob", "GET", f"{here}/distance?to={known}").status_code == 404
     template = alices["template_id"]
     assert service.ask("bob", "GET", f"{here}/signature?template={template}").status_code == 404
+    images = alices["images_id"]
+    assert service.ask("bob", "POST", f"/v1/tracks?images={images}").status_code == 404
+    assert service.ask("alice", "POST", f"/v1/tracks?images={images}").status_code == 422
     service.ask("bob", "DELETE", here)
 
 

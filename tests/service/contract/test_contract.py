@@ -19,6 +19,7 @@ from asgi_session import session_of
 from clouds import small_recording
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
+from image_files import metaimage
 from project import ROOT
 from schemathesis import GenerationMode
 
@@ -88,6 +89,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
         template = ask("lab", "POST", "/v1/templates", content=small()).json()["id"]
         cloud = small_recording(2)
         track = ask("lab", "POST", "/v1/tracks?modes=2", content=cloud).json()["id"]
+        images = ask("lab", "POST", "/v1/images", content=metaimage()).json()["id"]
         body = json_body([sequence])
         body["headers"]["Prefer"] = "respond-async"
         job = ask("lab", "POST", "/v1/signatures/query", **body).json()["id"]
@@ -98,13 +100,14 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
             "sequence_id": sequence,
             "template_id": template,
             "track_id": track,
+            "images_id": images,
             "job_id": job,
             "model_name": "ventricle-simulated",
             "name": "kept",
             "version": "1",
             **{f"sequence_{n}": found_id for n, found_id in enumerate(sequences)},
         }
-        bodies = {"/v1/decode": stream, "/v1/tracks": cloud}
+        bodies = {"/v1/decode": stream, "/v1/tracks": cloud, "/v1/images": metaimage()}
         yield Service(found, session_of(found.client), found.token("lab"), ids, bodies)
 
 

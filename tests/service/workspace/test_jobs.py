@@ -127,7 +127,7 @@ def test_no_query_reads_all_jobs_or_keys(tmp_path: Path, monkeypatch: pytest.Mon
         explain(update, ("a", "b"))
         connection.close()
     about = [step for step in asked if " jobs" in step or " idempotency" in step]
-    assert len(about) == 6
+    assert len(about) == 7
     assert all("INDEX" in step for step in about), about
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -112,7 +113,10 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
 
 
 def write_ply(
-    positions: FloatArray, faces: NDArray[np.int64], statements: Mapping[str, str]
+    positions: FloatArray,
+    faces: NDArray[np.int64],
+    statements: Mapping[str, str],
+    of_vertices: Mapping[str, NDArray[np.float64]] = MappingProxyType({}),
 ) -> bytes:
     """Write one mesh as binary little-endian PLY.
 
@@ -122,6 +126,8 @@ def write_ply(
     faces : (faces, 3) int64
     statements : mapping of str to str
         Written as comments, which a reader returns as `Frame.statements`.
+    of_vertices : mapping of str to (vertices,) float64
+        Further properties, by name.
 
     Returns
     -------
@@ -133,14 +139,15 @@ def write_ply(
         "format binary_little_endian 1.0",
         *(f"comment modalmotion {name} {value}" for name, value in statements.items()),
         f"element vertex {len(positions)}",
-        *(f"property {kind} {axis}" for axis in "xyz"),
+        *(f"property {kind} {name}" for name in ("x", "y", "z", *of_vertices)),
         f"element face {len(faces)}",
         "property list uchar int vertex_indices",
         "end_header\n",
     ]
     table = np.zeros(len(faces), dtype=[("n", "u1"), ("corners", "<i4", 3)])
     table["n"], table["corners"] = 3, faces
-    little = positions.astype(positions.dtype.newbyteorder("<"), copy=False)
+    rows = np.column_stack([positions, *of_vertices.values()]) if of_vertices else positions
+    little = rows.astype(positions.dtype.newbyteorder("<"), copy=False)
     return "\n".join(lines).encode() + little.tobytes() + table.tobytes()
 
 

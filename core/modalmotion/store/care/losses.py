@@ -18,7 +18,7 @@ Fate = Literal["deleted", "done", "lost", "kept"]
 
 _OF_STORES: Final = (
     *("sequences", "signatures", "classifications", "tracks"),
-    *("templates", "models", "norms"),
+    *("templates", "images", "models", "norms"),
 )
 # A store's own, never copied: its lock, a deletion that is under way, what an older copy set aside.
 _HEADS: Final = "access/audit/heads"
@@ -112,8 +112,8 @@ class Source:
         of_stores: dict[PurePath, set[PurePath]] = {}
         for name in lost:
             store, local = _store_of(name)
-            # Templates and norms have no row.
-            if local.parts[0] not in ("templates", "norms"):
+            # These have no row.
+            if local.parts[0] not in ("templates", "images", "norms"):
                 of_stores.setdefault(store, set()).add(name)
         return any(
             store / "index.sqlite" not in self._names

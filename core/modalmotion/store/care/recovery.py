@@ -165,7 +165,7 @@ def reconcile(
 
 
 def _returned(folder: Folder, scan: Scan) -> Iterator[str]:
-    """List sequences that are there though they were deleted, and remove such templates and norms.
+    """List sequences that are there though they were deleted; remove what else came back so.
 
     A copy of older files that was laid over the folder brings them; what was put after the
     deletion is newer than its tombstone.
@@ -184,6 +184,15 @@ def _returned(folder: Folder, scan: Scan) -> Iterator[str]:
         if time is not None and is_older(path.stat().st_mtime, time):
             remove_durably(path)
             names.remove(name)
+    for images_id in scan.images | scan.image_records:
+        files = (folder.images_record(images_id), folder.images(images_id))
+        time = buried(folder.root, images_id)
+        is_back = time is not None and any(
+            path.exists() and is_older(path.stat().st_mtime, time) for path in files
+        )
+        # Samples without a record: putting them was cut short, and never confirmed.
+        if is_back or images_id not in scan.image_records:
+            remove_durably(*files)
 
 
 def _models(

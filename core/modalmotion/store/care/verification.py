@@ -13,6 +13,7 @@ from modalmotion.classification.model.record import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.contents import require_match
 from modalmotion.hdf5.sealed import digest_of, load_sealed
+from modalmotion.images.hdf5 import read_images_file
 from modalmotion.mesh.hdf5 import read_sequence
 from modalmotion.norm.hdf5 import norm_from_hdf5
 from modalmotion.progress import Progress
@@ -21,6 +22,7 @@ from modalmotion.signature.hdf5 import read_signature
 from modalmotion.store.care.maintenance import existing_store
 from modalmotion.store.disk.lock import folder_lock
 from modalmotion.store.folder import Folder, ResultName, Scan
+from modalmotion.store.images_record import read_images_record
 from modalmotion.store.index.database import Database
 from modalmotion.store.index.index import Index
 from modalmotion.store.index.model_index import ModelIndex
@@ -105,6 +107,7 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
             *((folder.upload(name), partial(check.upload, name)) for name in scan.uploads),
             *((folder.result(name), partial(check.result, name)) for name in scan.results),
             *((folder.template(name), partial(check.template, name)) for name in scan.templates),
+            *((folder.images_record(n), partial(check.images, n)) for n in scan.image_records),
             *((folder.norm(name), partial(check.norm, name)) for name in scan.norms),
             *((folder.model(name), partial(check.model, name)) for name in scan.models),
             *(
@@ -125,6 +128,7 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
         check.rows_without_files()
     unfinished = [folder.short(path) for path in scan.temporaries]
     unfinished += [folder.short(folder.deletion(deleted)) for deleted in scan.deletions]
+    unfinished += [folder.short(folder.images(n)) for n in scan.images - scan.image_records]
     return VerifyReport(
         n_sequences=len(scan.records),
         n_results=len(scan.results),
@@ -217,6 +221,15 @@ class _Check:
     def template(self, template_id: str) -> None:
         path = self.folder.template(template_id)
         require_match(path, read_template(path)[1], template_id=template_id)
+
+    def images(self, images_id: str) -> None:
+        path = self.folder.images(images_id)
+        record = read_images_record(self.folder.images_record(images_id))
+        if images_id not in self.scan.images:
+            raise StoreError("The samples that it describes are missing.")
+        self.n_bytes += path.stat().st_size
+        if read_images_file(path).id != images_id or record.id != images_id:
+            raise StoreError("The samples are not those that their id stands for.")
 
     def norm(self, name: str) -> None:
         if norm_from_hdf5(self.folder.norm(name)).name != name:

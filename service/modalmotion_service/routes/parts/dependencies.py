@@ -60,19 +60,23 @@ async def get_preference(
     return parse_preference(prefer)
 
 
-def receiving(*names: str) -> Callable[[Request, State], Awaitable[SpoolFile]]:
+def receiving(
+    *names: str, takes_facts: bool = True
+) -> Callable[[Request, State], Awaitable[SpoolFile]]:
     """Make the dependency that receives an upload into the spool.
 
-    It is the raw body, or a form's part named "file"; facts may stand in other fields.
+    It is the raw body, or a form's part named "file".
 
     Parameters
     ----------
     *names : str
         Fields that may stand in the form too.
+    takes_facts : bool
+        Whether facts may.
     """
 
     async def receive_upload(request: Request, state: StateDependency) -> SpoolFile:
-        file = await _receive(request, state, names)
+        file = await _receive(request, state, names, takes_facts=takes_facts)
         # Handlers remove their upload; one that is never called because its query is not valid
         # cannot.
         request.state.remove_upload = file.remove
@@ -89,7 +93,9 @@ async def receive_raw(request: Request, state: StateDependency) -> SpoolFile:
     return file
 
 
-async def _receive(request: Request, state: State, names: tuple[str, ...]) -> SpoolFile:
+async def _receive(
+    request: Request, state: State, names: tuple[str, ...], *, takes_facts: bool
+) -> SpoolFile:
     # Only requests with an idempotency key are compared by their hash.
     hashed = "idempotency-key" in request.headers
     with stage("receive"):
@@ -105,14 +111,14 @@ async def _receive(request: Request, state: State, names: tuple[str, ...]) -> Sp
                     "The form has no file part named 'file'.",
                     remedy="Send one part named 'file', or the bytes as the raw body.",
                 )
-            texts = _fields_of(form, names)
+            texts = _fields_of(form, names, takes_facts=takes_facts)
             facts = facts_from_texts({name: texts[name] for name in texts if is_fact(name)})
             stated = {name: texts[name] for name in names if name in texts}
             file = await state.spool.receive(_pieces(part), hashed=hashed)
             return replace(file, facts=facts, names=stated)
 
 
-def _fields_of(form: FormData, names: tuple[str, ...]) -> dict[str, str]:
+def _fields_of(form: FormData, names: tuple[str, ...], *, takes_facts: bool) -> dict[str, str]:
     """Read the fields of a form beside its file: facts by the names that columns of tables have.
 
     Raises
@@ -127,13 +133,14 @@ def _fields_of(form: FormData, names: tuple[str, ...]) -> dict[str, str]:
         name = column_of(heading)
         if heading == "file" and not isinstance(value, str) and name not in texts:
             continue
-        if not isinstance(value, str) or not (is_fact(name) or name in names):
+        if not isinstance(value, str) or not ((takes_facts and is_fact(name)) or name in names):
             may_be = ", ".join(["file", *names])
+            and_facts = " and facts" if takes_facts else ""
             raise RequestValidationError(
                 [
                     {
                         "loc": ("form", heading[:80]),
-                        "msg": f"A form has {may_be} and facts; all else stands in the query, as "
+                        "msg": f"A form has {may_be}{and_facts}; all else stands in the query, as "
                         f"?{heading[:80]}=...",
                     }
                 ]
@@ -154,5 +161,6 @@ async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:
 StoreDependency = Annotated[ResultStore, Depends(get_store)]
 PreferenceDependency = Annotated[Preference, Depends(get_preference)]
 FileDependency = Annotated[SpoolFile, Depends(receiving())]
+BareFileDependency = Annotated[SpoolFile, Depends(receiving(takes_facts=False))]
 RawFileDependency = Annotated[SpoolFile, Depends(receive_raw)]
 NamedFileDependency = Annotated[SpoolFile, Depends(receiving("subject", "label"))]

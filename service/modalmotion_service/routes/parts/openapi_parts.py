@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from pydantic import BaseModel
+
 from modalmotion.facts import NAMES
 from modalmotion_service.schemas import JobAnswer, Problem
 
@@ -45,6 +47,23 @@ def _upload_body(*names: str) -> dict[str, Any]:
 UPLOAD_BODY: Final = _upload_body()
 NAMED_UPLOAD_BODY: Final = _upload_body("subject", "label")
 
+FILE_BODY: Final[dict[str, Any]] = {
+    "requestBody": {
+        "required": True,
+        "description": "The file's bytes, or a form with one part named 'file' and no other field.",
+        "content": {
+            "application/octet-stream": BINARY,
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["file"],
+                    "properties": {"file": {"type": "string", "format": "binary"}},
+                }
+            },
+        },
+    }
+}
+
 _PROBLEM_CONTENT: Final = {
     "application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}
 }
@@ -70,3 +89,19 @@ ACCEPTED: Final[dict[int | str, dict[str, Any]]] = {
         "description": "Continued as a job; fetch the result later.",
     }
 }
+
+
+def schema_of(model: type[BaseModel]) -> dict[str, Any]:
+    """Give the schema of a body that a route reads by itself, without references."""
+    whole = model.model_json_schema()
+    parts = whole.pop("$defs", {})
+
+    def resolved(value: Any) -> Any:
+        if isinstance(value, dict):
+            if "$ref" in value:
+                return resolved(parts[value["$ref"].rpartition("/")[2]])
+            return {name: resolved(one) for name, one in value.items()}
+        return [resolved(one) for one in value] if isinstance(value, list) else value
+
+    found: dict[str, Any] = resolved(whole)
+    return found

@@ -8,6 +8,7 @@ from typing import Final, Literal
 
 from modalmotion.errors import ParameterError
 from modalmotion.facts import Facts
+from modalmotion.images.hdf5 import read_images_file
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import (
     SequenceRecord,
@@ -20,6 +21,7 @@ from modalmotion.store import (
 )
 from modalmotion.tracking import Track
 from modalmotion.tracking.parameters import TrackParameters
+from modalmotion.tracking.reading import recorded_images
 from modalmotion_service.schemas.tracks import TrackEstimate
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import png_of, write_whole
@@ -30,14 +32,14 @@ _SHARES: Final = {"read": 0.1, "track": 0.8, "image": 0.05}
 
 
 def follow(
-    upload: Upload,
+    source: Upload | Path,
     parameters: TrackParameters,
     start: Path | None,
     sequence: Path,
     track: Path,
     progress: Path,
 ) -> tuple[SequenceRecord, TrackEstimate, dict[str, float]]:
-    """Read an upload, track a surface through it, and write its sequence's and its own image.
+    """Track a surface through an upload or kept images, and write its sequence's and its own image.
 
     `progress` is a `ProgressFile`.
 
@@ -51,11 +53,14 @@ def follow(
     """
     watch = Stopwatch(_SHARES, ProgressFile(progress).write)
     with watch.stage("read") as report:
-        recorded = upload.observed(
-            parameters.contours,
-            parameters.coordinates,
-            lambda done, total: report(done / max(total, 1)),
-        )
+        if isinstance(source, Path):
+            recorded = recorded_images(read_images_file(source))
+        else:
+            recorded = source.observed(
+                parameters.contours,
+                parameters.coordinates,
+                lambda done, total: report(done / max(total, 1)),
+            )
         surface = None if start is None else sequence_from_hdf5(start)
     with watch.stage("track") as report:
         result = parameters.follow(
@@ -78,6 +83,13 @@ def track_with_facts(path: Path, facts: Facts) -> bytes:
     """Write a kept track and the facts of its sequence out as HDF5."""
     track = track_from_hdf5(path)
     return track_to_hdf5(replace(track, sequence=track.sequence.with_facts(facts)))
+
+
+def draw_overlay(path: Path, images: Path) -> bytes:
+    """Draw the contours of a kept track over its images, as PNG."""
+    from modalmotion.pictures.image_overlay import overlay_figure
+
+    return png_of(overlay_figure(track_from_hdf5(path), read_images_file(images)))
 
 
 def draw_track(

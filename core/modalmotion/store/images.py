@@ -1,0 +1,219 @@
+"""Images in a store: until they are tracked, and longer where somebody says so."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from modalmotion.errors import NotFoundError, StoreError
+from modalmotion.store.folder import is_id
+from modalmotion.store.images_record import (
+    ImagesRecord,
+    images_record_to_json,
+    read_images_record,
+)
+from modalmotion.store.index.cursor import from_cursor, now, require_limit, to_cursor
+from modalmotion.store.opening import lost_file
+from modalmotion.store.sequences import SequenceStore
+from modalmotion.store.tombstones import bury_and_remove
+
+
+@dataclass(frozen=True)
+class ImagesPage:
+    """Part of a list of images.
+
+    Parameters
+    ----------
+    records : tuple of ImagesRecord
+    cursor : str or None
+        For the next page; None on the last.
+    """
+
+    records: tuple[ImagesRecord, ...]
+    cursor: str | None
+
+
+class ImageStore(SequenceStore):
+    """A store of sequences that holds images too.
+
+    They are few and soon gone, so they need no row in the index: a record beside the samples says
+    what they are.
+    """
+
+    def put_images(self, file: Path, record: ImagesRecord) -> tuple[ImagesRecord, bool]:
+        """Take a file of images that another process has written with `write_images`.
+
+        Parameters
+        ----------
+        file : Path
+            On the store's own disk, and durable: it is moved.
+        record : ImagesRecord
+            Of the images in it; when they came is set here.
+
+        Returns
+        -------
+        record : ImagesRecord
+            The stored one.
+        is_new : bool
+            False if they were there already.
+
+        Raises
+        ------
+        StoreError
+            If they cannot be stored; the store is as it was.
+        """
+        if not is_id(record.id):
+            raise StoreError(
+                f"Images cannot be kept as {record.id[:12]!r}: that is not a digest.",
+                remedy="Use the images' own id.",
+            )
+        with self._changing(record.id):
+            path = self._folder.images(record.id)
+            with contextlib.suppress(StoreError):
+                known = read_images_record(self._folder.images_record(record.id))
+                if path.is_file():
+                    return known, False
+            record = replace(record, created=now())
+            # Written before a deletion, perhaps, and put after it.
+            file.touch()
+            # The samples first: what has a record is there.
+            self._move([(file, path)], lambda: self._write_record(record))
+            return record, True
+
+    def images_record(self, images_id: str) -> ImagesRecord:
+        """Look up the record of images.
+
+        Raises
+        ------
+        NotFoundError
+            If there are none of that id.
+        CorruptFileError
+            If it is damaged.
+        """
+        self._open_index()
+        with contextlib.suppress(NotFoundError):
+            if is_id(images_id):
+                return read_images_record(self._folder.images_record(images_id))
+        raise NotFoundError(
+            f"There are no images {str(images_id)[:12]!r}: they are deleted after tracking, where "
+            "nobody keeps them.",
+            remedy="Use the id returned when they were sent, or send them again.",
+        )
+
+    def images_path(self, images_id: str) -> Path:
+        """HDF5 file of images.
+
+        Raises
+        ------
+        NotFoundError
+            If there are none of that id.
+        LostFileError
+            If they are gone.
+        """
+        self.images_record(images_id)
+        path = self._folder.images(images_id)
+        if not path.is_file():
+            # Deleted since, or gone.
+            self.images_record(images_id)
+            raise lost_file(f"The file of images {images_id[:12]}", "Send the images again")
+        return path
+
+    def list_images(self, *, limit: int = 100, cursor: str | None = None) -> ImagesPage:
+        """List images from the newest to the oldest.
+
+        Parameters
+        ----------
+        limit : int
+            Of one page, 1 to 1000.
+        cursor : str, optional
+            Of the page before.
+
+        Raises
+        ------
+        ParameterError
+            If the limit is out of range or the cursor is not one of a list.
+        """
+        require_limit(limit)
+        end = from_cursor(cursor)
+        older = [one for one in self._records() if (one.created, one.id) < end]
+        older.sort(key=lambda one: (one.created, one.id), reverse=True)
+        page = older[:limit]
+        more = to_cursor(page[-1].created, page[-1].id) if len(older) > limit else None
+        return ImagesPage(tuple(page), more)
+
+    def untracked_images(self, before: str) -> tuple[str, ...]:
+        """List images that came before a time (UTC, ISO 8601), and that nobody keeps."""
+        return tuple(one.id for one in self._records() if not one.is_kept and one.created < before)
+
+    def images_of_track(self, track_id: str) -> Path:
+        """HDF5 file of the images that a track was made of.
+
+        Raises
+        ------
+        NotFoundError
+            If they were not kept.
+        """
+        for record in self._records():
+            if track_id in record.tracks:
+                return self.images_path(record.id)
+        raise NotFoundError(
+            f"The images of track {track_id[:12]} were not kept.",
+            remedy="Send them again to POST /v1/images, and track them with keep=true.",
+        )
+
+    def keep_images(self, images_id: str, track_id: str) -> ImagesRecord:
+        """Note that images are kept on purpose, for a track.
+
+        Raises
+        ------
+        NotFoundError
+            If there are none of that id.
+        StoreError
+            If it cannot be noted.
+        """
+        with self._changing(images_id):
+            record = self.images_record(images_id)
+            tracks = tuple(dict.fromkeys((*record.tracks, track_id)))
+            record = replace(record, is_kept=True, tracks=tracks)
+            self._write_record(record)
+            return record
+
+    def delete_images(self, images_id: str) -> None:
+        """Delete images; what was tracked in them stays.
+
+        Raises
+        ------
+        NotFoundError
+            If there are none of that id.
+        StoreError
+            If a file cannot be removed.
+        """
+        self._open_index()
+        with self._changing(images_id):
+            # A damaged record is no reason to keep what it stands for.
+            if not is_id(images_id) or not self._folder.images_record(images_id).is_file():
+                self.images_record(images_id)
+            files = (self._folder.images_record(images_id), self._folder.images(images_id))
+            bury_and_remove(self.root, images_id, *files)
+
+    def delete_sequence(self, sequence_id: str) -> None:
+        """Delete a sequence as `SequenceStore` does; images that are kept for it forget its id."""
+        super().delete_sequence(sequence_id)
+        for one in [record for record in self._records() if sequence_id in record.tracks]:
+            with self._changing(one.id), contextlib.suppress(NotFoundError):
+                record = self.images_record(one.id)
+                tracks = tuple(name for name in record.tracks if name != sequence_id)
+                self._write_record(replace(record, tracks=tracks))
+
+    def _records(self) -> Iterator[ImagesRecord]:
+        self._open_index()
+        for images_id in self._folder.image_ids():
+            # One that is damaged costs the others nothing, nor one that is deleted meanwhile.
+            with contextlib.suppress(StoreError):
+                yield read_images_record(self._folder.images_record(images_id))
+
+    def _write_record(self, record: ImagesRecord) -> None:
+        path = self._folder.images_record(record.id)
+        self._write([(path, images_record_to_json(record))], lambda: None)
