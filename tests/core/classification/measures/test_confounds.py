@@ -31,7 +31,7 @@ def test_a_site_of_one_class_is_reported_and_chance_is_not() -> None:
 
 
 def test_what_is_unknown_of_one_class_is_a_confound_too() -> None:
-    y = np.arange(25) % 2
+    y = np.arange(60) % 2
     conditions: list[dict[str, float | str]] = [{"age": 60.0} if k else {} for k in y]
     (test,) = confounds(conditions, y, np.arange(60), 0)
     assert test["p_holm"] < 0.01
@@ -68,7 +68,7 @@ def test_chance_is_reported_as_often_as_stated() -> None:
     rng = np.random.default_rng(3)
     y = np.arange(40) % 2
     n_sure = 0
-    for _ in range(60):
+    for _ in range(25):
         conditions = [{"a": float(v), "b": float(w)} for v, w in rng.normal(size=(40, 2))]
         n_sure += min(t["p_holm"] for t in confounds(conditions, y, np.arange(40), 0)) < 0.05
     assert n_sure <= 5
