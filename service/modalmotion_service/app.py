@@ -13,6 +13,7 @@ from starlette.routing import BaseRoute
 
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion_service.access.keys import KeyRing
+from modalmotion_service.access.logins import logins_of
 from modalmotion_service.access.rates import Rates
 from modalmotion_service.audit.log import AuditLog
 from modalmotion_service.contract.access import with_access
@@ -25,6 +26,7 @@ from modalmotion_service.http.observation import Observation
 from modalmotion_service.http.request_head import RequestHeadCheck
 from modalmotion_service.http.security_headers import SecurityHeaders
 from modalmotion_service.monitoring.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
+from modalmotion_service.monitoring.telemetry import Telemetry, Tracing
 from modalmotion_service.routes import (
     audit,
     classifications,
@@ -80,22 +82,26 @@ def judged_routes() -> list[BaseRoute]:
     return router.routes
 
 
-def create_app(settings: Settings | None = None) -> FastAPI:
+def create_app(settings: Settings | None = None, telemetry: Telemetry | None = None) -> FastAPI:
     """Make the application; nothing is opened before its lifespan starts.
 
     Parameters
     ----------
     settings : Settings, optional
         Read from the environment by default.
+    telemetry : Telemetry, optional
+        As the settings say by default.
     """
     chosen = Settings() if settings is None else settings
     # Absolute, for tasks carry paths to workers that were started elsewhere.
     chosen = chosen.model_copy(update={"data_dir": chosen.data_dir.absolute()})
     metrics = Metrics()
+    if telemetry is None and chosen.telemetry:
+        telemetry = Telemetry()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        engine = MeteredExecutor(await asyncio.to_thread(open_engine, chosen), metrics)
+        engine = MeteredExecutor(await asyncio.to_thread(open_engine, chosen), metrics, telemetry)
         if engine.are_parsers_confined is not None:
             say_whether_confined()
         # Processes of its own, on this machine: no request waits for a training.
@@ -105,7 +111,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             chosen.task_memory_bytes,
             seconds_limit="training_seconds",
         )
-        owners = Owners(chosen, engine, MeteredExecutor(training_pool, metrics))
+        owners = Owners(chosen, engine, MeteredExecutor(training_pool, metrics, telemetry))
         things = StateOfThings(owners, metrics, engine)
         metrics.registry.register(things)
         try:
@@ -123,6 +129,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             await owners.close()
             training_pool.shutdown(cancel_futures=True)
             engine.shutdown(cancel_futures=True)
+            if telemetry is not None:
+                telemetry.close()
 
     app = _App(
         title="modalmotion",
@@ -161,9 +169,17 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         chosen.max_anonymous_per_minute,
         chosen.max_failures_per_minute,
     )
-    app.add_middleware(Gate, require_keys=chosen.require_keys, rates=rates)
+    logins = logins_of(
+        chosen.oidc_issuer,
+        chosen.oidc_audience,
+        scope_prefix=chosen.oidc_scope_prefix,
+        owner_claim=chosen.oidc_owner_claim,
+    )
+    app.add_middleware(Gate, require_keys=chosen.require_keys, rates=rates, logins=logins)
     app.add_middleware(RequestHeadCheck)
     app.add_middleware(Meter, metrics=metrics)
+    if telemetry is not None:
+        app.add_middleware(Tracing, telemetry=telemetry)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(Observation)
     app.router.routes.extend(judged_routes())

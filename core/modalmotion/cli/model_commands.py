@@ -331,7 +331,10 @@ def classify(
 @click.option("-o", "--out", type=OutputFile(), help="File to write.")
 @json_option
 def card(model: str, markdown: bool, out: Path | None, as_json: bool) -> None:
-    """Say what MODEL, a file or a name, was made of, what it is for, and how well it does."""
+    """Say what MODEL was made of, and how well it does.
+
+    MODEL is a file, or the name of a shipped one.
+    """
     from modalmotion.classification import card_markdown
     from modalmotion.store import write_atomic
 
