@@ -144,8 +144,10 @@ def tracking(n_frames: int = 25, coarseness: float = 1.0) -> dict[str, Figure]:
         panel.set_title(
             title if number == 0 else f"+ 4 mm ({title.replace(',', ', ')})", fontsize=9
         )
+    beat = overlay_figure(track, phantom.images)
+    beat.set_size_inches(7.2, 4.8)
     return {
-        "tracking-beat.png": overlay_figure(track, phantom.images),
+        "tracking-beat.png": beat,
         "tracking-modes.png": figure,
     }
 
