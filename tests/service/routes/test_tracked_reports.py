@@ -6,6 +6,7 @@ import io
 import json
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import numpy as np
@@ -22,7 +23,7 @@ from modalmotion.images import ImageSequence
 pytest.importorskip("nibabel")
 pytest.importorskip("matplotlib")
 
-PLACES = {name: ",".join(map(str, place)) for name, place in LANDMARKS.items()}
+PLACES: dict[str, Any] = {name: ",".join(map(str, place)) for name, place in LANDMARKS.items()}
 
 
 @pytest.fixture(scope="module")
