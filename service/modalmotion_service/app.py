@@ -49,6 +49,7 @@ from modalmotion_service.routes import (
     sequences,
     signatures,
     templates,
+    tracked_reports,
     tracks,
     tradeoff,
     views,
@@ -75,7 +76,7 @@ def judged_routes() -> list[BaseRoute]:
     for module in (
         *(sequences, images, tracks, signatures, sent_signature, tradeoff, readouts, reports),
         *(templates, codec, classifications, classify, models, evaluations, features, jobs, limits),
-        *(norms, audit, health, kserve, prometheus, documentation, views),
+        *(norms, tracked_reports, audit, health, kserve, prometheus, documentation, views),
     ):
         router.include_router(module.router)
     router.include_router(views.pages)
