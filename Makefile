@@ -38,11 +38,12 @@ view: $(VENV)/.run
 serve: $(VENV)/.run
 	$(BIN)/modalmotion serve
 
-# One thread for each of the two: threads of both would wait for one another. The tests start some
-# hundred processes, each of which would compile all modules anew where bytecode is not kept.
+# Three processes on two cores, for tests wait too: for services, workers, a browser. One thread for
+# each: threads of all would wait for one another. The tests start some hundred processes, each of
+# which would compile all modules anew where bytecode is not kept.
 test: $(VENV)/.dev
 	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
-		-n 2 --dist loadfile --no-loadscope-reorder -m "not soak"
+		-n 3 --dist loadfile --no-loadscope-reorder -m "not soak"
 
 check: $(VENV)/.dev
 	$(BIN)/ruff format --check .

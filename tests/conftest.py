@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -88,6 +89,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     No process of several then ends long before the others.
     """
+    seen: Counter[str] = Counter()
+    for item in items:
+        # Of many like cases some stand for all, which `make soak` runs.
+        if mark := item.get_closest_marker("every"):
+            test = item.nodeid.partition("[")[0]
+            if seen[test] % mark.args[0]:
+                item.add_marker(pytest.mark.soak)
+            seen[test] += 1
     items.sort(key=lambda item: next(i for i, part in enumerate(_ORDER) if part in item.nodeid))
     for item in items:
         # The limit of all others is for tests that hang.

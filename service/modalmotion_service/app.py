@@ -13,6 +13,7 @@ from starlette.routing import BaseRoute
 
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion_service.access.keys import KeyRing
+from modalmotion_service.access.logins import logins_of
 from modalmotion_service.access.rates import Rates
 from modalmotion_service.audit.log import AuditLog
 from modalmotion_service.contract.access import with_access
@@ -161,7 +162,13 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         chosen.max_anonymous_per_minute,
         chosen.max_failures_per_minute,
     )
-    app.add_middleware(Gate, require_keys=chosen.require_keys, rates=rates)
+    logins = logins_of(
+        chosen.oidc_issuer,
+        chosen.oidc_audience,
+        scope_prefix=chosen.oidc_scope_prefix,
+        owner_claim=chosen.oidc_owner_claim,
+    )
+    app.add_middleware(Gate, require_keys=chosen.require_keys, rates=rates, logins=logins)
     app.add_middleware(RequestHeadCheck)
     app.add_middleware(Meter, metrics=metrics)
     app.add_middleware(SecurityHeaders)

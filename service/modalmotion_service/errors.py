@@ -48,6 +48,12 @@ class ForbiddenError(ModalMotionError):
     code = "forbidden"
 
 
+class ProviderError(ModalMotionError):
+    """The identity provider does not answer."""
+
+    code = "login_unavailable"
+
+
 class RateLimitedError(ModalMotionError):
     """Too many requests within a minute."""
 

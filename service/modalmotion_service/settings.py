@@ -56,6 +56,22 @@ class Settings(BaseSettings):
         description="Whether requests over loopback need a key too, as behind a reverse proxy; "
         "those over any other address always do.",
     )
+    oidc_issuer: str | None = Field(
+        None, description="Issuer whose logins (OpenID Connect) are accepted beside keys."
+    )
+    oidc_audience: str | None = Field(
+        None, description="Audience that tokens of this issuer must be for."
+    )
+    oidc_scope_prefix: str = Field(
+        "modalmotion:",
+        description="Of our scopes in tokens: modalmotion:read opens what read does.",
+    )
+    oidc_owner_claim: str = Field(
+        "sub",
+        min_length=1,
+        description="Claim of tokens that says whose store they open; another one than sub lets "
+        "those who share its value share a store.",
+    )
     max_requests_per_minute: int = Field(
         6_000, gt=0, description="Requests a minute with one key; more are answered 429."
     )
@@ -152,7 +168,7 @@ class Settings(BaseSettings):
         6_000_000_000, ge=1_000_000_000, description="Address space of one piece of work."
     )
 
-    @field_validator("scheduler", mode="before")
+    @field_validator("scheduler", "oidc_issuer", "oidc_audience", mode="before")
     @classmethod
     def _none_if_empty(cls, value: object) -> object:
         # As a compose file passes on a variable that is not set.

@@ -70,6 +70,7 @@ def usual() -> dict[str, list[np.ndarray | float]]:
     return {name: ask(1.0) for name, ask in ASKED.items()}
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("scale", SCALES)
 @pytest.mark.parametrize("name", ASKED)
 def test_the_answer_is_that_of_the_usual_unit(
@@ -99,6 +100,7 @@ def test_springs_of_a_mesh_without_coordinates_are_those_of_the_usual_unit(scale
     np.testing.assert_allclose(found.rms_errors / scale, usual.rms_errors, rtol=1e-9)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("scale", SCALES)
 def test_a_stream_keeps_its_word(scale: float) -> None:
     sequence = scaled(scale)
@@ -109,6 +111,7 @@ def test_a_stream_keeps_its_word(scale: float) -> None:
     assert found.rms / scale == pytest.approx(rms, rel=1e-9, abs=1e-300)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("scale", FARTHEST)
 def test_fields_and_pictures_are_written(scale: float) -> None:
     sequence = scaled(scale)

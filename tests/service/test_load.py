@@ -79,6 +79,7 @@ def bodies_in_memory(
     return (max(seen) - idle) / (n_at_once * size)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     "kind",
     ["signature of raw", "upload of npz", pytest.param("upload of raw", marks=pytest.mark.soak)],

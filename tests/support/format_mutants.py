@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import gzip
 import io
 import json
 import random
@@ -40,6 +41,8 @@ def mutant(name: str, data: bytes, number: int) -> bytes:
     if chance.random() < 0.5:
         if name.endswith("zip"):
             return _in_member(data, chance)
+        if name.endswith(" gz"):
+            return gzip.compress(_damaged(gzip.decompress(data), chance), mtime=0)
         if name == "glb":
             return _in_document(data, chance)
         if name == "hdf5":

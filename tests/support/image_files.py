@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
+import gzip
+import zipfile
+from importlib.util import find_spec
+
 import numpy as np
+from dicom_samples import slice_file
+from format_samples import zipped
+
+from modalmotion.formats.volumes.writing import write_nifti
+from modalmotion.images import ImageSequence, Volume
 
 
 def metaimage(values: np.ndarray | None = None, spacing: str = "2 2 2 0.1") -> bytes:
@@ -19,3 +28,35 @@ def metaimage(values: np.ndarray | None = None, spacing: str = "2 2 2 0.1") -> b
         "ElementDataFile = LOCAL\n"
     )
     return head.encode() + values.tobytes(order="F")
+
+
+def image_files() -> dict[str, bytes]:
+    """Write a small file of each format whose package is there; names ending with zip are zips."""
+    files = {"metaimage": metaimage()}
+    if find_spec("nibabel") is not None:
+        rng = np.random.default_rng(0)
+        frames = [Volume(rng.integers(0, 99, (5, 4, 3), np.int16), np.eye(4)) for _ in range(2)]
+        packed = write_nifti(ImageSequence(tuple(frames), np.array([0.0, 0.1])))
+        files |= {"nifti gz": packed, "nifti": gzip.decompress(packed)}
+    if find_spec("nrrd") is not None:
+        files["nrrd"] = nrrd_file()
+    if find_spec("pydicom") is not None:
+        slices = {
+            f"{z}_{t}.dcm": slice_file(
+                np.full((4, 3), z + t), z=6.0 * z, trigger=100.0 * t, number=2 * z + t
+            )
+            for z in range(3)
+            for t in range(2)
+        }
+        files |= {"dicom": slices["0_0.dcm"], "dicom zip": zipped(slices, zipfile.ZIP_STORED)}
+    return files
+
+
+def nrrd_file() -> bytes:
+    """Write a small .nrrd of raw numbers, with directions in space."""
+    head = (
+        "NRRD0004\ntype: short\ndimension: 3\nspace: left-posterior-superior\nsizes: 4 3 2\n"
+        "space directions: (1,0,0) (0,2,0) (0,0,3)\nendian: little\nencoding: raw\n"
+        "space origin: (0,0,0)\n\n"
+    )
+    return head.encode() + np.arange(24, dtype="<i2").tobytes()

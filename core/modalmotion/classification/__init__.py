@@ -12,6 +12,7 @@ from modalmotion.classification.evaluation.evaluation import Evaluation, evaluat
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.cross_validation import CrossValidation
 from modalmotion.classification.model.hdf5 import model_from_hdf5, model_to_hdf5
+from modalmotion.classification.model.markdown import card_markdown
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.model.shipped import (
     DEFAULT_MODEL,
@@ -47,6 +48,7 @@ __all__ = [
     "TrainingCase",
     "TrainingOptions",
     "available_models",
+    "card_markdown",
     "classify",
     "compare_models",
     "decided",

@@ -13,6 +13,7 @@ from modalmotion.errors import ModalMotionError
 
 COMMANDS: Final = {
     "animate": ("modes_commands", "Add modes over the surface in FILE and let them swing."),
+    "card": ("model_commands", "Say what MODEL, a file or a name, was made of."),
     "classify": ("model_commands", "Name the motion class of the sequence in FILE."),
     "compare-models": ("model_commands", "Compare two models, on the same labelled sequences."),
     "decide": (
@@ -20,7 +21,7 @@ COMMANDS: Final = {
         "Write MODEL with a rule by which its probabilities become a label.",
     ),
     "decode": ("codec_commands", "Decode a compressed STREAM, or some of its frames."),
-    "dicom": ("dicom_command", "Write DICOM objects of FILE into its patient's study."),
+    "dicom": ("dicom_command", "Write DICOM objects of the sequence in FILE, for an archive."),
     "encode": ("codec_commands", "Compress the sequence in FILE at an error that you choose."),
     "evaluate": ("model_commands", "Test MODEL, a file or a name, on labelled sequences."),
     "features": ("features_command", "Write the features of labelled or unlabelled sequences."),

@@ -323,6 +323,37 @@ def classify(
     list_written(plot, as_json=as_json)
 
 
+@click.command(epilog=example("card mine.h5 --markdown -o README.md"))
+@click.argument("model")
+@click.option(
+    "--markdown", is_flag=True, help="As Markdown with a YAML head, as the Hugging Face Hub has it."
+)
+@click.option("-o", "--out", type=OutputFile(), help="File to write.")
+@json_option
+def card(model: str, markdown: bool, out: Path | None, as_json: bool) -> None:
+    """Say what MODEL was made of, and how well it does.
+
+    MODEL is a file, or the name of a shipped one.
+    """
+    from modalmotion.classification import card_markdown
+    from modalmotion.store import write_atomic
+
+    if markdown and as_json:
+        raise click.UsageError("--markdown and --json exclude each other.")
+    stored = model_named(model)
+    if markdown:
+        text = card_markdown(stored.name, stored.id, stored.card)
+    elif as_json:
+        text = json.dumps(stored.card.as_json(), indent=2) + "\n"
+    else:
+        text = card_lines(stored.name, stored.id, stored.card) + "\n"
+    if out is None:
+        click.echo(text, nl=False)
+        return
+    write_atomic(out, text.encode())
+    list_written(out, as_json=as_json)
+
+
 def model_named(which: str) -> Model:
     """Load the model in a file, or the shipped model of that name.
 

@@ -23,6 +23,7 @@ HDF5: Final = "application/x-hdf5"
 NPZ: Final = "application/x-npz"
 PNG: Final = "image/png"
 CSV: Final = "text/csv"
+MARKDOWN: Final = "text/markdown"
 STREAM: Final = "application/vnd.modalmotion.stream"
 
 

@@ -8,15 +8,24 @@ from typing import Any, Final
 
 from modalmotion.client.answers import ClassAnswer, ModelInfo, value_of
 from modalmotion.client.bodies import Source, body_of, json_body
-from modalmotion.client.calls import CSV, HDF5, PNG, Calls, require_suffix, save, sequence_path
+from modalmotion.client.calls import (
+    CSV,
+    HDF5,
+    MARKDOWN,
+    PNG,
+    Calls,
+    require_suffix,
+    save,
+    sequence_path,
+)
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.errors import understood
 from modalmotion.client.jobs import Job
 from modalmotion.client.query import Option, plain, segment
 from modalmotion.progress import Progress
 
-MODEL_FILES: Final = {".h5": HDF5, ".hdf5": HDF5, ".png": PNG, ".csv": CSV}
-"""Media types of model files by suffix: the model, a picture of its card, held-out answers."""
+MODEL_FILES: Final = {".h5": HDF5, ".hdf5": HDF5, ".png": PNG, ".csv": CSV, ".md": MARKDOWN}
+"""Media types of model files by suffix: the model, its card drawn or written, held-out answers."""
 
 EVALUATION_FILES: Final = {".png": PNG, ".csv": CSV}
 
@@ -39,7 +48,7 @@ class ModelCalls(Calls):
     def save_model(self, name: str, path: str | Path, version: int | None = None) -> None:
         """Write a model to .h5, as `mm.load_model` reads it; a picture of its card to .png.
 
-        Or to .csv the answers to its training cases, each held out.
+        Or its card as a page to .md, and to .csv the answers to its training cases, each held out.
         """
         target = Path(path)
         accept = require_suffix(target, MODEL_FILES)

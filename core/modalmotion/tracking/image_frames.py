@@ -17,6 +17,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.folding import require_unfolded
+from modalmotion.tracking.image_doubts import doubts_of
 from modalmotion.tracking.image_levels import first_sight
 from modalmotion.tracking.image_search import search
 from modalmotion.tracking.image_view import Facets, Sight, View, view_of
@@ -146,7 +147,8 @@ def frames_of_images(
     for view, share, between in zip(views, shares, soft, strict=True):
         is_seen = view is not None and share >= _LEAST_FOUND
         frames.append((view.observation(), *between) if view is not None and is_seen else ())
-    notes = _notes(shares, images, found)
+    doubts = doubts_of(image, facets, template.vertices, sight, places["apex"], places["base"])
+    notes = (*_notes(shares, images, found), *doubts)
     return ImageFrames(tuple(frames), shape, facets, papillary, sight, shares, notes)
 
 

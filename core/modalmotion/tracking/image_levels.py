@@ -25,6 +25,9 @@ _STEP: Final = 0.8
 _INNER: Final = 5.0
 _OUTER: Final = 3.5
 
+# mm from apex to base. Windows are some mm wide.
+_SHORTEST: Final = 20.0
+
 # Of the usual greatest step on a ray: the first step so large is the edge.
 _FIRST: Final = 0.6
 
@@ -58,6 +61,15 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSi
         Where nothing is in the field of view, all is alike, or rays meet no common edge.
     """
     length = float(np.linalg.norm(base - apex))
+    if length < _SHORTEST:
+        raise ShapeError(
+            f"Apex and base lie {length:.3g} mm apart in frame {frame}; walls of some mm are "
+            f"looked for, in objects of {_SHORTEST:g} mm and more.",
+            remedy="State apex and base in LPS mm; of a smaller object enlarge the spacing, and "
+            "scale the result back.",
+            frame=frame,
+            details={"length": length, "least": _SHORTEST},
+        )
     offsets: Floats = np.arange(0.0, 0.6 * length + _OUTER, _STEP).astype(np.float64)
     starts, directions, profiles = _rays(image, apex, base, offsets)
     there = np.isfinite(profiles).mean(axis=1) > 0.6

@@ -142,5 +142,10 @@ def target_of(method: str, path: str) -> Target | None:
 
 
 def methods_of(path: str) -> list[str]:
-    """List the methods that a path knows, sorted."""
+    """List the methods that a path knows, sorted.
+
+    A path that stands in the interface's document as it is has the methods of that entry alone.
+    """
+    if literal := {method for method, template in SCOPE_OF if template == path}:
+        return sorted(literal)
     return sorted(method for method in _MATCHERS if target_of(method, path) is not None)

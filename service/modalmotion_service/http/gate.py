@@ -19,6 +19,7 @@ from starlette.types import Scope as Connection
 from modalmotion.errors import ModalMotionError
 from modalmotion.facts import NAMES
 from modalmotion_service.access.keys import KeyRing, key_required
+from modalmotion_service.access.logins import Logins, is_login
 from modalmotion_service.access.principal import (
     LOCAL_PRINCIPAL,
     Principal,
@@ -100,10 +101,15 @@ class Gate:
     require_keys : bool
         Whether requests over loopback need a key too.
     rates : Rates
+    logins : Logins, optional
+        Of an organisation, beside keys.
     """
 
-    def __init__(self, app: ASGIApp, require_keys: bool, rates: Rates) -> None:
+    def __init__(
+        self, app: ASGIApp, require_keys: bool, rates: Rates, logins: Logins | None = None
+    ) -> None:
         self.app = app
+        self.logins = logins
         self.require_keys = require_keys
         self.rates = rates
 
@@ -121,7 +127,7 @@ class Gate:
         headers: dict[str, str] = {}
         refused: ModalMotionError | None = None
         try:
-            headers = self._admit(connection, target)
+            headers = await self._admit(connection, target)
         except ModalMotionError as error:
             refused = error
         is_noted = not (
@@ -171,7 +177,7 @@ class Gate:
                     await self._note(connection, target, status, Headers())
             raise
 
-    def _admit(self, connection: HTTPConnection, target: Target | None) -> dict[str, str]:
+    async def _admit(self, connection: HTTPConnection, target: Target | None) -> dict[str, str]:
         scope = connection.scope
         needs_key = self.require_keys or not comes_by_loopback(scope)
         client = "" if connection.client is None else connection.client.host
@@ -180,7 +186,7 @@ class Gate:
                 return {}
             return self.rates.address(client).headers
         try:
-            principal, headers = self._recognise(connection, needs_key)
+            principal, headers = await self._recognise(connection, needs_key)
         except AuthenticationError as error:
             scope[_ENDED_KEY] = error.key_id
             self.rates.failure(client)
@@ -190,12 +196,13 @@ class Gate:
             raise ForbiddenError(
                 f"This key lacks the scope {target.scope}.",
                 remedy=f"Use a key with the scope {target.scope}; "
-                "`modalmotion keys list` shows what each has.",
+                "`modalmotion keys list` shows what each has. The scopes of a login are its "
+                "issuer's to give.",
                 details={"scope": str(target.scope)},
             )
         return headers
 
-    def _recognise(
+    async def _recognise(
         self, connection: HTTPConnection, needs_key: bool
     ) -> tuple[Principal, dict[str, str]]:
         token = _token(connection.headers)
@@ -204,8 +211,11 @@ class Gate:
                 raise key_required()
             require_same_site(connection.scope)
             return LOCAL_PRINCIPAL, {}
-        access: Access = connection.app.state.access
-        principal = access.keys.authenticate(token).principal
+        if self.logins is not None and is_login(token):
+            principal = await self.logins.principal(token)
+        else:
+            access: Access = connection.app.state.access
+            principal = access.keys.authenticate(token).principal
         return principal, self.rates.key(principal.key_id or "").headers
 
     async def _note(

@@ -37,6 +37,7 @@ from modalmotion_service.errors import (
     CostError,
     ForbiddenError,
     IdempotencyMismatchError,
+    ProviderError,
     RateLimitedError,
     SlowClientError,
     WorkerDiedError,
@@ -65,6 +66,7 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     IdempotencyMismatchError: 422,
     WorkerDiedError: 422,
     ClusterError: 503,
+    ProviderError: 503,
     MissingExtraError: 501,
     ModalMotionError: 500,
 }

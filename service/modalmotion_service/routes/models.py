@@ -8,17 +8,17 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Header, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from modalmotion.classification import TrainingOptions, available_models
+from modalmotion.classification import ModelCard, TrainingOptions, available_models, card_markdown
 from modalmotion.store import ModelRecord, model_to_hdf5, require_model_name
 from modalmotion.store.index.cursor import from_cursor, to_cursor
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.json_bodies import JsonRoute
-from modalmotion_service.http.negotiation import CSV, HDF5, JSON, PNG, best_type
+from modalmotion_service.http.negotiation import CSV, HDF5, JSON, MARKDOWN, PNG, best_type
 from modalmotion_service.http.preferences import Preference
 from modalmotion_service.routes.parts.deferral import accepted, reply_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
-from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS, TEXT
 from modalmotion_service.schemas import (
     ModelAnswer,
     ModelName,
@@ -35,15 +35,15 @@ from modalmotion_service.workspace.training_set import look_up, write_cases
 router = APIRouter(prefix="/v1/models", tags=["models"], responses=PROBLEMS, route_class=JsonRoute)
 
 _DESCRIPTION: Final[dict[int | str, dict[str, object]]] = {
-    200: {"content": {PNG: BINARY, HDF5: BINARY, CSV: BINARY}},
+    200: {"content": {PNG: BINARY, HDF5: BINARY, CSV: BINARY, MARKDOWN: TEXT}},
     **ACCEPTED,
 }
 
 AcceptHeader = Annotated[
     str,
     Header(
-        description=f"{JSON}, {PNG} for a picture of the card, {CSV} for the held-out answers by "
-        f"case, or {HDF5} for the model."
+        description=f"{JSON}, {PNG} for a picture of the card, {MARKDOWN} for it as a page, "
+        f"{CSV} for the held-out answers by case, or {HDF5} for the model."
     ),
 ]
 
@@ -141,7 +141,7 @@ async def delete(name: ModelName, version: ModelVersion, state: StateDependency)
 async def _described(
     model: ChosenModel, state: State, preference: Preference, request: Request, accept: str
 ) -> Response:
-    media_type = best_type(accept, (JSON, PNG, HDF5, CSV))
+    media_type = best_type(accept, (JSON, PNG, HDF5, CSV, MARKDOWN))
     content = await asyncio.to_thread(state.models.describe, model)
     versions = await asyncio.to_thread(state.models.versions, model.name)
     tag = tag_of(model.id, str(model.version), repr(versions), media_type)
@@ -158,6 +158,10 @@ async def _described(
     if media_type == HDF5:
         headers["Content-Disposition"] = f'attachment; filename="{model.name}-{model.version}.h5"'
         return Response(await asyncio.to_thread(model_to_hdf5, content), 200, headers, HDF5)
+    if media_type == MARKDOWN:
+        card = ModelCard.from_json(content.card)
+        page = card_markdown(model.name, model.id, card, version=model.version)
+        return Response(page, 200, headers, f"{MARKDOWN}; charset=utf-8")
     source = model.source
     file = None if isinstance(source, str) else state.analysis.within_store(source)
     answer = ModelAnswer.with_card(content, versions, file)

@@ -49,6 +49,7 @@ def estimated(sequence: MeshSequence, **said: Any) -> float:
     return measure_noise(Fitter.of(sequence, make_template(sequence), asked)).sigma
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.5, 1.0])
 def test_the_noise_is_found_from_the_data(size: dict[str, Any], noise: float) -> None:
@@ -80,6 +81,7 @@ def test_rounding_is_the_least_noise_there_is() -> None:
     assert estimated(rough) >= step / np.sqrt(12)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("noise", [0.2, pytest.param(1.0, marks=pytest.mark.soak)])
 def test_the_choice_is_near_the_best_count(size: dict[str, Any], noise: float) -> None:
@@ -129,6 +131,7 @@ def is_right(noise: Noise, sigma: float) -> bool:
     return near or (noise.lowest <= sigma <= noise.highest <= WIDE * noise.lowest)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(("mixed", "correlation"), KINDS)
 @pytest.mark.parametrize(
     "size", [SURFACES[0], *(pytest.param(one, marks=pytest.mark.soak) for one in SURFACES[1:])]
@@ -209,6 +212,7 @@ def test_noise_without_motion_is_a_static_scene(mixed: int) -> None:
     assert choice.scene == SceneKind.STATIC
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("scale", [1e-300, 1e-150, 1e150, 1e300])
 def test_scale_changes_nothing(scale: float) -> None:
     clean = pair({"grid": (8, 16)}, 0.0, 7)[1]

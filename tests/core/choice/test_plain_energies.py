@@ -24,6 +24,7 @@ def beat() -> MeshSequence:
     return mesh_sequence(np.concatenate([x, loose], axis=1), made.faces, unit="mm")
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("components", Components)
 @pytest.mark.parametrize("harmonics", [None, 0, 2])
 def test_every_set_leaves_what_its_own_fit_leaves(

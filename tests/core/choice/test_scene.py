@@ -40,6 +40,7 @@ def moving(kind: SceneKind, noise: float = 0.0) -> MeshSequence:
     return mesh_sequence(vertices, beat.faces, grid=beat.grid, topology="cup", unit="mm")
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("kind", [SceneKind.STATIC, SceneKind.RIGID, SceneKind.AFFINE])
 @pytest.mark.parametrize("noise", [0.0, 0.2])
 def test_the_kind_is_found_and_takes_its_numbers(kind: SceneKind, noise: float) -> None:

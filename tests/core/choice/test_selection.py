@@ -42,6 +42,7 @@ def errors_by_count(sequence: MeshSequence, kind: ErrorKind, **said: Any) -> dic
     return found
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("kind", ErrorKind)
 @pytest.mark.parametrize("said", [{}, {"harmonics": 3}, {"remove_rotation": False}])
 def test_the_smallest_whole_set_that_holds_is_chosen(

@@ -101,6 +101,7 @@ def trained(kind: object) -> Model:
     return train(cases(kind, 14, seed=1), "cohort", options)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(("kind", "least"), [(word, 0.9), (ring, 0.9), (bulge, 0.75)])
 def test_order_sense_and_amplitude_are_learned(kind: object, least: float) -> None:
     found = evaluate(trained(kind), cases(kind, 12, seed=2))

@@ -53,6 +53,7 @@ def test_modes_are_written(tmp_path: Path, beat: Path, name: str, start: bytes) 
     assert (tmp_path / name).read_bytes().startswith(start)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("name", ["a.vtkhdf", "a.npz", "a.glb", "a.gif", "a_%02d.png", "pictures"])
 def test_animations_are_written(tmp_path: Path, beat: Path, name: str) -> None:
     output = tmp_path / name

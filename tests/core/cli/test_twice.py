@@ -33,6 +33,7 @@ CHEAP = {
     "owners": "list --data-dir {store}",
     "store": "verify {store}",
     "animate": "cup --mode 1,1,cos=0.1 -o {out}.glb",
+    "card": "ventricle-simulated",
     "classify": "{beat}",
     "decode": "{stream} -o {out}.npz",
     "dicom": "{beat} --study {study} --coordinates LPS -o {out}",

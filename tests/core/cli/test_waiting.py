@@ -16,6 +16,7 @@ from modalmotion.formats import write_npz
 from modalmotion.simulate import simulate_ventricle
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("command", ["signature", "tradeoff"])
 def test_the_times_of_a_command_add_up_to_what_was_waited(tmp_path: Path, command: str) -> None:
     file = tmp_path / "beat.npz"

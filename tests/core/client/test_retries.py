@@ -48,6 +48,7 @@ def client_on(way: FlakyWay, sleep: Sleeps, timeout: float = 1.0, **retries: flo
     return Client(way.base, timeout=timeout, retries=chosen, sleep=sleep)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("fault", PASSING, ids=lambda fault: fault.name)
 def test_an_upload_arrives_exactly_once_whatever_happens_on_the_way(
     service: RunningService, way: FlakyWay, beat: bytes, fault: Fault

@@ -19,6 +19,7 @@ ARGUMENTS: dict[str, Any] = {
     "track_id": "a" * 64,
     "name": "walls",
     "cases": ["a" * 64],
+    "study": b"",
 }
 SUFFIXES = {"save_reconstruction": ".glb", "save_features": ".csv"}
 NAMES = sorted(name for name in dir(Client) if name.startswith("save_"))

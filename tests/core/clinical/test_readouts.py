@@ -62,6 +62,7 @@ def test_an_affine_motion_is_read_exactly(beat: MeshSequence, components: Compon
         assert share(read(sequence).curve) == pytest.approx(ejected(scales), abs=1e-8)
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("name", ["cup", "cylinder", "sphere", "torus"])
 @pytest.mark.parametrize("parameters", [{}, {"closed_form": False}, {"modes": 1}, {"reference": 5}])
 def test_the_bound_holds_for_every_surface(name: str, parameters: dict[str, object]) -> None:
@@ -305,6 +306,7 @@ def real_share(real_sequence: Callable[[str], MeshSequence]) -> Callable[[str], 
     return cache(lambda name: ejected(own_volumes(real_sequence(f"heart/{name}"))))
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", ["lv_grid_32x64", "lv_endocardium"])
 @pytest.mark.parametrize("components", list(Components))
 def test_a_real_ventricle_within_a_point_and_a_half(

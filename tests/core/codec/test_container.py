@@ -81,6 +81,7 @@ def test_spring_modes_whole_and_in_patches(
     require_same(mesh_sequence(vertices, shuffled[faces]), max_error=0.2)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("keep_face_order", [True, False])
 @pytest.mark.parametrize("seed", range(4))
 def test_connectivity_of_any_kind(keep_face_order: bool, seed: int) -> None:
@@ -90,6 +91,7 @@ def test_connectivity_of_any_kind(keep_face_order: bool, seed: int) -> None:
     require_same(mesh_sequence(vertices, faces), rms=0.5, keep_face_order=keep_face_order)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("keep_face_order", [True, False])
 def test_connectivity_numbered_row_by_row(keep_face_order: bool) -> None:
     rng = np.random.default_rng(3)

@@ -66,6 +66,7 @@ def rebuilt(parts: list[bytes]) -> bytes:
     return data
 
 
+@pytest.mark.every(2)
 @STEPS
 @pytest.mark.parametrize("make", KINDS)
 def test_damage_behind_right_checksums_never_gives_other_vertices(

@@ -29,6 +29,7 @@ from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes.topology import CUP, CYLINDER, Topology
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize("make", KINDS)
 @pytest.mark.parametrize("effort", list(Effort))
 def test_rms_and_max_error_are_kept_and_stated(

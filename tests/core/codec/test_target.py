@@ -16,6 +16,7 @@ from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.numeric.scale import lengths
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("vertices", "faces"),
     [

@@ -38,6 +38,7 @@ Row = tuple[str, str, Callable[[], float], float]
 ROWS: list[Row] = extremes.ROWS
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("row", ROWS, ids=[row[0] for row in ROWS])
 def test_row(row: Row) -> None:
     _, _, reached, bound = row
@@ -211,6 +212,7 @@ def test_responses_beyond_float64_are_refused_not_infinite() -> None:
         exact_step(o, 1e200)
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("w", [0.0, 1e-300, 1e-160, 1e-3, 1e160, 1e300])
 @pytest.mark.parametrize("c", [0.0, 1e-300, 1e160, 1e308])
 @pytest.mark.parametrize("t", [0.0, 1e-300, 1e-160, 1.0, 1e140])

@@ -78,6 +78,7 @@ def test_a_step_is_the_free_response() -> None:
     assert (np.abs(end.amplitudes - whole.amplitudes[0]) <= 2e-15 * size).all()
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("turn", "n_steps"), [(8e-4, 12_500), (1e-2, 1000), (0.3, 2000), (1.0, 5000), (2.9, 3000)]
 )

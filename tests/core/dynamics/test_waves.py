@@ -47,6 +47,7 @@ def small(topology: object) -> Lattice:
     return Lattice(chosen, (5, 4)[:n_axes], (2.0, 0.6)[:n_axes], 0.7)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("topology", TOPOLOGIES)
 def test_motion_of_all_modes_is_the_motion_of_the_lattice(topology: object) -> None:
     lattice = small(topology)

@@ -56,6 +56,7 @@ def drawn() -> MeshSequence:
     return replace(sequence, uncertainty=uncertainty)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     "parameters",
     [

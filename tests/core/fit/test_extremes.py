@@ -81,6 +81,7 @@ def square_modes(n: int) -> ModeSet:
     return ModeSet.of(CUP, labels)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     "n", [8, 12, 16, 20, *(pytest.param(n, marks=pytest.mark.soak) for n in (24, 28))]
 )

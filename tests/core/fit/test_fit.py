@@ -29,6 +29,7 @@ def _heart() -> Moving:
     return np.einsum("fij,fnj->fni", turns.as_matrix(), vertices), faces
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("components", list(Components))
 @pytest.mark.parametrize("remove_rotation", [True, False])
 @pytest.mark.parametrize("weights", list(Weights))
@@ -129,6 +130,7 @@ def test_the_same_bits_over_runs(heart: Moving) -> None:
     assert one.template.lengths == other.template.lengths
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("n", [1400, 12_000])
 def test_the_same_bits_on_one_and_two_threads(n: int) -> None:
     threadpoolctl = pytest.importorskip("threadpoolctl")

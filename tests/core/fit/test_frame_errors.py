@@ -76,6 +76,7 @@ def assert_true(signature: ModalSignature, sequence: MeshSequence) -> None:
     assert signature.max_error == pytest.approx(true["max_errors"].max(), rel=1e-9)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("components", Components)
 @pytest.mark.parametrize("harmonics", [None, 1])
 @pytest.mark.parametrize("modes", [1, 7, 18, 54])
@@ -128,6 +129,7 @@ def test_on_all_shared_sequences_with_loose_vertices(
             assert_true(modal_signature(sequence, SignatureParameters(modes=modes)), sequence)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("kind", ErrorKind)
 def test_a_tolerance_holds_for_what_was_sent(beat: MeshSequence, kind: ErrorKind) -> None:
     name = {"rms": "rms_error", "weighted_rms": "weighted_rms_error", "max": "max_error"}[kind]

@@ -76,6 +76,7 @@ def test_an_outlier_on_a_curve_is_named() -> None:
     assert [note for note in notes if "Frame 4, vertex 11 " in note]
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("noise", [0.0, 0.5])
 @pytest.mark.parametrize("seed", range(5))
 def test_what_only_moves_is_not_accused(seed: int, noise: float) -> None:

@@ -36,6 +36,7 @@ def test_the_volume_is_that_of_the_sum_over_tetrahedra(name: str) -> None:
     assert float(Cavity(wound).volume(x)) == pytest.approx(exact_volume(x, wound), rel=1e-12)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("name", ENCLOSING)
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=15, deadline=None)

@@ -48,6 +48,7 @@ def test_they_are_eigenvectors() -> None:
     assert modes.shapes[:, 0] == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("shape", [(30, 30), (24, 40), (26, 26)])
 def test_any_solver_gives_the_same_vectors(
     shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch

@@ -27,6 +27,7 @@ def naive_projection(
     return sums / lattice.n_nodes
 
 
+@pytest.mark.every(3)
 @each_of((*SMALL_LATTICES, *MIDDLE_LATTICES))
 def test_both_are_the_products_with_the_shapes(lattice: Lattice, rng: np.random.Generator) -> None:
     for n_modes in {1, max(1, lattice.n_nodes // 2), lattice.n_nodes}:
@@ -37,6 +38,7 @@ def test_both_are_the_products_with_the_shapes(lattice: Lattice, rng: np.random.
         assert np.abs(superpose(lattice, modes, a) - lattice.shapes(modes) @ a).max() <= 1e-13
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("topology", SURFACES, ids=str)
 @pytest.mark.parametrize("shape", [(40, 100), (101, 68), (300, 30), (8, 512), (2, 3000)])
 @pytest.mark.parametrize("n_modes", [1, 7, 54, 400])

@@ -16,6 +16,7 @@ from modalmotion.modes.topology import CUP, CYLINDER, PLANE, TORUS, Topology
 from modalmotion.modes.transform import project, project_all, superpose, superpose_all
 
 
+@pytest.mark.every(3)
 @each_of((*SMALL_LATTICES, *MIDDLE_LATTICES))
 def test_both_are_the_products_with_the_shapes(lattice: Lattice, rng: np.random.Generator) -> None:
     Phi = lattice.shapes(lattice.all_modes())

@@ -133,6 +133,7 @@ def test_a_count_that_splits_a_pair_is_rounded_up() -> None:
     assert Lattice(CYLINDER, (2, 3)).whole_modes(3).labels[-1] == ModeLabel((0, 1), "sin")
 
 
+@pytest.mark.every(4)
 @each_of(SMALL_LATTICES)
 def test_a_whole_set_holds_both_of_every_pair(lattice: Lattice) -> None:
     every = set(lattice.all_modes().labels)
@@ -144,6 +145,7 @@ def test_a_whole_set_holds_both_of_every_pair(lattice: Lattice) -> None:
             assert partner in labels or partner not in every
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("n", range(1, 9))
 @pytest.mark.parametrize("m", range(1, 9))
 def test_self_conjugate_points_of_the_torus(n: int, m: int) -> None:

@@ -43,6 +43,7 @@ def require_exact(n: int, n_repeats: int, *, has_covariates: bool, seed: int) ->
         assert low <= count <= high, (name, count, low, high)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("has_covariates", [False, True])
 def test_false_alarms_are_as_frequent_as_stated(has_covariates: bool) -> None:
     require_exact(39, 150, has_covariates=has_covariates, seed=3)

@@ -14,6 +14,7 @@ def definite(n: int, rng: np.random.Generator) -> np.ndarray:
     return A @ A.T + np.diag(10.0 ** rng.uniform(0, 4, n))
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("n", [1, 47, 48, 49, 111, 200])
 def test_inverse_is_that_of_the_triangle(n: int, rng: np.random.Generator) -> None:
     A = definite(n, rng)

@@ -51,6 +51,7 @@ PRODUCTS = [
 ]
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize(("m", "k", "n"), PRODUCTS)
 def test_products(
     m: int, k: int, n: int, threads: ThreadpoolController, rng: np.random.Generator
@@ -71,6 +72,7 @@ def test_a_stack_does_not_change_its_members(rng: np.random.Generator) -> None:
             assert np.array_equal(multiply(matrix, stack[i : i + 1])[0], together[i])
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize(
     ("topology", "shape"),
     [

@@ -14,6 +14,7 @@ from modalmotion.pictures.image_overlay import contours_in, overlay_figure
 from modalmotion.tracking import track
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("image", [planes(), volume()], ids=["planes", "volume"])
 def test_every_phase_is_drawn(image: PlaneSet | Volume) -> None:
     images = ImageSequence((image,))

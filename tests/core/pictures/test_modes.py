@@ -14,6 +14,7 @@ from modalmotion.template import make_template
 from modalmotion.template.vibration_modes import lattice_modes
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("topology", "shape"), [(TORUS, (6, 8)), (PLANE, (4, 6)), (CLOSED_CURVE, (40,))], ids=str
 )

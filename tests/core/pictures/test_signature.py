@@ -59,6 +59,7 @@ def test_the_panels_hold_the_signatures_numbers(rng: np.random.Generator) -> Non
         np.testing.assert_array_equal(shown[name].get_ydata(), values)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     "kind",
     ["one frame", "static", "curve", "mesh", "many modes", "mean", "tiny", "huge", "far away"],

@@ -15,6 +15,7 @@ from modalmotion.template import make_template
 pytest.importorskip("matplotlib")
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("topology", sorted(MAKERS))
 def test_both_coordinates_from_both_sides(topology: str) -> None:
     from modalmotion.pictures.template import template_figure

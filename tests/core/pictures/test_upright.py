@@ -12,6 +12,7 @@ import modalmotion as mm
 from modalmotion.pictures.signature import signature_figure
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("seed", range(6))
 def test_the_apex_points_down_however_the_surface_lies(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -35,6 +35,7 @@ def noisy() -> MeshSequence:
     return mesh_sequence(beat.vertices + noise, beat.faces, unit="mm")
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("kind", SignatureKind)
 def test_tracked_sequences_have_deviations(tracked: Track, kind: SignatureKind) -> None:
     signature = modal_signature(tracked.sequence, replace(OFFSET, kind=kind))

@@ -19,7 +19,7 @@ DOCUMENTS = ROOT / "docs"
         ("classification.md", 9),
         ("error.md", 2),
         ("norms.md", 2),
-        ("interoperability.md", 1),
+        ("interoperability.md", 2),
     ],
 )
 def test_its_code_runs(name: str, n_blocks: int) -> None:

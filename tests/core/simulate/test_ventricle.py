@@ -56,6 +56,7 @@ def test_a_cavity_is_closed_where_it_is_open(rng: np.random.Generator) -> None:
     )
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("n_vertices", [None, 700])
 @pytest.mark.parametrize(
     "change",

@@ -193,6 +193,7 @@ def test_a_failing_disk_leaves_the_store_as_it_was(name: str, tmp_path: Path) ->
     assert verify(tmp_path).is_sound
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("name", ["fsync", "replace"])
 def test_killed_at_any_step_it_is_done_again(name: str, tmp_path: Path) -> None:
     for after in range(100):

@@ -51,6 +51,7 @@ def renumbered(moving: Moving, rng: np.random.Generator) -> Moving:
     return moving[0][:, order], np.roll(faces[rng.permutation(len(faces))], 1, axis=1)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("topology", sorted(MAKERS))
 @pytest.mark.parametrize(
     "change", ["turned", "reversed", "moved", "renumbered", "metres", "half reversed"]
@@ -82,6 +83,7 @@ def test_nothing_but_the_motion_matters(topology: str, change: str) -> None:
     )
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize("topology", sorted(MAKERS))
 @pytest.mark.parametrize(("n", "jitter"), [(1400, 0.4), (700, 0.2), (5600, 0.2)])
 def test_another_triangulation_moves_it_little(topology: str, n: int, jitter: float) -> None:
@@ -99,6 +101,7 @@ def test_so_do_components_of_the_place(components: Components) -> None:
     assert signature_distance(after.amplitudes, before.amplitudes) <= 0.006
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("n_modes", [7, 18, 37])
 def test_the_real_ventricle_on_another_triangulation(n_modes: int) -> None:
     before = describe(shared("heart/lv_endocardium"), n_modes)

@@ -73,6 +73,7 @@ def test_two_rims_at_the_same_places_are_one(topology: str) -> None:
     np.testing.assert_allclose(np.sqrt((distances**2).mean(axis=1)), one.rms_errors, atol=1e-9)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     "parameters",
     [

@@ -33,6 +33,7 @@ def test_they_make_a_right_handed_frame(topology: str) -> None:
     assert found.given == ()
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize("topology", sorted(MAKERS))
 @pytest.mark.parametrize("n", [450, 1800])
 def test_another_triangulation_turns_them_little(topology: str, n: int) -> None:

@@ -113,6 +113,7 @@ HOLES = np.random.default_rng(2).random((40, 40, 52)) < 0.1
 LEFT_HANDED = np.column_stack([AXES[:, [1, 0, 2]] * [-2, 2, 2], MIDDLE + AXES @ [-40, 40, -52]])
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     "image",
     [

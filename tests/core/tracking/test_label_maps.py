@@ -23,6 +23,7 @@ from modalmotion.tracking import track
 from modalmotion.tracking.label_maps import from_labels
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("wall", [(2,), ()], ids=["wall", "cavity alone"])
 def test_a_segmentation_is_tracked_with_no_other_statement(wall: tuple[int, ...]) -> None:
     made = from_labels(ImageSequence((labels(), labels(18.0))), (3,), wall)

@@ -37,6 +37,7 @@ def beat() -> MeshSequence:
     return ventricle(grid=(8, 16))
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("order", ModeOrder)
 @pytest.mark.parametrize("size", [{"grid": (8, 16)}, {"n_vertices": 150}])
 def test_every_point_is_the_error_of_its_own_fit(order: ModeOrder, size: dict[str, Any]) -> None:

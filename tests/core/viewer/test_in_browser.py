@@ -293,7 +293,10 @@ def test_the_table_of_the_page_holds_every_amplitude(
     assert "plane" in json.dumps(signature.surface)
 
 
-def test_twenty_widgets_on_a_page_all_show_their_surface(chromium: Browser, tmp_path: Path) -> None:
+@pytest.mark.parametrize("n_widgets", [10, pytest.param(20, marks=pytest.mark.soak)])
+def test_widgets_on_a_page_all_show_their_surface(
+    chromium: Browser, tmp_path: Path, n_widgets: int
+) -> None:
     sequence, signature = viewed("cup")
     view = View(signature, sequence)
     held = [base64.b64encode(data).decode() for data in (view.payload(), *view.pieces())]
@@ -305,21 +308,24 @@ def test_twenty_widgets_on_a_page_all_show_their_surface(chromium: Browser, tmp_
       </script></body>"""
     (tmp_path / "cells.html").write_text(text)
     with chromium.open((tmp_path / "cells.html").as_uri()) as opened:
-        opened.page.evaluate("""async () => {
+        opened.page.evaluate(
+            """async (n) => {
           const source = document.querySelector("script[type=module]").textContent;
           const address = URL.createObjectURL(new Blob([source], { type: "text/javascript" }));
           const { default: { render } } = await import(address);
           const view = (text) => new DataView(Uint8Array.from(atob(text), (c) =>
             c.charCodeAt(0)).buffer);
           const [payload, ...frames] = held.map(view);
-          for (let k = 0; k < 20; k++) {
+          for (let k = 0; k < n; k++) {
             const el = document.createElement("div");
             document.body.append(el);
             render({ model: { get: (name) => ({ payload, frames })[name] }, el });
           }
-        }""")
+        }""",
+            n_widgets,
+        )
         page = opened.page
-        for cell in (0, 10, 19, 0):
+        for cell in (0, n_widgets // 2, n_widgets - 1, 0):
             page.locator(".embedded").nth(cell).scroll_into_view_if_needed()
             opened.wait(f"document.querySelectorAll('.embedded')[{cell}].querySelector('canvas')")
         page.wait_for_timeout(200)

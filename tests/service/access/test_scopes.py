@@ -223,6 +223,9 @@ def test_unknown_paths_and_methods_need_a_key_too(service: Guarded) -> None:
         assert service.ask("alice", "GET", path).status_code == 404
     assert service.client.request("TRACE", "/v1/sequences").status_code == 401
     assert service.ask("alice", "PUT", "/v1/sequences").status_code == 405
+    # A name in a path is no other method of what stands there literally.
+    refused = service.ask("alice", "PUT", "/v1/models/comparisons")
+    assert (refused.status_code, refused.headers["allow"]) == (405, "POST")
     assert service.client.get("/health/live").status_code == 200
 
 

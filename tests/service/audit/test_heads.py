@@ -68,6 +68,7 @@ def verified(folder: Path, *words: object) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("kind", TAMPERING)
 @pytest.mark.parametrize("kept", ["beside it", "backup", "service log", "journal"])
 def test_what_is_gone_shows_by_what_was_noted(

@@ -188,8 +188,8 @@ def last_first(label: Any) -> tuple[bool, str]:
 
 @pytest.mark.parametrize("label", sorted(OPERATIONS, key=last_first))
 def test_every_call_is_answered_as_described(service: Service, label: str) -> None:
-    conform(label, service, 2, seed_is_fixed=True)
-    cover(label, service, every=12)
+    conform(label, service, 1, seed_is_fixed=True)
+    cover(label, service, every=24)
     assert sum(service.statuses[label].values()) >= 1
 
 
@@ -206,6 +206,8 @@ def test_what_was_tried_reached_every_call_and_its_answers(service: Service) -> 
 _NOT_DESCRIBED = {"/", "/docs", "/openapi.json", "/view/{sequence_id}", "/viewer/{name}"}
 
 
+# The state of `random` is that of the process, whose other threads serve meanwhile.
+@pytest.mark.filterwarnings("ignore:Do not use the `random` module")
 @pytest.mark.soak
 def test_every_call_is_answered_as_described_at_length(service: Service) -> None:
     for label in sorted(OPERATIONS, key=last_first):

@@ -104,6 +104,7 @@ STATEMENTS = {
 }
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("way", ["params", "data"])
 @pytest.mark.parametrize("name", STATEMENTS)
 def test_what_is_stated_with_known_content_is_filled_in_or_refused_with_the_way(

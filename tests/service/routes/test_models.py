@@ -57,6 +57,16 @@ def test_a_trained_model_is_described_with_its_card(trained: Trained) -> None:
     assert trained.client.get(model["links"]["newest"]).json() == model
 
 
+def test_a_card_is_a_page_of_its_own_by_accept(trained: Trained) -> None:
+    here = "/v1/models/wall-motion"
+    page = trained.client.get(here, headers={"Accept": "text/markdown"})
+    assert page.headers["content-type"] == "text/markdown; charset=utf-8"
+    assert "# wall-motion@1" in page.text
+    assert trained.model["id"] in page.text
+    seen = {"Accept": "text/markdown", "If-None-Match": page.headers["etag"]}
+    assert trained.client.get(here, headers=seen).status_code == 304
+
+
 def test_the_answer_is_that_of_the_same_model_in_the_library(trained: Trained) -> None:
     from modalmotion.classification import classify
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -94,6 +95,8 @@ def _numbers(keys: dict[str, str], names: tuple[str, ...], otherwise: list[float
     for name in names:
         if name in keys:
             numbers = [float(word) for word in keys[name].split()]
+            if not all(map(math.isfinite, numbers)):
+                raise MalformedFileError(f"{name} is not finite.", remedy=_REMEDY)
             if len(numbers) != len(otherwise):
                 raise MalformedFileError(
                     f"{name} has {len(numbers)} numbers, not {len(otherwise)}.", remedy=_REMEDY

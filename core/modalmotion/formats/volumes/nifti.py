@@ -38,6 +38,7 @@ def parse_nifti(data: bytes, limits: ReadLimits) -> Parsed:
         import nibabel
         from nibabel.filebasedimages import ImageFileError
         from nibabel.spatialimages import HeaderDataError
+        from nibabel.wrapstruct import WrapStructError
     if data[:2] == b"\x1f\x8b":
         data = inflated(data, limits, 31)
     try:
@@ -46,7 +47,7 @@ def parse_nifti(data: bytes, limits: ReadLimits) -> Parsed:
             return _of(kind.from_bytes(data), limits)
     except InputError:
         raise
-    except (*BROKEN, ImageFileError, HeaderDataError):
+    except (*BROKEN, ImageFileError, HeaderDataError, WrapStructError):
         raise MalformedFileError("The NIfTI file is damaged.", remedy=_REMEDY) from None
 
 

@@ -43,6 +43,7 @@ def rates(kind: str, n: int, seed: int, *, any_class: bool = False) -> tuple[flo
     return float(np.mean(flagged)), float(np.mean(named))
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("kind", ALTERED)
 def test_what_is_wrong_is_named(kind: str) -> None:
     flagged, named = rates(kind, 8, 90)

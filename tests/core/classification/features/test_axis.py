@@ -158,6 +158,7 @@ def test_readings_are_four_and_differ(signature: ModalSignature) -> None:
             assert np.abs(values[i] - values[j]).max() > 0.1
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("walls", [False, True])
 @pytest.mark.parametrize(("n_signed", "n_sized"), [(1, 1), (2, 1), (2, 3)])
 @pytest.mark.parametrize("n_modes", [7, 18])

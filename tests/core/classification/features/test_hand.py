@@ -35,6 +35,7 @@ def beat(request: pytest.FixtureRequest) -> MeshSequence:
     return replace(made, topology=CYLINDER) if request.param == "cylinder" else made
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("walls", [False, True])
 @pytest.mark.parametrize("parameters", [MEAN_SHAPE, OFFSETS], ids=["material", "offset"])

@@ -51,6 +51,7 @@ def test_each_value_has_a_name_and_narrowing_comes_first(modes: int) -> None:
     assert not [name for name in named if "turning" in name]
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     "other",
     [

@@ -45,6 +45,7 @@ def signature(request: pytest.FixtureRequest) -> ModalSignature:
     )
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize("name", READERS)
 @pytest.mark.parametrize("twin", TWINS)
 def test_a_twin_is_what_the_altered_motion_reads_as(

@@ -17,6 +17,7 @@ from modalmotion.classification.measures.reliability import calibration_curve, c
 from modalmotion.classification.model.conformal import Calibration, calibrate
 
 
+@pytest.mark.every(4)
 @parametrize_with_checks([MotionClassifier()])  # type: ignore[untyped-decorator]
 def test_the_estimator_is_scikit_learns(estimator: MotionClassifier, check: object) -> None:
     check(estimator)  # type: ignore[operator]

@@ -55,17 +55,18 @@ def windows(name: str) -> list[MeshSequence]:
     return figures(name)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_no_beat_gets_no_class(kind: str) -> None:
     rng = np.random.default_rng(90)
-    assert flagged((FLAGGED[kind](rng) for _ in range(3)), seen_by(kind)) == 1.0
+    assert flagged((FLAGGED[kind](rng) for _ in range(2)), seen_by(kind)) == 1.0
 
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_figure_gets_no_class_even_where_its_topology_is_that_of_a_ventricle(name: str) -> None:
-    assert flagged(windows(name)[:2]) == 1.0
+    assert flagged(windows(name)[:1]) == 1.0
     rng = np.random.default_rng(91)
-    driven = [driven_by(name, rng) for _ in range(4)]
+    driven = [driven_by(name, rng) for _ in range(2)]
     assert {sequence.topology.name for sequence in driven if sequence.topology} <= {
         "cup",
         "cylinder",

@@ -138,6 +138,7 @@ def test_clear_cases_are_named_on_lattices_and_triangulations(label: MotionClass
         assert any("no patient" in note for note in found.notes)
 
 
+@pytest.mark.every(7)
 @pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("label", MotionClass)
 def test_the_answer_does_not_depend_on_how_it_was_recorded(label: MotionClass, change: str) -> None:
@@ -231,6 +232,7 @@ def test_a_sequence_is_fitted_as_the_model_asks() -> None:
     assert model.readable.n_modes == len(lowest_modes(CUP, 13))
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("label", OFFSET.classes)
 def test_offsets_are_read_where_nothing_is_said_of_the_points(label: MotionClass) -> None:
     for n_vertices in (None, 900):

@@ -180,7 +180,8 @@ def test_covariates_are_columns_on_request() -> None:
 
 def test_remarks_are_no_columns_unless_they_are_named() -> None:
     some = [
-        TrainingCase(cohort(12)[k].motion, "any", covariates={"name": f"P {k}"}) for k in range(24)
+        TrainingCase(cohort(12)[k].signature, "any", covariates={"name": f"P {k}"})
+        for k in range(24)
     ]
     plain = SignatureFeatures().fit(some).get_feature_names_out()
     everything = SignatureFeatures(covariates="all").fit(some).get_feature_names_out()

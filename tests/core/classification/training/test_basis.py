@@ -57,6 +57,7 @@ def test_together_they_have_the_spring_modes_of_their_mesh_and_the_model_says_so
     assert any("fitted with its spring modes" in note for note in model.card.notes)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("topology", [None, "sphere", "mesh"])
 def test_a_model_imposes_its_basis_on_what_is_classified(topology: str | None) -> None:
     """Sequences of any bend get an answer, with nothing said again."""

@@ -8,6 +8,7 @@ import pytest
 from modalmotion.classification.training.domain_limits import domain_limit, joint_limits
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("n", [8, 40, 1000])
 @pytest.mark.parametrize("kind", ["normal", "exponential"])
 def test_a_new_case_is_beyond_its_limit_as_rarely_as_requested(n: int, kind: str) -> None:

@@ -66,6 +66,7 @@ def test_a_still_one_and_one_without_a_label_are_left_out() -> None:
     assert notes[2].startswith("Left out: nameless.npz: ")
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("place", [0, 4])
 def test_one_of_another_mesh_is_left_out_wherever_it_stands(place: int) -> None:
     """All others compare in the spring modes of their mesh, though some have a topology."""

@@ -47,6 +47,7 @@ def refined(times: int) -> tuple[Ints, int]:
     return faces, n
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("keep_order", [True, False])
 @pytest.mark.parametrize("seed", range(6))
 def test_any_triangles_come_back(keep_order: bool, seed: int) -> None:
@@ -160,6 +161,7 @@ def test_tables_are_far_from_half_way() -> None:
         assert np.abs(values - np.array(table)).max() < 0.5 - 1e-6
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("scale", [0.0, 0.3, 5.0, 4000.0])
 def test_mixed_matrices_come_back_and_are_not_larger(scale: float) -> None:
     rng = np.random.default_rng(4)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from dicom_samples import slice_file
+from image_files import metaimage
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError, ShapeError
 from modalmotion.formats import NO_LIMITS, ParserHere
@@ -240,8 +241,12 @@ def test_files_of_one_volume_each_are_frames_in_the_order_of_their_names() -> No
 
 @pytest.mark.parametrize(
     "data",
-    [b"", b"abc" * 200, gzip.compress(b"x" * 500), nifti()[:300]],
-    ids=["empty", "text", "packed", "cut"],
+    [
+        *(b"", b"abc" * 200, gzip.compress(b"x" * 500), nifti()[:300]),
+        gzip.compress(nifti()[:300]),
+        metaimage(spacing="nan 1 1 1"),
+    ],
+    ids=["empty", "text", "packed", "cut", "cut and packed", "no spacing"],
 )
 def test_other_files_are_refused(data: bytes) -> None:
     with pytest.raises(MalformedFileError) as error:

@@ -159,6 +159,7 @@ def command(*words: object) -> Result:
     return CliRunner().invoke(main, ["store", *map(str, words)])
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     "lost", ["sequences", "signatures", "index.sqlite", "owners", "owners/lab/sequences", "all"]
 )
@@ -316,6 +317,7 @@ def ids(root: Path) -> set[str]:
         return {record.id for record in store.list_sequences().records}
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize("n", range(12))
 def test_a_backup_that_is_cut_short_has_no_index_newer_than_its_files(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n: int

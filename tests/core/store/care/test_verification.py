@@ -129,6 +129,7 @@ FAULTS = [
 ]
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("spoil", FAULTS)
 def test_verify_finds_the_fault_and_changes_nothing(
     spoil: Callable[[Path], None], root: Path

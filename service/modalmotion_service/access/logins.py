@@ -1,0 +1,188 @@
+"""Logins of an organisation beside keys: tokens of OpenID Connect, checked here."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from base64 import urlsafe_b64decode
+from collections.abc import Mapping
+from typing import Any, Final
+
+from modalmotion.errors import ParameterError, needs_extra
+from modalmotion_service.access.principal import Principal
+from modalmotion_service.access.provider import Provider
+from modalmotion_service.access.scopes import Scope
+from modalmotion_service.errors import AuthenticationError
+
+# Asymmetric ones alone: neither `none`, nor a secret that the service would have to hold.
+_ALGORITHMS: Final = (
+    "RS256",
+    "RS384",
+    "RS512",
+    "PS256",
+    "PS384",
+    "PS512",
+    "ES256",
+    "ES384",
+    "EdDSA",
+)
+
+_TOKEN: Final = re.compile(r"[A-Za-z0-9_-]{1,4000}\.[A-Za-z0-9_-]{1,16000}\.[A-Za-z0-9_-]{0,4000}")
+_LONGEST_KEY_ID: Final = 256
+_LEEWAY_SECONDS: Final = 60
+"""By which clocks may differ."""
+
+_REMEDY: Final = "Log in again, and send the access token as `Authorization: Bearer TOKEN`."
+
+
+class Logins:
+    """Checks tokens and says whose they are.
+
+    Parameters
+    ----------
+    provider : Provider
+    audience : str
+        That tokens must be for.
+    scope_prefix : str
+        Of our scopes among those of a token.
+    owner_claim : str
+        Claim that says who an owner is.
+
+    Raises
+    ------
+    MissingExtraError
+        If PyJWT is absent.
+    """
+
+    def __init__(
+        self, provider: Provider, audience: str, *, scope_prefix: str, owner_claim: str
+    ) -> None:
+        with needs_extra("oidc"):
+            import cryptography  # noqa: F401 (without it PyJWT has no such algorithms)
+            import jwt
+
+        self._jwt = jwt
+        self._provider = provider
+        self._audience = audience
+        self._scope_prefix = scope_prefix
+        self._owner_claim = owner_claim
+
+    async def principal(self, token: str) -> Principal:
+        """Check a token.
+
+        Raises
+        ------
+        AuthenticationError
+            If it is not signed by the issuer, not for this service, or not valid now.
+        ProviderError
+            If the issuer's keys cannot be fetched.
+        """
+        head = _head_of(token)
+        key_id, algorithm = head.get("kid"), head.get("alg")
+        if algorithm not in _ALGORITHMS:
+            raise _refused("is signed in a way that is not accepted")
+        if not isinstance(key_id, str) or len(key_id) > _LONGEST_KEY_ID:
+            raise _refused("names no key")
+        described = await self._provider.key(key_id)
+        if described is None:
+            raise _refused("is signed with a key that its issuer does not have")
+        return self._principal(self._claims(token, described, algorithm))
+
+    def _claims(self, token: str, described: Mapping[str, Any], algorithm: str) -> dict[str, Any]:
+        jwt = self._jwt
+        try:
+            # Of the key's own kind: a key of RSA checks no curve.
+            key = jwt.PyJWK(dict(described), algorithm=algorithm)
+            claims: dict[str, Any] = jwt.decode(
+                token,
+                key,
+                algorithms=[algorithm],
+                audience=self._audience,
+                issuer=self._provider.issuer,
+                leeway=_LEEWAY_SECONDS,
+                options={"require": ["exp", "iss", "aud", "sub"]},
+            )
+        except jwt.ExpiredSignatureError:
+            raise _refused("has expired") from None
+        except (jwt.ImmatureSignatureError, jwt.InvalidIssuedAtError):
+            raise _refused("is not valid yet") from None
+        except jwt.InvalidAudienceError:
+            raise _refused("is for another service") from None
+        except jwt.InvalidIssuerError:
+            raise _refused("is of another issuer") from None
+        except jwt.PyJWTError:
+            raise _refused("is not valid") from None
+        return claims
+
+    def _principal(self, claims: Mapping[str, Any]) -> Principal:
+        who = claims.get(self._owner_claim)
+        if not isinstance(who, str) or not who:
+            raise _refused(f"has no claim {self._owner_claim}")
+        # A name of a folder that tells nothing of the person, and is nobody's of another issuer.
+        owner = f"oidc-{_digest(self._provider.issuer, self._owner_claim, who)[:40]}"
+        key_id = f"oidc-{_digest(self._provider.issuer, str(claims['sub']))[:16]}"
+        return Principal(owner, key_id, self._scopes(claims))
+
+    def _scopes(self, claims: Mapping[str, Any]) -> frozenset[Scope]:
+        # RFC 8693 has one text of words in `scope`; others a list, or call it `scp`.
+        stated: list[str] = []
+        for name in ("scope", "scp"):
+            value = claims.get(name)
+            words = value.split() if isinstance(value, str) else value
+            if isinstance(words, list):
+                stated += [word for word in words if isinstance(word, str)]
+        named = {
+            word.removeprefix(self._scope_prefix)
+            for word in stated
+            if word.startswith(self._scope_prefix)
+        }
+        return frozenset(scope for scope in Scope if str(scope) in named)
+
+
+def logins_of(
+    issuer: str | None, audience: str | None, *, scope_prefix: str, owner_claim: str
+) -> Logins | None:
+    """Make the logins that settings name; None where they name no issuer.
+
+    Raises
+    ------
+    ParameterError
+        If an issuer is named without an audience, or is no address.
+    MissingExtraError
+        If PyJWT is absent.
+    """
+    if issuer is None:
+        return None
+    if audience is None:
+        raise ParameterError(
+            "MODALMOTION_OIDC_ISSUER is set without MODALMOTION_OIDC_AUDIENCE.",
+            remedy="State the audience of this service's tokens: those for other services of the "
+            "same issuer must not open it.",
+        )
+    provider = Provider(issuer)
+    return Logins(provider, audience, scope_prefix=scope_prefix, owner_claim=owner_claim)
+
+
+def is_login(token: str) -> bool:
+    """Tell whether this looks like a token, and not like a key."""
+    return _TOKEN.fullmatch(token) is not None
+
+
+def _head_of(token: str) -> dict[str, Any]:
+    part = token.partition(".")[0]
+    try:
+        head = json.loads(urlsafe_b64decode(part + "=" * (-len(part) % 4)))
+    except (ValueError, RecursionError):
+        raise _refused("does not read") from None
+    if not isinstance(head, dict):
+        raise _refused("does not read")
+    return head
+
+
+def _refused(why: str) -> AuthenticationError:
+    return AuthenticationError(f"This login {why}.", remedy=_REMEDY)
+
+
+def _digest(*parts: str) -> str:
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()

@@ -1,0 +1,213 @@
+"""Logins beside keys: signed by the issuer, for this service, valid now; else refused."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from identity_provider import IdentityProvider
+
+from modalmotion.errors import ParameterError
+from modalmotion_service.access import provider as provider_module
+from modalmotion_service.access.logins import is_login, logins_of
+from modalmotion_service.access.provider import Provider
+from modalmotion_service.app import create_app
+from modalmotion_service.errors import ProviderError
+from modalmotion_service.settings import Settings
+
+pytest.importorskip("jwt")
+pytest.importorskip("cryptography")
+
+
+@pytest.fixture(scope="module")
+def issuer() -> Iterator[IdentityProvider]:
+    own = IdentityProvider()
+    own.rotate("first")
+    yield own
+    own.close()
+
+
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("logins") / "data"
+
+
+@pytest.fixture(scope="module")
+def client(issuer: IdentityProvider, data_dir: Path) -> Iterator[TestClient]:
+    settings = Settings(
+        data_dir=data_dir,
+        workers=1,
+        require_keys=True,
+        oidc_issuer=issuer.issuer,
+        oidc_audience="modalmotion",
+        max_failures_per_minute=10_000,
+    )
+    with TestClient(create_app(settings), raise_server_exceptions=False) as client:
+        yield client
+
+
+def ask(client: TestClient, token: str, method: str = "GET", path: str = "/v1/sequences") -> Any:
+    return client.request(method, path, headers={"Authorization": f"Bearer {token}"})
+
+
+def test_a_login_opens_a_store_of_its_own_by_its_scopes(
+    client: TestClient, issuer: IdentityProvider, data_dir: Path
+) -> None:
+    assert ask(client, issuer.token("first")).status_code == 200
+    other = issuer.token("first", sub="john")
+    assert ask(client, other).status_code == 200
+    folders = sorted(path.name for path in (data_dir / "owners").iterdir())
+    assert len(folders) == 2
+    assert all(name.startswith("oidc-") for name in folders)
+    written = b"".join(path.read_bytes() for path in data_dir.rglob("*") if path.is_file())
+    assert b"jane.doe" not in written
+    lacking = ask(client, issuer.token("first"), "POST", "/v1/models")
+    assert (lacking.status_code, lacking.json()["scope"]) == (403, "train")
+    scopes: dict[str, Any]
+    for scopes in (
+        {"scope": None, "scp": ["modalmotion:read"]},
+        {"scope": None, "scp": "modalmotion:read x"},
+    ):
+        assert ask(client, issuer.token("first", **scopes)).status_code == 200
+    for scopes in ({"scope": "read"}, {"scope": None}, {"scope": 7}, {"scope": ["a", 3]}):
+        token = issuer.token("first", **scopes)
+        assert ask(client, token).status_code == 403
+    # Keys go on as before.
+    assert ask(client, "mm_" + "0" * 16 + "_" + "A" * 43).status_code == 401
+
+
+def unsigned(claims: dict[str, Any], **head: Any) -> str:
+    def part(value: dict[str, Any]) -> str:
+        return base64.urlsafe_b64encode(json.dumps(value).encode()).decode().rstrip("=")
+
+    return f"{part(head)}.{part(claims)}."
+
+
+def wrong_tokens(issuer: IdentityProvider) -> dict[str, tuple[str, str]]:
+    now = int(time.time())
+    stranger = IdentityProvider()
+    stranger.rotate("first")
+    of_stranger = stranger.token("first", iss=issuer.issuer)
+    stranger.close()
+    good = issuer.token("first")
+    head, body, signature = good.split(".")
+    claims = json.loads(base64.urlsafe_b64decode(body + "=="))
+    public = issuer.published["first"]["n"]
+    return {
+        "expired": (issuer.token("first", exp=now - 120), "has expired"),
+        "not yet": (issuer.token("first", nbf=now + 120), "not valid yet"),
+        "of the future": (issuer.token("first", iat=now + 120), "not valid yet"),
+        "audience": (issuer.token("first", aud="other"), "another service"),
+        "no audience": (issuer.token("first", aud=None), "not valid"),
+        "issuer": (issuer.token("first", iss="http://127.0.0.1:1"), "another issuer"),
+        "no end": (issuer.token("first", exp=None), "not valid"),
+        "no subject": (issuer.token("first", sub=None), "not valid"),
+        "stranger": (of_stranger, "not valid"),
+        "none": (unsigned(claims, alg="none", kid="first"), "not accepted"),
+        "no algorithm": (unsigned(claims, kid="first"), "not accepted"),
+        "secret": (
+            issuer.token("first", algorithm="HS256", key=public.ljust(64)),
+            "not accepted",
+        ),
+        "curve": (unsigned(claims, alg="ES256", kid="first") + signature, "not valid"),
+        "no key": (unsigned(claims, alg="RS256"), "names no key"),
+        "unknown key": (unsigned(claims, alg="RS256", kid="?"), "does not have"),
+        "changed": (f"{head}.{body[:-4]}AAAA.{signature}", "not valid"),
+        "garbage": ("a.b.c", "does not read"),
+    }
+
+
+def test_every_other_token_is_refused_with_a_remedy(
+    client: TestClient, issuer: IdentityProvider
+) -> None:
+    for name, (token, why) in wrong_tokens(issuer).items():
+        answer = ask(client, token)
+        assert answer.status_code == 401, name
+        assert why in answer.json()["detail"], name
+        assert "Log in again" in answer.json()["remedy"]
+    # Clocks differ by less than a minute.
+    now = int(time.time())
+    assert ask(client, issuer.token("first", exp=now - 30, nbf=now + 30)).status_code == 200
+
+
+def test_keys_rotate_and_those_that_are_withdrawn_end(
+    issuer: IdentityProvider,
+) -> None:
+    time_of = [0.0]
+    logins = logins_of(issuer.issuer, "modalmotion", scope_prefix="", owner_claim="sub")
+    assert logins is not None
+    keys = Provider(issuer.issuer, clock=lambda: time_of[0])
+
+    async def known(key_id: str) -> bool:
+        return await keys.key(key_id) is not None
+
+    async def story() -> None:
+        issuer.rotate("a")
+        assert await known("a")
+        for kind in ("EC", "OKP"):
+            issuer.rotate(kind, kind)
+            # At once again: the provider is asked no more than every ten seconds.
+            n = len(issuer.requests)
+            assert not await known(kind)
+            assert len(issuer.requests) == n
+            time_of[0] += 11
+            assert await known(kind)
+        assert not await known("a")
+        algorithm = {"EC": "ES256", "OKP": "EdDSA"}["OKP"]
+        token = issuer.token("OKP", algorithm=algorithm, scope="read")
+        assert (await logins.principal(token)).scopes == {"read"}
+        # Withdrawn without a new one: known until the keys are fetched again.
+        issuer.published = {}
+        assert await known("OKP")
+        time_of[0] += provider_module.REFRESH_SECONDS + 1
+        assert not await known("OKP")
+        issuer.rotate("b")
+        time_of[0] += 11
+        assert await known("b")
+        issuer.is_down = True
+        time_of[0] += 3600
+        assert await known("b")
+        time_of[0] += 86_400
+        with pytest.raises(ProviderError) as caught:
+            await known("b")
+        assert caught.value.remedy
+        issuer.is_down = False
+        issuer.stated = "http://somebody-else"
+        time_of[0] += 11
+        with pytest.raises(ProviderError):
+            await known("b")
+        issuer.stated = issuer.issuer
+        time_of[0] += 11
+        assert await known("b")
+
+    asyncio.run(story())
+    issuer.rotate("first")
+
+
+def test_many_at_once_ask_the_provider_once(issuer: IdentityProvider) -> None:
+    keys = Provider(issuer.issuer)
+    n = len(issuer.requests)
+
+    async def story() -> None:
+        await asyncio.gather(*(keys.key(f"unknown {k}") for k in range(50)))
+
+    asyncio.run(story())
+    assert len(issuer.requests) == n + 2
+
+
+def test_a_setting_that_is_none_is_told_at_the_start(tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match="OIDC_AUDIENCE"):
+        create_app(Settings(data_dir=tmp_path, oidc_issuer="https://login.example"))
+    for issuer in ("http://login.example", "ftp://login.example", "login.example", "https://"):
+        with pytest.raises(ParameterError, match="no address"):
+            Provider(issuer)
+    assert logins_of(None, None, scope_prefix="", owner_claim="sub") is None
+    assert not is_login("mm_" + "0" * 16 + "_" + "A" * 43)
+    assert not is_login("a.b")
