@@ -13,7 +13,7 @@ from modalmotion.errors import ModalMotionError
 
 COMMANDS: Final = {
     "animate": ("modes_commands", "Add modes over the surface in FILE and let them swing."),
-    "card": ("model_commands", "Say what MODEL, a file or a name, was made of."),
+    "card": ("model_commands", "Say what MODEL was made of, and how well it does."),
     "classify": ("model_commands", "Name the motion class of the sequence in FILE."),
     "compare-models": ("model_commands", "Compare two models, on the same labelled sequences."),
     "decide": (

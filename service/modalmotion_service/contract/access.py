@@ -6,7 +6,7 @@ import re
 from typing import Any, Final
 
 from modalmotion_service.access.scopes import SCOPE_OF, Scope
-from modalmotion_service.http.negotiation import RAW, is_file
+from modalmotion_service.contract.files import OCTETS, is_file
 
 _SCHEMES: Final = {
     "bearer": {
@@ -62,7 +62,7 @@ def with_access(document: dict[str, Any]) -> dict[str, Any]:
                 content = answer.get("content", {})
                 if content and all(map(is_file, content)):
                     # What most generators of clients know a file by.
-                    content.setdefault(RAW, next(iter(content.values())))
+                    content.setdefault(OCTETS, next(iter(content.values())))
             scope = SCOPE_OF.get((method.upper(), path), Scope.ADMIN)
             if scope is None:
                 operation["security"] = []

@@ -6,13 +6,15 @@ from typing import Final
 
 from starlette.exceptions import HTTPException
 
+from modalmotion_service.contract.files import OCTETS, is_file
+
 JSON: Final = "application/json"
 HDF5: Final = "application/x-hdf5"
 NPZ: Final = "application/x-npz"
 GLB: Final = "model/gltf-binary"
 VTKHDF: Final = "application/vnd.vtk.vtkhdf"
 ZIP: Final = "application/zip"
-RAW: Final = "application/octet-stream"
+RAW: Final = OCTETS
 STREAM: Final = "application/vnd.modalmotion.stream"
 PNG: Final = "image/png"
 CSV: Final = "text/csv"
@@ -66,8 +68,3 @@ def _matches(name: str, offer: str, octets: bool) -> bool:
         or (name.endswith("/*") and offer.startswith(name[:-1]))
         or (octets and name == RAW and is_file(offer))
     )
-
-
-def is_file(offer: str) -> bool:
-    """Tell whether a media type is neither text nor JSON."""
-    return not (offer.startswith("text/") or offer.endswith("json"))
