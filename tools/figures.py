@@ -1,7 +1,7 @@
-"""Draws the figures of docs/lattice.md, after figures 1, 2 and 3 of Nastar (1994).
+"""Draws the figures of docs/lattice.md and docs/tracking.md, after figures 1 to 3 of Nastar (1994).
 
 Shapes, dispersion and speeds of a chain; modes of plane, cylinder and torus; modes added over a
-cylinder at several amplitudes::
+cylinder at several amplitudes; a heart tracked over its beat, and modes added to its shape::
 
     python tools/figures.py
 """
@@ -24,11 +24,18 @@ from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.naming import parse_label
 from modalmotion.modes.topology import CYLINDER, OPEN_CURVE, PLANE, TORUS
+from modalmotion.pictures.image_overlay import overlay_figure
 from modalmotion.pictures.modes import COLOURS, draw_shape
 from modalmotion.pictures.movie import Extent, draw_moved
+from modalmotion.simulate import PhantomSettings, simulate_images
 from modalmotion.template import make_template
 from modalmotion.template.directions import Direction, directions_on
-from modalmotion.template.vibration_modes import lattice_modes, lattice_modes_named
+from modalmotion.template.vibration_modes import (
+    lattice_modes,
+    lattice_modes_named,
+    surface_modes_named,
+)
+from modalmotion.tracking import track as track_through
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "figures"
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
@@ -104,6 +111,47 @@ def superposition() -> Figure:
     return figure
 
 
+ADDED = ("at rest", "1,0,cos", "0,2,cos", "2,1,sin")
+
+
+def tracking(n_frames: int = 25, coarseness: float = 1.0) -> dict[str, Figure]:
+    """Draw a phantom's ventricle tracked over its beat, and modes added to the shape found.
+
+    Parameters
+    ----------
+    n_frames : int
+    coarseness : float
+        Of the phantom's pixels.
+    """
+    phantom = simulate_images(
+        "cine",
+        n_frames=n_frames,
+        settings=PhantomSettings(coarseness=coarseness),
+        rng=np.random.default_rng(11),
+    )
+    track = track_through(phantom.images, landmarks=phantom.landmarks)
+    template = track.template
+    figure = Figure(figsize=(8.0, 2.4), dpi=100, layout="constrained")
+    modes = surface_modes_named(template, [parse_label(text) for text in ADDED[1:]])
+    normals = directions_on(template, Direction.RADIAL)
+    amplitudes = 4.0 * np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    positions = [*animate_along(template.vertices, modes.shapes, amplitudes, normals)]
+    heights = [modes.shapes @ a for a in amplitudes]
+    extent = Extent(template, positions, heights)
+    for number, title in enumerate(ADDED):
+        panel: Any = figure.add_subplot(1, len(ADDED), number + 1, projection="3d")
+        draw_moved(panel, template, positions[number], heights[number], extent)
+        panel.set_title(
+            title if number == 0 else f"+ 4 mm ({title.replace(',', ', ')})", fontsize=9
+        )
+    beat = overlay_figure(track, phantom.images)
+    beat.set_size_inches(7.2, 4.8)
+    return {
+        "tracking-beat.png": beat,
+        "tracking-modes.png": figure,
+    }
+
+
 FIGURES = {
     "lattice-chain.png": chain,
     "lattice-modes.png": surfaces,
@@ -114,9 +162,10 @@ FIGURES = {
 
 def draw(folder: Path = FOLDER) -> None:
     """Write all figures to a folder."""
-    for name, make in FIGURES.items():
+    figures = {name: make() for name, make in FIGURES.items()} | tracking()
+    for name, figure in figures.items():
         buffer = io.BytesIO()
-        make().savefig(buffer, format="png")
+        figure.savefig(buffer, format="png")
         # A third of the size, and no difference that is seen.
         Image.open(buffer).convert("RGB").quantize(128).save(folder / name, optimize=True)
 

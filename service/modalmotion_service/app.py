@@ -26,6 +26,7 @@ from modalmotion_service.http.observation import Observation
 from modalmotion_service.http.request_head import RequestHeadCheck
 from modalmotion_service.http.security_headers import SecurityHeaders
 from modalmotion_service.monitoring.metrics import Meter, MeteredExecutor, Metrics, StateOfThings
+from modalmotion_service.monitoring.telemetry import Telemetry, Tracing
 from modalmotion_service.routes import (
     audit,
     classifications,
@@ -48,6 +49,7 @@ from modalmotion_service.routes import (
     sequences,
     signatures,
     templates,
+    tracked_reports,
     tracks,
     tradeoff,
     views,
@@ -74,29 +76,33 @@ def judged_routes() -> list[BaseRoute]:
     for module in (
         *(sequences, images, tracks, signatures, sent_signature, tradeoff, readouts, reports),
         *(templates, codec, classifications, classify, models, evaluations, features, jobs, limits),
-        *(norms, audit, health, kserve, prometheus, documentation, views),
+        *(norms, tracked_reports, audit, health, kserve, prometheus, documentation, views),
     ):
         router.include_router(module.router)
     router.include_router(views.pages)
     return router.routes
 
 
-def create_app(settings: Settings | None = None) -> FastAPI:
+def create_app(settings: Settings | None = None, telemetry: Telemetry | None = None) -> FastAPI:
     """Make the application; nothing is opened before its lifespan starts.
 
     Parameters
     ----------
     settings : Settings, optional
         Read from the environment by default.
+    telemetry : Telemetry, optional
+        As the settings say by default.
     """
     chosen = Settings() if settings is None else settings
     # Absolute, for tasks carry paths to workers that were started elsewhere.
     chosen = chosen.model_copy(update={"data_dir": chosen.data_dir.absolute()})
     metrics = Metrics()
+    if telemetry is None and chosen.telemetry:
+        telemetry = Telemetry()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        engine = MeteredExecutor(await asyncio.to_thread(open_engine, chosen), metrics)
+        engine = MeteredExecutor(await asyncio.to_thread(open_engine, chosen), metrics, telemetry)
         if engine.are_parsers_confined is not None:
             say_whether_confined()
         # Processes of its own, on this machine: no request waits for a training.
@@ -106,7 +112,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             chosen.task_memory_bytes,
             seconds_limit="training_seconds",
         )
-        owners = Owners(chosen, engine, MeteredExecutor(training_pool, metrics))
+        owners = Owners(chosen, engine, MeteredExecutor(training_pool, metrics, telemetry))
         things = StateOfThings(owners, metrics, engine)
         metrics.registry.register(things)
         try:
@@ -124,6 +130,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             await owners.close()
             training_pool.shutdown(cancel_futures=True)
             engine.shutdown(cancel_futures=True)
+            if telemetry is not None:
+                telemetry.close()
 
     app = _App(
         title="modalmotion",
@@ -171,6 +179,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(Gate, require_keys=chosen.require_keys, rates=rates, logins=logins)
     app.add_middleware(RequestHeadCheck)
     app.add_middleware(Meter, metrics=metrics)
+    if telemetry is not None:
+        app.add_middleware(Tracing, telemetry=telemetry)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(Observation)
     app.router.routes.extend(judged_routes())

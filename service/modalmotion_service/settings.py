@@ -26,6 +26,11 @@ class Settings(BaseSettings):
     log_level: Literal["debug", "info", "warning", "error"] = Field(
         "info", description="Least level that is logged; requests are logged as info."
     )
+    telemetry: bool = Field(
+        False,
+        description="Whether traces are sent, without any id, to the collector that "
+        "OTEL_EXPORTER_OTLP_ENDPOINT names.",
+    )
     reserve_bytes: int = Field(
         100_000_000, ge=0, description="Uploads are refused while less is free on the disk."
     )

@@ -12,11 +12,14 @@ from modalmotion.cli.reported import Wanted, report_options
 from modalmotion.cli.waiting import Waiting
 
 
-@click.command(epilog=example("report beat.npz --model mine.h5 --norm volunteers.h5 -o folder"))
+@click.command(
+    epilog=example("report study/ --landmarks heart.mrk.json --model ventricle-simulated -o folder")
+)
 @report_options
 def report(source: Path, out: Path, **options: Any) -> None:
     """Report on the sequence in FILE: PDF for people, FHIR for systems, CSV, a page to look at.
 
+    FILE may be images, points or contours too, which are tracked first: with --landmarks.
     The folder gets report.pdf, report.fhir.json, frames.csv and view.html. A person has the last
     word: all is marked as preliminary.
     """

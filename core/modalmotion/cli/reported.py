@@ -20,11 +20,12 @@ from modalmotion.cli.options import (
     surface_options,
 )
 from modalmotion.cli.outputs import OutputFolder
+from modalmotion.cli.stated_facts import stated_facts
 from modalmotion.cli.waiting import Waiting
 from modalmotion.signature.making import modal_signature
 
 if TYPE_CHECKING:
-    from modalmotion.classification.model.model import Model
+    from modalmotion.mesh.sequence import MeshSequence
     from modalmotion.norm import Norm
     from modalmotion.report import Report
 
@@ -48,6 +49,20 @@ _OPTIONS: Final = (
     merge_option,
     reference_option,
     components_option,
+    click.option(
+        "--landmarks",
+        multiple=True,
+        metavar="NAME=X,Y,Z|FILE",
+        help="Of images, points or contours, which are tracked first: places of apex and base in "
+        "the first frame, or a file of landmarks; once for each.",
+    ),
+    click.option(
+        "--label",
+        "labels",
+        type=int,
+        multiple=True,
+        help="Of a label map, which is tracked first: value of the cavity.",
+    ),
 )
 
 
@@ -64,53 +79,89 @@ class Wanted:
     ----------
     source : Path
     issued : datetime
-    model : Model or None
+    model : str or None
     norm : Norm or None
+    landmarks : tuple of str
+        Of what is tracked first.
+    labels : tuple of int
     options : dict
         Of reading and of the signature.
     """
 
     source: Path
     issued: datetime
-    model: Model | None
+    model: str | None
     norm: Norm | None
+    landmarks: tuple[str, ...]
+    labels: tuple[int, ...]
     options: dict[str, Any]
 
     @staticmethod
     def of(
-        source: Path, model: str | None, norm_file: Path | None, issued: str | None, **options: Any
+        source: Path,
+        model: str | None,
+        norm_file: Path | None,
+        issued: str | None,
+        landmarks: tuple[str, ...],
+        labels: tuple[int, ...],
+        **options: Any,
     ) -> Wanted:
         """Read the options; what is named wrongly is told at once."""
         from modalmotion.cli.model_commands import model_named
         from modalmotion.norm import norm_from_hdf5
 
-        return Wanted(
-            source,
-            _time(issued),
-            None if model is None else model_named(model),
-            None if norm_file is None else norm_from_hdf5(norm_file),
-            options,
-        )
+        if model is not None:
+            model_named(model)
+        norm = None if norm_file is None else norm_from_hdf5(norm_file)
+        return Wanted(source, _time(issued), model, norm, landmarks, labels, options)
 
     def report(self, waiting: Waiting) -> Report:
         """Make the report."""
-        from modalmotion.classification import classify
+        from modalmotion.classification import classify, shipped_for
+        from modalmotion.cli.model_commands import model_named
         from modalmotion.report import report_of
 
         parameters = signature_parameters(self.options)
-        with waiting.watch.stage("read"):
-            sequence = read(self.source, **self.options)
+        sequence = self._sequence(waiting)
         signature = modal_signature(sequence, parameters, watch=waiting.watch)
         answer = deviation = None
         if self.model is not None:
             with waiting.watch.stage("class"):
-                answer = classify(sequence, self.model)
+                # Of the shipped ones the one that reads what the points follow.
+                answer = classify(sequence, model_named(shipped_for(self.model, sequence.facts)))
         if self.norm is not None:
             with waiting.watch.stage("controls"):
                 deviation = self.norm.deviation(sequence)
         return report_of(
             signature, sequence, issued=self.issued, classification=answer, deviation=deviation
         )
+
+    def _sequence(self, waiting: Waiting) -> MeshSequence:
+        """Read the sequence, or track one through images, points or contours."""
+        from modalmotion.formats.volumes.reading import holds_images
+
+        with waiting.watch.stage("read"):
+            is_tracked = bool(self.landmarks or self.labels) or holds_images(self.source)
+            if not is_tracked:
+                return read(self.source, **self.options)
+            from modalmotion.cli.track_command import landmarks_in
+            from modalmotion.tracking.parameters import TrackParameters
+            from modalmotion.tracking.reading import read_observed
+
+            recorded = read_observed(self.source)
+            unit = self.options["unit"]
+            marks: dict[str, Any] = {}
+            for text in self.landmarks:
+                marks |= landmarks_in(text, recorded, unit)
+        with waiting.watch.stage("track"):
+            parameters = TrackParameters(
+                landmarks=marks,
+                labels=self.labels,
+                unit=unit,
+                frame_interval=self.options["frame_interval"],
+                facts=stated_facts(dict(self.options)),
+            )
+            return parameters.follow(recorded).sequence
 
 
 def _time(issued: str | None) -> datetime:

@@ -76,9 +76,6 @@ def require_affine(affine: Any, n_axes: int) -> NDArray[np.float64]:
     return A
 
 
-def missing_in(samples: NDArray[Any]) -> NDArray[np.bool_] | None:
-    """Find the samples that are not finite; None where all are."""
-    if samples.dtype.kind != "f":
-        return None
-    missing = ~np.isfinite(samples)
-    return missing if missing.any() else None
+def are_missing(samples: NDArray[Any]) -> bool:
+    """Tell whether any sample is not finite, looking at a slab at a time."""
+    return samples.dtype.kind == "f" and not all(np.isfinite(slab).all() for slab in samples)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.images.geometry import missing_in, require_affine, require_samples
+from modalmotion.images.geometry import are_missing, require_affine, require_samples
 from modalmotion.images.interpolation import interpolated
 from modalmotion.images.volume import Volume
 from modalmotion.numeric.frozen_arrays import FrozenArrays
@@ -67,12 +67,8 @@ class Plane(FrozenArrays):
         return np.asarray(np.linalg.pinv(self.affine[:, :2]), dtype=np.float64)
 
     @cached_property
-    def _missing(self) -> NDArray[np.bool_] | None:
-        return missing_in(self.values)
-
-    @cached_property
-    def _filled(self) -> NDArray[Any]:
-        return self.values if self._missing is None else np.where(self._missing, 0.0, self.values)
+    def _are_missing(self) -> bool:
+        return are_missing(self.values)
 
     def heights(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance of points (n, 3) above the plane, (n,) float64, mm."""
@@ -86,7 +82,7 @@ class Plane(FrozenArrays):
 
     def sample(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Interpolate at the feet of points (n, 3), mm, on the plane; NaN outside the image."""
-        return interpolated(self._filled, self.indices(points), self._missing)
+        return interpolated(self.values, self.indices(points), are_missing=self._are_missing)
 
 
 @shown("planes")
@@ -118,8 +114,9 @@ def slices_of(volume: Volume) -> PlaneSet:
     normal = np.cross(columns[:, 0], columns[:, 1])
     thickness = abs(float(step @ normal) / float(np.linalg.norm(normal)))
     planes = []
-    for k in range(volume.shape[axis]):
+    # Views: nothing of the volume is copied.
+    for k, values in enumerate(np.moveaxis(volume.values, axis, 0)):
         origin = volume.affine[:, 3] + k * step
         affine = np.column_stack([columns, origin])
-        planes.append(Plane(np.take(volume.values, k, axis=axis), affine, thickness))
+        planes.append(Plane(values, affine, thickness))
     return PlaneSet(tuple(planes))

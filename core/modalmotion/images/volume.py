@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.images.geometry import missing_in, require_affine, require_samples
+from modalmotion.images.geometry import are_missing, require_affine, require_samples
 from modalmotion.images.interpolation import interpolated
 from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
@@ -56,12 +56,8 @@ class Volume(FrozenArrays):
         return i, j, k
 
     @cached_property
-    def _missing(self) -> NDArray[np.bool_] | None:
-        return missing_in(self.values)
-
-    @cached_property
-    def _filled(self) -> NDArray[Any]:
-        return self.values if self._missing is None else np.where(self._missing, 0.0, self.values)
+    def _are_missing(self) -> bool:
+        return are_missing(self.values)
 
     @cached_property
     def _inverse(self) -> NDArray[np.float64]:
@@ -74,7 +70,7 @@ class Volume(FrozenArrays):
 
     def sample(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Interpolate at points (n, 3), mm; NaN outside."""
-        return interpolated(self._filled, self.indices(points), self._missing)
+        return interpolated(self.values, self.indices(points), are_missing=self._are_missing)
 
     def extents(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
         """How far a voxel reaches along unit vectors (n, 3): (n,) float64, mm."""

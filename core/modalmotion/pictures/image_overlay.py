@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
@@ -13,6 +12,7 @@ from modalmotion.errors import needs_extra
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.sequence import Image
 from modalmotion.mesh.plane_section import Edges
+from modalmotion.pictures.movie import write_gif
 from modalmotion.tracking.result import Track
 
 if TYPE_CHECKING:
@@ -23,10 +23,6 @@ _CONTOUR: Final = "#ffb000"
 # Planes from top to bottom, and phases from left to right.
 _N_PLANES: Final = 4
 _N_PHASES: Final = 6
-
-# Of a moving picture: ms that browsers show a frame for at least, and colours.
-_LEAST_STEP: Final = 20
-_N_COLOURS: Final = 64
 
 # Of a plane through a volume: mm around the surface, and samples along a side.
 _MARGIN: Final = 20.0
@@ -76,32 +72,20 @@ def overlay_gif(track: Track, images: ImageSequence) -> bytes:
     with needs_extra("plot"):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
-        from PIL import Image as Picture
 
     overlay = _Overlay(track, images.sliced())
-    pictures = []
-    for k in range(track.n_frames):
-        size = (2.4 * overlay.n_planes, 2.6)
-        figure = Figure(figsize=size, dpi=100, layout="constrained")
+    n = overlay.n_planes
+
+    def drawn(k: int) -> NDArray[np.uint8]:
+        figure = Figure(figsize=(2.4 * n, 2.6), dpi=100, layout="constrained")
         canvas = FigureCanvasAgg(figure)
-        places = range(1, overlay.n_planes + 1)
-        overlay.draw(k, [figure.add_subplot(1, overlay.n_planes, place) for place in places])
+        overlay.draw(k, [figure.add_subplot(1, n, place) for place in range(1, n + 1)])
         canvas.draw()
-        picture = Picture.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
-        pictures.append(picture.quantize(_N_COLOURS))
+        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
     times = track.sequence.times
     step = 1.0 / track.n_frames if times is None or len(times) < 2 else float(np.diff(times).mean())
-    stream = io.BytesIO()
-    milliseconds = max(round(1000.0 * step), _LEAST_STEP)
-    pictures[0].save(
-        stream,
-        format="GIF",
-        save_all=True,
-        append_images=pictures[1:],
-        duration=milliseconds,
-        loop=0,
-    )
-    return stream.getvalue()
+    return write_gif(map(drawn, range(track.n_frames)), step)
 
 
 class _Overlay:

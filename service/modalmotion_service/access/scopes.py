@@ -68,6 +68,7 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("DELETE", "/v1/images/{images_id}"): Scope.WRITE,
     ("POST", "/v1/tracks"): Scope.WRITE,
     ("GET", "/v1/tracks"): Scope.READ,
+    ("POST", "/v1/reports"): Scope.WRITE,
     ("GET", "/v1/tracks/{track_id}"): Scope.READ,
     ("DELETE", "/v1/tracks/{track_id}"): Scope.WRITE,
     ("POST", "/v1/templates"): Scope.WRITE,

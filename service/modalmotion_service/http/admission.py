@@ -25,6 +25,7 @@ UPLOADS: Final = frozenset(
         "/v1/sequences",
         "/v1/sequences/{sequence_id}/dicom",
         "/v1/tracks",
+        "/v1/reports",
         "/v1/images",
         "/v1/signature",
         "/v1/templates",

@@ -12,9 +12,9 @@ _stages: ContextVar[dict[str, float] | None] = ContextVar("stages", default=None
 
 def begin() -> dict[str, float]:
     """Start to collect milliseconds by stage in this context."""
-    stages: dict[str, float] = {}
-    _stages.set(stages)
-    return stages
+    collected: dict[str, float] = {}
+    _stages.set(collected)
+    return collected
 
 
 @contextmanager
@@ -38,14 +38,19 @@ def _sum() -> float:
 
 def add_milliseconds(milliseconds: Mapping[str, float]) -> None:
     """Add times measured elsewhere, such as by a worker."""
-    stages = _stages.get()
-    if stages is not None:
+    collected = _stages.get()
+    if collected is not None:
         for name, spent in milliseconds.items():
-            stages[name] = stages.get(name, 0.0) + spent
+            collected[name] = collected.get(name, 0.0) + spent
 
 
-def header(stages: Mapping[str, float], total: float) -> str:
+def stages() -> dict[str, float]:
+    """Give the milliseconds by stage of this context, so far."""
+    return dict(_stages.get() or {})
+
+
+def header(spent_in: Mapping[str, float], total: float) -> str:
     """Write the header's value; `total` in milliseconds, and `other` of it in no stage."""
-    other = max(0.0, total - sum(stages.values()))
-    entries = [*stages.items(), *([("other", other)] if stages else []), ("total", total)]
+    other = max(0.0, total - sum(spent_in.values()))
+    entries = [*spent_in.items(), *([("other", other)] if spent_in else []), ("total", total)]
     return ", ".join(f"{name};dur={spent:.1f}" for name, spent in entries)

@@ -21,6 +21,7 @@ from modalmotion_service.access.scopes import SCOPE_OF
 from modalmotion_service.http.gate import route_of
 from modalmotion_service.http.observation import CLIENT_GONE
 from modalmotion_service.monitoring.readiness import require_ready
+from modalmotion_service.monitoring.telemetry import Telemetry
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.terms import Terms
 from modalmotion_service.workspace.owners import Owners
@@ -144,11 +145,16 @@ class MeteredExecutor(Engine):
     ----------
     engine : Engine
     metrics : Metrics
+    telemetry : Telemetry, optional
+        Traces it too.
     """
 
-    def __init__(self, engine: Engine, metrics: Metrics) -> None:
+    def __init__(
+        self, engine: Engine, metrics: Metrics, telemetry: Telemetry | None = None
+    ) -> None:
         self.engine = engine
         self._metrics = metrics
+        self._telemetry = telemetry
 
     @property
     def n_workers(self) -> int:
@@ -176,6 +182,8 @@ class MeteredExecutor(Engine):
         kind, start = getattr(fn, "__name__", "other"), time.perf_counter()
         future = self.engine.submit_for(terms, fn, *args, **kwargs)
         self._metrics.change_tasks(1)
+        if self._telemetry is not None:
+            self._telemetry.task(kind, future)
 
         def count(done: Future[T]) -> None:
             self._metrics.change_tasks(-1)

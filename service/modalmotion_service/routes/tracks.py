@@ -114,7 +114,7 @@ async def track(
         note_ids(request, [name for name in (query.start, query.images) if name is not None])
         await state.tracks.start_path(query.start)
         if query.images is not None:
-            await asyncio.to_thread(_require_no_body, file)
+            await asyncio.to_thread(require_no_body, file)
             await asyncio.to_thread(state.store.images_record, query.images)
         fingerprint = (
             "POST /v1/tracks",
@@ -125,7 +125,7 @@ async def track(
         return await idempotent_answer(state.idempotency, idempotency_key, fingerprint, make)
 
 
-def _require_no_body(file: SpoolFile) -> None:
+def require_no_body(file: SpoolFile) -> None:
     """Refuse a file beside the images that are named."""
     if file.path.stat().st_size:
         raise ParameterError(

@@ -23,10 +23,11 @@ class JobAnswer(BaseModel):
 
     id: str
     kind: str = Field(
-        description="upload, signature, signatures, template, track, classification, training, "
-        "norm, or the answer that it makes: sent-signature, sent-classification, sent-encoding, "
-        "decoding, encoding, tradeoff, signature-view, distance, readouts, deviation, report, "
-        "reconstruction, template-modes, template-view, model-view, track-view."
+        description="upload, signature, signatures, template, images, track, tracked-report, "
+        "classification, training, norm, or the answer that it makes: sent-signature, "
+        "sent-classification, sent-encoding, decoding, encoding, tradeoff, signature-view, "
+        "distance, readouts, deviation, report, reconstruction, template-modes, template-view, "
+        "model-view, track-view."
     )
     state: JobState
     progress: float = Field(description="Share that is done, 0 to 1.")

@@ -148,6 +148,17 @@ class TrackQuery(FactsQuery):
         )
 
 
+class TrackedReportQuery(TrackQuery):
+    """How to track, and which model names the class of what is found."""
+
+    model: str | None = Field(
+        None,
+        max_length=80,
+        description="A name, or name@version; of the shipped ones the one is asked that reads what "
+        "the points follow. None by default.",
+    )
+
+
 class TrackViewQuery(BaseModel):
     """What a picture of a track shows."""
 

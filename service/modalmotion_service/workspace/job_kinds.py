@@ -11,14 +11,14 @@ from modalmotion.classification import TrainingOptions
 from modalmotion.errors import LostFileError
 from modalmotion.facts import Facts, facts_from_json
 from modalmotion.formats import ReadOptions
-from modalmotion_service.http.negotiation import HDF5, NPZ
+from modalmotion_service.http.negotiation import HDF5, NPZ, ZIP
 from modalmotion_service.schemas import (
     ManySignatures,
     SignatureQuery,
     UploadQuery,
 )
 from modalmotion_service.schemas.request_queries import TemplateQuery
-from modalmotion_service.schemas.tracks import TrackQuery
+from modalmotion_service.schemas.tracks import TrackedReportQuery, TrackQuery
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
@@ -34,9 +34,13 @@ from modalmotion_service.workspace.spool import Spool
 from modalmotion_service.workspace.tracks import Tracks
 from modalmotion_service.workspace.training import Trainer
 from modalmotion_service.workspace.training_set import cases_from_json, read_cases
+from modalmotion_service.workspace.whole_report import whole_report
 
 # Kinds of jobs whose request names a file in the spool, kept until the job is finished.
-_WITH_FILES: Final = ("upload", "template", "images", "track", "training")
+_WITH_FILES: Final = ("upload", "template", "images", "track", "tracked-report", "training")
+
+# Part of a tracked report that the track is counted as.
+_TRACKING: Final = 0.8
 
 
 def trainings_at_once(settings: Settings) -> int:
@@ -89,8 +93,7 @@ def make_runner(
         record, _is_new = await images.take(sent, report)
         return {"link": link_of(record.id)}
 
-    async def track(request: Any, report: Report) -> Any:
-        query = TrackQuery(**request["query"])
+    async def tracked(request: Any, query: TrackQuery, report: Report) -> str:
         parameters = query.parameters(facts_from_json(request["facts"]))
         sent: Upload | str
         if query.images is None:
@@ -106,7 +109,29 @@ def make_runner(
             keeps_images=query.keep,
             report=report,
         )
-        return {"link": f"/v1/tracks/{result.record.id}"}
+        return result.record.id
+
+    async def track(request: Any, report: Report) -> Any:
+        track_id = await tracked(request, TrackQuery(**request["query"]), report)
+        return {"link": f"/v1/tracks/{track_id}"}
+
+    async def tracked_report(request: Any, report: Report) -> Any:
+        query = TrackedReportQuery(**request["query"])
+
+        def tell(share: float, text: str = "") -> None:
+            report(_TRACKING * share, text)
+
+        track_id = await tracked(request, query, tell)
+        report(_TRACKING, "report")
+        path = await whole_report(track_id, query.model, analysis, models, spool)
+        name = f'attachment; filename="{track_id[:12]}-report.zip"'
+        # The job ends with the track that its link names, and with it the file.
+        return {
+            "file": path.name,
+            "media_type": ZIP,
+            "headers": {"Content-Disposition": name},
+            "link": f"/v1/tracks/{track_id}",
+        }
 
     def reply(kind: str) -> Handler:
         async def handler(request: Any, report: Report) -> Any:
@@ -152,6 +177,7 @@ def make_runner(
             "template": template,
             "images": image,
             "track": track,
+            "tracked-report": tracked_report,
             "classification": classification,
             "training": training,
             "norm": norm,

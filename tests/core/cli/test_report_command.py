@@ -6,18 +6,57 @@ import csv
 import json
 from pathlib import Path
 
+import jsonschema
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from ellipsoid_images import LANDMARKS, planes
+from fhir_profile import PROFILE
 from norm_controls import beat
 
 from modalmotion.cli import main
 from modalmotion.formats import write_npz
+from modalmotion.formats.volumes import write_nifti_zip
+from modalmotion.images import ImageSequence
 
 pytest.importorskip("matplotlib")
 
 
 def run(*arguments: object) -> Result:
     return CliRunner().invoke(main, ["report", *(str(argument) for argument in arguments)])
+
+
+# Three frames of images are tracked, and a page is drawn: 4 s.
+def test_from_images_to_the_folder_with_no_other_option(tmp_path: Path) -> None:
+    pytest.importorskip("nibabel")
+    frames = tuple(planes(radius) for radius in (22.0, 18.0, 20.0))
+    source = tmp_path / "beat.zip"
+    source.write_bytes(write_nifti_zip(ImageSequence(frames, np.array([0.0, 0.3, 0.6]))))
+    marks = {name: place.tolist() for name, place in LANDMARKS.items()}
+    file = tmp_path / "heart.json"
+    file.write_text(json.dumps({"coordinates": "LPS", "landmarks": marks}))
+    model = ("--model", "ventricle-simulated")
+    result = run(source, "--landmarks", file, *model, "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    bundle = json.loads((tmp_path / "out" / "report.fhir.json").read_text())
+    jsonschema.validate(bundle, PROFILE)
+    parts = {
+        part["code"]["coding"][-1]["code"]: part["valueQuantity"]["value"]
+        for entry in bundle["entry"]
+        for part in entry["resource"].get("component", ())
+    }
+    # Of the phantom, cut at its base: volumes go with the square of the radius.
+    share = parts.get("ejection-fraction", parts.get("volume-change"))
+    assert share == pytest.approx(100 * (1 - (18 / 22) ** 2), abs=4)
+    # Points that slide are read by the model of offsets.
+    assert "ventricle-simulated-offset" in json.dumps(bundle)
+    rows = (tmp_path / "out" / "frames.csv").read_text().splitlines()
+    assert len(rows) == 1 + len(frames)
+    assert (tmp_path / "out" / "report.pdf").read_bytes().startswith(b"%PDF")
+    without = run(source, *model, "-o", tmp_path / "none")
+    assert without.exit_code == 1
+    assert "apex" in without.output
+    assert not (tmp_path / "none").exists()
 
 
 def test_the_whole_road_in_one_command(tmp_path: Path) -> None:

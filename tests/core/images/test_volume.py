@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from ellipsoid_images import planes, volume
 
 from modalmotion.errors import InputError, ParameterError, ShapeError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
+from modalmotion.images.interpolation import interpolated
 from modalmotion.images.plane_set import slices_of
 from modalmotion.images.sequence import images_in
 
@@ -121,3 +124,45 @@ def test_samples_are_neither_copied_nor_changed() -> None:
     with pytest.raises(ValueError, match="read-only"):
         own.values[0] = 1
     assert len(repr(ImageSequence((own,)))) < 120
+
+
+def test_sampling_keeps_nothing_as_large_as_the_image() -> None:
+    values = np.random.default_rng(0).normal(size=(60, 50, 40)).astype(np.float32)
+    values[::7] = np.nan
+    points = np.random.default_rng(1).uniform(0, 39, (500, 3))
+    own = [Volume(values, np.eye(4)) for _ in range(4)]
+    tracemalloc.start()
+    for one in own:
+        one.sample(points)
+    left, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert left < 0.1 * values.nbytes
+    assert most < values.nbytes
+    sliced = ImageSequence((Volume(values, np.diag([1.0, 1.0, 4.0, 1.0])),)).sliced().frames[0]
+    assert isinstance(sliced, PlaneSet)
+    assert all(np.shares_memory(plane.values, values) for plane in sliced.planes)
+
+
+def test_missing_samples_count_by_what_is_there() -> None:
+    values = np.random.default_rng(0).normal(size=(6, 5, 4))
+    points = np.random.default_rng(1).uniform(-1, 6, (400, 3))
+    whole = Volume(values, np.eye(4)).sample(points)
+    # Both ways to interpolate say the same where nothing is missing.
+    assert interpolated(values, points, are_missing=True) == pytest.approx(whole, nan_ok=True)
+    holes = np.where(np.random.default_rng(2).random(values.shape) < 0.2, np.nan, values)
+    corners = np.stack([np.floor(points) + c for c in np.ndindex(2, 2, 2)], axis=1)
+    found = Volume(holes, np.eye(4)).sample(points)
+    for place, around, value in zip(points, corners, found, strict=True):
+        if not ((place >= 0) & (place <= np.array(values.shape) - 1)).all():
+            assert np.isnan(value)
+            continue
+        weights = (1.0 - np.abs(around - place)).prod(axis=1)
+        own = np.array(
+            [holes[tuple(np.minimum(c, np.array(values.shape) - 1).astype(int))] for c in around]
+        )
+        there = np.isfinite(own)
+        share = weights[there].sum()
+        if share < 0.5:
+            assert np.isnan(value)
+        else:
+            assert value == pytest.approx((weights * np.where(there, own, 0)).sum() / share)

@@ -51,6 +51,7 @@ NEEDED = {
     "/v1/encode": {"rms": "0.5"},
     "/v1/sequences/{sequence_id}/deviations": {"norm": "kept", "level": "0.1"},
     "/v1/tracks": {"modes": "2"},
+    "/v1/reports": {"modes": "2"},
     "/v1/sequences/{sequence_id}/encoded": {"rms": "0.5"},
 }
 

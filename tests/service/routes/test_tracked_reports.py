@@ -1,0 +1,84 @@
+"""POST /v1/reports: from images to a report as one job, which ends with its track."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+from ellipsoid_images import LANDMARKS, planes
+from fastapi.testclient import TestClient
+from fhir_profile import PROFILE
+from training_cohort import finished
+
+from modalmotion.client import Client
+from modalmotion.formats.volumes import write_nifti_zip
+from modalmotion.images import ImageSequence
+
+pytest.importorskip("nibabel")
+pytest.importorskip("matplotlib")
+
+PLACES: dict[str, Any] = {name: ",".join(map(str, place)) for name, place in LANDMARKS.items()}
+
+
+@pytest.fixture(scope="module")
+def client(shared_client: TestClient) -> TestClient:
+    return shared_client
+
+
+@pytest.fixture(scope="module")
+def phantom() -> bytes:
+    frames = tuple(planes(radius) for radius in (22.0, 18.0, 20.0))
+    return write_nifti_zip(ImageSequence(frames, np.array([0.0, 0.3, 0.6])))
+
+
+# A phantom is tracked, classified, and drawn: 5 s.
+def test_the_whole_road_is_one_job(client: TestClient, phantom: bytes) -> None:
+    query = {**PLACES, "model": "ventricle-simulated"}
+    answer = client.post("/v1/reports", params=query, content=phantom)
+    assert answer.status_code == 202, answer.text
+    job = finished(client, answer.json())
+    assert job["state"] == "succeeded", job
+    sent = client.get(job["result"])
+    assert sent.headers["content-type"] == "application/zip"
+    with zipfile.ZipFile(io.BytesIO(sent.content)) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    assert list(files) == ["report.pdf", "report.fhir.json", "frames.csv", "view.html"]
+    bundle = json.loads(files["report.fhir.json"])
+    jsonschema.validate(bundle, PROFILE)
+    assert "ventricle-simulated-offset" in files["report.fhir.json"].decode()
+    (track,) = client.get("/v1/tracks").json()["tracks"]
+    here = f"/v1/sequences/{track['id']}"
+    # The same as step by step.
+    model = "?model=ventricle-simulated-offset"
+    assert client.get(f"{here}/report{model}").json() == bundle
+    table = client.get(f"{here}/report", headers={"Accept": "text/csv"})
+    assert table.content == files["frames.csv"]
+    assert client.delete(here).status_code == 204
+    assert client.get(job["result"]).status_code == 404
+    assert client.get(answer.headers["location"]).status_code == 404
+
+
+def test_what_is_wrong_is_told_before_a_job(client: TestClient, phantom: bytes) -> None:
+    here = "/v1/reports"
+    assert client.post(here, params={"model": "nobodys"}, content=phantom).status_code == 404
+    assert client.post(here, params={"images": "0" * 64}).status_code == 404
+    assert client.post(here, params={"start": "0" * 64}, content=phantom).status_code == 404
+    wrong = client.post(here, params={"apex": "here"}, content=phantom)
+    assert wrong.status_code == 422
+    failed = finished(client, client.post(here, content=b"no images").json())
+    assert failed["state"] == "failed"
+    assert failed["error"]["remedy"]
+    assert not list(client.app.state.owners.local.spool.folder.iterdir())  # type: ignore[attr-defined]
+
+
+def test_the_client_writes_the_zip(client: TestClient, phantom: bytes, tmp_path: Path) -> None:
+    with Client("http://testserver", transport=client._transport) as remote:
+        remote.save_tracked_report(phantom, tmp_path / "report.zip", **PLACES)
+    with zipfile.ZipFile(tmp_path / "report.zip") as archive:
+        assert b"No model was asked" in archive.read("report.fhir.json")
