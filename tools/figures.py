@@ -126,7 +126,7 @@ def tracking(n_frames: int = 25, coarseness: float = 1.0) -> dict[str, Figure]:
     phantom = simulate_images(
         "cine",
         n_frames=n_frames,
-        settings=PhantomSettings(coarseness=coarseness),
+        settings=PhantomSettings(coarseness=coarseness, noise=0.02),
         rng=np.random.default_rng(11),
     )
     track = track_through(phantom.images, landmarks=phantom.landmarks)
@@ -145,7 +145,7 @@ def tracking(n_frames: int = 25, coarseness: float = 1.0) -> dict[str, Figure]:
             title if number == 0 else f"+ 4 mm ({title.replace(',', ', ')})", fontsize=9
         )
     beat = overlay_figure(track, phantom.images)
-    beat.set_size_inches(7.2, 4.8)
+    beat.set_size_inches(5.4, 3.6)
     return {
         "tracking-beat.png": beat,
         "tracking-modes.png": figure,
@@ -167,7 +167,7 @@ def draw(folder: Path = FOLDER) -> None:
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png")
         # A third of the size, and no difference that is seen.
-        Image.open(buffer).convert("RGB").quantize(128).save(folder / name, optimize=True)
+        Image.open(buffer).convert("RGB").quantize(64).save(folder / name, optimize=True)
 
 
 if __name__ == "__main__":

@@ -106,6 +106,36 @@ def test_the_signature_over_http_is_the_librarys_own_bit_for_bit(
     assert read.modes == own.modes
 
 
+@pytest.mark.parametrize(
+    "media_type", ["application/x-npz", "application/octet-stream", "text/csv", "image/png"]
+)
+def test_a_signature_kept_and_one_of_an_upload_come_as_the_same_types(
+    media_type: str, client: TestClient, beat: bytes
+) -> None:
+    accept = {"Accept": media_type}
+    sequence_id = send(client, beat)
+    kept = client.get(f"/v1/sequences/{sequence_id}/signature?modes=4", headers=accept)
+    sent = client.post("/v1/signature?modes=4", content=beat, headers=accept)
+    assert kept.status_code == sent.status_code == 200
+    for answer in (kept, sent):
+        assert answer.headers["content-type"].partition(";")[0] == media_type
+    assert kept.content == sent.content
+
+
+def test_a_file_is_a_stream_of_octets_where_no_other_is(client: TestClient, beat: bytes) -> None:
+    octets = {"Accept": "application/octet-stream"}
+    sequence_id = send(client, beat)
+    for what, media_type in (
+        ("encoded?rms=1", "vnd.modalmotion.stream"),
+        ("reconstruction", "x-npz"),
+    ):
+        answer = client.get(f"/v1/sequences/{sequence_id}/{what}", headers=octets)
+        assert answer.headers["content-type"] == f"application/{media_type}"
+    # JSON and text are none.
+    assert client.get(f"/v1/sequences/{sequence_id}", headers=octets).status_code == 200
+    assert client.get("/v1/models/ventricle-simulated", headers=octets).status_code == 200
+
+
 def test_a_picture_of_a_signature_is_the_librarys_own(
     client: TestClient, beat: bytes, npz: Callable[..., bytes]
 ) -> None:

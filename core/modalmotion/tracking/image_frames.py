@@ -28,6 +28,7 @@ from modalmotion.tracking.passes import first_guess
 from modalmotion.tracking.request import with_landmarks
 from modalmotion.tracking.settling import settle
 from modalmotion.tracking.start import start_shape
+from modalmotion.tracking.stated_start import begun
 
 Floats = NDArray[np.float64]
 
@@ -127,7 +128,10 @@ def frames_of_images(
     n_planes = len(image) if isinstance(image, PlaneSet) else 1
     middle = (places["apex"] + places["base"]) / 2.0
     sight = Sight(first.levels, np.zeros(3), middle, np.zeros((n_planes, 3)))
-    rough = start_shape(CUP, first.points, places) if start is None else _as_sequence(start)
+    if start is None:
+        rough = start_shape(CUP, first.points, places)
+    else:
+        rough = begun(start, first.points, places)
     shape, sight, found = _reference_shape(
         rough, image, marks[reference], sight, reference, first.points
     )
@@ -272,12 +276,6 @@ def _places(marks: Frame) -> dict[str, Floats]:
         for i, name in enumerate(part.places or ())
         if isinstance(name, str)
     }
-
-
-def _as_sequence(start: MeshSequence | Template) -> MeshSequence:
-    if isinstance(start, MeshSequence):
-        return start
-    return mesh_sequence(start.vertices[None], start.faces, topology=start.topology)
 
 
 def _notes(shares: Floats, images: ImageSequence, found: float) -> tuple[str, ...]:

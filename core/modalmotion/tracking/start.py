@@ -80,7 +80,24 @@ def start_shape(
             details={"needed": ["apex", "base"]},
         )
     shape = _SURFACE if topology.n_axes == 2 else _CURVE
-    coordinates = Lattice(topology, shape).natural_coordinates
+    x = placed(topology, Lattice(topology, shape).natural_coordinates, points, landmarks)
+    faces = lattice_faces(topology, shape) if topology.n_axes == 2 else None
+    return mesh_sequence(x[None], faces, grid=shape, topology=topology)
+
+
+def placed(
+    topology: Topology,
+    coordinates: NDArray[np.float64],
+    points: NDArray[np.float64],
+    landmarks: Mapping[str, NDArray[np.float64]],
+) -> NDArray[np.float64]:
+    """Place vertices by their natural coordinates, (n, axes), on the shape of `start_shape`.
+
+    Raises
+    ------
+    ParameterError
+        If apex and base are the same place.
+    """
     s, theta = coordinates[:, 0], 2.0 * np.pi * coordinates[:, -1]
     middle, spread, axes = _ellipsoid(points)
     if {"apex", "base"} <= set(landmarks):
@@ -106,9 +123,8 @@ def start_shape(
         if topology == SPHERE:
             extents = np.maximum(extents, 0.05 * extents.max())
     local = _unit_shape(topology, s, theta)
-    x = middle + (local * extents) @ axes
-    faces = lattice_faces(topology, shape) if topology.n_axes == 2 else None
-    return mesh_sequence(x[None], faces, grid=shape, topology=topology)
+    x: NDArray[np.float64] = middle + (local * extents) @ axes
+    return x
 
 
 def _factor(topology: Topology) -> float:

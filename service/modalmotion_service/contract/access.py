@@ -1,10 +1,12 @@
-"""Keys in the OpenAPI document: schemes, the scope of each call, its refusals."""
+"""What the OpenAPI document says of each call: its scope, its refusals, its name, its files."""
 
 from __future__ import annotations
 
+import re
 from typing import Any, Final
 
 from modalmotion_service.access.scopes import SCOPE_OF, Scope
+from modalmotion_service.contract.files import OCTETS, is_file
 
 _SCHEMES: Final = {
     "bearer": {
@@ -33,7 +35,10 @@ _REFUSALS: Final = {
 
 
 def with_access(document: dict[str, Any]) -> dict[str, Any]:
-    """Add keys and scopes to an OpenAPI document, which is changed.
+    """Add to an OpenAPI document, which is changed, what the framework does not know.
+
+    Keys and scopes; names of calls that are names of functions in generated clients, such as
+    `sequences_upload`; files as streams of octets, which generators know.
 
     Parameters
     ----------
@@ -42,12 +47,22 @@ def with_access(document: dict[str, Any]) -> dict[str, Any]:
     document.setdefault("components", {})["securitySchemes"] = _SCHEMES
     for path, operations in document["paths"].items():
         for method, operation in operations.items():
+            # The framework's is the function's, the path's and the method's.
+            name = operation["operationId"].removesuffix(re.sub(r"\W", "_", path) + f"_{method}")
+            operation["operationId"] = (
+                f"{re.sub(r'[^a-z0-9]+', '_', operation['tags'][0].lower())}_{name}"
+            )
             for status, answer in operation["responses"].items():
                 if status >= "400":
                     # Every error is a problem, not what the framework makes of it.
                     answer["content"] = _PROBLEM
-                elif answer["description"] == "Successful Response":
+                    continue
+                if answer["description"] == "Successful Response":
                     answer["description"] = "The requested content."
+                content = answer.get("content", {})
+                if content and all(map(is_file, content)):
+                    # What most generators of clients know a file by.
+                    content.setdefault(OCTETS, next(iter(content.values())))
             scope = SCOPE_OF.get((method.upper(), path), Scope.ADMIN)
             if scope is None:
                 operation["security"] = []

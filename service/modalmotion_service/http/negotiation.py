@@ -6,13 +6,15 @@ from typing import Final
 
 from starlette.exceptions import HTTPException
 
+from modalmotion_service.contract.files import OCTETS, is_file
+
 JSON: Final = "application/json"
 HDF5: Final = "application/x-hdf5"
 NPZ: Final = "application/x-npz"
 GLB: Final = "model/gltf-binary"
 VTKHDF: Final = "application/vnd.vtk.vtkhdf"
 ZIP: Final = "application/zip"
-RAW: Final = "application/octet-stream"
+RAW: Final = OCTETS
 STREAM: Final = "application/vnd.modalmotion.stream"
 PNG: Final = "image/png"
 CSV: Final = "text/csv"
@@ -26,16 +28,19 @@ VIEW: Final = "application/vnd.modalmotion.view"
 def best_type(accept: str, offered: tuple[str, ...]) -> str:
     """Choose by the Accept header (RFC 9110, 12.5.1); the first on offer where all are equal.
 
+    Any file is a stream of octets: who accepts only those gets the first file on offer.
+
     Raises
     ------
     HTTPException
         406 if nothing on offer is acceptable.
     """
+    octets = RAW not in offered
     ranges = [_parse(part) for part in accept.split(",") if part.strip()]
     best, best_quality = "", 0.0
     for offer in offered:
         # The most specific range that matches decides on its quality.
-        matching = [(specific, q) for name, specific, q in ranges if _matches(name, offer)]
+        matching = [(specific, q) for name, specific, q in ranges if _matches(name, offer, octets)]
         quality = max(matching)[1] if matching else (0.0 if ranges else 1.0)
         if quality > best_quality:
             best, best_quality = offer, quality
@@ -57,5 +62,9 @@ def _parse(part: str) -> tuple[str, int, float]:
     return name, specific, quality
 
 
-def _matches(name: str, offer: str) -> bool:
-    return name in ("*/*", offer) or (name.endswith("/*") and offer.startswith(name[:-1]))
+def _matches(name: str, offer: str, octets: bool) -> bool:
+    return (
+        name in ("*/*", offer)
+        or (name.endswith("/*") and offer.startswith(name[:-1]))
+        or (octets and name == RAW and is_file(offer))
+    )

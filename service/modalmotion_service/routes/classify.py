@@ -26,7 +26,7 @@ router = APIRouter(prefix="/v1", tags=["classifications"], responses=PROBLEMS)
     openapi_extra=UPLOAD_BODY,
     responses=ACCEPTED,
 )
-async def classify(
+async def classify_upload(
     file: FileDependency,
     query: Annotated[ClassifyQuery, Query()],
     state: StateDependency,

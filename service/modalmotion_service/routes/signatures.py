@@ -13,10 +13,11 @@ from modalmotion.facts import facts_as_json
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_ids
 from modalmotion_service.http.json_bodies import JsonRoute
-from modalmotion_service.http.negotiation import CSV, HDF5, JSON, NPZ, PNG, best_type
+from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job, result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
-from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS, TEXT
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
+from modalmotion_service.routes.parts.signature_types import SIGNATURE_CONTENT, SIGNATURE_TYPES
 from modalmotion_service.routes.parts.temporary_file import temporary_file
 from modalmotion_service.schemas import (
     DistanceAnswer,
@@ -35,7 +36,7 @@ router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS, route_
 @router.get(
     "/sequences/{sequence_id}/signature",
     response_model=SignatureAnswer,
-    responses={200: {"content": {HDF5: BINARY, PNG: BINARY, CSV: TEXT}}, **ACCEPTED},
+    responses={200: {"content": SIGNATURE_CONTENT}, **ACCEPTED},
 )
 async def signature(
     sequence_id: SequenceId,
@@ -43,17 +44,18 @@ async def signature(
     state: StateDependency,
     preference: PreferenceDependency,
     request: Request,
-    accept: Annotated[str, Header(description=f"{JSON}, {HDF5}, {PNG} or {CSV}.")] = JSON,
+    accept: Annotated[str, Header(description=", ".join(SIGNATURE_TYPES))] = JSON,
 ) -> Response:
     """Give the modal signature: amplitudes, error, spectrum, energy and its file.
 
-    JSON, the result's HDF5 file, a picture of it beside the surfaces, or a table of the amplitudes
-    with a row for each frame, mode and direction, by `Accept`.
+    As JSON, the result's HDF5 file, npz, a picture of it beside the surfaces, a table with a row
+    for each frame, mode and direction, or the amplitudes alone as little-endian float32, by
+    `Accept`.
     """
-    media_type = best_type(accept, (JSON, HDF5, PNG, CSV))
+    media_type = best_type(accept, SIGNATURE_TYPES)
     parameters, facts = state.analysis.resolved(sequence_id, query.parameters())
     # A result never changes once its sequence and its parameters are named; facts may.
-    shows_facts = facts.stated and media_type not in (PNG, CSV)
+    shows_facts = facts.stated and media_type in (JSON, HDF5)
     shown = (json.dumps(facts_as_json(facts)),) if shows_facts else ()
     tag = tag_of(sequence_id, parameters.key, media_type, *shown)
     if is_known(request, tag):

@@ -208,7 +208,7 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     signatures.sign_upload: _signature,
     signatures.signature_as_json: _reading,
     signatures.signature_with_facts: _reading,
-    signatures.signature_as_csv: _reading,
+    signatures.signature_as: _reading,
     signatures.draw_signature: _picture,
     signatures.compare_signatures: _reading,
     signatures.pack_npz: _packing,

@@ -235,10 +235,12 @@ class Analysis:
             file = self.within_store(path)
             return await self.work(signatures.signature_as_json, path, file, facts)
 
-    async def signature_csv(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
-        """Give the amplitudes of a signature as a table."""
+    async def signature_as(
+        self, sequence_id: str, parameters: SignatureParameters, media_type: str
+    ) -> bytes:
+        """Give a signature as a media type that says nothing of its sequence's facts."""
         path = await self.signature(sequence_id, parameters)
-        return await self.work(signatures.signature_as_csv, path)
+        return await self.work(signatures.signature_as, path, media_type)
 
     async def signature_hdf5(self, sequence_id: str, parameters: SignatureParameters) -> bytes:
         """Give a signature with the facts of its sequence as HDF5."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -144,19 +145,16 @@ def make_replies(
         return Reply(path, media_type)
 
     async def signature_view(request: Request, _: Report) -> Reply:
-        parameters, media_type = (
-            query_of(request, SignatureQuery).parameters(),
-            request["media_type"],
-        )
+        parameters = query_of(request, SignatureQuery).parameters()
+        sequence_id, media_type = request["sequence_id"], request["media_type"]
+        # The landmarks are those that the facts state now.
+        resolved, _facts = analysis.resolved(sequence_id, parameters)
         give = {
             HDF5: analysis.signature_hdf5,
             JSON: analysis.signature_json,
             PNG: analysis.draw_signature,
-            CSV: analysis.signature_csv,
-        }[media_type]
-        # The landmarks are those that the facts state now.
-        resolved, _facts = analysis.resolved(request["sequence_id"], parameters)
-        return Reply(await give(request["sequence_id"], resolved), media_type)
+        }.get(media_type, partial(analysis.signature_as, media_type=media_type))
+        return Reply(await give(sequence_id, resolved), media_type)
 
     async def distance(request: Request, _: Report) -> Reply:
         query = query_of(request, DistanceQuery)

@@ -25,7 +25,7 @@ from modalmotion.store import (
     signature_to_hdf5,
     track_from_hdf5,
 )
-from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, RAW
+from modalmotion_service.http.negotiation import CSV, HDF5, JSON, NPZ, PNG, RAW
 from modalmotion_service.schemas import SignatureAnswer
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import (
@@ -93,9 +93,9 @@ def signature_as_json(path: Path, file: str, facts: Facts) -> bytes:
     return SignatureAnswer.of(signature, file).model_dump_json().encode()
 
 
-def signature_as_csv(path: Path) -> bytes:
-    """Write the amplitudes of a kept signature out as a table."""
-    return amplitude_table(signature_from_hdf5(path)).to_csv().encode()
+def signature_as(path: Path, media_type: str) -> bytes:
+    """Write a kept signature out as a media type that says nothing of its sequence's facts."""
+    return _SIGNATURE_WRITERS[media_type](signature_from_hdf5(path))
 
 
 def signature_with_facts(path: Path, facts: Facts) -> bytes:
@@ -154,6 +154,10 @@ def _as_png(signature: ModalSignature, sequence: MeshSequence) -> bytes:
     return png_of(signature_figure(sequence, signature))
 
 
+def _as_csv(signature: ModalSignature) -> bytes:
+    return amplitude_table(signature).to_csv().encode()
+
+
 def _as_raw(signature: ModalSignature) -> bytes:
     return single_precision(signature.amplitudes, "An amplitude").tobytes()
 
@@ -162,6 +166,7 @@ _SIGNATURE_WRITERS: Final = {
     JSON: _as_json,
     HDF5: signature_to_hdf5,
     NPZ: _as_npz,
+    CSV: _as_csv,
     RAW: _as_raw,
 }
 

@@ -1,0 +1,57 @@
+// From a file to its classes and back, by a client that is typed by the interface's document.
+import { readFile, writeFile } from "node:fs/promises";
+import createClient from "openapi-fetch";
+import type { paths } from "./schema.js";
+
+const [baseUrl, source, folder] = process.argv.slice(2);
+const api = createClient<paths>({ baseUrl });
+// The document describes a file as a string in binary; it is sent as it is.
+const octets = (data: Uint8Array) => ({
+  body: data as unknown as string,
+  bodySerializer: (body: unknown) => body as BodyInit,
+  headers: { "Content-Type": "application/octet-stream" },
+});
+
+function given<T>(answer: { data?: T; error?: unknown }): T {
+  if (answer.data === undefined) throw new Error(JSON.stringify(answer.error));
+  return answer.data;
+}
+
+async function keep(name: string, answer: { data?: ArrayBuffer; error?: unknown }) {
+  const data = new Uint8Array(given(answer));
+  await writeFile(`${folder}/${name}`, data);
+  return data;
+}
+
+const beat = octets(await readFile(source));
+const sequence = given(await api.POST("/v1/sequences", beat));
+if (!("id" in sequence)) throw new Error("no sequence");
+const path = { sequence_id: sequence.id };
+const signature = given(
+  await api.GET("/v1/sequences/{sequence_id}/signature", { params: { path, query: { modes: 7 } } }),
+);
+if (typeof signature === "string" || !("amplitudes" in signature)) throw new Error("no signature");
+const answer = given(
+  await api.POST("/v1/sequences/{sequence_id}/classifications", { params: { path } }),
+);
+if (!("probabilities" in answer)) throw new Error("no classes");
+const binary = { parseAs: "arrayBuffer" } as const;
+const rms = { params: { query: { rms: 0.5 } } };
+const stream = await keep("beat.mms", await api.POST("/v1/encode", { ...beat, ...rms, ...binary }));
+await keep("decoded.npz", await api.POST("/v1/decode", { ...octets(stream), ...binary }));
+await keep(
+  "reconstruction.npz",
+  await api.GET("/v1/sequences/{sequence_id}/reconstruction", {
+    params: { path, query: { modes: 7 } },
+    ...binary,
+  }),
+);
+console.log(
+  JSON.stringify({
+    id: sequence.id,
+    amplitudes: signature.amplitudes,
+    probabilities: answer.probabilities,
+    // What is refused is typed too.
+    refusal: (await api.POST("/v1/sequences", octets(new Uint8Array(9)))).error?.code,
+  }),
+);
