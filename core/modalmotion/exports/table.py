@@ -204,7 +204,9 @@ def _recording_row(one: Recording) -> dict[str, Any]:
         "max_error": signature.max_error,
         "end_diastolic_volume_ml": np.nan,
         "end_systolic_volume_ml": np.nan,
-        **dict.fromkeys((f"{name.value}{end}_percent" for name in Fraction for end in _ENDS), np.nan),
+        **dict.fromkeys(
+            (f"{name.value}{end}_percent" for name in Fraction for end in _ENDS), np.nan
+        ),
     }
     if one.readouts is not None:
         curve, share = one.readouts.curve, one.readouts.curve.share
