@@ -19,7 +19,6 @@ from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.template.body_frame import Components
 
-
 # Of the columns of a value and its interval.
 _ENDS: Final = ("", "_low", "_high")
 
