@@ -25,7 +25,7 @@ class IdentityProvider:
                 pages = {
                     "/.well-known/openid-configuration": {
                         "issuer": outer.stated,
-                        "jwks_uri": f"{outer.issuer}/keys",
+                        "jwks_uri": outer.keys_at,
                     },
                     "/keys": {"keys": list(outer.published.values())},
                 }
@@ -41,6 +41,7 @@ class IdentityProvider:
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
         self.issuer = f"http://127.0.0.1:{self._server.server_port}"
         self.stated = self.issuer
+        self.keys_at = f"{self.issuer}/keys"
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
 

@@ -20,6 +20,7 @@ ARGUMENTS: dict[str, Any] = {
     "name": "walls",
     "cases": ["a" * 64],
     "study": b"",
+    "source": b"",
 }
 SUFFIXES = {"save_reconstruction": ".glb", "save_features": ".csv"}
 NAMES = sorted(name for name in dir(Client) if name.startswith("save_"))

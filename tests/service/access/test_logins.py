@@ -184,6 +184,12 @@ def test_keys_rotate_and_those_that_are_withdrawn_end(
         with pytest.raises(ProviderError):
             await known("b")
         issuer.stated = issuer.issuer
+        # Keys that come over a line that others can change.
+        issuer.keys_at = "http://keys.example/keys"
+        time_of[0] += 11
+        with pytest.raises(ProviderError):
+            await known("b")
+        issuer.keys_at = f"{issuer.issuer}/keys"
         time_of[0] += 11
         assert await known("b")
 
