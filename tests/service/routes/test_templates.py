@@ -244,3 +244,11 @@ def test_frames_out_of_order_are_sorted_and_it_is_said(
     assert any("out of order" in note for note in answer["reading"]["notes"])
     ordered = npz(vertices=vertices, times=[0.0, 0.1, 0.2], grid=[4, 4], topology="cup")
     assert client.post("/v1/sequences", content=ordered).json()["id"] == answer["id"]
+
+
+def test_an_upload_that_options_refuse_is_not_left_behind(client: TestClient, mesh: bytes) -> None:
+    both = {"times": "0,0.1", "frame_interval": "0.1"}
+    answer = client.post("/v1/templates", content=mesh, params=both)
+    assert answer.status_code == 422
+    spool = client.app.state.owners.local.spool  # type: ignore[attr-defined]
+    assert list(spool.folder.iterdir()) == []
