@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 from collections.abc import Callable
 from pathlib import Path
@@ -120,6 +121,17 @@ def test_a_signature_kept_and_one_of_an_upload_come_as_the_same_types(
     for answer in (kept, sent):
         assert answer.headers["content-type"].partition(";")[0] == media_type
     assert kept.content == sent.content
+
+
+def test_a_cohort_is_a_table_with_a_row_for_each(client: TestClient, beat: bytes) -> None:
+    sequence_id = send(client, beat)
+    body = {"ids": [sequence_id, sequence_id], "modes": 4}
+    answer = client.post("/v1/signatures/query", json=body, headers={"Accept": "text/csv"})
+    assert answer.headers["content-type"].startswith("text/csv")
+    rows = list(csv.DictReader(io.StringIO(answer.text)))
+    assert [row["recording"] for row in rows] == [sequence_id, sequence_id]
+    own = client.get(f"/v1/sequences/{sequence_id}/readouts?modes=4").json()["from_signature"]
+    assert float(rows[0]["ejection_fraction_percent"]) == own["ejection_fraction"]["value"]
 
 
 def test_a_file_is_a_stream_of_octets_where_no_other_is(client: TestClient, beat: bytes) -> None:

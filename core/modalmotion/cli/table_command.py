@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
+from modalmotion.classification.training.cases import named
+from modalmotion.cli.cases import LabelledFile, labelled_files
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
     components_option,
@@ -24,10 +28,10 @@ from modalmotion.cli.options import (
 from modalmotion.cli.waiting import Waiting
 from modalmotion.clinical import ClinicalReadouts, clinical_readouts
 from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
-from modalmotion.errors import InputError
-from modalmotion.exports.table import Table, amplitude_table, frame_table
+from modalmotion.errors import InputError, ModalMotionError
+from modalmotion.exports.table import Recording, Table, amplitude_table, cohort_table, frame_table
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.signature.making import ModalSignature, modal_signature
+from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 
 
 @click.command(epilog=example("table beat.npz --frames -o frames.csv"))
@@ -39,6 +43,11 @@ from modalmotion.signature.making import ModalSignature, modal_signature
     help="A row a frame in place of a row an amplitude: motion and error, volume in ml, inward "
     "motion of each segment and strain in percent.",
 )
+@click.option(
+    "--skip-unreadable",
+    is_flag=True,
+    help="Of a manifest: go on without recordings that cannot be used; they are named.",
+)
 @mode_options
 @surface_options
 @reference_option
@@ -46,11 +55,20 @@ from modalmotion.signature.making import ModalSignature, modal_signature
 @merge_option
 @components_option
 @kind_option
-def table(source: Path, output: Path | None, frames: bool, **options: Any) -> None:
-    """Write amplitudes of the sequence in FILE as CSV: a row for each frame, mode and direction."""
-    from modalmotion.store import write_atomic
+def table(
+    source: Path, output: Path | None, frames: bool, skip_unreadable: bool, **options: Any
+) -> None:
+    """Write amplitudes of the sequence in FILE as CSV: a row for each frame, mode and direction.
 
+    Where FILE is a manifest (.csv, with the column path and, where they are known, label, subject
+    and facts), each of its recordings has a row: errors, volumes, ejection fraction, amplitudes.
+    """
     parameters = signature_parameters(options)
+    if source.suffix.lower() in (".csv", ".tsv"):
+        if frames:
+            raise click.UsageError("--frames is for one sequence, and not for a manifest.")
+        _write(_cohort(source, parameters, skip_unreadable, options).to_csv(), output)
+        return
     with Waiting(source) as waiting:
         with waiting.watch.stage("read"):
             sequence = read(source, **options)
@@ -58,11 +76,45 @@ def table(source: Path, output: Path | None, frames: bool, **options: Any) -> No
         with waiting.watch.stage("table"):
             made = _frames(signature, sequence) if frames else amplitude_table(signature)
             text = made.to_csv()
+    _write(text, output)
+
+
+def _write(text: str, output: Path | None) -> None:
+    from modalmotion.store import write_atomic
+
     if output is None:
         click.echo(text, nl=False)
     else:
         write_atomic(output, text.encode())
         list_written(output)
+
+
+def _cohort(
+    manifest: Path, parameters: SignatureParameters, skips: bool, stated: dict[str, Any]
+) -> Table:
+    """Tabulate the recordings of a manifest; those that are left out are named."""
+    files = labelled_files([manifest], skip_unreadable=skips, needs_label=False)
+    made = []
+    with click.progressbar(files, label="recordings", file=sys.stderr) as bar:
+        for file in bar:
+            try:
+                made.append(_recording(file, parameters, stated))
+            except ModalMotionError as error:
+                if not skips:
+                    raise named(error, str(file.path)) from error
+                click.echo(f"left out: {file.path}: {error}", err=True)
+    return cohort_table(made)
+
+
+def _recording(
+    file: LabelledFile, parameters: SignatureParameters, stated: dict[str, Any]
+) -> Recording:
+    sequence = read(file.path, is_one_of_many=True, facts=file.facts, unit=stated["unit"])
+    signature = modal_signature(sequence, parameters)
+    readouts: ClinicalReadouts | None = None
+    with contextlib.suppress(InputError):
+        readouts = clinical_readouts(signature, sequence)
+    return Recording(str(file.path), signature, readouts, file.subject, file.label or None)
 
 
 def _frames(signature: ModalSignature, sequence: MeshSequence) -> Table:

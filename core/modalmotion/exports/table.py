@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,13 @@ from numpy.typing import NDArray
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.strain import DIRECTIONS
 from modalmotion.clinical.ventricle import VentricleReadouts
+from modalmotion.clinical.volume_curve import Fraction
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.template.body_frame import Components
+
+# Of the columns of a value and its interval.
+_ENDS: Final = ("", "_low", "_high")
 
 
 @shown("names", "n_rows")
@@ -127,6 +132,94 @@ def frame_table(
         for name, strain in zip(DIRECTIONS, ventricle.strain.whole.T, strict=True):
             columns[f"{name}_strain_percent"] = strain
     return Table(columns)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording of a cohort, with what is known of it.
+
+    Parameters
+    ----------
+    name : str
+        Of its file, or its id.
+    signature : ModalSignature
+    readouts : ClinicalReadouts or None
+        None of a surface that encloses nothing.
+    subject, label : str or None
+    """
+
+    name: str
+    signature: ModalSignature
+    readouts: ClinicalReadouts | None = None
+    subject: str | None = None
+    label: str | None = None
+
+
+def cohort_table(recordings: Iterable[Recording]) -> Table:
+    """List a cohort: a row for each recording.
+
+    Parameters
+    ----------
+    recordings : iterable of Recording
+        They are gone through once.
+
+    Returns
+    -------
+    Table
+        recording, sequence_id, subject, label, surface, frames, modes, duration_s, unit; motion and
+        errors, in that unit; volumes, ml (NaN where the unit is unknown); the ejection fraction or
+        the volume change with its interval, percent; and for each mode and direction the RMS of its
+        amplitude over the frames. NaN where a recording has none.
+    """
+    rows = [_recording_row(one) for one in recordings]
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    # Amplitudes stand last, whichever recording has more of them.
+    names.sort(key=lambda name: name.startswith("rms "))
+    texts = {name for row in rows for name, value in row.items() if isinstance(value, str)}
+    return Table(
+        {
+            name: np.array([row.get(name, "" if name in texts else np.nan) for row in rows])
+            for name in names
+        }
+    )
+
+
+def _recording_row(one: Recording) -> dict[str, Any]:
+    signature = one.signature
+    times = signature.times
+    row: dict[str, Any] = {
+        "recording": one.name,
+        "sequence_id": signature.sequence_id,
+        "subject": one.subject or "",
+        "label": one.label or "",
+        "surface": signature.surface,
+        "frames": signature.n_frames,
+        "modes": len(signature.modes),
+        "duration_s": np.nan if times is None else float(times[-1] - times[0]),
+        "unit": signature.unit or "",
+        "motion_rms": float(np.sqrt(np.mean(np.square(signature.motion_rms)))),
+        "rms_error": signature.rms_error,
+        "weighted_rms_error": signature.weighted_rms_error,
+        "max_error": signature.max_error,
+        "end_diastolic_volume_ml": np.nan,
+        "end_systolic_volume_ml": np.nan,
+        **dict.fromkeys(
+            (f"{name.value}{end}_percent" for name in Fraction for end in _ENDS), np.nan
+        ),
+    }
+    if one.readouts is not None:
+        curve, share = one.readouts.curve, one.readouts.curve.share
+        if one.readouts.unit is not None:
+            row["end_diastolic_volume_ml"] = curve.end_diastolic_volume * one.readouts.millilitres
+            row["end_systolic_volume_ml"] = curve.end_systolic_volume * one.readouts.millilitres
+        if curve.fraction is not None and share is not None and curve.share_range is not None:
+            for end, value in zip(_ENDS, (share, *curve.share_range), strict=True):
+                row[f"{curve.fraction.value}{end}_percent"] = value
+    rms = np.sqrt(np.mean(np.square(signature.amplitudes), axis=0))
+    for label, values in zip(signature.modes.labels, rms, strict=True):
+        for direction, value in zip(direction_names(signature), values, strict=True):
+            row[f"rms {label} {direction}"] = float(value)
+    return row
 
 
 def direction_names(signature: ModalSignature) -> tuple[str, ...]:

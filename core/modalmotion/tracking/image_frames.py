@@ -29,6 +29,7 @@ from modalmotion.tracking.request import with_landmarks
 from modalmotion.tracking.settling import settle
 from modalmotion.tracking.start import start_shape
 from modalmotion.tracking.stated_start import begun
+from modalmotion.tracking.still_tip import held, tip_of
 
 Floats = NDArray[np.float64]
 
@@ -139,15 +140,21 @@ def frames_of_images(
     template = make_template(shape)
     surface = Deformable.of(template, modes)
     facets = Facets.of(template.faces, template.vertices, template.weights)
-    walked = _walk(surface, facets, images, marks, sight, reference, is_closed, done)
+    # Whoever states where the apex goes knows better.
+    is_still = sum("apex" in _places(frame) for frame in stated) < 2
+    still = replace(sight, tip=tip_of(template) if is_still else None)
+    marks = held(marks, template, reference)
+    walked = _walk(surface, facets, images, marks, still, reference, is_closed, done)
     shapes = np.stack([surface.positions(a) for a in walked])
     near = _NEXT[-1][1]
     views: list[View | None] = []
-    for own, x in zip(images.frames, shapes, strict=True):
-        views.append(None if own is None else view_of(own, facets, x, sight.within(near), near))
+    for k, (own, x) in enumerate(zip(images.frames, shapes, strict=True)):
+        look = (sight if k == reference else still).within(near)
+        views.append(None if own is None else view_of(own, facets, x, look, near))
         done()
     shares = np.array([0.0 if view is None else view.found for view in views])
     frames: list[Frame] = []
+    soft = held(soft, template, reference, stated)
     for view, share, between in zip(views, shares, soft, strict=True):
         is_seen = view is not None and share >= _LEAST_FOUND
         frames.append((view.observation(), *between) if view is not None and is_seen else ())

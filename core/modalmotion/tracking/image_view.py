@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,26 @@ class Facets:
 
 
 @dataclass(frozen=True, eq=False)
+class Tip:
+    """How far the tip of a cup may rise: its wall hardly moves along the axis, its blood may go.
+
+    Parameters
+    ----------
+    axis : (3,) float64
+        From apex to base.
+    highest : (vertices,) float64, mm
+        Along the axis: edges beyond are those of blood that has left the tip.
+    """
+
+    axis: Floats
+    highest: Floats
+
+    def are_below(self, places: Floats, feet: NDArray[np.int64], shares: Floats) -> Any:
+        """Whether edges at these places, seen from these feet, may be the wall's, (n,) bool."""
+        return places @ self.axis <= (shares * self.highest[feet]).sum(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
 class Sight:
     """How images are read, anchored at the reference.
 
@@ -89,6 +109,8 @@ class Sight:
         Of a shift along each axis of its plane, before the images.
     crossing : float
         See `find_edges`.
+    tip : Tip, optional
+        Of frames other than the reference.
     """
 
     levels: Levels
@@ -97,6 +119,7 @@ class Sight:
     shifts: Floats
     shift_sd: float = 2.0
     crossing: float = FAR_CROSSING
+    tip: Tip | None = None
 
     def within(self, reach: float) -> Sight:
         """Sight for edges up to `reach` mm away."""
@@ -183,6 +206,9 @@ def view_of(image: Image, facets: Facets, x: Floats, sight: Sight, reach: float)
     # Most of what an edge is judged by must be in the field of view.
     near = np.abs(view.offsets[None] - edges.offsets[:, None]) < 3.0
     seen = (np.isfinite(view.profiles) | ~near).all(axis=1)
+    if sight.tip is not None:
+        places = view.starts + edges.offsets[:, None] * view.directions
+        seen &= sight.tip.are_below(places, view.feet, view.shares)
     return replace(view, edges=edges._replace(is_found=edges.is_found & seen))
 
 

@@ -67,8 +67,9 @@ def main(file: Path | None, output: Path, stays: bool) -> None:
         page.write_bytes(html.content)
         _print_answers(signature_from_hdf5(image), readouts, answer)
         click.echo(f"page       {page} (open it in a browser: the surface moves)")
+        until = "Ctrl-C ends the service" if stays else "while it runs: make demo OPEN=1"
+        click.echo(f"look at    {base}/view/{sequence.id} ({until})")
         if stays:
-            click.echo(f"look at    {base}/view/{sequence.id} (Ctrl-C ends the service)")
             _wait()
     signature = signature_from_hdf5(image)
     path = output / "results" / file

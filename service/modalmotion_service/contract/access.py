@@ -60,9 +60,9 @@ def with_access(document: dict[str, Any]) -> dict[str, Any]:
                 if answer["description"] == "Successful Response":
                     answer["description"] = "The requested content."
                 content = answer.get("content", {})
-                if content and all(map(is_file, content)):
+                if any(map(is_file, content)) and not any(one.endswith("json") for one in content):
                     # What most generators of clients know a file by.
-                    content.setdefault(OCTETS, next(iter(content.values())))
+                    content.setdefault(OCTETS, content[next(filter(is_file, content))])
             scope = SCOPE_OF.get((method.upper(), path), Scope.ADMIN)
             if scope is None:
                 operation["security"] = []

@@ -13,10 +13,10 @@ from modalmotion.facts import facts_as_json
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_ids
 from modalmotion_service.http.json_bodies import JsonRoute
-from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, best_type
+from modalmotion_service.http.negotiation import CSV, HDF5, JSON, NPZ, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job, result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
-from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS, TEXT
 from modalmotion_service.routes.parts.signature_types import SIGNATURE_CONTENT, SIGNATURE_TYPES
 from modalmotion_service.routes.parts.temporary_file import temporary_file
 from modalmotion_service.schemas import (
@@ -119,7 +119,10 @@ async def reconstruction(
     "/signatures/query",
     response_class=Response,
     responses={
-        200: {"description": "All trajectories.", "content": {NPZ: BINARY, HDF5: BINARY}},
+        200: {
+            "description": "All trajectories.",
+            "content": {NPZ: BINARY, HDF5: BINARY, CSV: TEXT},
+        },
         **ACCEPTED,
     },
 )
@@ -128,10 +131,14 @@ async def signatures(
     http_request: Request,
     state: StateDependency,
     preference: PreferenceDependency,
-    accept: Annotated[str, Header(description=f"{NPZ} or {HDF5}.")] = NPZ,
+    accept: Annotated[str, Header(description=f"{NPZ}, {HDF5} or {CSV}.")] = NPZ,
 ) -> Response:
-    """Give the signatures of many sequences in one file, in the order of their ids."""
-    media_type = best_type(accept, (NPZ, HDF5))
+    """Give the signatures of many sequences in one file, in the order of their ids.
+
+    As a table (CSV) each sequence has a row: errors, volumes, ejection fraction, the RMS of each
+    amplitude.
+    """
+    media_type = best_type(accept, (NPZ, HDF5, CSV))
     most = state.settings.max_query_ids
     if len(query.ids) > most:
         raise LimitError(
@@ -143,10 +150,10 @@ async def signatures(
     note_ids(http_request, query.ids)
     for sequence_id in query.ids:
         state.store.sequence_record(sequence_id)
-    job_request = {**query.model_dump(mode="json"), "as_hdf5": media_type == HDF5}
-    work = state.analysis.pack(query.ids, query.parameters(), media_type == HDF5)
+    job_request = {**query.model_dump(mode="json"), "media_type": media_type}
+    work = state.analysis.pack(query.ids, query.parameters(), media_type)
     result = await result_or_job(state, preference, "signatures", job_request, work)
     if isinstance(result, Response):
         return result
-    name = "signatures.h5" if media_type == HDF5 else "signatures.npz"
-    return temporary_file(result, media_type, filename=name)
+    suffix = {HDF5: "h5", NPZ: "npz", CSV: "csv"}[media_type]
+    return temporary_file(result, media_type, filename=f"signatures.{suffix}")

@@ -191,6 +191,12 @@ def _packing(args: Sequence[Any]) -> float:
     return _reading(args) + _PACKED * len(args[0])
 
 
+def _tabulating(args: Sequence[Any]) -> float:
+    signed, _records, kept, *_ = args
+    read = sum(_read_out((v, s, None, None)) for s, v in zip(signed, kept, strict=True) if v)
+    return _packing(args) + read
+
+
 def _recording(one: KeptRecording) -> float:
     return _PACKED + _read_out((one.vertices, one.signature, None, None))
 
@@ -215,6 +221,7 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     signatures.compare_signatures: _reading,
     signatures.pack_npz: _packing,
     signatures.pack_hdf5: _packing,
+    signatures.tabulate: _tabulating,
     templates.make_template: _signature,
     templates.describe_template: _reading,
     templates.draw_template: _picture,

@@ -19,6 +19,7 @@ from modalmotion.stopwatch import StageReport
 from modalmotion.store import ResultStore, SequenceRecord
 from modalmotion.template.body_frame import Components
 from modalmotion_service.errors import ConflictError
+from modalmotion_service.http.negotiation import CSV, HDF5
 from modalmotion_service.http.timing import add_milliseconds, stage
 from modalmotion_service.schemas import (
     EncodedAnswer,
@@ -459,10 +460,10 @@ class Analysis:
         self,
         sequence_ids: list[str],
         parameters: SignatureParameters,
-        as_hdf5: bool,
+        media_type: str,
         report: StageReport = unheard,
     ) -> Path:
-        """Pack many signatures into one file, which the caller removes."""
+        """Pack many signatures into one file, or a table, which the caller removes."""
         paths = []
         whole = len(sequence_ids) + 1
         for done, sequence_id in enumerate(sequence_ids):
@@ -474,9 +475,18 @@ class Analysis:
             report((done + 1) / whole, f"signature {done + 1} of {whole - 1}")
         records = [self._store.sequence_record(sequence_id) for sequence_id in sequence_ids]
         with self._output() as output:
-            task = signatures.pack_hdf5 if as_hdf5 else signatures.pack_npz
-            await self.work(task, paths, records, output)
+            if media_type == CSV:
+                kept = await asyncio.to_thread(self._kept_vertices, records)
+                template = self._template_path(parameters)
+                await self.work(signatures.tabulate, paths, records, kept, template, output)
+            else:
+                task = signatures.pack_hdf5 if media_type == HDF5 else signatures.pack_npz
+                await self.work(task, paths, records, output)
         return output
+
+    def _kept_vertices(self, records: list[SequenceRecord]) -> list[Path | None]:
+        """Files of the vertices of sequences, where they are kept."""
+        return [self._store.sequence_path(r.id) if r.has_upload else None for r in records]
 
     def within_store(self, path: Path) -> str:
         """Path of a result within the data folder."""

@@ -11,7 +11,7 @@ from modalmotion.classification import TrainingOptions
 from modalmotion.errors import LostFileError
 from modalmotion.facts import Facts, facts_from_json
 from modalmotion.formats import ReadOptions
-from modalmotion_service.http.negotiation import HDF5, NPZ, ZIP
+from modalmotion_service.http.negotiation import ZIP
 from modalmotion_service.schemas import (
     ManySignatures,
     SignatureQuery,
@@ -77,9 +77,9 @@ def make_runner(
         return {"link": f"{link}?{urlencode(parameters)}" if parameters else link}
 
     async def signatures(request: Any, report: Report) -> Any:
-        query = ManySignatures(**{n: v for n, v in request.items() if n != "as_hdf5"})
-        path = await analysis.pack(query.ids, query.parameters(), request["as_hdf5"], report)
-        return {"file": path.name, "media_type": HDF5 if request["as_hdf5"] else NPZ}
+        query = ManySignatures(**{n: v for n, v in request.items() if n != "media_type"})
+        path = await analysis.pack(query.ids, query.parameters(), request["media_type"], report)
+        return {"file": path.name, "media_type": request["media_type"]}
 
     async def template(request: Any, _: Report) -> Any:
         query = TemplateQuery(**request["query"])

@@ -155,3 +155,22 @@ def test_commands_of_the_service_are_found() -> None:
     assert {"classify", "reconstruct", "serve", "signature", "simulate", "store"} <= set(
         run.output.split()
     )
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("modalmotion sig", "plain,signature"),
+        ("modalmotion signature --tolerance-s", "plain,--tolerance-share"),
+        ("modalmotion signature beat.npz --plot be", "file,be"),
+    ],
+)
+def test_the_shell_completes_commands_options_and_files(
+    words: str, expected: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("_MODALMOTION_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    with pytest.raises(SystemExit):
+        main(prog_name="modalmotion")
+    assert expected in capsys.readouterr().out.splitlines()

@@ -49,3 +49,26 @@ def test_frames_hold_volume_and_segments_where_there_are_any(beat: Path, tmp_pat
     assert run.exit_code == 0, run.output
     assert "volume" not in run.stdout
     assert "encloses nothing" in run.stderr
+
+
+def test_a_manifest_is_a_table_with_a_row_for_each_recording(beat: Path, tmp_path: Path) -> None:
+    lines = ["path,label,subject", "beat.npz,weak,P 1"]
+    manifest = tmp_path / "cohort.csv"
+    manifest.write_text("\n".join(lines))
+    run = CliRunner().invoke(main, ["table", str(manifest), "--modes", "4"])
+    assert run.exit_code == 0, run.output
+    (row,) = csv.DictReader(io.StringIO(run.stdout))
+    assert (row["label"], row["subject"]) == ("weak", "P 1")
+    assert row["modes"] == "4"
+    assert float(row["ejection_fraction_percent"]) > 0
+    # One that cannot be read ends it by its name, or is left out and named.
+    (tmp_path / "broken.npz").write_bytes(b"nothing")
+    manifest.write_text("\n".join([*lines, "broken.npz,weak,P 2"]))
+    run = CliRunner().invoke(main, ["table", str(manifest)])
+    assert run.exit_code == 1
+    assert "broken.npz" in run.output
+    run = CliRunner().invoke(main, ["table", str(manifest), "--skip-unreadable"])
+    assert run.exit_code == 0, run.output
+    assert "left out" in run.stderr
+    assert len(list(csv.DictReader(io.StringIO(run.stdout)))) == 1
+    assert CliRunner().invoke(main, ["table", str(manifest), "--frames"]).exit_code == 2

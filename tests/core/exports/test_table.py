@@ -12,7 +12,13 @@ from viewed_surfaces import viewed
 
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.ventricle import ventricle_readouts
-from modalmotion.exports.table import Table, amplitude_table, frame_table
+from modalmotion.exports.table import (
+    Recording,
+    Table,
+    amplitude_table,
+    cohort_table,
+    frame_table,
+)
 from modalmotion.facts import Facts
 
 
@@ -69,3 +75,31 @@ def test_what_is_missing_is_empty_and_texts_are_quoted() -> None:
     table = Table({"a": np.array([1.0, np.nan]), "b": np.array(['x, "y"', "z"])})
     assert table.to_csv() == 'a,b\r\n1.0,"x, ""y"""\r\n,z\r\n'
     assert repr(table) == "Table(names=('a', 'b'), n_rows=2)"
+
+
+def test_each_recording_of_a_cohort_has_a_row() -> None:
+    sequence, signature = viewed("cup")
+    _, other = viewed("offset")
+    readouts = clinical_readouts(signature, sequence)
+    table = cohort_table(
+        [Recording("a.npz", signature, readouts, "P 1", "weak"), Recording("b", other)]
+    )
+    rows = list(csv.DictReader(io.StringIO(table.to_csv())))
+    assert [row["recording"] for row in rows] == ["a.npz", "b"]
+    one, two = rows
+    assert (one["subject"], one["label"], one["sequence_id"]) == ("P 1", "weak", sequence.id)
+    assert float(one["rms_error"]) == signature.rms_error
+    curve = readouts.curve
+    share = float(one["ejection_fraction_percent"])
+    assert share == curve.ejection_fraction
+    assert float(one["ejection_fraction_low_percent"]) <= share
+    assert share <= float(one["ejection_fraction_high_percent"])
+    volume = curve.end_diastolic_volume * readouts.millilitres
+    assert float(one["end_diastolic_volume_ml"]) == volume
+    label = signature.modes.labels[1]
+    expected = np.sqrt(np.mean(signature.amplitudes[:, 1, 2] ** 2))
+    assert float(one[f"rms {label} z"]) == pytest.approx(expected, rel=1e-15)
+    # What a recording has not is empty: volumes that were not read, directions of another kind.
+    assert two["ejection_fraction_percent"] == two["subject"] == two[f"rms {label} z"] == ""
+    assert two[f"rms {label} normal"] != ""
+    assert cohort_table([]).to_csv() == "\r\n"

@@ -22,6 +22,7 @@ def test_a_file_goes_through_a_service_of_its_own(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 0, result.output
     assert "6 frames of 128 vertices" in result.output
+    assert f"/view/{sequence.id}" in result.output
     assert sequence.id[:12] in result.output
     assert "the same amplitudes over HTTP: yes" in result.output
     assert list((tmp_path / "out").glob("*.png"))

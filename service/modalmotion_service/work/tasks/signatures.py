@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 from dataclasses import replace
 from pathlib import Path
@@ -9,8 +10,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from modalmotion.clinical import clinical_readouts
+from modalmotion.errors import InputError
 from modalmotion.exports.signature_pack import write_pack
-from modalmotion.exports.table import amplitude_table
+from modalmotion.exports.table import Recording, amplitude_table, cohort_table
 from modalmotion.facts import Facts
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence
@@ -136,6 +139,30 @@ def pack_hdf5(signatures: list[Path], records: list[SequenceRecord], output: Pat
     loaded = map(signature_from_hdf5, signatures)
     with whole_file(output) as temporary:
         write_pack(temporary, zip(loaded, records, strict=True))
+
+
+def tabulate(
+    signatures: list[Path],
+    records: list[SequenceRecord],
+    sequences: list[Path | None],
+    template: Path | None,
+    output: Path,
+) -> None:
+    """Write a table of many signatures, with what the volumes of their surfaces tell.
+
+    Of a sequence whose vertices are not kept no volume is told.
+    """
+    rows, used = [], named_template(template)
+    for path, record, sequence in zip(signatures, records, sequences, strict=True):
+        signature = replace(signature_from_hdf5(path), facts=record.facts)
+        readouts = None
+        if sequence is not None:
+            with contextlib.suppress(InputError):
+                stated = sequence_from_hdf5(sequence).with_facts(record.facts)
+                readouts = clinical_readouts(signature, stated, template=used)
+        rows.append(Recording(record.id, signature, readouts, record.subject, record.label))
+    with whole_file(output) as temporary:
+        temporary.write_bytes(cohort_table(rows).to_csv().encode())
 
 
 def _as_json(signature: ModalSignature) -> bytes:
