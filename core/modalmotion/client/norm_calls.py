@@ -49,8 +49,7 @@ class NormCalls(Calls):
         RemoteError
             If no norm can be made of them.
         """
-        listed = [one if isinstance(one, str) else dict(one) for one in controls]
-        body = json_body({"name": name, "sequences": listed, **plain(options)})
+        body = json_body({"name": name, "sequences": _listed(controls), **plain(options)})
         return self._awaited(Call("POST", "/v1/norms", body=body, is_keyed=True), _object, progress)
 
     def norms(self) -> list[str]:
@@ -96,6 +95,32 @@ class NormCalls(Calls):
         query: dict[str, Option] = {"norm": norm, "level": level}
         path = sequence_path(sequence_id, "deviations")
         return self._awaited(Call("POST", path, query, is_repeatable=True), _object)
+
+    def cohort_deviation(
+        self, sequences: Iterable[Case], norm: str, *, level: float = 0.05
+    ) -> dict[str, Any]:
+        """Tell how far stored sequences lie from the controls of a norm, each and together.
+
+        Parameters
+        ----------
+        sequences : iterable of str or mapping
+            As for `make_norm`, at least five that are no controls.
+        norm : str
+        level : float
+            Of each, and of the warning.
+
+        Returns
+        -------
+        dict
+            The members of `modalmotion.norm.CohortDeviation`.
+        """
+        body = json_body({"sequences": _listed(sequences), "level": level})
+        call = Call("POST", f"{_path(norm)}/deviations", body=body, is_repeatable=True)
+        return self._awaited(call, _object)
+
+
+def _listed(cases: Iterable[Case]) -> list[str | dict[str, Any]]:
+    return [one if isinstance(one, str) else dict(one) for one in cases]
 
 
 def _path(name: str) -> str:

@@ -89,6 +89,7 @@ SCOPE_OF: Final[dict[tuple[str, str], Scope | None]] = {
     ("GET", "/v1/norms"): Scope.READ,
     ("GET", "/v1/norms/{name}"): Scope.READ,
     ("DELETE", "/v1/norms/{name}"): Scope.TRAIN,
+    ("POST", "/v1/norms/{name}/deviations"): Scope.READ,
     ("POST", "/v1/sequences/{sequence_id}/deviations"): Scope.READ,
     ("GET", "/v1/jobs"): Scope.READ,
     ("GET", "/v1/jobs/{job_id}"): Scope.READ,

@@ -43,6 +43,7 @@ _TRAINING: Final = "/v1/models"
 _MANY: Final = (
     "/v1/signatures/query",
     "/v1/norms",
+    "/v1/norms/{name}/deviations",
     "/v1/models/comparisons",
     "/v1/models/{name}/versions/{version}/evaluations",
 )

@@ -18,6 +18,8 @@ from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempot
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS
 from modalmotion_service.schemas import ModelName, SequenceId
 from modalmotion_service.schemas.norms import (
+    CohortDeviationAnswer,
+    CohortRequest,
     DeviationAnswer,
     DeviationQuery,
     NormAnswer,
@@ -94,6 +96,27 @@ async def describe(
 async def delete(name: ModelName, state: StateDependency) -> None:
     """Delete a norm; its name is free again."""
     await asyncio.to_thread(state.store.delete_norm, name)
+
+
+@router.post("/norms/{name}/deviations", response_model=CohortDeviationAnswer, responses=ACCEPTED)
+async def cohort(
+    name: ModelName,
+    query: CohortRequest,
+    http_request: Request,
+    state: StateDependency,
+    preference: PreferenceDependency,
+) -> Response:
+    """Compare stored sequences with a norm, each and together.
+
+    Together they tell whether another machine, protocol or group of people stands behind them
+    than behind the controls; then single p-values speak of that, and not of a person.
+    """
+    await asyncio.to_thread(state.store.norm_path, name)
+    most = state.settings.max_query_ids
+    cases = await asyncio.to_thread(find_cases, state.store, query.cases, most, "query_ids")
+    note_ids(http_request, [case.id for case in cases])
+    body = {"norm": name, "cases": cases_as_json(cases), "level": query.level}
+    return await reply_or_job(state, preference, "cohort-deviation", body)
 
 
 @router.post(

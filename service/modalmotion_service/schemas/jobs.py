@@ -26,8 +26,8 @@ class JobAnswer(BaseModel):
         description="upload, signature, signatures, template, images, track, tracked-report, "
         "classification, training, norm, or the answer that it makes: sent-signature, "
         "sent-classification, sent-encoding, decoding, encoding, tradeoff, signature-view, "
-        "distance, readouts, deviation, report, reconstruction, template-modes, template-view, "
-        "model-view, track-view."
+        "distance, readouts, deviation, cohort-deviation, report, reconstruction, "
+        "template-modes, template-view, model-view, track-view."
     )
     state: JobState
     progress: float = Field(description="Share that is done, 0 to 1.")

@@ -143,3 +143,40 @@ class DeviationAnswer(BaseModel):
     covariates: list[str] = Field(description="Those that are accounted for.")
     warnings: list[str] = Field(description="In what it was not recorded like the controls.")
     notes: list[str]
+
+
+class CohortRequest(JsonBody):
+    """Recordings to compare with a norm, each and together."""
+
+    model_config = ConfigDict(
+        extra="forbid", json_schema_extra={"examples": [{"sequences": ["0" * 64] * 5}]}
+    )
+
+    sequences: Annotated[list[SequenceId | LabelledSequence], FailFast()] = Field(
+        description="Ids, at least five that are no controls; subject and covariates as for a norm."
+    )
+    level: float = Field(0.05, gt=0, le=0.5, description="Of each, and of the warning.")
+
+    @property
+    def cases(self) -> list[LabelledSequence]:
+        """All sequences in the longer form."""
+        return in_the_longer_form(self.sequences)
+
+
+class CohortDeviationAnswer(BaseModel):
+    """Recordings beside controls, each and together."""
+
+    norm: str
+    norm_id: str
+    n_controls: int
+    n_recordings: int
+    level: float
+    p: float = Field(
+        description="That exchanging controls and recordings sets them as far apart, by chance."
+    )
+    is_another: bool = Field(
+        description="Whether another machine, protocol or group of people stands behind: then "
+        "single p-values speak of the cohort."
+    )
+    warning: str | None = Field(description="The same in words.")
+    deviations: list[DeviationAnswer] = Field(description="In the order of the request.")

@@ -59,6 +59,8 @@ _DICOM: Final = 3.0
 # scikit-learn is imported.
 _TABLE: Final = 3.0
 _MODE: Final = 1e-8
+# Two thousand exchanges of controls and recordings.
+_COMPARED_COHORT: Final = 2.0
 # s for a case whose answer is measured, and compared in thousands of resamples.
 _CASE: Final = 1e-3
 _COMPARED: Final = 1e-2
@@ -249,6 +251,7 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     tracks.draw_track: _picture,
     tracks.draw_overlay: lambda args: _picture(args) + _IMAGES * _bytes(args),
     norms.make_norm: lambda args: _PICTURE + sum(map(_recording, args[0])),
+    norms.ask_norm_together: lambda args: _COMPARED_COHORT + sum(map(_recording, args[0])),
     norms.ask_norm: lambda args: _reading(args[1:]) + _recording(args[0]),
     features.tabulate: lambda args: _TABLE + _packing(args),
 }

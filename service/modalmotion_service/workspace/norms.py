@@ -145,6 +145,43 @@ class Norms:
             answer, _ = await compared(imposed)
         return answer
 
+    async def together(
+        self, cases: Sequence[Case], name: str, level: float, report: StageReport = unheard
+    ) -> bytes:
+        """Compare stored sequences with a norm, each and together; gives JSON.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such norm or sequence.
+        ModalMotionError
+            If one does not compare, or there are too few.
+        """
+        norm = await asyncio.to_thread(self._store.norm, name)
+        path = self._store.norm_path(name)
+        parameters: SignatureParameters = norm.readable.parameters
+        facts = [self._facts(case) for case in cases]
+        recordings = [
+            await self._fitted(case, own, parameters, _part_of(report, number, len(cases)))
+            for number, (case, own) in enumerate(zip(cases, facts, strict=True))
+        ]
+        stated = [self._store.sequence_record(case.id).topology for case in cases]
+        answer, imposed = await self._analysis.work(
+            norms.ask_norm_together, recordings, path, level, stated
+        )
+        if imposed:
+            for number, topology in imposed.items():
+                with contextlib.suppress(TopologyError):
+                    wanted = replace(parameters, topology=topology)
+                    recordings[number] = await self._fitted(
+                        cases[number], facts[number], wanted, unheard
+                    )
+                stated[number] = topology
+            answer, _ = await self._analysis.work(
+                norms.ask_norm_together, recordings, path, level, stated
+            )
+        return answer
+
     def _facts(self, case: Case) -> Facts:
         return replace(self._store.sequence_record(case.id).facts, covariates=case.covariates)
 

@@ -248,6 +248,11 @@ def make_replies(
         query = query_of(request, DeviationQuery)
         return Reply(await norms.deviation(request["sequence_id"], query.norm, query.level), JSON)
 
+    async def cohort_deviation(request: Request, report: Report) -> Reply:
+        cases = cases_from_json(request["cases"])
+        body = await norms.together(cases, request["norm"], request["level"], report)
+        return Reply(body, JSON)
+
     async def held_out(request: Request, _: Report) -> Reply:
         model = await asyncio.to_thread(models.choose, request["model"])
         name = f"{model.name}-{model.version}.csv"
@@ -292,6 +297,7 @@ def make_replies(
         "evaluation": evaluation,
         "comparison": comparison,
         "deviation": deviation,
+        "cohort-deviation": cohort_deviation,
         "held-out": held_out,
     }
     return Replies(makers, spool)

@@ -33,6 +33,7 @@ _CASES = [{"id": "0" * 64, "label": label} for label in ("normal", "weak")]
 NEEDS_BODY = {
     ("PATCH", "/v1/sequences/{sequence_id}"): {"label": "mine"},
     ("POST", "/v1/models/{name}/versions/{version}/evaluations"): {"sequences": _CASES},
+    ("POST", "/v1/norms/{name}/deviations"): {"sequences": _CASES},
 }
 
 

@@ -129,6 +129,9 @@ def strategies(operation: Any, service: Service) -> list[st.SearchStrategy[Any]]
         if operation.path.endswith("comparisons"):
             wanted["models"] = ["kept", service.ids["model_name"]]
         more.update(body=wanted, media_type="application/json")
+    elif operation.label == "POST /v1/norms/{name}/deviations":
+        ids = [service.ids[f"sequence_{n}"] for n in range(6)]
+        more.update(body={"sequences": ids, "level": 0.1}, media_type="application/json")
     elif operation.label == "POST /v1/norms":
         ids = [service.ids[f"sequence_{n}"] for n in range(6)]
         more.update(body={"name": "made", "sequences": ids}, media_type="application/json")

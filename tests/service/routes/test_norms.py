@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ import modalmotion as mm
 from modalmotion.client import Client, RemoteError
 from modalmotion.facts import Facts
 from modalmotion.formats import write_npz
-from modalmotion.norm import norm_from_hdf5, train_norm
+from modalmotion.norm import cohort_deviation, norm_from_hdf5, train_norm
 from modalmotion.norm.controls import Control
 from modalmotion.simulate import MotionClass
 
@@ -85,6 +86,21 @@ def test_a_kept_sequence_is_compared_as_the_library_compares_it(kept: Kept) -> N
     control = f"/v1/sequences/{kept.ids[0]}/deviations"
     its_own = kept.client.post(control, params={"norm": "volunteers", "level": 0.1}).json()
     assert its_own["n_controls"] == N_CONTROLS - 1
+
+
+def test_recordings_are_compared_together_and_another_cohort_is_warned_of(kept: Kept) -> None:
+    others = [beat(200 + k, noise=2.0) for k in range(5)]
+    ids = [sent(kept.client, one) for one in others]
+    with Client("http://testserver", transport=kept.client._transport) as remote:
+        answer = remote.cohort_deviation(ids, "volunteers", level=0.1)
+    file = kept.client.get("/v1/norms/volunteers", headers={"Accept": "application/x-hdf5"})
+    own = cohort_deviation(norm_from_hdf5(file.content), others, level=0.1)
+    assert answer == json.loads(json.dumps(own.as_json()))
+    here = "/v1/norms/volunteers/deviations"
+    few = kept.client.post(here, json={"sequences": ids[:4], "level": 0.1})
+    assert few.status_code == 422
+    assert few.json()["remedy"]
+    assert kept.client.post("/v1/norms/few/deviations", json={"sequences": ids}).status_code == 404
 
 
 def test_what_cannot_be_a_norm_is_refused_at_once(kept: Kept) -> None:

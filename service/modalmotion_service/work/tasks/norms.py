@@ -9,11 +9,17 @@ from pathlib import Path
 from modalmotion.classification.training.cases import case_name
 from modalmotion.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.norm import norm_from_hdf5, norm_to_hdf5, train_norm
-from modalmotion.norm.controls import Control
+from modalmotion.norm import (
+    Norm,
+    cohort_deviation,
+    norm_from_hdf5,
+    norm_to_hdf5,
+    train_norm,
+)
+from modalmotion.norm.controls import Control, Reading
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store import sequence_from_hdf5, signature_from_hdf5
-from modalmotion_service.schemas.norms import DeviationAnswer
+from modalmotion_service.schemas.norms import CohortDeviationAnswer, DeviationAnswer
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import write_whole
 
@@ -96,15 +102,50 @@ def ask_norm(
     bytes, str or None
         Without an answer the topology in which the norm would rather have the signature.
     """
-    controls, signature = norm_from_hdf5(norm), recording.read_signature()
+    controls = norm_from_hdf5(norm)
+    own, imposed = _read(recording, controls, stated)
+    if own is None:
+        return b"", imposed
+    answer = DeviationAnswer(**controls.deviation(own, level=level).as_json())
+    return answer.model_dump_json().encode(), None
+
+
+def ask_norm_together(
+    recordings: Sequence[KeptRecording], norm: Path, level: float, stated: Sequence[str | None]
+) -> tuple[bytes, dict[int, str]]:
+    """Compare kept sequences with a norm, each and together; gives the answer as JSON.
+
+    Returns
+    -------
+    bytes, dict of int to str
+        Without an answer the topologies in which the norm would rather have some, by number.
+    """
+    controls = norm_from_hdf5(norm)
+    readings, imposed = [], {}
+    for number, (one, topology) in enumerate(zip(recordings, stated, strict=True)):
+        own, wanted = _read(one, controls, topology)
+        if own is not None:
+            readings.append(own)
+        elif wanted is not None:
+            imposed[number] = wanted
+    if imposed:
+        return b"", imposed
+    together = cohort_deviation(controls, readings, level=level)
+    return CohortDeviationAnswer(**together.as_json()).model_dump_json().encode(), {}
+
+
+def _read(
+    recording: KeptRecording, controls: Norm, stated: str | None
+) -> tuple[Reading | None, str | None]:
+    """Read a recording as the controls are; or give the topology in which they rather have it."""
+    signature = recording.read_signature()
     imposed = controls.readable.imposed_on(signature.surface, stated)
     if imposed is not None and imposed.topology is not None:
-        return b"", imposed.topology
+        return None, str(imposed.topology)
     own = controls.read(
         signature,
         subject=recording.subject,
         name=case_name(recording.sequence_id),
         sequence=recording.read_sequence(),
     )
-    answer = DeviationAnswer(**controls.deviation(own, level=level).as_json())
-    return answer.model_dump_json().encode(), None
+    return own, None
