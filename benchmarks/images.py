@@ -223,7 +223,8 @@ def real() -> Table:
     volumes = np.zeros(len(true)) if result.volumes is None else result.volumes
     r = float(np.corrcoef(volumes, true)[0, 1])
     table.add_at_least(r, 0.98, "r of volumes", f"{r:.3f}")
-    reference = float(100.0 * (1.0 - true.min() / true.max()))
+    # Frame 0 is where its contours have end diastole.
+    reference = float(100.0 * (1.0 - true.min() / true[0]))
     for name, value in result.ejection_fractions.items():
         if name == "pool":
             gap = abs(value - reference)
