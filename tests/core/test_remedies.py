@@ -569,6 +569,7 @@ ELSEWHERE = {
     "To go on without such files use --skip-unreadable": "tests/core/cli/test_model_commands.py",
     "Write --landmarks apex=1,2,3": "tests/core/cli/test_track_command.py",
     "Leave --label out": "tests/core/cli/test_track_command.py",
+    "Name a .png, or track images with --picture data": "tests/core/cli/test_track_command.py",
     "Name another owner of FOLDER: --owner": "tests/core/cli/test_store_commands.py",
     "Ask for less at once, or allow more as `most_bytes`": "tests/core/client",
     "Change it with `update_sequence`": "tests/core/store",

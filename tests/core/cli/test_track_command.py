@@ -150,3 +150,4 @@ def test_a_moving_picture_needs_images(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["track", *words])
     assert result.exit_code == 1
     assert "Name a .png" in result.output
+    assert CliRunner().invoke(main, ["track", *words[:-1], str(tmp_path / "b.png")]).exit_code == 0

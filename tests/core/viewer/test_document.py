@@ -31,8 +31,9 @@ def test_its_code_runs() -> None:
 def test_its_commands_run(tmp_path: Path) -> None:
     simulate = ["simulate", "-o", str(tmp_path / "beat.npz"), "--frames", "5"]
     assert CliRunner().invoke(main, simulate).exit_code == 0
+    (tmp_path / "cohort.csv").write_text("path\nbeat.npz\n")
     lines = [line for block in blocks("sh") for line in block.splitlines()]
-    assert len(lines) == 4
+    assert len(lines) == 5
     for line in lines:
         arguments = [str(tmp_path / a) if "." in a else a for a in line.split()[1:]]
         run = CliRunner().invoke(main, arguments)
