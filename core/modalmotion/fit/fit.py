@@ -16,7 +16,7 @@ from modalmotion.alignment.reference_shape import ReferenceShape
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.errors import ModeCountError
 from modalmotion.fit.basis import Basis, factored
-from modalmotion.fit.frame_errors import FrameErrors, errors_of
+from modalmotion.fit.frame_errors import FrameErrors, errors_of, rms_of
 from modalmotion.numeric.products import product, tile
 from modalmotion.numeric.scale import lengths
 from modalmotion.representation import shown
@@ -215,38 +215,34 @@ class _Products:
         amplitudes = np.ascontiguousarray(a.transpose(0, 2, 1)) * shape.scale
         loose = block.loose.displacements(rotations, drifts * shape.scale)
         still = np.ascontiguousarray(model[:, :, m:])
-        motion = self._errors(rows, still, m, loose)
+        motion_rms, weighted_motion_rms = rms_of(*self._squares(rows, still, m), lengths(loose))
         if self.frames is not None:
             loose = np.einsum("nij,fnj->fni", self.frames[block.loose.vertices], loose)
         loose -= self.basis.shapes[block.loose.vertices] @ amplitudes
-        errors = self._errors(rows, model, 0, loose)
+        errors = errors_of(*self._squares(rows, model, 0), lengths(loose))
         return Fit(
             amplitudes=amplitudes,
             rotations=rotations,
             translations=drifts * shape.scale,
             errors=errors,
-            motion_rms=motion.rms,
-            weighted_motion_rms=motion.weighted_rms,
+            motion_rms=motion_rms,
+            weighted_motion_rms=weighted_motion_rms,
             conditions=np.full(f, self.basis.condition),
             coverages=np.full(f, shape.coverage),
             reference_amplitudes=np.ascontiguousarray(self.of_rest.T) * shape.scale,
         )
 
-    def _errors(
-        self,
-        rows: NDArray[np.float64],
-        model: NDArray[np.float64],
-        first: int,
-        loose: NDArray[np.float64],
-    ) -> FrameErrors:
-        """Errors of a model by the shapes from the first on, and those of loose vertices."""
+    def _squares(
+        self, rows: NDArray[np.float64], model: NDArray[np.float64], first: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Squares of distances from a model by the shapes from the first on; weights; scale."""
         coefficients = model.reshape(len(rows), -1)
         squares = _squared_distances(rows, coefficients, self.rows[first:], model.shape[1])
         weights = self.shape.weights
         if len(self.shape.ignored):
             squares = np.delete(squares, self.shape.ignored, axis=1)
             weights = np.delete(weights, self.shape.ignored)
-        return errors_of(squares, weights, self.shape.scale, lengths(loose))
+        return squares, weights, self.shape.scale
 
 
 def _factored_part(basis: Basis, block: PositionBlock) -> Basis:

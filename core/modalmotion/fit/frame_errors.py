@@ -69,18 +69,45 @@ def errors_of(
     loose : (frames, n) float64, length unit, optional
         Distances of the vertices in no triangle, which may be of any size.
     """
-    # einsum adds in one order on any number of threads.
-    weighted = scale * np.sqrt(np.einsum("fn,n->f", squares, weights))
+    weighted = _weighted_rms(squares, weights, scale)
     largest = scale * np.sqrt(squares.max(axis=1))
     if loose is None or not loose.shape[1]:
         rms = scale * np.sqrt(squares.mean(axis=1))
         p95 = scale * np.sqrt(exceeded_by_a_twentieth(squares))
         return FrameErrors(rms, weighted, p95, largest, largest)
     distances = np.concatenate([scale * np.sqrt(squares), loose], axis=1)
+    rms, most = _plain_rms(distances)
+    return FrameErrors(rms, weighted, exceeded_by_a_twentieth(distances), most, largest)
+
+
+def rms_of(
+    squares: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    scale: float,
+    loose: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Take the plain and the weighted RMS alone from distances; parameters as of `errors_of`."""
+    weighted = _weighted_rms(squares, weights, scale)
+    if not loose.shape[1]:
+        return scale * np.sqrt(squares.mean(axis=1)), weighted
+    return _plain_rms(np.concatenate([scale * np.sqrt(squares), loose], axis=1))[0], weighted
+
+
+def _weighted_rms(
+    squares: NDArray[np.float64], weights: NDArray[np.float64], scale: float
+) -> NDArray[np.float64]:
+    # einsum adds in one order on any number of threads.
+    weighted: NDArray[np.float64] = scale * np.sqrt(np.einsum("fn,n->f", squares, weights))
+    return weighted
+
+
+def _plain_rms(
+    distances: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Root of the mean square of distances of any size, and the largest of them."""
     most = distances.max(axis=1)
     shares = distances / np.where(most > 0, most, 1.0)[:, None]
-    rms = most * np.sqrt((shares**2).mean(axis=1))
-    return FrameErrors(rms, weighted, exceeded_by_a_twentieth(distances), most, largest)
+    return most * np.sqrt((shares**2).mean(axis=1)), most
 
 
 def errors_of_offsets(offsets: NDArray[np.float64], template: Template) -> FrameErrors:
