@@ -28,7 +28,7 @@ from modalmotion.cli.options import (
 from modalmotion.cli.waiting import Waiting
 from modalmotion.clinical import ClinicalReadouts, clinical_readouts
 from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
-from modalmotion.errors import InputError, ModalMotionError
+from modalmotion.errors import InputError, ModalMotionError, ParameterError
 from modalmotion.exports.table import Recording, Table, amplitude_table, cohort_table, frame_table
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
@@ -103,13 +103,18 @@ def _cohort(
                 if not skips:
                     raise named(error, str(file.path)) from error
                 click.echo(f"left out: {file.path}: {error}", err=True)
+    if not made:
+        raise ParameterError(
+            f"No recording of '{manifest}' can be tabulated.",
+            remedy="Name files that can be read in its column path.",
+        )
     return cohort_table(made)
 
 
 def _recording(
     file: LabelledFile, parameters: SignatureParameters, stated: dict[str, Any]
 ) -> Recording:
-    sequence = read(file.path, is_one_of_many=True, facts=file.facts, unit=stated["unit"])
+    sequence = read(file.path, is_one_of_many=True, facts=file.facts, **stated)
     signature = modal_signature(sequence, parameters)
     readouts: ClinicalReadouts | None = None
     with contextlib.suppress(InputError):

@@ -72,3 +72,14 @@ def test_a_manifest_is_a_table_with_a_row_for_each_recording(beat: Path, tmp_pat
     assert "left out" in run.stderr
     assert len(list(csv.DictReader(io.StringIO(run.stdout)))) == 1
     assert CliRunner().invoke(main, ["table", str(manifest), "--frames"]).exit_code == 2
+    # What is stated holds for all; a table of nothing is refused.
+    stated = CliRunner().invoke(
+        main, ["table", str(tmp_path / "cohort.csv"), "--cavity", "none", "--skip-unreadable"]
+    )
+    (row,) = csv.DictReader(io.StringIO(stated.stdout))
+    assert row["ejection_fraction_percent"] == ""
+    assert float(row["volume_change_percent"]) > 0
+    manifest.write_text("\n".join([lines[0], "broken.npz,weak,P 2"]))
+    run = CliRunner().invoke(main, ["table", str(manifest), "--skip-unreadable"])
+    assert run.exit_code == 1
+    assert "No recording" in run.output
