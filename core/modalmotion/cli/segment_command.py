@@ -8,7 +8,14 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.options import example, json_option, list_written, output_option, plot_option
+from modalmotion.cli.options import (
+    example,
+    json_option,
+    label_options,
+    list_written,
+    output_option,
+    plot_option,
+)
 from modalmotion.cli.outputs import write_picture
 from modalmotion.cli.track_command import landmarks_in
 from modalmotion.formats import read_sequence, write_npz
@@ -43,14 +50,7 @@ _MM3_PER_ML = 1000.0
     metavar="NAME=X,Y,Z|FILE",
     help="Place of the apex or the base in LPS mm, or a file of landmarks; once for each.",
 )
-@click.option(
-    "--label",
-    "labels",
-    type=int,
-    multiple=True,
-    help="Of a label map: value of the cavity; apex and base are then proposed.",
-)
-@click.option("--wall", type=int, multiple=True, help="Of a label map: value of the wall.")
+@label_options
 @click.option("--frame", default=0, show_default=True, help="Of images over time.")
 @click.option(
     "--start", type=click.Path(exists=True, path_type=Path), help="A surface to start from."

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 import numpy as np
 
-from modalmotion.cli.options import example, json_option, list_written, output_option
+from modalmotion.cli.options import example, json_option, label_options, list_written, output_option
 from modalmotion.cli.outputs import MOVING, PICTURES, OutputFile, write_picture
 from modalmotion.errors import ParameterError
 from modalmotion.formats import read_sequence, write_npz
@@ -78,14 +78,7 @@ _PICTURES: Final = ("data", "deviations", "determined")
     show_default=True,
     help="Of typed contours: parts of the names to read.",
 )
-@click.option(
-    "--label",
-    "labels",
-    type=int,
-    multiple=True,
-    help="Of a label map: value of the cavity; apex and base are then proposed.",
-)
-@click.option("--wall", type=int, multiple=True, help="Of a label map: value of the wall.")
+@label_options
 @click.option(
     "--papillary",
     type=click.Choice(CONVENTIONS),
