@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import fft
 
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
@@ -75,3 +76,26 @@ def errors_of(sequence: MeshSequence, decoded: MeshSequence) -> tuple[float, flo
 def triangles(faces: NDArray[np.int64]) -> list[tuple[int, ...]]:
     """Oriented triangles as a set: neither order nor first corner."""
     return sorted(min((a, b, c), (b, c, a), (c, a, b)) for a, b, c in faces.tolist())
+
+
+def random_sequence(rng: np.random.Generator) -> MeshSequence:
+    """Few frames of a surface of any kind: smooth or rough, on a lattice, a mesh or neither."""
+    grid = int(rng.integers(2, 6)), int(rng.integers(3, 8))
+    n_frames = int(rng.integers(1, 9))
+    n = grid[0] * grid[1]
+    falls = np.exp(-np.arange(n) / rng.uniform(1.0, n))
+    amplitudes = rng.normal(size=(n_frames, 3, n)).cumsum(axis=0) * falls
+    vertices = fft.idct(amplitudes, axis=2, norm="ortho").transpose(0, 2, 1)
+    vertices = vertices * 10.0 ** rng.uniform(-3, 3) + rng.normal(size=3) * 10.0 ** rng.uniform(
+        0, 2
+    )
+    vertices = vertices.astype(np.float32 if rng.random() < 0.5 else np.float64)
+    faces = lattice_faces(CYLINDER, grid)
+    kind = int(rng.integers(4))
+    if kind == 0:
+        return mesh_sequence(vertices, faces, grid=grid, topology="cylinder")
+    if kind == 1:
+        return mesh_sequence(vertices)
+    if kind == 2:
+        return mesh_sequence(vertices, rng.permutation(n)[faces])
+    return mesh_sequence(vertices, rng.integers(0, n, size=(int(rng.integers(1, 2 * n)), 3)))

@@ -19,8 +19,8 @@ _WRITERS = {".npz": write_npz, ".vtkhdf": write_vtkhdf, ".raw": write_raw}
 @click.command(epilog=example("encode beat.npz -o beat.mms --max-error 0.1"))
 @sequence_argument
 @output_option("Stream to write.")
-@click.option("--rms", type=float, help="Largest RMS distance of the vertices.")
-@click.option("--max-error", type=float, help="Largest error of any coordinate.")
+@click.option("--rms", type=float, help="Largest RMS distance of the vertices, in their unit.")
+@click.option("--max-error", type=float, help="Largest error of any coordinate, in its unit.")
 @click.option("--bytes", "n_bytes", type=int, help="Largest size of the stream.")
 @click.option(
     "--effort",
@@ -80,3 +80,19 @@ def decode(stream: Path, output: Path, first: int | None, stop: int | None) -> N
     sequence = expand(data, frames=frames)
     write_atomic(output, write(sequence))
     click.echo(f"{sequence.n_frames} frames of {sequence.n_vertices} vertices: {output}")
+
+
+@click.command(epilog=example("compile-codec"))
+@click.option(
+    "--folder",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Where to keep it  [default: with the installed packages, or in the user's cache].",
+)
+def compile_codec(folder: Path | None) -> None:
+    """Compile the codec for this machine, once.
+
+    Takes a minute and needs numba (extra `codec`), which decoding does not.
+    """
+    from modalmotion.codec.kernels.build import compile_kernels
+
+    click.echo(compile_kernels(folder))

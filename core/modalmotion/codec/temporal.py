@@ -7,8 +7,8 @@ from enum import IntEnum
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft, linalg
 
 from modalmotion.codec.modes.lattice_modes import turn, turn_back
 from modalmotion.codec.quantiser import Quantiser
@@ -63,7 +63,7 @@ class TimeBasis:
             amplitudes[: len(rows) // 3] = rows.reshape(-1, 3, rows.shape[1])
             if self.kind == Temporal.FOURIER:
                 return turn_back(amplitudes, 0)
-            return np.asarray(fft.idct(amplitudes, type=2, norm="ortho", axis=0))
+            return np.asarray(scipy.fft.idct(amplitudes, type=2, norm="ortho", axis=0))
         constant = rows[:3] / np.sqrt(self.n_frames)
         n_components = self.learned.shape[-1]
         if not n_components:
@@ -85,7 +85,7 @@ class TimeBasis:
         """
         n = motion.shape[2]
         if self.kind == Temporal.DCT:
-            return np.asarray(fft.dct(motion, type=2, norm="ortho", axis=0)).reshape(-1, n)
+            return np.asarray(scipy.fft.dct(motion, type=2, norm="ortho", axis=0)).reshape(-1, n)
         if self.kind == Temporal.FOURIER:
             return turn(motion, 0).reshape(-1, n)
         mean = motion.mean(axis=0)
@@ -95,7 +95,7 @@ class TimeBasis:
         # Learned components are orthonormal up to their rounding: fitted, not projected.
         basis = self.learned.reshape(-1, self.learned.shape[-1])
         moving = (motion - mean).reshape(len(basis), -1)
-        fitted, *_ = linalg.lstsq(basis, moving, cond=alike, lapack_driver="gelsy")
+        fitted, *_ = scipy.linalg.lstsq(basis, moving, cond=alike, lapack_driver="gelsy")
         return np.concatenate([constant, fitted.reshape(-1, n)])
 
 
@@ -122,17 +122,17 @@ def learned_components(motion: Floats, kind: Temporal) -> Floats:
     centred = motion - motion.mean(axis=0)
     flat = centred.reshape(kind.directions * n_frames, -1)
     if flat.shape[0] <= flat.shape[1]:
-        squares, U = linalg.eigh(flat @ flat.T)
+        squares, U = scipy.linalg.eigh(flat @ flat.T)
         scaled = U * np.sqrt(np.maximum(squares, 0.0))
     else:
-        U, strengths, _ = linalg.svd(flat, full_matrices=False)
+        U, strengths, _ = scipy.linalg.svd(flat, full_matrices=False)
         scaled = (U * strengths)[:, ::-1]
     return np.ascontiguousarray(scaled[:, ::-1].T).reshape(-1, n_frames, kind.directions)
 
 
 def basis_numbers(components: Floats) -> Floats:
     """Components as a matrix to be quantised: (components, frames x directions), slow first."""
-    slow = fft.dct(components, type=2, norm="ortho", axis=1)
+    slow = scipy.fft.dct(components, type=2, norm="ortho", axis=1)
     return np.asarray(slow, dtype=np.float64).reshape(len(components), -1)
 
 
@@ -150,7 +150,7 @@ def restore_basis(kind: Temporal, numbers: Ints, n_frames: int, quantiser: Quant
     components = quantiser.restore(numbers).reshape(len(numbers), n_frames, directions)
     norms = np.sqrt((components**2).sum(axis=(1, 2), keepdims=True))
     components = components / np.where(norms > 0, norms, 1.0)
-    components = np.asarray(fft.idct(components, type=2, norm="ortho", axis=1))
+    components = np.asarray(scipy.fft.idct(components, type=2, norm="ortho", axis=1))
     learned = np.ascontiguousarray(np.moveaxis(components, 0, -1))
     if kind == Temporal.KLT:
         learned = learned[:, 0, :]

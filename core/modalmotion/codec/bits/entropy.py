@@ -7,15 +7,17 @@ their number and returns what it reads.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.codec.bits.damage import damaged
+from modalmotion.codec.bits.range_coder import WHOLE, RangeReader, RangeWriter, cuts_of, split_of
 from modalmotion.codec.bits.varint import read_varint, write_varint
-from modalmotion.errors import needs_extra
+from modalmotion.codec.machine.image import image
+from modalmotion.codec.machine.layout import PARAMETERS
+from modalmotion.codec.machine.memory import CoderState, call
 
 Ints = NDArray[np.int64]
 
@@ -27,14 +29,10 @@ N_CLASSES: Final = 40
 LARGEST_MAGNITUDE: Final = (1 << N_CLASSES) + ESCAPE - 2
 """Of the last class: larger ones cannot be coded."""
 
-
-def _constriction() -> Any:
-    # Imported where it is used: the library itself needs numpy and scipy only.
-    with needs_extra("codec"):
-        return import_module("constriction").stream
+_AT_ONCE: Final = 1 << 16
 
 
-class Coder(Protocol):
+class Coder(CoderState, Protocol):
     """What `Writer` and `Reader` have in common."""
 
     reads: bool
@@ -49,36 +47,39 @@ class Coder(Protocol):
         """Code plain numbers, each of its width in bits."""
 
 
-class Writer:
+class Writer(RangeWriter):
     """Collect symbols and bits, then give the bytes."""
-
-    reads = False
-
-    def __init__(self) -> None:
-        stream = _constriction()
-        self._family = stream.model.Categorical(perfect=False)
-        self._coder = stream.queue.RangeEncoder()
-        self._bits: list[NDArray[np.uint8]] = []
 
     def symbols(self, weights: NDArray[np.float64], values: Ints | None) -> Ints:
         """Write one symbol for each row of weights."""
         assert values is not None  # noqa: S101 - for the type checker
-        if len(values):
-            self._coder.encode(values.astype(np.int32), self._family, weights)
+        if _code_compiled(self, weights, values):
+            return values
+        for start in range(0, len(values), _AT_ONCE):
+            rows = slice(start, start + _AT_ONCE)
+            cuts = cuts_of(weights[rows])
+            at = np.arange(len(cuts)), values[rows]
+            after = np.arange(len(cuts)), values[rows] + 1
+            for left, right in zip(cuts[at].tolist(), cuts[after].tolist(), strict=True):
+                self.narrow(left, right)
         return values
 
     def answer(self, chance: int, value: bool | None) -> bool:
         """Write yes or no."""
         assert value is not None  # noqa: S101 - for the type checker
-        symbol = np.array([value], dtype=np.int32)
-        self._coder.encode(symbol, self._family, _odds(chance))
+        split = split_of(chance)
+        self.narrow(*((split, WHOLE) if value else (0, split)))
         return value
 
     def bits(self, widths: Ints, values: Ints | None) -> Ints:
         """Write plain numbers, high bits first."""
         assert values is not None  # noqa: S101 - for the type checker
         which, shift = _places(widths)
-        self._bits.append(((values[which] >> shift) & 1).astype(np.uint8))
+        end = self.bit + len(which)
+        if end > len(self.plain):
+            self.plain = np.concatenate([self.plain, np.zeros(2 * end, dtype=np.uint8)])
+        self.plain[self.bit : end] = (values[which] >> shift) & 1
+        self.bit = end
         return values
 
     def finish(self) -> bytes:
@@ -89,48 +90,43 @@ class Writer:
         bytes
             Number of words of the range coder, the words, the plain bits.
         """
-        words = np.asarray(self._coder.get_compressed(), dtype="<u4")
-        plain = np.packbits(np.concatenate([np.zeros(0, np.uint8), *self._bits]))
+        words = self.finished_words().astype("<u4")
+        plain = np.packbits(self.plain[: self.bit])
         return write_varint(len(words)) + words.tobytes() + plain.tobytes()
 
 
-class Reader:
+class Reader(RangeReader):
     """Read back what a `Writer` wrote.
 
     Almost any bytes give symbols of some kind: damage shows in the checksums.
     """
 
-    reads = True
-
     def __init__(self, data: bytes) -> None:
-        stream = _constriction()
         n_words, start = read_varint(data, 0)
         if n_words * 4 > len(data) - start:
             raise damaged(
                 f"A block declares {n_words} words, but {len(data) - start} bytes are left."
             )
         words = np.frombuffer(data, "<u4", n_words, start).astype(np.uint32)
-        self._family = stream.model.Categorical(perfect=False)
-        self._coder = stream.queue.RangeDecoder(words)
-        self._plain = np.unpackbits(np.frombuffer(data, np.uint8, offset=start + 4 * n_words))
-        self._position = 0
+        plain = np.unpackbits(np.frombuffer(data, np.uint8, offset=start + 4 * n_words))
+        super().__init__(words, plain)
 
     def symbols(self, weights: NDArray[np.float64], values: Ints | None = None) -> Ints:  # noqa: ARG002
         """Read one symbol for each row of weights."""
-        if not len(weights):
-            return np.zeros(0, dtype=np.int64)
-        return self._decode(weights)
+        symbols = np.zeros(len(weights), dtype=np.int64)
+        if _code_compiled(self, weights, symbols):
+            return symbols
+        for i, cuts in enumerate(map(cuts_of, weights[:, None])):
+            symbols[i] = symbol = int(np.searchsorted(cuts[0], self.quantile(), side="right")) - 1
+            self.narrow(int(cuts[0, symbol]), int(cuts[0, symbol + 1]))
+        return symbols
 
     def answer(self, chance: int, value: bool | None = None) -> bool:  # noqa: ARG002
         """Read yes or no."""
-        return bool(self._decode(_odds(chance))[0])
-
-    def _decode(self, weights: NDArray[np.float64]) -> Ints:
-        try:
-            symbols: Ints = self._coder.decode(self._family, weights).astype(np.int64)
-        except AssertionError as error:
-            raise damaged("The range coder cannot have written these words.") from error
-        return symbols
+        split = split_of(chance)
+        is_yes = self.quantile() >= split
+        self.narrow(*((split, WHOLE) if is_yes else (0, split)))
+        return is_yes
 
     def bits(self, widths: Ints, values: Ints | None = None) -> Ints:
         """Read plain numbers.
@@ -141,18 +137,29 @@ class Reader:
             If fewer bits are left.
         """
         which, shift = _places(widths)
-        end = self._position + len(which)
-        if end > len(self._plain):
+        end = self.bit + len(which)
+        if end > len(self.plain):
             raise damaged("A block holds fewer bits than its values need.")
         values = np.zeros(len(widths), dtype=np.int64)
-        np.add.at(values, which, self._plain[self._position : end].astype(np.int64) << shift)
-        self._position = end
+        np.add.at(values, which, self.plain[self.bit : end].astype(np.int64) << shift)
+        self.bit = end
         return values
 
 
-def _odds(chance: int) -> NDArray[np.float64]:
-    """Weights of no and yes, (1, 2) float64."""
-    return np.array([[65536.0 - chance, chance]])
+def _code_compiled(coder: Writer | Reader, weights: NDArray[np.float64], values: Ints) -> bool:
+    """Code symbols in compiled code, if there is any; a reader's go into the values."""
+    compiled = image()
+    if compiled is None:
+        return False
+    n_symbols = weights.shape[1]
+    for start in range(0, len(values), _AT_ONCE):
+        part = values[start : start + _AT_ONCE]
+        cuts = cuts_of(weights[start : start + _AT_ONCE])
+        parts = {PARAMETERS + 2: part, PARAMETERS + 3: cuts}
+        w = call(compiled, "symbols", coder, (len(part), n_symbols), parts)
+        at = w[PARAMETERS + 2]
+        part[:] = w[at : at + len(part)]
+    return True
 
 
 def _places(widths: Ints) -> tuple[Ints, Ints]:

@@ -23,6 +23,9 @@ from modalmotion.codec.bits.entropy import (
     code_numbers,
     code_signs,
 )
+from modalmotion.codec.machine.image import Image, image
+from modalmotion.codec.machine.layout import PARAMETERS
+from modalmotion.codec.machine.memory import call
 
 WIDEST_BAND: Final = 64
 LARGEST_SEEN: Final = 1023
@@ -117,6 +120,12 @@ def code_matrix(coder: Coder, shape: tuple[int, int], values: Ints | None) -> In
     numbers = np.zeros(shape, dtype=np.int64)
     if not n_rows:
         return numbers
+    compiled = image()
+    if compiled is not None:
+        numbers[:n_rows] = _code_compiled(
+            compiled, coder, edges, extents[:n_rows], None if values is None else values[:n_rows]
+        )
+        return numbers
     state = _State(edges, extents[:n_rows], n_columns)
     tables = start_tables()
     for rows, bands in _waves(extents[:n_rows]):
@@ -135,6 +144,27 @@ def code_matrix(coder: Coder, shape: tuple[int, int], values: Ints | None) -> In
         )
         numbers[row, column] = magnitudes
     return numbers
+
+
+def _code_compiled(
+    compiled: Image, coder: Coder, edges: Ints, extents: Ints, values: Ints | None
+) -> Ints:
+    n_rows, n_columns, n_bands = len(extents), int(edges[-1]), len(edges) - 1
+    shape = n_rows, n_columns
+    numbers = np.zeros(shape, dtype=np.int64) if values is None else values
+    tables = np.concatenate([part.ravel() for part in _start()])
+    parts: dict[int, Ints | int] = {
+        PARAMETERS + 3: edges,
+        PARAMETERS + 4: extents,
+        PARAMETERS + 5: numbers,
+        PARAMETERS + 6: (n_rows + 3) * (n_columns + 1),
+        PARAMETERS + 7: n_rows * (n_bands + 2),
+        PARAMETERS + 8: 3 * min(n_rows, n_bands) * WIDEST_BAND,
+        PARAMETERS + 9: N_CONTEXTS * (N_SYMBOLS + N_CLASSES + 4),
+    }
+    w = call(compiled, "waves", coder, (*shape, n_bands), parts, tables=tables)
+    at = w[PARAMETERS + 5]
+    return w[at : at + numbers.size].reshape(shape)
 
 
 def code_extents(coder: Coder, n_rows: int, edges: Ints, values: Ints | None) -> Ints:

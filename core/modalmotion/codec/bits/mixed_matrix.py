@@ -15,6 +15,9 @@ from modalmotion.codec.bits.damage import damaged
 from modalmotion.codec.bits.entropy import Coder, Ints, code_signs
 from modalmotion.codec.bits.matrix import LARGEST_SEEN, band_edges, code_extents
 from modalmotion.codec.bits.mixing import Mixer
+from modalmotion.codec.machine.image import Image, image
+from modalmotion.codec.machine.layout import PARAMETERS
+from modalmotion.codec.machine.memory import call
 
 MOST_MIXED: Final = 2**20
 """Entries within the extents of the largest matrix that is coded so."""
@@ -43,6 +46,9 @@ def code_mixed_matrix(coder: Coder, shape: tuple[int, int], values: Ints | None)
         raise damaged(
             f"A matrix of {sum(ends)} entries is coded in a way for at most {MOST_MIXED}."
         )
+    compiled = image()
+    if compiled is not None:
+        return _code_compiled(compiled, coder, shape, ends, values)
     mixer = Mixer(coder)
     # Rows above the first, and columns before and after, are zero.
     above = [[0] * (n_columns + 2 * WIDEST + 1)] * ROWS_ABOVE
@@ -68,6 +74,27 @@ def code_mixed_matrix(coder: Coder, shape: tuple[int, int], values: Ints | None)
     numbers[occupied] *= code_signs(
         coder, len(occupied[0]), None if values is None else values[occupied]
     )
+    return numbers
+
+
+def _code_compiled(
+    compiled: Image, coder: Coder, shape: tuple[int, int], ends: list[int], values: Ints | None
+) -> Ints:
+    n_rows, n_columns = int(np.count_nonzero(ends)), shape[1]
+    numbers = np.zeros(shape, dtype=np.int64)
+    if not n_rows:
+        return numbers
+    room = (n_rows + ROWS_ABOVE) * (n_columns + 2 * WIDEST + 2)
+    parts: dict[int, Ints | int] = {
+        PARAMETERS + 2: np.array(ends[:n_rows]),
+        PARAMETERS + 3: numbers[:n_rows] if values is None else values[:n_rows],
+        PARAMETERS + 4: room,
+        PARAMETERS + 5: room,
+    }
+    n_keys = 2 * sum(ends)
+    w = call(compiled, "mixed", coder, (n_rows, n_columns), parts, n_keys=n_keys)
+    at = w[PARAMETERS + 3]
+    numbers[:n_rows] = w[at : at + n_rows * n_columns].reshape(n_rows, n_columns)
     return numbers
 
 

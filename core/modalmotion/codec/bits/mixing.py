@@ -15,6 +15,7 @@ import numpy as np
 
 from modalmotion.codec.bits.damage import damaged
 from modalmotion.codec.bits.entropy import Coder
+from modalmotion.codec.machine.memory import FIRST_WEIGHT
 
 # 256 ln(n + 0.4), rounded.
 LOGARITHMS: Final = tuple(
@@ -28,7 +29,6 @@ CHANCES: Final = tuple(
         65536.0 / (1.0 + np.exp(-np.arange(-LARGEST_LOGIT, LARGEST_LOGIT + 1) / 256.0))
     ).astype(np.int64)
 )
-FIRST_WEIGHT: Final = 22938
 MOST_COUNTED: Final = 250
 WIDEST_NUMBER: Final = 40
 

@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from modalmotion.codec.bits.damage import damaged
 from modalmotion.codec.bits.entropy import Ints, Reader, Writer
 from modalmotion.codec.bits.mixing import Mixer
+from modalmotion.codec.connectivity.compiled_surface import read_surface, write_surface
 from modalmotion.codec.connectivity.numbering import MOST_RELATIONS, Numbering
 from modalmotion.codec.connectivity.rings import Rings
 from modalmotion.codec.connectivity.walk import BEHIND, GIVEN_UP, Walk
+from modalmotion.codec.machine.image import image
 from modalmotion.modes.topology import CLOSED, Topology
 
 Grid = tuple[Topology, tuple[int, ...]]
@@ -46,19 +48,33 @@ def write_faces(n_vertices: int, grid: Grid | None, faces: Ints, *, keep_order: 
     if cells is not None:
         return bytes([_CELLS]) + np.packbits(cells).tobytes()
     n_relations = MOST_RELATIONS if n_vertices <= LARGEST_RELATED else 0
-    triangles = faces.tolist()
+    write = _write_surface if image() is None else write_surface
     period = 1
     if keep_order:
         sizes = {
-            p: len(_write_walk(n_vertices, triangles, p, True).writer.finish()) for p in _PERIODS
+            p: len(write(n_vertices, faces, p, n_relations, True, walk_only=True)) for p in _PERIODS
         }
         period = min(sizes, key=sizes.__getitem__)
-    written = _write_walk(n_vertices, triangles, period, keep_order)
-    nodes, writer = written.nodes, written.writer
-    numbering = Numbering(written.mixer, Rings(n_vertices, written.triangles), n_relations)
-    for vertex in range(n_vertices):
-        numbering.code(nodes.get(vertex, len(nodes)))
-    return bytes([_WALK, period, n_relations]) + writer.finish()
+    coded = write(n_vertices, faces, period, n_relations, keep_order)
+    return bytes([_WALK, period, n_relations]) + coded
+
+
+def _write_surface(
+    n_vertices: int,
+    faces: Ints,
+    period: int,
+    n_relations: int,
+    keep_order: bool,
+    *,
+    walk_only: bool = False,
+) -> bytes:
+    written = _write_walk(n_vertices, faces.tolist(), period, keep_order)
+    if not walk_only:
+        nodes = written.nodes
+        numbering = Numbering(written.mixer, Rings(n_vertices, written.triangles), n_relations)
+        for vertex in range(n_vertices):
+            numbering.code(nodes.get(vertex, len(nodes)))
+    return written.writer.finish()
 
 
 def read_faces(data: bytes, n_faces: int, n_vertices: int, grid: Grid | None) -> Ints:
@@ -79,8 +95,15 @@ def read_faces(data: bytes, n_faces: int, n_vertices: int, grid: Grid | None) ->
         return faces
     if len(data) < 3 or not data[1] or data[2] > MOST_RELATIONS:
         raise damaged(_NONSENSE)
-    mixer = Mixer(Reader(data[3:]))
-    walk = Walk(mixer, n_vertices, data[1])
+    read = _read_surface if image() is None else read_surface
+    return read(data[3:], n_faces, n_vertices, data[1], data[2])
+
+
+def _read_surface(
+    data: bytes, n_faces: int, n_vertices: int, period: int, n_relations: int
+) -> Ints:
+    mixer = Mixer(Reader(data))
+    walk = Walk(mixer, n_vertices, period)
     triangles: list[list[int]] = []
     face: list[int] = []
     while len(triangles) < n_faces:
@@ -91,7 +114,7 @@ def read_faces(data: bytes, n_faces: int, n_vertices: int, grid: Grid | None) ->
         if len(face) == 3:
             triangles.append(face)
             face = []
-    numbering = Numbering(mixer, Rings(n_vertices, triangles), data[2])
+    numbering = Numbering(mixer, Rings(n_vertices, triangles), n_relations)
     for _ in range(n_vertices):
         numbering.code(None)
     numbers = np.empty(n_vertices, dtype=np.int64)

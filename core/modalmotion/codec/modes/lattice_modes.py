@@ -8,8 +8,8 @@ from math import prod
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from modalmotion.codec.bits.varint import read_varint, write_varint
 from modalmotion.modes.order import require_shape
@@ -106,7 +106,9 @@ class LatticeModes:
         ends, place = self.topology.ends[axis], axis + 1
         if ends == CLOSED:
             return turn_back(array, place) if inverse else turn(array, place)
-        cosine, sine = (fft.idct, fft.idst) if inverse else (fft.dct, fft.dst)
+        cosine, sine = (
+            (scipy.fft.idct, scipy.fft.idst) if inverse else (scipy.fft.dct, scipy.fft.dst)
+        )
         even = cosine(array, type=2, norm="ortho", axis=place)
         if ends == OPEN:
             return np.asarray(even)
@@ -144,7 +146,7 @@ def _quarter_periods(closed: bool, n: int) -> NDArray[np.int64]:
 def turn(array: Floats, axis: int) -> Floats:
     """Orthonormal real Fourier transform: constant, cos, sin, cos, sin, ..."""
     n = array.shape[axis]
-    z = np.moveaxis(fft.rfft(array, axis=axis, norm="ortho"), axis, -1)
+    z = np.moveaxis(scipy.fft.rfft(array, axis=axis, norm="ortho"), axis, -1)
     out = np.empty((*z.shape[:-1], n))
     n_sines = (n - 1) // 2
     out[..., 0] = z[..., 0].real
@@ -167,4 +169,4 @@ def turn_back(array: Floats, axis: int) -> Floats:
     ) / np.sqrt(2.0)
     if n % 2 == 0:
         z[..., -1] = x[..., -1]
-    return np.moveaxis(np.asarray(fft.irfft(z, n, axis=-1, norm="ortho")), -1, axis)
+    return np.moveaxis(np.asarray(scipy.fft.irfft(z, n, axis=-1, norm="ortho")), -1, axis)

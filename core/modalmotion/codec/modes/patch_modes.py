@@ -15,10 +15,8 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from modalmotion.codec.bits.varint import read_varint, write_varint
 from modalmotion.errors import LimitError, MalformedFileError
@@ -60,7 +58,7 @@ class PatchModes:
     def patches(self) -> list[Ints]:
         """Vertices of each patch, ascending."""
         ones = np.ones(len(self.edges))
-        half = coo_array(
+        half = scipy.sparse.coo_array(
             (ones, (self.edges[:, 0], self.edges[:, 1])), shape=(self.n_vertices,) * 2
         ).tocsr()
         graph = (half + half.T).tocsr()
@@ -73,8 +71,12 @@ class PatchModes:
                 done.append(part)
                 continue
             part_graph = graph[part][:, part]
-            far = breadth_first_order(part_graph, 0, directed=False, return_predecessors=False)[-1]
-            order = breadth_first_order(part_graph, far, directed=False, return_predecessors=False)
+            far = scipy.sparse.csgraph.breadth_first_order(
+                part_graph, 0, directed=False, return_predecessors=False
+            )[-1]
+            order = scipy.sparse.csgraph.breadth_first_order(
+                part_graph, far, directed=False, return_predecessors=False
+            )
             middle = len(order) // 2
             for side in (order[:middle], order[middle:]):
                 todo.extend(_components(graph, part[np.sort(side)]))
@@ -108,7 +110,7 @@ class PatchModes:
             K = np.zeros((len(patch), len(patch)))
             K[a, b] = K[b, a] = -stiffness[part]
             np.fill_diagonal(K, -K.sum(axis=1))
-            square, Phi = linalg.eigh(K, driver="evd", overwrite_a=True, check_finite=False)
+            square, Phi = scipy.linalg.eigh(K, driver="evd", overwrite_a=True, check_finite=False)
             signs = np.sign(_scatter(patch, self.seed + 1) @ Phi - Phi.sum(axis=0) / 2.0)
             squares.append(square)
             modes.append(Phi * np.where(signs == 0, 1.0, signs))
@@ -230,8 +232,8 @@ def edges_of(faces: Ints) -> Ints:
     return unique
 
 
-def _components(graph: csr_array, part: Ints) -> list[Ints]:
-    _, label = connected_components(graph[part][:, part], directed=False)
+def _components(graph: scipy.sparse.csr_array, part: Ints) -> list[Ints]:
+    _, label = scipy.sparse.csgraph.connected_components(graph[part][:, part], directed=False)
     order = np.argsort(label, kind="stable")
     return np.split(part[order], np.flatnonzero(np.diff(label[order])) + 1)
 

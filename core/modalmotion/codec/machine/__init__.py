@@ -1,0 +1,1 @@
+"""Machine code of the kernels: where it is kept, how it is loaded and called."""
