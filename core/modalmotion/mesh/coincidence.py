@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.connectivity import connectivity_of
@@ -105,8 +104,8 @@ def representatives_of(vertices: FloatArray, faces: NDArray[np.int64]) -> NDArra
         _unused(first, faces),
     ]
     one, other = np.concatenate(pairs, axis=1)
-    graph = coo_array((np.ones(len(one), dtype=np.int8), (one, other)), shape=(n, n))
-    _, labels = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array((np.ones(len(one), dtype=np.int8), (one, other)), shape=(n, n))
+    _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
     _, smallest = np.unique(labels, return_index=True)
     merged: NDArray[np.int64] = smallest[labels]
     return merged

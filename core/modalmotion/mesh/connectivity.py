@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from modalmotion.representation import shown
 
@@ -199,8 +198,8 @@ def oriented_faces(faces: NDArray[np.int64], n_vertices: int) -> NDArray[np.int6
     agree = start[i] != start[j]
     rows = np.concatenate([one, one + m])
     columns = np.concatenate([np.where(agree, other, other + m), np.where(agree, other + m, other)])
-    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * m, 2 * m))
-    _, label = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * m, 2 * m))
+    _, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
     as_is, turned = label[:m], label[m:]
     if (as_is == turned).any():
         return None
@@ -213,10 +212,10 @@ def oriented_faces(faces: NDArray[np.int64], n_vertices: int) -> NDArray[np.int6
 
 
 def _labels(edges: NDArray[np.int64], n_vertices: int) -> NDArray[np.int64]:
-    graph = coo_array(
+    graph = scipy.sparse.coo_array(
         (np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])),
         shape=(n_vertices, n_vertices),
     )
-    _, labels = connected_components(graph, directed=False)
+    _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
     numbers: NDArray[np.int64] = labels.astype(np.int64)
     return numbers

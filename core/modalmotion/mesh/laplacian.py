@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
 
-from modalmotion.mesh.areas import face_normals
+from modalmotion.mesh.areas import corners_of, face_normals
 
 
-def cotangent_laplacian(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> csc_array:
+def cotangent_laplacian(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64]
+) -> scipy.sparse.csc_array:
     """Stiffness of linear elements: minus the Laplacian, weighted by cotangents.
 
     Parameters
@@ -19,7 +21,7 @@ def cotangent_laplacian(vertices: NDArray[np.float64], faces: NDArray[np.int64])
 
     Returns
     -------
-    (vertices, vertices) csc_array of float64
+    (vertices, vertices) scipy.sparse.csc_array of float64
         Positive semidefinite and independent of the unit; triangles without area and
         vertices without triangles contribute nothing.
 
@@ -29,23 +31,24 @@ def cotangent_laplacian(vertices: NDArray[np.float64], faces: NDArray[np.int64])
     Experimental Mathematics, 1993.
     """
     n = len(vertices)
-    corners = np.ascontiguousarray(vertices.T)
+    corners = corners_of(vertices, faces)
     normals = face_normals(vertices, faces)
     twice_area = np.sqrt(np.einsum("ij,ij->i", normals, normals))
     safe = np.where(twice_area > 0, twice_area, np.inf)
     rows, columns, values = [], [], []
     for k in range(3):
-        a, b, c = faces[:, k], faces[:, (k + 1) % 3], faces[:, (k + 2) % 3]
-        at = corners[:, a]
+        b, c = faces[:, (k + 1) % 3], faces[:, (k + 2) % 3]
         # cot of the angle at a weighs the side bc
-        dot = np.einsum("ij,ij->j", corners[:, b] - at, corners[:, c] - at)
+        to_b, to_c = (corners[(k + i) % 3] - corners[k] for i in (1, 2))
+        to_b *= to_c
+        dot = to_b[:, 0] + to_b[:, 1] + to_b[:, 2]
         rows.append(np.minimum(b, c))
         columns.append(np.maximum(b, c))
         values.append(-0.5 * dot / safe)
     return _symmetric(n, np.concatenate(rows), np.concatenate(columns), np.concatenate(values))
 
 
-def graph_laplacian(edges: NDArray[np.int64], n_vertices: int) -> csc_array:
+def graph_laplacian(edges: NDArray[np.int64], n_vertices: int) -> scipy.sparse.csc_array:
     """Stiffness of equal springs along the edges: degree minus adjacency.
 
     Parameters
@@ -56,7 +59,7 @@ def graph_laplacian(edges: NDArray[np.int64], n_vertices: int) -> csc_array:
 
     Returns
     -------
-    (vertices, vertices) csc_array of float64
+    (vertices, vertices) scipy.sparse.csc_array of float64
     """
     return _symmetric(n_vertices, edges[:, 0], edges[:, 1], np.full(len(edges), -1.0))
 
@@ -97,10 +100,10 @@ def _symmetric(
     rows: NDArray[np.int64],
     columns: NDArray[np.int64],
     values: NDArray[np.float64],
-) -> csc_array:
-    off = csc_array((values, (rows, columns)), shape=(n, n))
+) -> scipy.sparse.csc_array:
+    off = scipy.sparse.csc_array((values, (rows, columns)), shape=(n, n))
     off = off + off.T
     diagonal = -np.asarray(off.sum(axis=0)).ravel()
-    return csc_array(
-        off + csc_array((diagonal, (np.arange(n), np.arange(n))), shape=(n, n)),
+    return scipy.sparse.csc_array(
+        off + scipy.sparse.csc_array((diagonal, (np.arange(n), np.arange(n))), shape=(n, n)),
     )

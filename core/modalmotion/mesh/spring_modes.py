@@ -12,9 +12,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from modalmotion.errors import LimitError, ParameterError
 from modalmotion.mesh import connectivity_of, graph_laplacian
@@ -218,8 +217,8 @@ def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> Sol
 
 def _indicators(edges: NDArray[np.int64], n: int) -> NDArray[np.float64]:
     """One on everything, then one on each piece, the largest first."""
-    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
-    _, labels = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
+    _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
     _, first, size = np.unique(labels, return_index=True, return_counts=True)
     order = np.lexsort((first, -size))
     columns = [np.ones(n), *(labels == labels[i] for i in first[order])]

@@ -11,10 +11,8 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import eigh
-from scipy.sparse import csc_array, diags_array
-from scipy.sparse.linalg import ArpackError, eigsh, splu
 
 from modalmotion.errors import LimitError, ModeCountError
 
@@ -40,13 +38,13 @@ _FAINT: Final = 1e-3
 
 
 def lowest_eigenpairs(
-    matrix: csc_array, n_pairs: int, first_probes: NDArray[np.float64]
+    matrix: scipy.sparse.csc_array, n_pairs: int, first_probes: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lowest eigenvalues and eigenvectors of a positive semidefinite matrix.
 
     Parameters
     ----------
-    matrix : (n, n) csc_array of float64
+    matrix : (n, n) scipy.sparse.csc_array of float64
     n_pairs : int
     first_probes : (n, k) float64
         Probe vectors tried before the fixed irregular ones.
@@ -90,21 +88,21 @@ def lowest_eigenpairs(
 
 
 def _solve(
-    matrix: csc_array, count: int, scale: float
+    matrix: scipy.sparse.csc_array, count: int, scale: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     n = matrix.shape[0]
     if n <= _DENSE or count > n // 3:
-        values, vectors = eigh(matrix.toarray())
+        values, vectors = scipy.linalg.eigh(matrix.toarray())
         return values[:count], vectors[:, :count]
     shift = -1e-4 * scale * 600 / n
     for attempt in range(3):
         # More room on each attempt: a larger subspace meets more copies.
         room = min(n, (attempt + 2) * count + 20)
         try:
-            values, vectors = eigsh(
+            values, vectors = scipy.sparse.linalg.eigsh(
                 matrix, k=count, sigma=shift, ncv=room, v0=_irregular(n, attempt), tol=0
             )
-        except ArpackError as error:
+        except scipy.sparse.linalg.ArpackError as error:
             raise _too_many_equal() from error
         order = np.argsort(values, kind="stable")
         values, vectors = values[order], vectors[:, order]
@@ -125,7 +123,7 @@ def _solve(
             remedy="Ask for fewer modes, or state a topology.",
             details={"modes": count},
         )
-    values, vectors = eigh(matrix.toarray())
+    values, vectors = scipy.linalg.eigh(matrix.toarray())
     return values[:count], vectors[:, :count]
 
 
@@ -139,9 +137,11 @@ def _too_many_equal() -> LimitError:
     )
 
 
-def _n_below(matrix: csc_array, value: float) -> int:
-    shifted = csc_array(matrix - value * diags_array(np.ones(matrix.shape[0]), format="csc"))
-    factors = splu(
+def _n_below(matrix: scipy.sparse.csc_array, value: float) -> int:
+    shifted = scipy.sparse.csc_array(
+        matrix - value * scipy.sparse.diags_array(np.ones(matrix.shape[0]), format="csc")
+    )
+    factors = scipy.sparse.linalg.splu(
         shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
     return int((factors.U.diagonal() < 0).sum())

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from modalmotion.modes import Modes
 from modalmotion.numeric.scale import power_of_two
@@ -38,7 +38,7 @@ def nearest_in_use(vertices: NDArray[np.float64], isolated: NDArray[np.int64]) -
     scale = power_of_two(float(np.abs(surface).max(initial=0.0)))
     with np.errstate(over="ignore"):
         apart = np.clip((vertices[isolated] - corner) / scale, -_FARTHEST, _FARTHEST)
-    nearest: NDArray[np.int64] = used[cKDTree(surface / scale).query(apart)[1]]
+    nearest: NDArray[np.int64] = used[scipy.spatial.cKDTree(surface / scale).query(apart)[1]]
     return nearest
 
 

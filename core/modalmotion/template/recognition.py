@@ -8,6 +8,7 @@ import numpy as np
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import oriented_faces
+from modalmotion.mesh.areas import corners_of
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
 from modalmotion.template.coordinates.cup import FAINT_AXIS, axis_strength, is_flat
 from modalmotion.template.surface import Surface
@@ -116,7 +117,7 @@ def _is_shallow(surface: Surface) -> bool:
     wound = oriented_faces(surface.faces, len(surface.vertices))
     if wound is None:
         return False
-    a, b, c = np.moveaxis(surface.vertices[wound], 1, 0)
+    a, b, c = corners_of(surface.vertices, wound)
     span = float(np.linalg.norm(np.cross(b - a, c - a).sum(axis=0))) / 2.0
     return surface.area < 2.0 * span * (1.0 - _HEMISPHERE)
 

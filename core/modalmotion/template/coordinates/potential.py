@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
 
 from modalmotion.mesh import cotangent_laplacian, graph_laplacian, solve_positive_definite
 from modalmotion.template.surface import Surface
@@ -53,7 +53,7 @@ def potential(
         right = sources[free] - (stiffness @ u)[free]
         try:
             u[free] = solve_positive_definite(
-                csc_array(stiffness[free][:, free]), right, surface.vertices[free]
+                scipy.sparse.csc_array(stiffness[free][:, free]), right, surface.vertices[free]
             )
         except RuntimeError:
             return None
@@ -64,7 +64,7 @@ def potential(
     return u
 
 
-def _stiffness(surface: Surface) -> csc_array:
+def _stiffness(surface: Surface) -> scipy.sparse.csc_array:
     stiffness = cotangent_laplacian(surface.vertices, surface.faces)
     used = np.ones(len(surface.vertices), dtype=np.bool_)
     used[surface.connectivity.isolated] = False
@@ -72,4 +72,4 @@ def _stiffness(surface: Surface) -> csc_array:
         return stiffness
     diagonal = stiffness.diagonal()
     springs = graph_laplacian(surface.connectivity.edges, len(surface.vertices))
-    return csc_array(stiffness + _GLUE * float(diagonal.max(initial=1.0)) * springs)
+    return scipy.sparse.csc_array(stiffness + _GLUE * float(diagonal.max(initial=1.0)) * springs)

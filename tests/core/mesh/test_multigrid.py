@@ -1,0 +1,89 @@
+"""Multigrid gives what the factorisation gives, or says that it does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy
+from template_remeshing import subdivided
+from template_surfaces import make_ventricle
+from threadpoolctl import threadpool_limits
+
+from modalmotion.mesh import cotangent_laplacian, dissection, multigrid, solve_positive_definite
+from modalmotion.mesh.multigrid import solve_by_multigrid
+
+Floats = np.ndarray
+
+
+def ventricle() -> tuple[scipy.sparse.csc_array, Floats, Floats]:
+    """A system of 5,000 unknowns as natural coordinates have them: held at its base."""
+    vertices, faces = subdivided(make_ventricle(1500, np.random.default_rng(1)))
+    place = vertices[0] if vertices.ndim == 3 else vertices
+    stiffness = cotangent_laplacian(place, faces)
+    free = place[:, 2] < np.quantile(place[:, 2], 0.95)
+    return scipy.sparse.csc_array(stiffness[free][:, free]), np.ones(free.sum()), place[free]
+
+
+def test_it_is_the_direct_solution() -> None:
+    matrix, right, place = ventricle()
+    assert len(right) > 4000
+    direct = solve_positive_definite(matrix, right, place)
+    found = solve_by_multigrid(matrix, right)
+    assert found is not None
+    assert np.abs(found - direct).max() < 1e-10 * np.abs(direct).max()
+
+
+def test_it_is_the_same_on_any_number_of_threads_and_in_every_run() -> None:
+    matrix, right, _ = ventricle()
+    np.random.seed(3)  # noqa: NPY002 (of which it must not depend)
+    first = solve_by_multigrid(matrix, right)
+    with threadpool_limits(1):
+        one = solve_by_multigrid(matrix, right)
+    with threadpool_limits(2):
+        two = solve_by_multigrid(matrix, right)
+    assert first is not None
+    assert one is not None
+    assert two is not None
+    for other in (one, two):
+        assert np.abs(other - first).max() <= 1e-12 * np.abs(first).max()
+
+
+def test_large_systems_take_it_where_it_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    matrix, right, place = ventricle()
+    direct = solve_positive_definite(matrix, right, place)
+    factored = scipy.sparse.linalg.splu
+    sizes = []
+
+    def noted(matrix: scipy.sparse.csc_array, **options: object) -> object:
+        sizes.append(matrix.shape[0])
+        return factored(matrix, **options)
+
+    monkeypatch.setattr(scipy.sparse.linalg, "splu", noted)
+    monkeypatch.setattr(dissection, "LARGE", 1000)
+    found = solve_positive_definite(matrix, right, place)
+    # Nothing larger than the coarsest level was factored.
+    assert max(sizes) <= 500
+    assert np.abs(found - direct).max() < 1e-10 * np.abs(direct).max()
+    monkeypatch.setattr(multigrid, "find_spec", lambda _: None)
+    assert (solve_positive_definite(matrix, right, place) == direct).all()
+    assert max(sizes) == len(right)
+
+
+@pytest.mark.parametrize(("name", "value"), [("_FALLEN", 1e-12), ("_MOST_STEPS", 5)])
+def test_what_converges_too_slowly_is_solved_directly(
+    monkeypatch: pytest.MonkeyPatch, name: str, value: float
+) -> None:
+    matrix, right, place = ventricle()
+    direct = solve_positive_definite(matrix, right, place)
+    monkeypatch.setattr(multigrid, name, value)
+    monkeypatch.setattr(dissection, "LARGE", 1000)
+    assert solve_by_multigrid(matrix, right) is None
+    assert (solve_positive_definite(matrix, right, place) == direct).all()
+
+
+def test_what_is_not_positive_is_refused() -> None:
+    matrix, right, _ = ventricle()
+    assert solve_by_multigrid(scipy.sparse.csc_array(-matrix), right) is None
+    nothing = solve_by_multigrid(matrix, 0 * right)
+    assert nothing is not None
+    assert not nothing.any()
