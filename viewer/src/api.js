@@ -14,11 +14,12 @@ export class Service {
     this.askKey = askKey;
   }
 
-  async call(path, { method = "GET", accept, body, type } = {}) {
+  async call(path, { method = "GET", accept, body, type, isJob } = {}) {
     for (;;) {
       const headers = { Accept: accept || "application/json" };
       if (key) headers.Authorization = `Bearer ${key}`;
       if (type) headers["Content-Type"] = type;
+      if (isJob) headers.Prefer = "respond-async";
       const answer = await fetch(path, { method, headers, body, credentials: "omit" });
       if (answer.status === 401) {
         key = await this.askKey(key !== null);
@@ -46,11 +47,11 @@ export class Service {
   }
 
   // XMLHttpRequest, for only it tells how much has been sent.
-  upload(file, onProgress) {
+  upload(file, onProgress, path = "/v1/sequences") {
     return new Promise((resolve, reject) => {
       const send = () => {
         const request = new XMLHttpRequest();
-        request.open("POST", "/v1/sequences");
+        request.open("POST", path);
         if (key) request.setRequestHeader("Authorization", `Bearer ${key}`);
         request.setRequestHeader("Content-Type", "application/octet-stream");
         request.responseType = "json";

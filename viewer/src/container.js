@@ -7,6 +7,7 @@ const TYPES = {
   "<f2": Uint16Array,
   "<u4": Uint32Array,
   "<u2": Uint16Array,
+  "|u1": Uint8Array,
 };
 
 export function readContainer(buffer) {

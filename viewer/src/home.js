@@ -1,6 +1,9 @@
 // The page at /: what this is, a place to drop a file, and the sequences that are there.
 
+import { Refused } from "./api.js";
 import { h } from "./dom.js";
+
+const IMAGES = /\.(nii|nii\.gz|nrrd|mha|mhd|dcm)$/i;
 
 const STEPS = [
   ["Signature", "a few amplitudes a frame, with the error that they leave"],
@@ -9,15 +12,14 @@ const STEPS = [
 ];
 
 export class Home {
-  constructor(root, service, open) {
-    this.service = service;
-    this.open = open;
+  constructor(root, service, open, openImages) {
+    Object.assign(this, { service, open, openImages });
     this.status = h("p", { class: "status", role: "status" });
     this.progress = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "Upload" });
     this.file = h("input", {
       type: "file",
       id: "file",
-      "aria-label": "Choose a file of a moving surface",
+      "aria-label": "Choose a file of a moving surface, or of images",
       onchange: () => this.file.files[0] && this.send(this.file.files[0]),
     });
     this.table = h("tbody");
@@ -25,8 +27,8 @@ export class Home {
     this.drop = h(
       "section",
       { class: "drop", "aria-label": "Upload" },
-      h("h2", {}, "Drop a moving surface here"),
-      h("p", {}, "An .npz file with vertices (frames, vertices, 3); or VTKHDF, GLB, a zip of STL, PLY, OBJ or VTK frames."),
+      h("h2", {}, "Drop a moving surface or images here"),
+      h("p", {}, "An .npz file with vertices (frames, vertices, 3); or VTKHDF, GLB, a zip of STL, PLY, OBJ or VTK frames. Images over time: NIfTI, NRRD, MetaImage, or a zip of DICOM slices."),
       h("label", { class: "button", for: "file" }, "Choose a file"),
       this.file,
       this.progress,
@@ -67,16 +69,30 @@ export class Home {
       this.status.textContent = job.text || "Reading the file";
     };
     try {
-      const sequence = await this.service.upload(file, (share) => {
+      const tell = (share) => {
         this.progress.value = share;
         if (share === 1) this.status.textContent = "Reading the file";
-      });
+      };
+      if (IMAGES.test(file.name)) return await this.sendImages(file, tell);
+      let sequence;
+      try {
+        sequence = await this.service.upload(file, tell);
+      } catch (error) {
+        // A zip without surfaces may hold images; if it does not, that is the lesser news.
+        if (!/\.zip$/i.test(file.name) || !(error instanceof Refused)) throw error;
+        return await this.sendImages(file, tell).catch(() => Promise.reject(error));
+      }
       this.status.textContent = "Fitting the modes";
       await this.open(sequence.id);
     } catch (error) {
       this.progress.hidden = true;
       this.status.textContent = error.message;
     }
+  }
+
+  async sendImages(file, tell) {
+    const images = await this.service.upload(file, tell, "/v1/images");
+    await this.openImages(images.id);
   }
 
   async list() {

@@ -3,6 +3,7 @@
 import { Refused, save, Service } from "./api.js";
 import { h } from "./dom.js";
 import { Home } from "./home.js";
+import { Landmarks } from "./landmarks.js";
 import { Viewer } from "./viewer.js";
 
 const VIEW = "application/vnd.modalmotion.view";
@@ -51,13 +52,20 @@ class Pages {
   show() {
     const [, page, id] = location.pathname.split("/");
     if (page === "view" && id) this.view(id).catch((error) => this.fail(error));
-    else this.current = new Home(this.root, this.service, (sequence) => this.open(sequence));
+    else if (page === "images" && id) this.images(id).catch((error) => this.fail(error));
+    else this.use(new Home(this.root, this.service, (sequence) => this.open(sequence), (images) => this.open(images, "images")));
   }
 
-  async open(id) {
-    history.pushState(null, "", `/view/${id}`);
+  use(page) {
+    if (this.current && this.current.dispose) this.current.dispose();
+    this.current = page;
+    window.modalmotion = page;
+  }
+
+  async open(id, page = "view") {
+    history.pushState(null, "", `/${page}/${id}`);
     try {
-      await this.view(id);
+      await this[page](id);
     } catch (error) {
       history.back();
       throw error;
@@ -72,6 +80,11 @@ class Pages {
     );
   }
 
+  async images(id) {
+    this.use(await Landmarks.at(this.root, this.service, id, (sequence) => this.open(sequence)));
+    document.title = `Landmarks · modalmotion`;
+  }
+
   async view(id) {
     const query = new URLSearchParams(location.search);
     const ids = [id, ...(query.get("with") ? [query.get("with")] : [])];
@@ -82,8 +95,8 @@ class Pages {
     const payloads = await Promise.all(
       ids.map(async (one) => (await service.call(`/v1/sequences/${one}/view${asked}`, { accept: VIEW })).arrayBuffer()),
     );
-    if (this.current && this.current.dispose) this.current.dispose();
     const here = `/v1/sequences/${id}`;
+    this.use(null);
     this.current = new Viewer(this.root, payloads, {
       isServed: true,
       frames: async (motion, add) => {
@@ -98,6 +111,10 @@ class Pages {
       },
       csv: async () => save(await (await service.call(`${here}/signature${asked}`, { accept: "text/csv" })).blob(), `${id.slice(0, 12)}-amplitudes.csv`),
       page: async () => save(await (await service.call(`${here}/view${asked}`, { accept: "text/html" })).blob(), `${id.slice(0, 12)}.html`),
+      track: {
+        describe: () => service.json(`/v1/tracks/${id}`),
+        picture: async (name) => (await service.call(`/v1/tracks/${id}?picture=${name}`, { accept: "image/png" })).blob(),
+      },
       classify: async () => service.json(`${here}/classifications`, { method: "POST", body: "{}", type: "application/json" }),
     });
     document.title = `${this.current.header.title || id.slice(0, 12)} · modalmotion`;

@@ -6,6 +6,7 @@ import { readContainer } from "./container.js";
 import { h, numeral, refill, svg } from "./dom.js";
 import { Motion } from "./motion.js";
 import { Stage } from "./stage.js";
+import { trackCard } from "./tracking.js";
 
 const COLOURS = [
   ["plain", "Plain"],
@@ -121,7 +122,7 @@ export class Viewer {
         "div",
         { class: "work" },
         h("section", { class: "left", "aria-label": "Surface" }, stageBox, this.buildClock(), this.buildColours()),
-        h("aside", { class: "right", "aria-label": "Modes" }, this.buildReadouts(), this.buildClass(), this.buildModes()),
+        h("aside", { class: "right", "aria-label": "Modes" }, this.buildReadouts(), this.buildClass(), this.buildTrack(), this.buildModes()),
       ),
       this.buildCharts(),
       notes.length
@@ -254,6 +255,11 @@ export class Viewer {
       );
     });
     return h("div", {}, rows);
+  }
+
+  buildTrack() {
+    const { header, actions } = this;
+    return header.is_tracked && actions.track ? trackCard(actions.track, header.unit, (text) => this.say(text)) : null;
   }
 
   buildClass() {

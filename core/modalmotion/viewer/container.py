@@ -24,7 +24,7 @@ from modalmotion.errors import MalformedFileError
 MAGIC: Final = b"MMVIEW1\n"
 _ALIGNMENT: Final = 8
 _LENGTH: Final = 4
-_TYPES: Final = ("<f8", "<f4", "<f2", "<u4", "<u2")
+_TYPES: Final = ("<f8", "<f4", "<f2", "<u4", "<u2", "|u1")
 
 
 def write_container(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
@@ -35,7 +35,7 @@ def write_container(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]
     header : mapping
         Ready for JSON; it has no "arrays" of its own.
     arrays : mapping of str to array
-        float64, float32, float16, uint32 or uint16.
+        float64, float32, float16, uint32, uint16 or uint8.
     """
     pieces, table, place = [], {}, 0
     for name, array in arrays.items():

@@ -35,6 +35,8 @@ class View:
     template : Template or None
         The one that the signature's parameters name, if they name one.
     classification : Classification or None
+    is_tracked : bool
+        Whether the service that shows it has a track of it.
     """
 
     signature: ModalSignature
@@ -42,6 +44,7 @@ class View:
     title: str = ""
     template: Template | None = None
     classification: Classification | None = None
+    is_tracked: bool = False
 
     def payload(self) -> bytes:
         """Write what the page needs first."""
@@ -51,6 +54,7 @@ class View:
             template=self.template,
             classification=self.classification,
             title=self.title,
+            is_tracked=self.is_tracked,
         )
 
     def pieces(self) -> list[bytes]:

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.classification.answer.classification import Classification
@@ -51,6 +51,7 @@ def view_payload(
     template: Template | None = None,
     classification: Classification | None = None,
     title: str = "",
+    is_tracked: bool = False,
 ) -> bytes:
     """Write what a page needs to show a signature beside its sequence.
 
@@ -65,6 +66,8 @@ def view_payload(
         An answer about it; its explanation becomes buttons.
     title : str
         Such as a file's name.
+    is_tracked : bool
+        Whether the service that shows it has a track of it, to be shown beside it.
 
     Returns
     -------
@@ -102,7 +105,9 @@ def view_payload(
             coordinates[used.isolated] = coordinates[nearest]
         arrays["coordinates"] = _single(coordinates)
     arrays["amplitudes"] = _single(signature.amplitudes / scale)
-    arrays["quaternions"] = _single(Rotation.from_matrix(signature.rotations.matrices).as_quat())
+    arrays["quaternions"] = _single(
+        scipy.spatial.transform.Rotation.from_matrix(signature.rotations.matrices).as_quat()
+    )
     arrays["translations"] = _single(signature.translations / scale)
     for name in ("motion_rms", "rms_errors", "max_errors"):
         arrays[name] = _single(getattr(signature, name) / scale)
@@ -112,6 +117,7 @@ def view_payload(
     period = sequence.facts.period or signature.facts.period
     header = {
         "title": title,
+        "is_tracked": is_tracked,
         "intended_use": INTENDED_USE,
         "sequence_id": signature.sequence_id,
         "surface": signature.surface,

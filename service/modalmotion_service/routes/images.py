@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Path, Query, Request, Response
 
 from modalmotion.formats import ReadOptions
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.json_bodies import JsonRoute
-from modalmotion_service.http.negotiation import JSON
-from modalmotion_service.routes.parts.deferral import result_or_job
+from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.negotiation import JSON, VIEW
+from modalmotion_service.routes.parts.deferral import reply_or_job, result_or_job
 from modalmotion_service.routes.parts.dependencies import (
     BareFileDependency,
     PreferenceDependency,
@@ -19,14 +20,16 @@ from modalmotion_service.routes.parts.dependencies import (
     StoreDependency,
 )
 from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
-from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, FILE_BODY, PROBLEMS
+from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, FILE_BODY, PROBLEMS
 from modalmotion_service.schemas import SequenceId
 from modalmotion_service.schemas.images import ImagesListQuery, ImagesPageAnswer, ImagesSummary
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.erasure import erase_images
 from modalmotion_service.workspace.images import link_of
 
-router = APIRouter(prefix="/v1/images", tags=["images"], responses=PROBLEMS, route_class=JsonRoute)
+router = JudgedRouter(
+    prefix="/v1/images", tags=["images"], responses=PROBLEMS, route_class=JsonRoute
+)
 
 
 @router.post(
@@ -85,6 +88,29 @@ def describe(images_id: SequenceId, store: StoreDependency, request: Request) ->
     body = ImagesSummary.of(store.images_record(images_id)).model_dump_json()
     tag = tag_of(body)
     return not_modified(tag) if is_known(request, tag) else Response(body, 200, {"ETag": tag}, JSON)
+
+
+@router.get(
+    "/{images_id}/frames/{frame}",
+    response_class=Response,
+    responses={
+        200: {"description": "What the page reads.", "content": {VIEW: BINARY}},
+        **ACCEPTED,
+    },
+)
+async def slices(
+    images_id: SequenceId,
+    frame: Annotated[int, Path(ge=0, description="From 0.")],
+    state: StateDependency,
+    preference: PreferenceDependency,
+) -> Response:
+    """Give one frame's slices in 256 shades, for `/images/{images_id}`.
+
+    Large planes and volumes are thinned: landmarks are placed on them, nothing is measured.
+    """
+    state.store.images_record(images_id)
+    body = {"ids": [images_id], "frame": frame}
+    return await reply_or_job(state, preference, "slices", body)
 
 
 @router.delete("/{images_id}", status_code=204)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import Header, Query, Request, Response
 from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse
 
 from modalmotion.viewer.bundle_files import NOTHING, content_name, script, style
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import HTML, VIEW, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
@@ -17,8 +18,8 @@ from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PRO
 from modalmotion_service.schemas import SequenceId, SignatureQuery
 from modalmotion_service.schemas.request_queries import ViewFramesQuery
 
-pages = APIRouter(include_in_schema=False)
-router = APIRouter(prefix="/v1/sequences", tags=["views"], responses=PROBLEMS)
+pages = JudgedRouter(include_in_schema=False)
+router = JudgedRouter(prefix="/v1/sequences", tags=["views"], responses=PROBLEMS)
 
 # The page asks this service only. It holds no data: these come with the key, which is typed in.
 _POLICY: Final = (
@@ -29,8 +30,9 @@ _FOR_EVER: Final = "public, max-age=31536000, immutable"
 
 @pages.get("/", response_class=HTMLResponse)
 @pages.get("/view/{sequence_id}", response_class=HTMLResponse)
+@pages.get("/images/{images_id}", response_class=HTMLResponse)
 def page() -> HTMLResponse:
-    """Give the page that lists sequences, and shows the one that its address names."""
+    """Give the page that lists sequences, and shows what its address names."""
     head = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'

@@ -55,6 +55,7 @@ def beat_page(page_of: Callable[..., str]) -> str:
     return page_of(View(modal_signature(beat), beat, "a beat", classification=classify(beat)))
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize(
     ("names", "draw"),
     [*((VIEWED[k : k + 2], "sum") for k in range(0, len(VIEWED), 2)), (("cup", "mesh"), "shader")],
@@ -175,6 +176,7 @@ def test_nothing_serious_stands_in_anyone_s_way(chromium: Browser, beat_page: st
             assert (scheme, serious) == (scheme, [])
 
 
+@pytest.mark.thorough
 def test_a_lost_context_comes_back_with_the_same_picture(chromium: Browser, beat_page: str) -> None:
     with chromium.open(beat_page) as opened:
         page = opened.shown().page
@@ -279,6 +281,7 @@ def test_reasons_of_the_class_set_the_modes_and_a_narrow_page_has_all(
         )
 
 
+@pytest.mark.thorough
 def test_the_table_of_the_page_holds_every_amplitude(
     chromium: Browser, page_of: Callable[..., str], tmp_path: Path
 ) -> None:

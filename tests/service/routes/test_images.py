@@ -21,6 +21,9 @@ from modalmotion.formats.volumes.writing import write_nifti
 from modalmotion.images import ImageSequence
 from modalmotion.images.hdf5 import read_images_file
 from modalmotion.limits import DEFAULT_LIMITS
+from modalmotion.viewer.container import read_container
+from modalmotion.viewer.slices import slices_payload
+from modalmotion_service.http.negotiation import VIEW
 from modalmotion_service.workspace.state import State
 
 pytest.importorskip("nibabel")
@@ -91,6 +94,28 @@ def test_images_are_taken_in_once_and_described_without_a_name(
     kept = read_images_file(state_of(client).store.images_path(here["id"]))
     assert np.array_equal(kept.frames[0].values, beat().frames[0].values)  # type: ignore[union-attr]
     assert client.delete(link).status_code == 204
+
+
+def test_slices_are_given_a_frame_at_a_time_for_the_page(client: TestClient, file: bytes) -> None:
+    images = sent(client, file)
+    answer = client.get(f"{HERE}/{images}/frames/1")
+    assert (answer.status_code, answer.headers["content-type"]) == (200, VIEW)
+    assert answer.content == slices_payload(read(file), 1)
+    header, _ = read_container(answer.content)
+    assert header["parts"][0]["shape"] == list(SHAPE)
+    late = client.get(f"{HERE}/{images}/frames/2")
+    assert (late.status_code, late.json()["remedy"]) == (
+        422,
+        "Ask for one of 2 frames, from 0 to 1.",
+    )
+    assert client.get(f"{HERE}/{images}/frames/-1").status_code == 422
+    job = finished(client, client.get(f"{HERE}/{images}/frames/0", headers=ASYNC).json())
+    assert client.get(job["result"]).content == slices_payload(read(file), 0)
+    assert client.delete(f"{HERE}/{images}").status_code == 204
+    assert client.get(f"{HERE}/{images}/frames/0").status_code == 404
+    # Nor does the job tell of them, or keep what it made.
+    assert list(state_of(client).spool.folder.iterdir()) == []
+    assert client.get(job["links"]["self"]).status_code == 404
 
 
 def test_names_in_headers_reach_no_file(client: TestClient) -> None:

@@ -27,7 +27,7 @@ def here(client: TestClient, beat: bytes) -> str:
     return str(client.post("/v1/sequences", content=beat).headers["location"])
 
 
-@pytest.mark.parametrize("path", ["/", f"/view/{'0' * 64}"])
+@pytest.mark.parametrize("path", ["/", f"/view/{'0' * 64}", f"/images/{'0' * 64}"])
 def test_a_page_holds_no_data_and_may_ask_this_service_only(client: TestClient, path: str) -> None:
     answer = client.get(path)
     assert answer.status_code == 200

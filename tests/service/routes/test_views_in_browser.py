@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import gzip
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
-from browser import Browser, browser
+from browser import Browser, Opened, browser
+from ellipsoid_images import LANDMARKS, MIDDLE, volume
 from running import RunningService
 
+from modalmotion.formats.volumes.writing import write_nifti
+from modalmotion.images import ImageSequence
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.scopes import Scope
 
@@ -22,6 +28,7 @@ def chromium() -> Iterator[Browser]:
 def test_from_a_dropped_file_to_a_page_of_one_file(
     chromium: Browser, tmp_path: Path, beat: bytes
 ) -> None:
+    pytest.importorskip("nibabel")
     (tmp_path / "beat.npz").write_bytes(beat)
     service = RunningService(
         tmp_path / "results", {"REQUIRE_KEYS": "true", "WORKERS": "1", "WAIT_SECONDS": "60"}
@@ -65,6 +72,10 @@ def test_from_a_dropped_file_to_a_page_of_one_file(
             opened.page.locator("dialog input").fill(token)
             opened.page.keyboard.press("Enter")
             opened.shown()
+        with chromium.open(service.base) as opened:
+            opened.page.locator("dialog input").fill(token)
+            opened.page.keyboard.press("Enter")
+            from_images(opened, tmp_path)
     finally:
         service.stop()
     assert (tmp_path / "table.csv").read_text().startswith("frame,time_s,mode,label")
@@ -73,3 +84,57 @@ def test_from_a_dropped_file_to_a_page_of_one_file(
         opened.shown()
         assert opened.said == []
         assert opened.page.locator(".window").count() == 2
+
+
+def from_images(opened: Opened, folder: Path) -> None:
+    """Drop images, click on both landmarks, save them, and look at what was tracked."""
+    page, shape = opened.page, (27, 27, 35)
+    affine = np.column_stack([3.0 * np.eye(3), MIDDLE - 1.5 * (np.array(shape) - 1)])
+    frames = [volume(radius, affine=affine, shape=shape) for radius in (22.0, 18.0)]
+    (folder / "beat.nii").write_bytes(
+        gzip.decompress(write_nifti(ImageSequence(tuple(frames), np.array([0.0, 0.4]))))
+    )
+    page.set_input_files("#file", folder / "beat.nii")
+    opened.wait("window.modalmotion?.views?.length === 3")
+    assert page.url.rpartition("/")[0].endswith("/images")
+    assert page.locator(".pane strong").all_text_contents() == ["Axial", "Coronal", "Sagittal"]
+    for name, place in LANDMARKS.items():
+        assert page.locator(f"#landmark-{name}").is_checked()
+        # To the slice that holds it, then onto it.
+        point = f"[{', '.join(map(str, place))}]"
+        page.evaluate(f"window.modalmotion.views[1].goTo({point})")
+        x, y = page.evaluate(
+            "(() => { const { slice, canvas } = window.modalmotion.views[1];"
+            f"const {{ i, j }} = slice.under({point}); const box = canvas.getBoundingClientRect();"
+            "return [box.left + (i + 0.5) / slice.counts[0] * box.width,"
+            "box.top + (j + 0.5) / slice.counts[1] * box.height]; })()"
+        )
+        page.mouse.click(x, y)
+        # It shows in every view, each in the slice that it lies in.
+        assert page.locator(f".marks .{name}:not(.off)").count() == 3
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save landmarks").click()
+    saved.value.save_as(folder / "landmarks.json")
+    written = json.loads((folder / "landmarks.json").read_text())
+    assert (written["coordinates"], written["unit"]) == ("LPS", "mm")
+    for name, place in LANDMARKS.items():
+        # A voxel is 3 mm wide, and the slice's middle is clicked on.
+        assert np.abs(np.array(written["landmarks"][name]) - place).max() < 2.0, name
+    # By keyboard too: the apex is taken away, and placed again where the cross is.
+    page.get_by_role("button", name="Take the apex away").click()
+    assert page.get_by_role("button", name="Track the surface").is_disabled()
+    page.locator("#landmark-apex").check()
+    page.locator(".pane canvas").first.focus()
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("Enter")
+    assert page.locator(".marks .apex").count() > 0
+    page.set_input_files("#landmark-file", folder / "landmarks.json")
+    opened.wait(f"window.modalmotion.asJson().apex[0] === {written['landmarks']['apex'][0]}")
+    page.get_by_role("button", name="Track the surface").click()
+    opened.shown()
+    assert "/view/" in page.url
+    opened.wait("document.querySelector('.track .figures') !== null")
+    assert "mm" in page.locator(".track .figures td").first.text_content()
+    page.get_by_role("button", name="Stated error").click()
+    opened.wait("document.querySelector('dialog.picture[open] canvas')?.width > 200")
+    assert [text for text in opened.said if "401" not in text] == []

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from modalmotion.images.hdf5 import write_images
+from modalmotion.images.hdf5 import read_images_file, write_images
 from modalmotion.stopwatch import Stopwatch
 from modalmotion.store import ImagesRecord, images_record_of
+from modalmotion.viewer.slices import slices_payload
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import whole_file
 from modalmotion_service.work.upload import Upload
@@ -35,3 +36,8 @@ def ingest_images(
     with watch.stage("image"), whole_file(file) as temporary:
         write_images(temporary, images)
     return images_record_of(images), watch.milliseconds
+
+
+def show_slices(path: Path, frame: int) -> bytes:
+    """Give the slices of one frame of kept images, as the page reads them."""
+    return slices_payload(read_images_file(path), frame)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -24,10 +25,11 @@ def make_view(
     template: Path | None,
     facts: Facts,
     as_page: bool,
+    is_tracked: bool,
     output: Path,
 ) -> None:
     """Write what a page needs first of a kept signature; or the whole page, as one file."""
-    view = _view(sequence, signature, template, facts)
+    view = replace(_view(sequence, signature, template, facts), is_tracked=is_tracked)
     write_whole(output, view_page([view]).encode() if as_page else view.payload())
 
 

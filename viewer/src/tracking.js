@@ -1,0 +1,60 @@
+// What a track says beside its surface: how well the data were followed, and its pictures.
+
+import { h, numeral, refill } from "./dom.js";
+
+const PICTURES = [
+  ["deviations", "Stated error", "The standard deviation of each place on the surface"],
+  ["determined", "What the data determine", "The share of each mode that the data set, and not the prior"],
+  ["overlay", "Contours over the images", "The surface in slices of the images, over the beat"],
+];
+
+const mean = (values) => {
+  const known = values.filter((x) => x !== null);
+  return known.length ? known.reduce((sum, x) => sum + x, 0) / known.length : null;
+};
+
+// `track`: { describe(), picture(name) }.
+export function trackCard(track, unit, say) {
+  const box = h("div", { class: "card track" }, h("h2", {}, "Tracking"), h("p", { class: "note" }, "Loading"));
+  const frame = h("dialog", { class: "picture", "aria-label": "Picture of the track" });
+  const show = async (name, title) => {
+    const bitmap = await createImageBitmap(await track.picture(name));
+    const canvas = h("canvas", { role: "img", "aria-label": title, width: bitmap.width, height: bitmap.height });
+    canvas.getContext("2d").drawImage(bitmap, 0, 0);
+    const close = h("button", { type: "button", onclick: () => frame.close() }, "Close");
+    refill(frame, h("div", { class: "head" }, h("h2", {}, title), close), canvas);
+    frame.showModal();
+  };
+  const fill = (answer) => {
+    const length = (x) => (x === null ? "–" : `${numeral(x)} ${unit}`);
+    const share = (x) => (x === null ? "–" : `${Math.round(100 * x)} %`);
+    const rows = [
+      ["distance of the data, RMS", length(mean(answer.residual_rms))],
+      ["stated error across the surface", length(mean(answer.deviation_across))],
+      ["data that counted", share(mean(answer.inliers))],
+      ["surface that data lie at", share(mean(answer.coverage))],
+    ];
+    const unseen = answer.unseen.length ? `Interpolated, for nothing was seen: frames ${answer.unseen.join(", ")}.` : null;
+    const pictures = PICTURES.filter(([name]) => name !== "overlay" || answer.images);
+    refill(box,
+      h("h2", {}, "Tracking"),
+      h("table", { class: "figures" }, h("tbody", {}, rows.map(([what, value]) => h("tr", {}, h("th", { scope: "row" }, what), h("td", {}, value))))),
+      unseen && h("p", { class: "note" }, unseen),
+      answer.notes.length
+        ? h("details", {}, h("summary", {}, `What to know: ${answer.notes.length} notes`), answer.notes.map((note) => h("p", { class: "note" }, note)))
+        : null,
+      h("div", { class: "actions" }, pictures.map(([name, title, words]) => h("button", {
+        type: "button",
+        title: words,
+        onclick: async (event) => {
+          const own = event.currentTarget;
+          own.disabled = true;
+          await show(name, title).catch((error) => say(error.message));
+          own.disabled = false;
+        },
+      }, title))),
+      frame);
+  };
+  track.describe().then(fill, (error) => refill(box, h("h2", {}, "Tracking"), h("p", { class: "note" }, error.message)));
+  return box;
+}
