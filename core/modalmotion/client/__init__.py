@@ -21,6 +21,7 @@ from modalmotion.client.errors import (
     UnreachableError,
 )
 from modalmotion.client.jobs import Job, JobStatus
+from modalmotion.client.many_files import SentResult
 from modalmotion.client.retries import Retries
 from modalmotion.client.sequence_calls import UNCHANGED
 
@@ -40,6 +41,7 @@ __all__ = [
     "Readouts",
     "RemoteError",
     "Retries",
+    "SentResult",
     "SequenceInfo",
     "SignatureArrays",
     "TemplateInfo",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import secrets
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -75,6 +76,39 @@ def body_of(source: Source) -> Body:
     except OSError as error:
         raise _unreadable(path, error) from error
     return Body(lambda: _file_pieces(path), n_bytes, n_bytes)
+
+
+def form_body(files: Sequence[tuple[str, Body]], manifest: str | None = None) -> Body:
+    """Make the body of a form with many files, each sent in pieces.
+
+    Parameters
+    ----------
+    files : sequence of (str, Body)
+        With their names.
+    manifest : str, optional
+        CSV that describes them.
+    """
+    boundary = secrets.token_hex(16)
+
+    def pieces() -> Iterator[bytes]:
+        for name, body in files:
+            # As browsers write names: percent signs for what would end them.
+            plain = name.replace("\r", "%0D").replace("\n", "%0A").replace('"', "%22")
+            yield (
+                f'--{boundary}\r\nContent-Disposition: form-data; name="files"; '
+                f'filename="{plain}"\r\nContent-Type: application/octet-stream\r\n\r\n'
+            ).encode()
+            yield from body.pieces()
+            yield b"\r\n"
+        if manifest is not None:
+            yield (
+                f'--{boundary}\r\nContent-Disposition: form-data; name="manifest"\r\n\r\n'
+                f"{manifest}\r\n"
+            ).encode()
+        yield f"--{boundary}--\r\n".encode()
+
+    n_bytes = sum(body.n_bytes for _, body in files)
+    return Body(pieces, n_bytes, None, f"multipart/form-data; boundary={boundary}")
 
 
 def json_body(value: object) -> Body:

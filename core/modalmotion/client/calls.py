@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+from modalmotion.client.bodies import Source, form_body
 from modalmotion.client.connection import Answer, Call, Connection
 from modalmotion.client.errors import BrokenAnswerError, understood
 from modalmotion.client.jobs import Job, JobStatus, awaited
+from modalmotion.client.many_files import SentResult, in_requests, named_bodies
 from modalmotion.client.query import Option, segment
 from modalmotion.errors import ParameterError, StoreError
 from modalmotion.formats.npz import read_npz
@@ -72,6 +75,41 @@ class Calls:
                 remedy="Make the call that waits for its result.",
             )
         return Job(self._connection, JobStatus.of(answer.json), read, call.accept)
+
+    def _of_many(
+        self,
+        asked: tuple[str, str],
+        sources: Mapping[str, Source] | Iterable[Source],
+        manifest: str | None,
+        read: Callable[[Answer], list[SentResult[T]]],
+        progress: Progress | None,
+        options: Mapping[str, Option],
+    ) -> list[SentResult[T]]:
+        """Send many files to a path for an answer of a type, in as few requests as are allowed."""
+        files = named_bodies(sources)
+        with understood("a list of limits"):
+            limits = self._get("/v1/limits").json
+            most = int(limits["batch_files"]), int(limits["body_bytes"])
+        requests = list(in_requests(files, *most))
+        if manifest is not None and len(requests) > 1:
+            raise ParameterError(
+                f"{len(files)} files with a manifest do not fit into one request.",
+                remedy="Send them in parts, each with a manifest of its own files.",
+            )
+        path, accept = asked
+        results: list[SentResult[T]] = []
+        for part in requests:
+            body = form_body(part, manifest)
+            call = Call("POST", path, options, accept, body, is_repeatable=True)
+            answers = self._awaited(call, read)
+            with understood("as many results as files"):
+                # By the names that they have here: a form's may be written otherwise.
+                results += [
+                    replace(one, name=name) for (name, _), one in zip(part, answers, strict=True)
+                ]
+            if progress is not None:
+                progress(len(results), len(files))
+        return results
 
     def _pages(self, path: str, member: str, **query: Option) -> Iterator[dict[str, Any]]:
         """Yield the members of a list, page by page."""

@@ -11,6 +11,7 @@ from modalmotion.client.bodies import Source, body_of, json_body
 from modalmotion.client.calls import (
     CSV,
     HDF5,
+    JSON,
     MARKDOWN,
     PNG,
     Calls,
@@ -21,6 +22,7 @@ from modalmotion.client.calls import (
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.errors import understood
 from modalmotion.client.jobs import Job
+from modalmotion.client.many_files import SentResult, results_in
 from modalmotion.client.query import Option, plain, segment
 from modalmotion.progress import Progress
 
@@ -196,6 +198,32 @@ class ModelCalls(Calls):
         """
         call = Call("POST", "/v1/classify", options, body=body_of(source), is_repeatable=True)
         return self._sent(call, lambda answer: value_of(ClassAnswer, answer.json), progress)
+
+    def classes_of(
+        self,
+        sources: Mapping[str, Source] | Iterable[Source],
+        *,
+        manifest: str | None = None,
+        progress: Progress | None = None,
+        **options: Option,
+    ) -> list[SentResult[ClassAnswer]]:
+        """Ask a model for the classes of many sequences sent along; nothing is stored.
+
+        Parameters
+        ----------
+        sources : iterable of (path, bytes or MeshSequence), or mapping of str to these
+        manifest : str, optional
+            As of `signatures_of`.
+        progress : callable, optional
+            Called with the files that are done, and all.
+        **options
+            As of `classify_of`; of all files.
+        """
+
+        def read(answer: Answer) -> list[SentResult[ClassAnswer]]:
+            return results_in(answer, "classification", lambda one: value_of(ClassAnswer, one))
+
+        return self._of_many(("/v1/classify", JSON), sources, manifest, read, progress, options)
 
     def classifications(self, sequence_id: str) -> list[ClassAnswer]:
         """List the models' answers for a sequence."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -20,6 +20,7 @@ from modalmotion.client.calls import (
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.errors import understood
 from modalmotion.client.jobs import Job
+from modalmotion.client.many_files import ZIP, SentResult, signatures_in
 from modalmotion.client.query import Option, plain
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
@@ -87,6 +88,34 @@ class SignatureCalls(Calls):
         """
         call = Call("POST", "/v1/signature", options, HDF5, body_of(source), is_repeatable=True)
         return self._sent(call, _own, progress)
+
+    def signatures_of(
+        self,
+        sources: Mapping[str, Source] | Iterable[Source],
+        *,
+        manifest: str | None = None,
+        progress: Progress | None = None,
+        **options: Option,
+    ) -> list[SentResult[ModalSignature]]:
+        """Return the modal signatures of many sequences sent along; nothing is stored.
+
+        A file that cannot be read or fitted costs no other: it has its own error.
+
+        Parameters
+        ----------
+        sources : iterable of (path, bytes or MeshSequence), or mapping of str to these
+            Any number: they are sent in as few requests as the service allows.
+        manifest : str, optional
+            CSV with the columns path (the names of the files), subject, label and facts; for
+            files that fit into one request.
+        progress : callable, optional
+            Called with the files that are done, and all.
+        **options
+            Of reading and of the signatures, as of `signature_of`; of all files.
+        """
+        return self._of_many(
+            ("/v1/signature", ZIP), sources, manifest, signatures_in, progress, options
+        )
 
     def signatures(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import hashlib
 import hmac
 import re
@@ -74,7 +75,37 @@ class Key:
         return Principal(self.owner, self.id, self.scopes)
 
 
-class KeyRing:
+class Authenticator(abc.ABC):
+    """Whoever knows the records of keys, and recognises a key by its own."""
+
+    def authenticate(self, token: str) -> Key:
+        """Find the record of a key.
+
+        Raises
+        ------
+        AuthenticationError
+            If the key is not known, or no longer active.
+        """
+        parts = _TOKEN.fullmatch(token)
+        row = None if parts is None else self._row(parts[1])
+        if parts is None or row is None:
+            raise AuthenticationError("This key is not known.", remedy=_REMEDY)
+        # A digest of 256 random bits needs no salt and no slow hash: it cannot be searched.
+        if not hmac.compare_digest(_digest(parts[2]), str(row[3])):
+            raise AuthenticationError("This key is not known.", remedy=_REMEDY)
+        key = _key(row)
+        if key.state != "active":
+            error = AuthenticationError(f"This key is {key.state}.", remedy=_REMEDY)
+            error.key_id = key.id
+            raise error
+        return key
+
+    @abc.abstractmethod
+    def _row(self, key_id: str) -> tuple[Any, ...] | None:
+        """Give the row of a key as the table has it."""
+
+
+class KeyRing(Authenticator):
     """The keys of a data folder; server and command line may have it open at once.
 
     Parameters
@@ -139,28 +170,6 @@ class KeyRing:
             (key.id, owner, ",".join(sorted(scopes)), _digest(secret), key.note, key.created, end),
         )
         return key, f"mm_{key_id}_{secret}"
-
-    def authenticate(self, token: str) -> Key:
-        """Find the record of a key.
-
-        Raises
-        ------
-        AuthenticationError
-            If the key is not known, or no longer active.
-        """
-        parts = _TOKEN.fullmatch(token)
-        row = None if parts is None else self._row(parts[1])
-        if parts is None or row is None:
-            raise AuthenticationError("This key is not known.", remedy=_REMEDY)
-        # A digest of 256 random bits needs no salt and no slow hash: it cannot be searched.
-        if not hmac.compare_digest(_digest(parts[2]), str(row[3])):
-            raise AuthenticationError("This key is not known.", remedy=_REMEDY)
-        key = _key(row)
-        if key.state != "active":
-            error = AuthenticationError(f"This key is {key.state}.", remedy=_REMEDY)
-            error.key_id = key.id
-            raise error
-        return key
 
     def revoke(self, key_id: str) -> Key:
         """Take a key back, at once and for good.

@@ -54,6 +54,8 @@ class Rates:
         everybody, and from one address with no key or a wrong one where one is needed.
     now : function
         Seconds of a clock that never goes back.
+    is_replica : bool
+        Whether other services answer the same clients, and count for themselves.
     """
 
     def __init__(
@@ -62,7 +64,10 @@ class Rates:
         of_address: int,
         of_failures: int,
         now: Callable[[], float] = time.monotonic,
+        *,
+        is_replica: bool = False,
     ) -> None:
+        self._details = {"counted_by": "replica"} if is_replica else {}
         self._most = {
             "requests_per_minute": of_key,
             "anonymous_per_minute": of_address,
@@ -112,7 +117,7 @@ class Rates:
             f"{most} requests came within a minute, as many as may.",
             remedy=f"Wait {wait} s and send it again; ask for many signatures in one request.",
             limit=limit,
-            details={"most": most, "retry_after_seconds": wait},
+            details={"most": most, "retry_after_seconds": wait, **self._details},
         )
 
     def _sweep(self, now: float) -> None:

@@ -17,6 +17,7 @@ from typing import Self
 from modalmotion.errors import StoreError
 from modalmotion_service.audit.entry import GENESIS, AuditEntry, Event, Place
 from modalmotion_service.audit.heads import note_head
+from modalmotion_service.audit.notes import Notes
 from modalmotion_service.audit.part import AuditPart, AuditWriter, PartClosedError
 from modalmotion_service.settings import ENTRIES_PER_FILE
 
@@ -25,7 +26,7 @@ logger = logging.getLogger(__name__)
 _NOTE_SECONDS = 3600.0
 
 
-class AuditLog:
+class AuditLog(Notes):
     """The audit log of a data folder; server and command line may have it open at once.
 
     Parameters
@@ -36,12 +37,11 @@ class AuditLog:
     """
 
     def __init__(self, data_dir: Path, entries_per_file: int = ENTRIES_PER_FILE) -> None:
+        super().__init__()
         self._folder = audit_folder(data_dir)
         self._entries_per_file = entries_per_file
         self._lock = threading.Lock()
         self._writer = self._newest()
-        self._pending: list[tuple[Event, asyncio.Future[None]]] = []
-        self._writing: asyncio.Task[None] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -66,30 +66,11 @@ class AuditLog:
         with self._lock:
             return self._note_head()
 
-    async def note_for_ever(self) -> None:
+    async def look_after(self) -> None:
         """Note the head now, and every hour."""
         while True:
             await asyncio.to_thread(self._try_to_note)
             await asyncio.sleep(_NOTE_SECONDS)
-
-    async def note(self, event: Event) -> None:
-        """Append an event; it is durable when this returns.
-
-        Raises
-        ------
-        StoreError
-            If it cannot be written.
-        """
-        done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._pending.append((event, done))
-        if self._writing is None:
-            self._writing = asyncio.create_task(self._write_pending())
-        await done
-
-    async def drain(self) -> None:
-        """Wait until everything that was noted is written."""
-        if self._writing is not None:
-            await asyncio.wait([self._writing])
 
     def append(self, events: list[Event]) -> None:
         """Append events in one transaction.
@@ -133,25 +114,6 @@ class AuditLog:
             self.note_head()
         except StoreError as error:
             logger.warning("the audit log's head is not noted", extra={"code": error.code})
-
-    async def _write_pending(self) -> None:
-        try:
-            while self._pending:
-                batch, self._pending = self._pending, []
-                try:
-                    await asyncio.to_thread(self.append, [event for event, _ in batch])
-                except BaseException as error:
-                    for _, done in batch:
-                        if not done.done():
-                            done.set_exception(error)
-                    if not isinstance(error, Exception):
-                        raise
-                else:
-                    for _, done in batch:
-                        if not done.done():
-                            done.set_result(None)
-        finally:
-            self._writing = None
 
     def _newest(self) -> AuditWriter:
         """Open the file that is appended to: the last one, or the one after it."""

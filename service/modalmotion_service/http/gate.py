@@ -18,7 +18,7 @@ from starlette.types import Scope as Connection
 
 from modalmotion.errors import ModalMotionError
 from modalmotion.facts import NAMES
-from modalmotion_service.access.keys import KeyRing, key_required
+from modalmotion_service.access.keys import Authenticator, key_required
 from modalmotion_service.access.logins import Logins, is_login
 from modalmotion_service.access.principal import (
     LOCAL_PRINCIPAL,
@@ -30,7 +30,7 @@ from modalmotion_service.access.rates import Rates
 from modalmotion_service.access.scopes import PROBES, Scope, Target, target_of
 from modalmotion_service.access.site import comes_by_loopback, require_same_site
 from modalmotion_service.audit.entry import BEGUN, Event
-from modalmotion_service.audit.log import AuditLog
+from modalmotion_service.audit.notes import Notes
 from modalmotion_service.errors import AuthenticationError, ForbiddenError, RateLimitedError
 from modalmotion_service.http.observation import CLIENT_GONE
 from modalmotion_service.http.problems import problem_of
@@ -53,12 +53,12 @@ class Access:
 
     Parameters
     ----------
-    keys : KeyRing
-    audit : AuditLog
+    keys : Authenticator
+    audit : Notes
     """
 
-    keys: KeyRing
-    audit: AuditLog
+    keys: Authenticator
+    audit: Notes
 
 
 def note_ids(connection: HTTPConnection, ids: list[str]) -> None:

@@ -9,6 +9,7 @@ from starlette.exceptions import HTTPException
 from modalmotion_service.contract.files import OCTETS, is_file
 
 JSON: Final = "application/json"
+NDJSON: Final = "application/x-ndjson"
 HDF5: Final = "application/x-hdf5"
 NPZ: Final = "application/x-npz"
 GLB: Final = "model/gltf-binary"

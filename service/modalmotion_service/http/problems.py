@@ -37,6 +37,7 @@ from modalmotion_service.errors import (
     CostError,
     ForbiddenError,
     IdempotencyMismatchError,
+    NeedsStoreError,
     ProviderError,
     RateLimitedError,
     SlowClientError,
@@ -68,6 +69,7 @@ STATUS_OF: Final[dict[type[ModalMotionError], int]] = {
     ClusterError: 503,
     ProviderError: 503,
     MissingExtraError: 501,
+    NeedsStoreError: 501,
     ModalMotionError: 500,
 }
 

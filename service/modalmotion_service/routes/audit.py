@@ -5,14 +5,16 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from pydantic import BaseModel, ConfigDict, Field
 
+from modalmotion_service.audit.log import AuditLog
 from modalmotion_service.http.gate import Access
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.routes.parts.openapi_parts import PROBLEMS
 from modalmotion_service.schemas.access import AuditEntryAnswer, AuditPageAnswer
 
-router = APIRouter(prefix="/v1/audit", tags=["audit"], responses=PROBLEMS)
+router = JudgedRouter(prefix="/v1/audit", tags=["audit"], responses=PROBLEMS)
 
 
 class AuditQuery(BaseModel):
@@ -29,8 +31,10 @@ class AuditQuery(BaseModel):
 async def list_entries(query: Annotated[AuditQuery, Query()], request: Request) -> AuditPageAnswer:
     """List who did what to which id, from the newest to the oldest, a page at a time."""
     access: Access = request.app.state.access
+    log = access.audit
+    assert isinstance(log, AuditLog)  # noqa: S101 (a service that keeps nothing has no such call)
     entries = await asyncio.to_thread(
-        access.audit.page, limit=query.limit + 1, before=query.cursor, owner=query.owner
+        log.page, limit=query.limit + 1, before=query.cursor, owner=query.owner
     )
     page = [AuditEntryAnswer.of(entry) for entry in entries[: query.limit]]
     return AuditPageAnswer(

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 
 from modalmotion.facts import Facts
 from modalmotion_service.http.json_bodies import JsonRoute
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.routes.parts.deferral import result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
@@ -21,7 +22,7 @@ from modalmotion_service.schemas import (
 from modalmotion_service.workspace.models import KeptClassification
 from modalmotion_service.workspace.state import State
 
-router = APIRouter(
+router = JudgedRouter(
     prefix="/v1/sequences", tags=["classifications"], responses=PROBLEMS, route_class=JsonRoute
 )
 

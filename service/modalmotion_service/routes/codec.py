@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Header, Query, Response
+from fastapi import Header, Query, Response
 
 from modalmotion.errors import ParameterError
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import NPZ, RAW, STREAM, VTKHDF, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job
 from modalmotion_service.routes.parts.dependencies import (
@@ -18,7 +19,7 @@ from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PRO
 from modalmotion_service.schemas import EncodingTarget, SequenceId
 from modalmotion_service.schemas.request_queries import DecodeQuery, EncodeQuery
 
-router = APIRouter(prefix="/v1", tags=["codec"], responses=PROBLEMS)
+router = JudgedRouter(prefix="/v1", tags=["codec"], responses=PROBLEMS)
 
 _STREAM_ANSWER: Final = {
     "description": "The stream; its size and errors are in the headers Encoded-...",

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import asyncio
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from starlette.responses import HTMLResponse
 
 from modalmotion_service.contract.documentation.page import render
 from modalmotion_service.contract.documentation.style import CSS
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.security_headers import policy_with_style
 
-router = APIRouter(tags=["operation"])
+router = JudgedRouter(tags=["operation"])
 
 
 @router.get("/docs", response_class=HTMLResponse, include_in_schema=False)

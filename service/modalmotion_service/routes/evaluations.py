@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Request, Response
+from fastapi import Header, Request, Response
 
 from modalmotion_service.http.gate import note_ids
 from modalmotion_service.http.json_bodies import JsonRoute
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import CSV, JSON, PNG, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
@@ -25,7 +26,9 @@ from modalmotion_service.workspace.models import ChosenModel
 from modalmotion_service.workspace.state import State
 from modalmotion_service.workspace.training_set import Case, cases_as_json, labelled_cases
 
-router = APIRouter(prefix="/v1/models", tags=["models"], responses=PROBLEMS, route_class=JsonRoute)
+router = JudgedRouter(
+    prefix="/v1/models", tags=["models"], responses=PROBLEMS, route_class=JsonRoute
+)
 
 
 @router.post(

@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Header, Request, Response
+from fastapi import Header, Request, Response
 
 from modalmotion_service.http.gate import note_ids
 from modalmotion_service.http.json_bodies import JsonRoute
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import CSV, JSON, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
@@ -16,7 +17,7 @@ from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, PROBLEMS
 from modalmotion_service.schemas import FeaturesAnswer, FeaturesRequest
 from modalmotion_service.workspace.training_set import cases_as_json, find_cases
 
-router = APIRouter(prefix="/v1", tags=["features"], responses=PROBLEMS, route_class=JsonRoute)
+router = JudgedRouter(prefix="/v1", tags=["features"], responses=PROBLEMS, route_class=JsonRoute)
 
 _TABLE: Final = {"schema": {"type": "string"}}
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from importlib.metadata import version
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.monitoring.readiness import require_ready
 from modalmotion_service.schemas import Health, Readiness
 
-router = APIRouter(prefix="/health", tags=["health"])
+router = JudgedRouter(prefix="/health", tags=["health"])
 
 
 @router.get("/live")
@@ -24,4 +25,8 @@ def ready(request: Request) -> Readiness:
     local = request.app.state.owners.local
     require_ready(local)
     confined = local.analysis.engine.are_parsers_confined
-    return Readiness(version=version("modalmotion"), parsers_confined=confined)
+    return Readiness(
+        version=version("modalmotion"),
+        stateless=local.settings.stateless,
+        parsers_confined=confined,
+    )

@@ -5,18 +5,19 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import FileResponse
 
 from modalmotion.errors import LostFileError, NotFoundError
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import HDF5, NPZ
 from modalmotion_service.routes.parts.deferral import job_answer
 from modalmotion_service.routes.parts.dependencies import StateDependency
 from modalmotion_service.routes.parts.openapi_parts import BINARY, PROBLEMS
 from modalmotion_service.schemas import JobAnswer, JobId, JobPageAnswer, JobState
 
-router = APIRouter(prefix="/v1/jobs", tags=["jobs"], responses=PROBLEMS)
+router = JudgedRouter(prefix="/v1/jobs", tags=["jobs"], responses=PROBLEMS)
 
 
 class ListQuery(BaseModel):

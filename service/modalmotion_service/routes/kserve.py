@@ -10,13 +10,14 @@ from collections.abc import AsyncIterator
 from importlib.metadata import version
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Path, Request, Response
+from fastapi import Path, Request, Response
 from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
 
 from modalmotion.classification import Classification
 from modalmotion.errors import MalformedFileError, ModalMotionError, ParameterError
 from modalmotion_service.http.json_bodies import parse_json
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import JSON, RAW
 from modalmotion_service.http.tensors import HEADER, binary_body, element, head_length, split_head
 from modalmotion_service.routes import health
@@ -42,7 +43,7 @@ from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.models import ChosenModel, Models
 from modalmotion_service.workspace.state import State
 
-router = APIRouter(prefix="/v2", tags=["KServe v2"])
+router = JudgedRouter(prefix="/v2", tags=["KServe v2"])
 
 _BINARY: Final = "binary_tensor_data"
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
-
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.routes.parts.dependencies import StateDependency
 
-router = APIRouter(prefix="/v1", tags=["limits"])
+router = JudgedRouter(prefix="/v1", tags=["limits"])
 
 
 @router.get("/limits")

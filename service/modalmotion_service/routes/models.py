@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import Header, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion.classification import ModelCard, TrainingOptions, available_models, card_markdown
@@ -13,6 +13,7 @@ from modalmotion.store import ModelRecord, model_to_hdf5, require_model_name
 from modalmotion.store.index.cursor import from_cursor, to_cursor
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.json_bodies import JsonRoute
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import CSV, HDF5, JSON, MARKDOWN, PNG, best_type
 from modalmotion_service.http.preferences import Preference
 from modalmotion_service.routes.parts.deferral import accepted, reply_or_job
@@ -32,7 +33,9 @@ from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
 from modalmotion_service.workspace.training_set import look_up, write_cases
 
-router = APIRouter(prefix="/v1/models", tags=["models"], responses=PROBLEMS, route_class=JsonRoute)
+router = JudgedRouter(
+    prefix="/v1/models", tags=["models"], responses=PROBLEMS, route_class=JsonRoute
+)
 
 _DESCRIPTION: Final[dict[int | str, dict[str, object]]] = {
     200: {"content": {PNG: BINARY, HDF5: BINARY, CSV: BINARY, MARKDOWN: TEXT}},

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import Header, Query, Request, Response
 
 from modalmotion.store import require_model_name
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_ids
 from modalmotion_service.http.json_bodies import JsonRoute
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import HDF5, JSON, best_type
 from modalmotion_service.routes.parts.deferral import accepted, reply_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
@@ -28,7 +29,7 @@ from modalmotion_service.schemas.norms import (
 )
 from modalmotion_service.workspace.training_set import cases_as_json, find_cases
 
-router = APIRouter(prefix="/v1", tags=["norms"], responses=PROBLEMS, route_class=JsonRoute)
+router = JudgedRouter(prefix="/v1", tags=["norms"], responses=PROBLEMS, route_class=JsonRoute)
 
 _DESCRIPTION: Final[dict[int | str, dict[str, object]]] = {200: {"content": {HDF5: BINARY}}}
 

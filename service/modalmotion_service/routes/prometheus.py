@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 from typing import Final
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from prometheus_client.exposition import generate_latest
 
-router = APIRouter(tags=["operation"])
+from modalmotion_service.http.judged_router import JudgedRouter
+
+router = JudgedRouter(tags=["operation"])
 
 _TEXT: Final = "text/plain; version=0.0.4; charset=utf-8"
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import Header, Query, Request, Response
 
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import CSV, JSON, PNG, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PROBLEMS, TEXT
 from modalmotion_service.schemas import ReadoutsAnswer, SequenceId, SignatureQuery
 
-router = APIRouter(prefix="/v1", tags=["read-outs"], responses=PROBLEMS)
+router = JudgedRouter(prefix="/v1", tags=["read-outs"], responses=PROBLEMS)
 
 
 @router.get(

@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import Header, Query, Request, Response
 
 from modalmotion.report.dicom import require_space
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import CSV, FHIR, PDF, RAW, ZIP, best_type
 from modalmotion_service.routes.parts.deferral import in_time, reply_or_job
 from modalmotion_service.routes.parts.dependencies import (
@@ -23,7 +24,7 @@ from modalmotion_service.schemas.request_queries import ReportQuery
 from modalmotion_service.workspace.models import KeptClassification
 from modalmotion_service.workspace.state import State
 
-router = APIRouter(prefix="/v1", tags=["reports"], responses=PROBLEMS)
+router = JudgedRouter(prefix="/v1", tags=["reports"], responses=PROBLEMS)
 
 
 @router.get(

@@ -6,7 +6,7 @@ import asyncio
 import json
 from typing import Annotated, TypeVar
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -15,6 +15,7 @@ from modalmotion.store import UNSET
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_facts
 from modalmotion_service.http.json_bodies import JsonRoute
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.routes.parts.deferral import result_or_job
 from modalmotion_service.routes.parts.dependencies import (
     NamedFileDependency,
@@ -36,7 +37,7 @@ from modalmotion_service.workspace.erasure import erase
 
 NamedQuery = TypeVar("NamedQuery", bound=BaseModel)
 
-router = APIRouter(
+router = JudgedRouter(
     prefix="/v1/sequences", tags=["sequences"], responses=PROBLEMS, route_class=JsonRoute
 )
 

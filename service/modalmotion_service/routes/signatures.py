@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import Header, Query, Request, Response
 from starlette.responses import FileResponse
 
 from modalmotion.errors import LimitError
@@ -13,6 +13,7 @@ from modalmotion.facts import facts_as_json
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_ids
 from modalmotion_service.http.json_bodies import JsonRoute
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import CSV, HDF5, JSON, NPZ, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job, result_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
@@ -30,7 +31,7 @@ from modalmotion_service.schemas import (
 from modalmotion_service.schemas.request_queries import DistanceQuery, ReconstructionQuery
 from modalmotion_service.workspace.reply_kinds import SURFACES
 
-router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS, route_class=JsonRoute)
+router = JudgedRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS, route_class=JsonRoute)
 
 
 @router.get(

@@ -5,9 +5,10 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import Header, Query, Request, Response
 
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job, result_or_job
 from modalmotion_service.routes.parts.dependencies import (
@@ -27,7 +28,7 @@ from modalmotion_service.schemas.request_queries import TemplateQuery
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.reply_kinds import as_json
 
-router = APIRouter(prefix="/v1/templates", tags=["templates"], responses=PROBLEMS)
+router = JudgedRouter(prefix="/v1/templates", tags=["templates"], responses=PROBLEMS)
 
 
 @router.post(

@@ -6,11 +6,12 @@ import asyncio
 import json
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 
 from modalmotion.facts import facts_as_json
 from modalmotion_service.http.gate import note_ids
 from modalmotion_service.http.json_bodies import JsonRoute
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.routes.parts.deferral import accepted
 from modalmotion_service.routes.parts.dependencies import NamedFileDependency, StateDependency
 from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
@@ -19,7 +20,7 @@ from modalmotion_service.routes.sequences import named
 from modalmotion_service.routes.tracks import require_no_body
 from modalmotion_service.schemas.tracks import TrackedReportQuery
 
-router = APIRouter(
+router = JudgedRouter(
     prefix="/v1/reports", tags=["reports"], responses=PROBLEMS, route_class=JsonRoute
 )
 

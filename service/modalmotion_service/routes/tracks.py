@@ -6,7 +6,7 @@ import asyncio
 import json
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import Header, Query, Request, Response
 
 from modalmotion.errors import ParameterError
 from modalmotion.facts import facts_as_json
@@ -15,6 +15,7 @@ from modalmotion.store import record_to_json
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_facts, note_ids
 from modalmotion_service.http.json_bodies import JsonRoute
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import HDF5, JSON, PNG, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job, result_or_job
 from modalmotion_service.routes.parts.dependencies import (
@@ -43,7 +44,9 @@ from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.erasure import erase
 from modalmotion_service.workspace.spool import SpoolFile
 
-router = APIRouter(prefix="/v1/tracks", tags=["tracks"], responses=PROBLEMS, route_class=JsonRoute)
+router = JudgedRouter(
+    prefix="/v1/tracks", tags=["tracks"], responses=PROBLEMS, route_class=JsonRoute
+)
 
 
 @router.post(

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import Header, Query, Request, Response
 
 from modalmotion_service.http.conditional import is_known, not_modified, tag_of
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.negotiation import JSON, PNG, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job
 from modalmotion_service.routes.parts.dependencies import PreferenceDependency, StateDependency
@@ -14,7 +15,7 @@ from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, PRO
 from modalmotion_service.schemas import SequenceId, TradeoffAnswer
 from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
 
-router = APIRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
+router = JudgedRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 
 
 @router.get(

@@ -17,6 +17,10 @@ class Health(BaseModel):
 class Readiness(Health):
     """State of the service and of its workers."""
 
+    stateless: bool = Field(
+        description="Whether nothing is kept here; rates are then counted by each such service "
+        "for itself."
+    )
     parsers_confined: bool | None = Field(
         description="Whether what parses HDF5 and VTK sees nothing but its file; null where only "
         "the workers of a scheduler know."

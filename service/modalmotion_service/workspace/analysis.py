@@ -213,12 +213,27 @@ class Analysis:
         self, upload: Upload, parameters: SignatureParameters, media_type: str
     ) -> bytes:
         """Fit an upload and give its signature as the media type; nothing is stored."""
-        template = self._template_path(parameters)
         with stage("worker"):
-            work = self.work(signatures.sign_upload, upload, parameters, template, media_type)
-            body, milliseconds = await work
+            body, milliseconds = await self.fit_upload(upload, parameters, media_type)
         add_milliseconds(milliseconds)
         return body
+
+    async def fit_upload(
+        self, upload: Upload, parameters: SignatureParameters, media_type: str
+    ) -> tuple[bytes, dict[str, float]]:
+        """Fit an upload as `signature_of_upload`; gives milliseconds by stage besides."""
+        template = self._template_path(parameters)
+        return await self.work(signatures.sign_upload, upload, parameters, template, media_type)
+
+    def require_template(self, parameters: SignatureParameters) -> None:
+        """Check that the template that parameters name is there.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none of that id.
+        """
+        self._template_path(parameters)
 
     async def distance(
         self, sequence_id: str, other_id: str, parameters: SignatureParameters, closed: bool
@@ -375,7 +390,10 @@ class Analysis:
         template = self._template_path(parameters)
         facts = self._store.sequence_record(sequence_id).facts
         with self._output() as output, stage("view"):
-            await self.work(views.make_view, sequence, signature, template, facts, as_page, output)
+            # A page of one file is shown without a service.
+            is_tracked = not as_page and self._store.is_tracked(sequence_id)
+            how = (as_page, is_tracked)
+            await self.work(views.make_view, sequence, signature, template, facts, *how, output)
         return output
 
     async def view_frames(

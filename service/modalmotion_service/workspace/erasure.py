@@ -8,6 +8,7 @@ import contextlib
 from modalmotion.errors import NotFoundError
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.workspace.gone import gone
+from modalmotion_service.workspace.jobs import results_of
 from modalmotion_service.workspace.state import State
 
 
@@ -61,8 +62,7 @@ async def _forget_at(state: State, sequence_id: str, link: str) -> None:
         with contextlib.suppress(ConflictError, NotFoundError):
             await state.runner.cancel(job.id)
     about = await asyncio.to_thread(state.jobs.about, sequence_id, link)
-    for job in about:
-        if "file" in (job.result or {}):
-            state.spool.remove(job.result["file"])
+    for name in results_of(about):
+        state.spool.remove(name)
     await asyncio.to_thread(state.jobs.forget, *(job.id for job in about))
     await asyncio.to_thread(state.idempotency.replace_answers, link, *gone())

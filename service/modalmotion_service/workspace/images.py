@@ -13,15 +13,15 @@ from modalmotion.stopwatch import StageReport
 from modalmotion.store import ImagesRecord, ResultStore
 from modalmotion.store.index.cursor import to_text
 from modalmotion_service.http.timing import add_milliseconds, stage
-from modalmotion_service.work.tasks.images import ingest_images
+from modalmotion_service.work.tasks.images import ingest_images, show_slices
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.gone import gone
 from modalmotion_service.workspace.idempotency import IdempotencyKeys
-from modalmotion_service.workspace.jobs import Job, Jobs
+from modalmotion_service.workspace.jobs import Job, Jobs, results_of
 from modalmotion_service.workspace.perseverance import for_ever
 from modalmotion_service.workspace.shared_work import SharedWork, unheard
-from modalmotion_service.workspace.spool import SpoolFile
+from modalmotion_service.workspace.spool import Spool, SpoolFile
 
 
 def link_of(images_id: str) -> str:
@@ -40,15 +40,23 @@ class Images:
     jobs : Jobs
     keys : IdempotencyKeys
         Both mention images until they are forgotten.
+    spool : Spool
+        Holds what jobs have made of them.
     """
 
     def __init__(
-        self, store: ResultStore, analysis: Analysis, jobs: Jobs, keys: IdempotencyKeys
+        self,
+        store: ResultStore,
+        analysis: Analysis,
+        jobs: Jobs,
+        keys: IdempotencyKeys,
+        spool: Spool,
     ) -> None:
         self._store = store
         self._analysis = analysis
         self._jobs = jobs
         self._keys = keys
+        self._spool = spool
         self._shared_work = SharedWork()
 
     async def take(
@@ -69,6 +77,12 @@ class Images:
 
         return await self._shared_work.join(upload.path, make, report)
 
+    async def slices(self, images_id: str, frame: int) -> bytes:
+        """Give the slices of one frame, as the page reads them."""
+        path = await asyncio.to_thread(self._store.images_path, images_id)
+        with stage("view"):
+            return await self._analysis.work(show_slices, path, frame)
+
     def about(self, images_id: str) -> tuple[Job, ...]:
         """List the jobs that read images, or have stored them."""
         return self._jobs.about(images_id, link_of(images_id))
@@ -84,7 +98,11 @@ class Images:
             If they cannot be deleted, or not wholly; then they can be deleted again.
         """
         self._keys.replace_answers(link_of(images_id), *gone())
-        self._jobs.forget(*(job.id for job in self.about(images_id)))
+        about = self.about(images_id)
+        # Slices that nobody has fetched are the images as well.
+        for name in results_of(about):
+            self._spool.remove(name)
+        self._jobs.forget(*(job.id for job in about))
         self._store.delete_images(images_id)
 
     def after_track(self, images_id: str, track_id: str, *, is_kept: bool) -> None:

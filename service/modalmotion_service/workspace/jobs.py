@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import uuid
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -83,6 +84,11 @@ class JobPage:
 
     jobs: tuple[Job, ...]
     cursor: str | None
+
+
+def results_of(jobs: Iterable[Job]) -> list[str]:
+    """Name the files in the spool that jobs have made."""
+    return [job.result["file"] for job in jobs if job.result and "file" in job.result]
 
 
 class Jobs:

@@ -28,6 +28,7 @@ from modalmotion_service.workspace.jobs import Jobs
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.norms import Norms
 from modalmotion_service.workspace.perseverance import for_ever
+from modalmotion_service.workspace.read_only import lay_out
 from modalmotion_service.workspace.reply_kinds import make_replies
 from modalmotion_service.workspace.retention import Retention
 from modalmotion_service.workspace.spool import Spool
@@ -164,6 +165,9 @@ class Owners:
 
     async def _open(self, owner: str) -> State:
         settings, root = self._settings, folder_of(self._settings.data_dir, owner)
+        if settings.stateless and settings.read_only_dir is not None:
+            source = folder_of(settings.read_only_dir, owner)
+            await asyncio.to_thread(lay_out, source, root)
         store = ResultStore(root, keep_uploads=settings.keep_uploads)
         await asyncio.to_thread(store.open)
         try:
@@ -178,7 +182,7 @@ class Owners:
             spool.clear(keep=await asyncio.to_thread(retention.needed))
             tariff = Tariff(owner, settings.task_cost_factor, settings.task_cost_seconds)
             analysis = Analysis(store, self._engine, spool, tariff)
-            images = Images(store, analysis, jobs, keys)
+            images = Images(store, analysis, jobs, keys, spool)
             models, tracks = Models(store, analysis), Tracks(store, analysis, images)
             norms = Norms(store, analysis)
             trainer = Trainer(
@@ -187,7 +191,7 @@ class Owners:
                 settings.workers,
             )
             replies = make_replies(
-                *(settings, spool, analysis, models, tracks, norms),
+                *(settings, spool, analysis, models, images, tracks, norms),
                 Evaluations(store, analysis, models),
             )
             runner = make_runner(

@@ -50,10 +50,13 @@ from modalmotion_service.schemas.request_queries import (
 from modalmotion_service.schemas.tracks import TrackViewQuery
 from modalmotion_service.schemas.tradeoff_query import TradeoffQuery
 from modalmotion_service.settings import Settings
+from modalmotion_service.work.part import parts_from_json
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.batches import Batches
 from modalmotion_service.workspace.evaluations import Evaluations
 from modalmotion_service.workspace.feature_tables import FeatureTables
+from modalmotion_service.workspace.images import Images
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.norms import Norms
@@ -72,7 +75,10 @@ SURFACES: Final = {
 }
 """Formats of surfaces, by media type."""
 
-OF_UPLOADS: Final = ("sent-signature", "sent-classification", "sent-encoding", "decoding")
+OF_UPLOADS: Final = (
+    *("sent-signature", "sent-signatures", "sent-classification", "sent-classifications"),
+    *("sent-encoding", "decoding"),
+)
 """Kinds whose request names a file in the spool."""
 
 
@@ -87,12 +93,14 @@ def make_replies(
     spool: Spool,
     analysis: Analysis,
     models: Models,
+    images: Images,
     tracks: Tracks,
     norms: Norms,
     evaluations: Evaluations,
 ) -> Replies:
     """Make the maker of all kinds."""
     tables = FeatureTables(analysis, spool)
+    many = Batches(settings, analysis, models, spool)
 
     def sent(request: Request, query: ReadingQuery) -> Upload:
         facts = request["facts"]
@@ -112,6 +120,17 @@ def make_replies(
         named = ClassificationAnswer.of(result, model.version, None).model_dump()
         answer = UploadClassificationAnswer(**named, reading=reading)
         return Reply(answer.model_dump_json().encode(), JSON)
+
+    async def sent_signatures(request: Request, report: Report) -> Reply:
+        query, media_type = query_of(request, TemplateQuery), request["media_type"]
+        path, parts = spool.at(request["file"]), parts_from_json(request["parts"])
+        return await many.signatures(path, parts, query, media_type, report)
+
+    async def sent_classifications(request: Request, report: Report) -> Reply:
+        query, media_type = query_of(request, ClassifyQuery), request["media_type"]
+        model = await asyncio.to_thread(models.choose, query.model)
+        path, parts = spool.at(request["file"]), parts_from_json(request["parts"])
+        return await many.classifications(path, parts, query, model, media_type, report)
 
     async def sent_encoding(request: Request, report: Report) -> Reply:
         query = query_of(request, EncodeQuery)
@@ -209,6 +228,10 @@ def make_replies(
         path = await analysis.view_frames(sequence_id, parameters, query.first, query.stop)
         return Reply(path, VIEW)
 
+    async def slices(request: Request, _: Report) -> Reply:
+        (images_id,) = request["ids"]
+        return Reply(await images.slices(images_id, request["frame"]), VIEW)
+
     async def template_modes(request: Request, _: Report) -> Reply:
         query, media_type = query_of(request, ModesQuery), request["media_type"]
         body = await analysis.template_modes(request["template_id"], query, media_type)
@@ -278,7 +301,9 @@ def make_replies(
     makers: dict[str, Maker] = {
         "features": features,
         "sent-signature": sent_signature,
+        "sent-signatures": sent_signatures,
         "sent-classification": sent_classification,
+        "sent-classifications": sent_classifications,
         "sent-encoding": sent_encoding,
         "decoding": decoding,
         "encoding": encoding,
@@ -290,6 +315,7 @@ def make_replies(
         "reconstruction": reconstruction,
         "view": view,
         "view-frames": view_frames,
+        "slices": slices,
         "template-modes": template_modes,
         "template-view": template_view,
         "model-view": model_view,

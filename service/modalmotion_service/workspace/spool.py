@@ -18,6 +18,7 @@ from modalmotion.store.disk.atomic import (
     remove_durably,
     sync_folder,
 )
+from modalmotion_service.work.part import Part
 from modalmotion_service.workspace.disk import require_reserve
 
 
@@ -36,6 +37,8 @@ class SpoolFile:
         Subject and label that the form states.
     is_left : bool
         Whether a job has it now, and removes it.
+    parts : tuple of Part
+        Files that lie in it one after the other, where many were sent.
     """
 
     path: Path
@@ -43,6 +46,7 @@ class SpoolFile:
     facts: Facts = NO_FACTS
     names: dict[str, str] = field(default_factory=dict)
     is_left: bool = False
+    parts: tuple[Part, ...] = ()
 
     def make_durable(self) -> None:
         """Make the bytes survive a crash: before they are acknowledged without being read."""

@@ -127,6 +127,7 @@ def test_volumes_are_the_librarys_own(remote: Client, kept: str, beat: bytes) ->
         readouts_of({**found.answer, "of_mesh": {"volumes": []}})
 
 
+@pytest.mark.thorough
 def test_the_trade_and_the_pictures(remote: Client, kept: str, tmp_path: Path) -> None:
     trade = remote.tradeoff(kept, front_modes=12, modes=4)
     assert trade["sequence_id"] == kept

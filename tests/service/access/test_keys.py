@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import stat
 from datetime import UTC, datetime, timedelta
@@ -95,7 +96,12 @@ def test_the_commands_make_list_and_take_back_while_the_service_runs(tmp_path: P
         assert service.client.get("/v1/sequences", headers=also).status_code == 200
         listed = command("keys", "list", *here)
         assert token.strip() not in listed
-        key_id = listed.split()[0]
+        assert listed.split()[:3] == ["key", "state", "owner"]
+        key_id = listed.splitlines()[1].split()[0]
+        (kept,) = json.loads(command("keys", "list", "--json", *here))
+        assert (kept["id"], kept["state"]) == (key_id, "active")
+        assert kept["scopes"] == ["read", "write"]
+        assert "hash" not in kept
         assert "active" in listed
         assert "read,write" in listed
         assert "revoked" in command("keys", "revoke", key_id, *here)
@@ -154,6 +160,7 @@ def test_only_loopback_addresses_need_no_key(host: str, answer: bool) -> None:
     assert is_loopback(host) is answer
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("headers", "status"),
     [

@@ -21,7 +21,7 @@ from modalmotion_service.http.gate import route_of
 from modalmotion_service.settings import Settings
 
 ROUTES = sorted(SCOPE_OF, key=lambda route: (route[1], route[0]))
-PAGES = {"/", "/docs", "/view/{sequence_id}", "/viewer/{name}"}
+PAGES = {"/", "/docs", "/view/{sequence_id}", "/images/{images_id}", "/viewer/{name}"}
 CLOSED = [route for route in ROUTES if SCOPE_OF[route] is not OPEN]
 # What is the same for everybody, whatever its path names.
 SHARED = {"/metrics", "/v1/limits"}
@@ -38,6 +38,7 @@ NEEDS_BODY = {
 
 
 def filled(template: str, ids: dict[str, str]) -> str:
+    ids = {"frame": "0", **ids}
     return re.sub(r"\{(\w+)\}", lambda found: ids.get(found[1], "ventricle-simulated"), template)
 
 
@@ -83,7 +84,7 @@ def test_every_route_of_the_app_has_a_scope_and_every_scope_a_route() -> None:
         for path, operations in app.openapi()["paths"].items()
         for method in operations
     }
-    plain = {("GET", route.path) for route in app.routes if isinstance(route, Route)}
+    plain = {("GET", route.path) for route in app.routes if type(route) is Route}
     assert described | plain | {("GET", page) for page in PAGES} == set(SCOPE_OF)
 
 

@@ -106,6 +106,7 @@ def test_one_damaged_store_keeps_no_other_closed(tmp_path: Path, beat: bytes) ->
         assert len(service.ask("hurt", "GET", "/v1/sequences").json()["sequences"]) == 1
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     "origin",
     [

@@ -161,6 +161,7 @@ MANY: dict[str, tuple[str, str, Callable[[], bytes], dict[str, str]]] = {
 ALIKE = {"options"}
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=[pytest.mark.soak] if name in ALIKE else []) for name in MANY],

@@ -135,6 +135,7 @@ def test_a_sequence_that_cannot_be_fitted_ends_the_training_by_name(
     assert "without this sequence" in job["error"]["remedy"]
 
 
+@pytest.mark.thorough
 def test_a_sequence_of_another_topology_ends_the_training_by_name(
     trained: Trained, npz: Callable[..., bytes]
 ) -> None:
@@ -193,6 +194,7 @@ def test_a_damaged_model_is_refused_and_others_are_served(trained: Trained) -> N
     assert trained.client.delete("/v1/models/damaged/versions/1").status_code == 204
 
 
+@pytest.mark.thorough
 def test_both_kinds_are_weighed_where_points_may_slide(trained: Trained) -> None:
     client = trained.client
     ids = send(client, cohort(3, seed=77))

@@ -31,6 +31,8 @@ async def result_or_job(
 ) -> T | Response:
     """Wait for work as long as client and settings allow, then leave it to a job and answer 202.
 
+    Where nothing is kept there are no jobs, and it is waited for to its end.
+
     Parameters
     ----------
     state : State
@@ -42,6 +44,9 @@ async def result_or_job(
     leave : async function, optional
         Called before a job is acknowledged, with the work if it has begun.
     """
+    if state.settings.stateless:
+        # Another replica would not know the job; the work has limits of its own.
+        return await work
     wait = state.settings.wait_seconds
     if preference.wait_seconds is not None:
         wait = min(wait, preference.wait_seconds)

@@ -7,17 +7,18 @@ from dataclasses import replace
 from typing import Annotated
 
 from fastapi import Depends, Header, Request
-from fastapi.exceptions import RequestValidationError
 from starlette.datastructures import FormData, UploadFile
 
-from modalmotion.errors import MalformedFileError, ParameterError
-from modalmotion.facts import column_of, facts_from_texts, is_fact
+from modalmotion.errors import MalformedFileError
+from modalmotion.facts import facts_from_texts, is_fact
 from modalmotion.store import ResultStore
 from modalmotion_service.access.keys import key_required
 from modalmotion_service.access.principal import principal_of
 from modalmotion_service.http.forms import received_form
+from modalmotion_service.http.many_files import ManyFiles
 from modalmotion_service.http.preferences import Preference, parse_preference
 from modalmotion_service.http.timing import stage
+from modalmotion_service.routes.parts.form_fields import fields_of, spool_file_of
 from modalmotion_service.routes.parts.openapi_parts import PREFER
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
@@ -61,7 +62,7 @@ async def get_preference(
 
 
 def receiving(
-    *names: str, takes_facts: bool = True
+    *names: str, takes_facts: bool = True, takes_many: bool = False
 ) -> Callable[[Request, State], Awaitable[SpoolFile]]:
     """Make the dependency that receives an upload into the spool.
 
@@ -73,10 +74,13 @@ def receiving(
         Fields that may stand in the form too.
     takes_facts : bool
         Whether facts may.
+    takes_many : bool
+        Whether it may be parts named "files", each a sequence, and a part named "manifest" that
+        describes them.
     """
 
     async def receive_upload(request: Request, state: StateDependency) -> SpoolFile:
-        file = await _receive(request, state, names, takes_facts=takes_facts)
+        file = await _receive(request, state, names, takes_facts=takes_facts, takes_many=takes_many)
         # Handlers remove their upload; one that is never called because its query is not valid
         # cannot.
         request.state.remove_upload = file.remove
@@ -94,7 +98,12 @@ async def receive_raw(request: Request, state: StateDependency) -> SpoolFile:
 
 
 async def _receive(
-    request: Request, state: State, names: tuple[str, ...], *, takes_facts: bool
+    request: Request,
+    state: State,
+    names: tuple[str, ...],
+    *,
+    takes_facts: bool,
+    takes_many: bool,
 ) -> SpoolFile:
     # Only requests with an idempotency key are compared by their hash.
     hashed = "idempotency-key" in request.headers
@@ -104,53 +113,33 @@ async def _receive(
             return await state.spool.receive(request.stream(), hashed=hashed)
         # Before the form is received, not after.
         state.spool.require_reserve()
-        async with received_form(request, state.spool.folder) as form:
-            part = form.get("file")
-            if not isinstance(part, UploadFile):
-                raise MalformedFileError(
-                    "The form has no file part named 'file'.",
-                    remedy="Send one part named 'file', or the bytes as the raw body.",
-                )
-            texts = _fields_of(form, names, takes_facts=takes_facts)
-            facts = facts_from_texts({name: texts[name] for name in texts if is_fact(name)})
-            stated = {name: texts[name] for name in names if name in texts}
-            file = await state.spool.receive(_pieces(part), hashed=hashed)
-            return replace(file, facts=facts, names=stated)
+        many = None
+        if takes_many:
+            many = ManyFiles(state.spool.new_path(), state.settings.max_batch_files)
+        try:
+            async with received_form(request, state.spool.folder, many) as form:
+                if many is not None and many.parts:
+                    return await spool_file_of(form, many)
+                part = _file_of(form)
+                texts = fields_of(form, names, takes_facts=takes_facts)
+                facts = facts_from_texts({name: texts[name] for name in texts if is_fact(name)})
+                stated = {name: texts[name] for name in names if name in texts}
+                file = await state.spool.receive(_pieces(part), hashed=hashed)
+                return replace(file, facts=facts, names=stated)
+        except BaseException:
+            if many is not None:
+                many.discard()
+            raise
 
 
-def _fields_of(form: FormData, names: tuple[str, ...], *, takes_facts: bool) -> dict[str, str]:
-    """Read the fields of a form beside its file: facts by the names that columns of tables have.
-
-    Raises
-    ------
-    RequestValidationError
-        If one is not known here: it would be dropped.
-    ParameterError
-        If one is stated twice.
-    """
-    texts: dict[str, str] = {}
-    for heading, value in form.multi_items():
-        name = column_of(heading)
-        if heading == "file" and not isinstance(value, str) and name not in texts:
-            continue
-        if not isinstance(value, str) or not ((takes_facts and is_fact(name)) or name in names):
-            may_be = ", ".join(["file", *names])
-            and_facts = " and facts" if takes_facts else ""
-            raise RequestValidationError(
-                [
-                    {
-                        "loc": ("form", heading[:80]),
-                        "msg": f"A form has {may_be}{and_facts}; all else stands in the query, as "
-                        f"?{heading[:80]}=...",
-                    }
-                ]
-            )
-        if name in texts:
-            raise ParameterError(
-                f"The form has two fields '{name[:80]}'.", remedy="Send one of them."
-            )
-        texts[name] = value
-    return texts
+def _file_of(form: FormData) -> UploadFile:
+    part = form.get("file")
+    if not isinstance(part, UploadFile):
+        raise MalformedFileError(
+            "The form has no file part named 'file'.",
+            remedy="Send one part named 'file', or the bytes as the raw body.",
+        )
+    return part
 
 
 async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:
@@ -161,6 +150,7 @@ async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:
 StoreDependency = Annotated[ResultStore, Depends(get_store)]
 PreferenceDependency = Annotated[Preference, Depends(get_preference)]
 FileDependency = Annotated[SpoolFile, Depends(receiving())]
+FilesDependency = Annotated[SpoolFile, Depends(receiving(takes_many=True))]
 BareFileDependency = Annotated[SpoolFile, Depends(receiving(takes_facts=False))]
 RawFileDependency = Annotated[SpoolFile, Depends(receive_raw)]
 NamedFileDependency = Annotated[SpoolFile, Depends(receiving("subject", "label"))]

@@ -7,7 +7,7 @@ from typing import Any, Final
 from pydantic import BaseModel
 
 from modalmotion.facts import NAMES
-from modalmotion_service.schemas import JobAnswer, Problem
+from modalmotion_service.schemas import JobAnswer
 
 PREFER: Final = "respond-async for a job, or wait=SECONDS."
 """What a header Prefer may say."""
@@ -44,7 +44,36 @@ def _upload_body(*names: str) -> dict[str, Any]:
     }
 
 
+def _many_files_body(single: dict[str, Any]) -> dict[str, Any]:
+    """Describe the body of a call that takes one file or many.
+
+    Parameters
+    ----------
+    single : dict
+        What it is for one.
+    """
+    body = single["requestBody"]
+    form = body["content"]["multipart/form-data"]["schema"]
+    properties = {
+        **form["properties"],
+        "files": {"type": "array", "items": {"type": "string", "format": "binary"}},
+        "manifest": {"type": "string"},
+    }
+    many = {"type": "object", "properties": properties}
+    return {
+        "requestBody": {
+            **body,
+            "description": f"{body['description']} Or a form with many parts named 'files', "
+            "answered by a list with a result or a problem for each; facts that stand in the form "
+            "are those of all, and a part 'manifest', a CSV table with the columns path, subject, "
+            "label and facts, says those of each.",
+            "content": {**body["content"], "multipart/form-data": {"schema": many}},
+        }
+    }
+
+
 UPLOAD_BODY: Final = _upload_body()
+MANY_FILES_BODY: Final = _many_files_body(UPLOAD_BODY)
 NAMED_UPLOAD_BODY: Final = _upload_body("subject", "label")
 
 FILE_BODY: Final[dict[str, Any]] = {
@@ -68,8 +97,9 @@ _PROBLEM_CONTENT: Final = {
     "application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}
 }
 
+# Without the model: the framework would build a serialiser of it for each of 540 answers.
 PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
-    status: {"description": text, "model": Problem, "content": _PROBLEM_CONTENT}
+    status: {"description": text, "content": _PROBLEM_CONTENT}
     for status, text in {
         400: "The bytes are not a readable file.",
         404: "Nothing is stored under that id.",

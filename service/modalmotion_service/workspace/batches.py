@@ -1,0 +1,232 @@
+"""Answers for many files that are sent in one request: one for each, and none lost by another."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import zipfile
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from modalmotion.errors import ModalMotionError, StoreError
+from modalmotion.store.disk.atomic import cannot_write
+from modalmotion_service.errors import ClusterError
+from modalmotion_service.http.negotiation import HDF5, JSON, NDJSON, ZIP
+from modalmotion_service.http.problems import internal_problem, problem_body
+from modalmotion_service.http.timing import stage
+from modalmotion_service.schemas import ClassificationAnswer, UploadClassificationAnswer
+from modalmotion_service.schemas.request_queries import ClassifyQuery, TemplateQuery
+from modalmotion_service.settings import Settings
+from modalmotion_service.work.part import Part
+from modalmotion_service.work.tasks import batches
+from modalmotion_service.work.tasks.batches import RESULTS
+from modalmotion_service.work.upload import Upload
+from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.job_runner import Report
+from modalmotion_service.workspace.models import ChosenModel, Models
+from modalmotion_service.workspace.replies import Reply
+from modalmotion_service.workspace.spool import Spool, SpoolFile, remove_with_beside
+
+logger = logging.getLogger(__name__)
+
+FAILED: Final = "Batch-Failed"
+"""Header with the number of files that have a problem in the place of a result."""
+
+_SUFFIX: Final = ".h5"
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    part: Part
+    body: bytes | None
+    problem: dict[str, object] | None
+
+
+class Batches:
+    """Makes the answers for many files.
+
+    Parameters
+    ----------
+    settings : Settings
+    analysis : Analysis
+    models : Models
+    spool : Spool
+    """
+
+    def __init__(
+        self, settings: Settings, analysis: Analysis, models: Models, spool: Spool
+    ) -> None:
+        self._settings = settings
+        self._analysis = analysis
+        self._models = models
+        self._spool = spool
+
+    async def signatures(
+        self,
+        path: Path,
+        parts: tuple[Part, ...],
+        query: TemplateQuery,
+        media_type: str,
+        report: Report,
+    ) -> Reply:
+        """Fit a signature to each of many files.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no template of that id.
+        """
+        parameters = query.parameters()
+        self._analysis.require_template(parameters)
+        one_type = JSON if media_type in (JSON, NDJSON) else HDF5
+
+        async def fit(part: Part) -> bytes:
+            upload = self._upload(path, part, query)
+            body, _ = await self._analysis.fit_upload(upload, parameters, one_type)
+            return body
+
+        outcomes = self._each(parts, fit, report)
+        if media_type in (JSON, NDJSON):
+            return await self._listed(outcomes, "signature", media_type)
+        archive, n_failed = await self._archived(outcomes)
+        headers = {FAILED: str(n_failed)}
+        if media_type == ZIP:
+            return Reply(archive, ZIP, headers)
+        task = batches.pack_archive if media_type == HDF5 else batches.tabulate_archive
+        output = self._spool.new_path()
+        try:
+            await self._analysis.work(task, archive, parts, output)
+        except BaseException:
+            remove_with_beside(output)
+            raise
+        finally:
+            SpoolFile(archive).remove()
+        return Reply(output, media_type, headers)
+
+    async def classifications(
+        self,
+        path: Path,
+        parts: tuple[Part, ...],
+        query: ClassifyQuery,
+        model: ChosenModel,
+        media_type: str,
+        report: Report,
+    ) -> Reply:
+        """Classify the motion in each of many files with a model."""
+
+        async def name(part: Part) -> bytes:
+            upload = self._upload(path, part, query)
+            result, reading = await self._models.classify(upload, model, query.coverage)
+            named = ClassificationAnswer.of(result, model.version, None).model_dump()
+            return UploadClassificationAnswer(**named, reading=reading).model_dump_json().encode()
+
+        outcomes = self._each(parts, name, report)
+        return await self._listed(outcomes, "classification", media_type)
+
+    def _upload(self, path: Path, part: Part, query: TemplateQuery | ClassifyQuery) -> Upload:
+        return Upload(path, query.options(self._settings.read_limits, part.facts), part)
+
+    async def _each(
+        self, parts: tuple[Part, ...], work: Callable[[Part], Awaitable[bytes]], report: Report
+    ) -> AsyncIterator[_Outcome]:
+        """Do all in order, a few at a time: what is done ahead of its turn is held in memory.
+
+        Raises
+        ------
+        StoreError, ClusterError
+            If it is no fault of a file: all is to be done again.
+        """
+        ahead = 2 * self._analysis.engine.n_workers + 2
+        under_way: deque[tuple[Part, asyncio.Task[bytes]]] = deque()
+        rest = iter(parts)
+        try:
+            for done in range(len(parts)):
+                while len(under_way) < ahead and (part := next(rest, None)) is not None:
+                    under_way.append((part, asyncio.ensure_future(work(part))))
+                first, task = under_way.popleft()
+                try:
+                    outcome = _Outcome(first, await _until_done(task), None)
+                except (StoreError, ClusterError):
+                    raise
+                except ModalMotionError as error:
+                    outcome = _Outcome(first, None, problem_body(error))
+                except Exception:
+                    logger.exception("a file of many failed")
+                    outcome = _Outcome(first, None, internal_problem())
+                report((done + 1) / len(parts), f"file {done + 1} of {len(parts)}")
+                yield outcome
+        finally:
+            for _, task in under_way:
+                task.cancel()
+            await asyncio.gather(*(task for _, task in under_way), return_exceptions=True)
+
+    async def _listed(
+        self, outcomes: AsyncIterator[_Outcome], member: str, media_type: str
+    ) -> Reply:
+        """Write results as the members of a list, or a line each."""
+        output, n_failed = self._spool.new_path(), 0
+        is_list = media_type == JSON
+        try:
+            with stage("worker"), output.open("xb") as file:
+                file.write(b'{"results":[' if is_list else b"")
+                between = b""
+                async for one in outcomes:
+                    n_failed += one.problem is not None
+                    file.write(between + _line(one, member))
+                    between = b",\n" if is_list else b"\n"
+                file.write(b'],"n_failed":%d}' % n_failed if is_list else b"\n")
+        except BaseException as error:
+            SpoolFile(output).remove()
+            if isinstance(error, OSError):
+                raise cannot_write(output, error) from error
+            raise
+        return Reply(output, media_type, {FAILED: str(n_failed)})
+
+    async def _archived(self, outcomes: AsyncIterator[_Outcome]) -> tuple[Path, int]:
+        """Write signatures as files of an archive; gives the number of problems besides."""
+        output, listed = self._spool.new_path(), list[dict[str, Any]]()
+        try:
+            with stage("worker"), zipfile.ZipFile(output, "x") as archive:
+                async for one in outcomes:
+                    name = f"{len(listed):06d}{_SUFFIX}"
+                    if one.body is not None:
+                        archive.writestr(name, one.body)
+                    listed.append(
+                        {
+                            **_named(one.part),
+                            "file": None if one.body is None else name,
+                            "error": one.problem,
+                        }
+                    )
+                n_failed = sum(one["error"] is not None for one in listed)
+                archive.writestr(RESULTS, json.dumps({"results": listed, "n_failed": n_failed}))
+        except BaseException as error:
+            SpoolFile(output).remove()
+            if isinstance(error, OSError):
+                raise cannot_write(output, error) from error
+            raise
+        return output, n_failed
+
+
+async def _until_done(task: asyncio.Task[bytes]) -> bytes:
+    try:
+        return await task
+    except asyncio.CancelledError:
+        task.cancel()
+        raise
+
+
+def _named(part: Part) -> dict[str, Any]:
+    return {"name": part.name, "subject": part.subject, "label": part.label}
+
+
+def _line(one: _Outcome, member: str) -> bytes:
+    """Write a result with the answer of a worker as it is."""
+    head = json.dumps(_named(one.part))[:-1].encode()
+    body = b"null" if one.body is None else one.body
+    problem = json.dumps(one.problem).encode()
+    return b'%s, "%s": %s, "error": %s}' % (head, member.encode(), body, problem)

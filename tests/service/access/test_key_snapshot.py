@@ -1,0 +1,69 @@
+"""Keys of a folder that is only read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from modalmotion.errors import CorruptFileError, StoreError
+from modalmotion_service.access.key_snapshot import KeySnapshot
+from modalmotion_service.access.keys import KeyRing
+from modalmotion_service.access.scopes import Scope
+from modalmotion_service.errors import AuthenticationError
+
+
+def kept(folder: Path) -> tuple[str, str]:
+    with KeyRing(folder) as ring:
+        key, token = ring.create("alice", [Scope.READ])
+        other, gone = ring.create("bob", [Scope.READ])
+        ring.revoke(other.id)
+    assert key.owner == "alice"
+    return token, gone
+
+
+def test_a_key_is_recognised_and_nothing_is_written(tmp_path: Path) -> None:
+    token, gone = kept(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    keys = KeySnapshot(tmp_path)
+    assert len(keys) == 2
+    assert keys.authenticate(token).principal.owner == "alice"
+    with pytest.raises(AuthenticationError, match="revoked"):
+        keys.authenticate(gone)
+    for wrong in (f"{token[:-1]}A" if token[-1] != "A" else f"{token[:-1]}B", "x"):
+        with pytest.raises(AuthenticationError, match="not known"):
+            keys.authenticate(wrong)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_another_file_in_its_place_counts_at_once(tmp_path: Path) -> None:
+    token, _ = kept(tmp_path / "a")
+    newer, _ = kept(tmp_path / "b")
+    keys = KeySnapshot(tmp_path / "a")
+    path = tmp_path / "a" / "access" / "keys.sqlite"
+    (tmp_path / "b" / "access" / "keys.sqlite").replace(path)
+    assert keys.authenticate(newer).owner == "alice"
+    with pytest.raises(AuthenticationError):
+        keys.authenticate(token)
+    # Away or damaged, nobody passes.
+    path.write_bytes(b"no database at all, but long enough to be looked at as one" * 20)
+    with pytest.raises(CorruptFileError):
+        keys.authenticate(newer)
+    path.unlink()
+    with pytest.raises(StoreError):
+        keys.authenticate(newer)
+
+
+def test_without_a_folder_no_key_is_known() -> None:
+    with pytest.raises(AuthenticationError):
+        KeySnapshot(None).authenticate("mm_" + "0" * 16 + "_" + "x" * 43)
+
+
+def test_what_a_service_changes_meanwhile_counts_at_once(tmp_path: Path) -> None:
+    with KeyRing(tmp_path) as ring:
+        token = ring.create("alice", [Scope.READ])[1]
+        keys = KeySnapshot(tmp_path)
+        key = keys.authenticate(token)
+        ring.revoke(key.id)
+        with pytest.raises(AuthenticationError, match="revoked"):
+            keys.authenticate(token)
