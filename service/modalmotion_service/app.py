@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
-from functools import cache
+import shutil
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 
-from fastapi import APIRouter, Depends, FastAPI
+from fastapi import Depends, FastAPI
+from fastapi.encoders import jsonable_encoder
 from starlette.routing import BaseRoute
 
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion_service.access.key_snapshot import KeySnapshot
 from modalmotion_service.access.keys import KeyRing
 from modalmotion_service.access.logins import logins_of
 from modalmotion_service.access.rates import Rates
 from modalmotion_service.audit.log import AuditLog
+from modalmotion_service.audit.stream import AuditStream
 from modalmotion_service.contract.access import with_access
 from modalmotion_service.http import problems
 from modalmotion_service.http.admission import BodyLimits, Concurrency, WholeAnswers
 from modalmotion_service.http.api_version import API_VERSION
 from modalmotion_service.http.departure import Departure
 from modalmotion_service.http.gate import Access, Gate, require_judged
+from modalmotion_service.http.judged_router import JudgedRouter
 from modalmotion_service.http.observation import Observation
 from modalmotion_service.http.request_head import RequestHeadCheck
 from modalmotion_service.http.security_headers import SecurityHeaders
@@ -54,6 +58,8 @@ from modalmotion_service.routes import (
     tradeoff,
     views,
 )
+from modalmotion_service.routes.parts.stateless import stateless_routes
+from modalmotion_service.schemas import Problem
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.engine import open_engine
 from modalmotion_service.work.parsing import say_whether_confined
@@ -65,22 +71,37 @@ from modalmotion_service.workspace.owners import Owners
 class _App(FastAPI):
     def openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:
-            self.openapi_schema = with_access(super().openapi())
+            document = super().openapi()
+            # What `PROBLEMS` refers to.
+            document["components"]["schemas"]["Problem"] = jsonable_encoder(
+                Problem.model_json_schema(mode="serialization"), exclude_none=True
+            )
+            self.openapi_schema = with_access(document)
         return self.openapi_schema
 
 
-@cache
+@contextmanager
+def _access(settings: Settings) -> Iterator[Access]:
+    """Open keys and audit log; where nothing is kept, keys that are only read and a stream."""
+    if settings.stateless:
+        keys = KeySnapshot(settings.read_only_dir)
+        with AuditStream(settings.audit_stream) as stream:
+            yield Access(keys, stream)
+    else:
+        log = AuditLog(settings.data_dir, settings.audit_entries_per_file)
+        with KeyRing(settings.data_dir) as ring, log:
+            yield Access(ring, log)
+
+
 def judged_routes() -> list[BaseRoute]:
-    """All routes, made once for all applications of a process: it takes longer than all else."""
-    router = APIRouter(dependencies=[Depends(require_judged)])
-    for module in (
+    """Give all routes, made once for all applications of a process."""
+    modules = (
         *(sequences, images, tracks, signatures, sent_signature, tradeoff, readouts, reports),
         *(templates, codec, classifications, classify, models, evaluations, features, jobs, limits),
         *(norms, tracked_reports, audit, health, kserve, prometheus, documentation, views),
-    ):
-        router.include_router(module.router)
-    router.include_router(views.pages)
-    return router.routes
+    )
+    routers: list[JudgedRouter] = [*(module.router for module in modules), views.pages]
+    return [route for router in routers for route in router.routes]
 
 
 def create_app(settings: Settings | None = None, telemetry: Telemetry | None = None) -> FastAPI:
@@ -117,14 +138,13 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
         metrics.registry.register(things)
         try:
             await owners.open()
-            log = AuditLog(chosen.data_dir, chosen.audit_entries_per_file)
-            with KeyRing(chosen.data_dir) as keys, log:
-                app.state.owners, app.state.access = owners, Access(keys, log)
+            with _access(chosen) as access:
+                app.state.owners, app.state.access = owners, access
                 app.state.metrics = metrics
-                noting = asyncio.create_task(log.note_for_ever())
+                noting = asyncio.create_task(access.audit.look_after())
                 yield
                 noting.cancel()
-                await log.drain()
+                await access.audit.drain()
         finally:
             metrics.registry.unregister(things)
             await owners.close()
@@ -132,6 +152,9 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
             engine.shutdown(cancel_futures=True)
             if telemetry is not None:
                 telemetry.close()
+            if chosen.stateless:
+                # Here, for a signal ends the process without what Python does at its end.
+                await asyncio.to_thread(shutil.rmtree, chosen.data_dir, ignore_errors=True)
 
     app = _App(
         title="modalmotion",
@@ -169,6 +192,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
         chosen.max_requests_per_minute,
         chosen.max_anonymous_per_minute,
         chosen.max_failures_per_minute,
+        is_replica=chosen.stateless,
     )
     logins = logins_of(
         chosen.oidc_issuer,
@@ -183,5 +207,6 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
         app.add_middleware(Tracing, telemetry=telemetry)
     app.add_middleware(SecurityHeaders)
     app.add_middleware(Observation)
-    app.router.routes.extend(judged_routes())
+    routes = judged_routes()
+    app.router.routes.extend(stateless_routes(routes) if chosen.stateless else routes)
     return app

@@ -23,6 +23,12 @@ class CostError(ModalMotionError):
     code = "too_costly"
 
 
+class NeedsStoreError(ModalMotionError):
+    """The call needs a store, and this service has none."""
+
+    code = "needs_store"
+
+
 class ConflictError(ModalMotionError):
     """The state of a resource does not allow this now."""
 

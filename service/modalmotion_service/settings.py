@@ -77,6 +77,21 @@ class Settings(BaseSettings):
         description="Claim of tokens that says whose store they open; another one than sub lets "
         "those who share its value share a store.",
     )
+    stateless: bool = Field(
+        False,
+        description="Whether nothing is kept: any of several such services may answer any request.",
+    )
+    read_only_dir: Path | None = Field(
+        None,
+        description="Data folder, or a backup of one, whose keys, owners, models and templates a "
+        "service that keeps nothing serves; it is only read.",
+    )
+    audit_stream: str = Field(
+        "stdout",
+        min_length=1,
+        description="Where a service that keeps nothing writes its audit log: stdout, stderr, or "
+        "the path of a file or a pipe.",
+    )
     max_requests_per_minute: int = Field(
         6_000, gt=0, description="Requests a minute with one key; more are answered 429."
     )
@@ -135,6 +150,7 @@ class Settings(BaseSettings):
         description="How long images wait to be tracked; those kept on purpose stay.",
     )
     max_query_ids: int = Field(1_000, gt=0, description="Most signatures in one answer.")
+    max_batch_files: int = Field(1_000, gt=0, description="Most files in one form.")
     max_concurrent_requests: int = Field(
         64, gt=0, description="Requests under way at once; more are answered 429."
     )
@@ -203,10 +219,10 @@ class Settings(BaseSettings):
     def limits(self) -> dict[str, float]:
         """All limits on clients, by the names in errors."""
         of_readers = ("frames", "vertices", "faces", "decompressed_bytes")
-        counts = ("query_ids", "training_sequences", "concurrent_requests", "unfinished_jobs")
-        of_owner = "concurrent_requests_of_owner"
+        counts = ("query_ids", "batch_files", "training_sequences", "unfinished_jobs")
+        at_once = ("concurrent_requests", "concurrent_requests_of_owner")
         of_images = ("image_body_bytes", "image_bytes")
-        names = ("body_bytes", "json_bytes", *of_readers, *of_images, *counts, of_owner)
+        names = ("body_bytes", "json_bytes", *of_readers, *of_images, *counts, *at_once)
         rates = ("requests_per_minute", "anonymous_per_minute", "failures_per_minute")
         of_requests = ("header_seconds", "idle_seconds", "upload_seconds")
         seconds = (*of_requests, "task_seconds", "training_seconds")

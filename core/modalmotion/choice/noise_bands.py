@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from modalmotion.choice.fitter import Fitter
 from modalmotion.choice.nested_sets import Ladder
@@ -75,14 +75,14 @@ class _Split:
         Coefficients of orthonormal shapes: c = rows u; those first that mixing changes least.
     psi : (vertices, modes) float64
         These shapes.
-    once : (vertices, vertices) csr_array of float64
+    once : (vertices, vertices) scipy.sparse.csr_array of float64
     some : (n,) int64
         Vertices that are read in the fine bands.
     """
 
     rows: NDArray[np.float64]
     psi: NDArray[np.float64]
-    once: csr_array
+    once: scipy.sparse.csr_array
     some: NDArray[np.int64]
 
     def coarse(self, c: NDArray[np.float64]) -> list[NDArray[np.float64]]:

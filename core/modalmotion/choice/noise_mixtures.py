@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from modalmotion.choice.nested_sets import Ladder
 from modalmotion.mesh.connectivity import connectivity_of
@@ -40,14 +40,14 @@ class Mixtures:
     ----------
     edges : (edges, 2) int64
         Neighbours.
-    once : (vertices, vertices) csr_array of float64
+    once : (vertices, vertices) scipy.sparse.csr_array of float64
         Mixes fields once.
     fields : (parts, vertices, fields) float64
         Of mean square 1 over the weighted vertices, mixed as `MIXINGS`.
     """
 
     edges: NDArray[np.int64]
-    once: csr_array
+    once: scipy.sparse.csr_array
     fields: NDArray[np.float64]
 
     @staticmethod
@@ -58,7 +58,7 @@ class Mixtures:
         rows = np.concatenate([edges[:, 0], edges[:, 1], itself])
         columns = np.concatenate([edges[:, 1], edges[:, 0], itself])
         share = 1.0 / np.bincount(rows, minlength=n)
-        once = csr_array((share[rows], (rows, columns)), shape=(n, n))
+        once = scipy.sparse.csr_array((share[rows], (rows, columns)), shape=(n, n))
         n_fields = int(np.clip(_NUMBERS // n, _FEWEST, _MOST))
         field = np.random.default_rng(0).standard_normal((n, n_fields))
         weighted = template.weights > 0

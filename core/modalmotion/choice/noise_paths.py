@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import digamma, polygamma
 
 from modalmotion.choice.harmonics import harmonics_of, n_functions
 
@@ -232,6 +232,9 @@ def _fills(values: NDArray[np.float64], variance: float, n: float) -> bool:
     if n < p + 2.0:
         return True
     halves = 0.5 * (n - np.arange(p))
-    expected = float((np.log(2.0) + digamma(halves)).sum())
+    expected = float((np.log(2.0) + scipy.special.digamma(halves)).sum())
     found = float(np.log(np.maximum(values / variance, 1e-300)).sum())
-    return found >= expected - 4.0 * float(np.sqrt(polygamma(1, halves).sum())) - _UNEVEN * p
+    return (
+        found
+        >= expected - 4.0 * float(np.sqrt(scipy.special.polygamma(1, halves).sum())) - _UNEVEN * p
+    )

@@ -12,8 +12,8 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from modalmotion.alignment.displacements import Displacements, PositionBlock
 from modalmotion.alignment.rigid import Rotations
@@ -256,7 +256,7 @@ def _turned(
     for _ in range(_N_TURNS):
         heights = some.heights(x @ matrices + reference.centroid)
         turns = np.linalg.solve(A, (heights @ (slopes * w[:, None])).T).T
-        matrices = matrices @ Rotation.from_rotvec(turns).as_matrix()
+        matrices = matrices @ scipy.spatial.transform.Rotation.from_rotvec(turns).as_matrix()
     return matrices
 
 

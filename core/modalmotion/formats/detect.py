@@ -54,6 +54,10 @@ _HEAD: Final = 1 << 16
 _OFF: Final = re.compile(rb"(?:ST)?C?N?OFF(?=\s|$)")
 _VTK_XML: Final = re.compile(rb"<VTKFile[^>]{0,2000}?\stype=[\"'](\w{1,60})[\"']")
 
+_IMAGES: Final = (
+    "Track a surface through it first: `modalmotion track`, or POST /v1/images and POST /v1/tracks."
+)
+
 # Known formats that cannot be read, each with a remedy.
 _OTHERS: Final = (
     (rb"MATLAB 5\.0 MAT-file", "a MATLAB file", "Write npz, raw float32 or STL; see docs/formats."),
@@ -65,7 +69,16 @@ _OTHERS: Final = (
     (rb"\s*\{", "JSON (perhaps a .gltf)", "Export binary glTF (.glb), which holds its own data."),
     (rb"#VRML|#X3D", "VRML", "Save VTKHDF, .vtp or PLY."),
     (rb"Kaydara FBX|; FBX|Ogawa", "an animation of another kind", "Export binary glTF (.glb)."),
-    (rb"\x1f\x8b|BZh|7z\xbc\xaf|Rar!|\xfd7zXZ", "a compressed file", "Send .zip instead."),
+    (
+        rb"NRRD000|ObjectType|NDims|(?s:.{128})DICM|(?s:.{344})n\+[12]\0|(?s:.{4})n\+2\0",
+        "an image, not a surface",
+        _IMAGES,
+    ),
+    (
+        rb"\x1f\x8b|BZh|7z\xbc\xaf|Rar!|\xfd7zXZ",
+        "a compressed file",
+        f"Send .zip instead. If it is an image (.nii.gz): {_IMAGES[0].lower()}{_IMAGES[1:]}",
+    ),
 )
 
 

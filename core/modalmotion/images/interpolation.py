@@ -6,8 +6,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 # Of the eight or four samples around a place, by weight: fewer that are there say too little.
 _LEAST_SHARE = 0.5
@@ -33,7 +33,7 @@ def interpolated(
     if are_missing:
         return _among_missing(values, indices)
     places = np.ascontiguousarray(indices.T)
-    found: NDArray[np.float64] = map_coordinates(
+    found: NDArray[np.float64] = scipy.ndimage.map_coordinates(
         values, places, output=np.float64, order=1, cval=np.nan
     )
     return found

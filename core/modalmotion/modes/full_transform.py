@@ -11,8 +11,8 @@ import math
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from modalmotion.modes.frames import require_finite, require_frames, require_output
 from modalmotion.modes.lattice import Lattice
@@ -113,15 +113,15 @@ def _forward(lattice: Lattice, values: NDArray[Any]) -> NDArray[np.float64]:
     x = x.astype(np.float64, copy=False)
     for axis in topology.closed_axes:
         # Real and imaginary part, the cosine and minus the sine, as a last axis of 2.
-        z = np.ascontiguousarray(fft.rfft(x, axis=axis))
+        z = np.ascontiguousarray(scipy.fft.rfft(x, axis=axis))
         x = z.view(np.float64).reshape(*z.shape, 2)
     for axis, ends in enumerate(topology.ends):
         if ends == OPEN:
-            x = fft.dct(x, type=2, axis=axis, overwrite_x=True)
+            x = scipy.fft.dct(x, type=2, axis=axis, overwrite_x=True)
         elif ends != CLOSED:
             even, odd = _by_parity(x, axis + 1)
-            even[...] = fft.dct(even, type=2, axis=axis)
-            odd[...] = fft.dst(odd, type=4 if ends == POLE_OPEN else 2, axis=axis)
+            even[...] = scipy.fft.dct(even, type=2, axis=axis)
+            odd[...] = scipy.fft.dst(odd, type=4 if ends == POLE_OPEN else 2, axis=axis)
     # scipy's cosine and sine transforms are twice the sums.
     x *= 0.5 ** (topology.n_axes - len(topology.closed_axes))
     return x.reshape(-1, n_directions, 2 ** len(topology.closed_axes))
@@ -136,14 +136,14 @@ def _backward(lattice: Lattice, spectrum: NDArray[np.float64]) -> NDArray[np.flo
     x = spectrum.reshape(*_spectrum_shape(lattice, spectrum.shape[1]))
     for axis, ends in enumerate(topology.ends):
         if ends == OPEN:
-            x = fft.dct(x, type=3, axis=axis, overwrite_x=True)
+            x = scipy.fft.dct(x, type=3, axis=axis, overwrite_x=True)
         elif ends != CLOSED:
             even, odd = _by_parity(x, axis + 1)
-            even[...] = fft.dct(even, type=3, axis=axis)
-            odd[...] = fft.dst(odd, type=4 if ends == POLE_OPEN else 3, axis=axis)
+            even[...] = scipy.fft.dct(even, type=3, axis=axis)
+            odd[...] = scipy.fft.dst(odd, type=4 if ends == POLE_OPEN else 3, axis=axis)
     for axis in reversed(topology.closed_axes):
         z = np.ascontiguousarray(x).view(np.complex128)[..., 0]
-        x = fft.irfft(z, n=lattice.shape[axis], axis=axis, norm="forward")
+        x = scipy.fft.irfft(z, n=lattice.shape[axis], axis=axis, norm="forward")
     x = np.roll(x, (-1,) * len(topology.closed_axes), axis=topology.closed_axes)
     return x.reshape(lattice.n_nodes, -1)
 

@@ -95,7 +95,7 @@ def cohort_deviation(
     others = others_than(norm, readings)
     if len(others) < FEWEST_RECORDINGS:
         raise ParameterError(
-            f"There are {counted(len(others), 'recording')} that are no controls.",
+            f"Without the controls {counted(len(others), 'recording')} came.",
             remedy=f"Give at least {FEWEST_RECORDINGS} to compare a cohort, or compare each alone.",
             details={"n": len(others), "needed": FEWEST_RECORDINGS},
         )

@@ -8,7 +8,6 @@ from typing import Any, Final
 
 from modalmotion.classification.model.record import require_model_name
 from modalmotion.classification.tables.recordings import in_one_basis
-from modalmotion.classification.tables.signature_features import SignatureFeatures
 from modalmotion.classification.training.cases import TrainingCase
 from modalmotion.errors import ParameterError
 from modalmotion.facts import Facts
@@ -62,6 +61,9 @@ def train_norm(
     ModalMotionError
         If one cannot be fitted; it is named.
     """
+    # Here, for scikit-learn takes a second, and whoever reads a norm needs none of it.
+    from modalmotion.classification.tables.signature_features import SignatureFeatures
+
     require_model_name(name)
     cases = [_control(number, one) for number, one in enumerate(controls)]
     _require_people(cases)
@@ -129,7 +131,7 @@ def _control(number: int, item: Any) -> Control:
 def _require_people(cases: list[Control]) -> None:
     if len(cases) < FEWEST_CONTROLS:
         raise ParameterError(
-            f"There are {counted(len(cases), 'control')}.",
+            f"A norm of {counted(len(cases), 'control')} tells nothing.",
             remedy=f"Give at least {FEWEST_CONTROLS}, and {fewest_controls(LEVEL)} for the usual "
             f"level of {LEVEL}.",
             details={"n_controls": len(cases), "needed": FEWEST_CONTROLS},

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.modes import Modes, wave_pairs
@@ -94,7 +94,7 @@ def resample_to_phase(
         return np.repeat(amplitudes, n_phases, axis=0)
     at = np.arange(n_frames, dtype=np.float64) if times is None else times - times[0]
     if not closed:
-        spline = CubicSpline(at / at[-1], amplitudes, axis=0)
+        spline = scipy.interpolate.CubicSpline(at / at[-1], amplitudes, axis=0)
         path: NDArray[np.float64] = spline(np.linspace(0.0, 1.0, n_phases))
         return path
     span = at[-1] * n_frames / (n_frames - 1) if period is None else period

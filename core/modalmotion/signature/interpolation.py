@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, Slerp
 
 from modalmotion.alignment.rigid import Rotations
 from modalmotion.errors import ParameterError
@@ -51,10 +50,10 @@ def at_times(signature: ModalSignature, times: NDArray[np.float64]) -> ModalSign
         amplitudes, translations = signature.amplitudes[nearest], signature.translations[nearest]
         matrices = signature.rotations.matrices[nearest]
     else:
-        amplitudes = CubicSpline(own, signature.amplitudes, axis=0)(instants)
-        translations = CubicSpline(own, signature.translations, axis=0)(instants)
-        turns = Rotation.from_matrix(signature.rotations.matrices)
-        matrices = Slerp(own, turns)(instants).as_matrix()
+        amplitudes = scipy.interpolate.CubicSpline(own, signature.amplitudes, axis=0)(instants)
+        translations = scipy.interpolate.CubicSpline(own, signature.translations, axis=0)(instants)
+        turns = scipy.spatial.transform.Rotation.from_matrix(signature.rotations.matrices)
+        matrices = scipy.spatial.transform.Slerp(own, turns)(instants).as_matrix()
     # At a frame the trajectory is the frame's own, to the last bit.
     exact = own[nearest] == instants
     amplitudes[exact] = signature.amplitudes[nearest[exact]]

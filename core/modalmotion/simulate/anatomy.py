@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
-from scipy.spatial import cKDTree
 
 from modalmotion.mesh import Cavity, face_areas, face_normals
 from modalmotion.mesh.sequence import MeshSequence
@@ -112,7 +111,7 @@ class Anatomy:
         self._x, self._faces = x, truth.faces
         n, m = truth.grid or (0, 0)
         self._grid = (n, m)
-        texture = gaussian_filter(rng.normal(size=shape), _TEXTURE / _STEP).ravel()
+        texture = scipy.ndimage.gaussian_filter(rng.normal(size=shape), _TEXTURE / _STEP).ravel()
         self.texture = (texture - texture.min()) / np.ptp(texture)
         self._areas = np.array([face_areas(frame, truth.faces).sum() for frame in x])
         cavity = Cavity(truth.faces)
@@ -181,7 +180,7 @@ class Anatomy:
         reach = float(np.linalg.norm(x - _foot(x, start, base), axis=1).max()) + _SHOWN
         signed = np.full(len(p), _FAR)
         near = np.flatnonzero(np.linalg.norm(p - _foot(p, base - 200.0 * up, base), axis=1) < reach)
-        d, k = cKDTree(places).query(p[near])
+        d, k = scipy.spatial.cKDTree(places).query(p[near])
         gap = p[near] - places[k]
         along = (gap * across[k]).sum(axis=1)
         # Beside a spot the plane through it says more than the way to it.

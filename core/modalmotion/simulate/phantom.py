@@ -8,9 +8,8 @@ from enum import StrEnum
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
-from scipy.spatial.transform import Rotation
 
 from modalmotion.errors import ParameterError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
@@ -269,10 +268,12 @@ def _taken(
     i, j, k = grid.shape
     values = values.reshape(i, j, k, grid.n_through).mean(axis=3)
     is_thin = kind in (ImageKind.CT, ImageKind.ECHO)
-    values = gaussian_filter(values, [0.5, 0.5, 0.5 if is_thin else 0.0])
+    values = scipy.ndimage.gaussian_filter(values, [0.5, 0.5, 0.5 if is_thin else 0.0])
     sd = sight.settings.noise
     if kind is ImageKind.ECHO:
-        waves = gaussian_filter(rng.normal(size=(2, *values.shape)), (0.0, 0.8, 0.8, 0.8))
+        waves = scipy.ndimage.gaussian_filter(
+            rng.normal(size=(2, *values.shape)), (0.0, 0.8, 0.8, 0.8)
+        )
         values = np.maximum(values, 0.0) * np.hypot(*waves)
         values = np.log1p(20.0 * values / np.percentile(values, 99))
         values += rng.normal(0.0, 0.1 * sd, values.shape)
@@ -318,7 +319,7 @@ def _around(rows: Floats, axes: Floats, spacing: Floats, margin: Floats) -> _Gri
 
 
 def _box(rows: Floats, spacing: Floats, rng: np.random.Generator) -> _Grid:
-    axes = Rotation.from_rotvec(rng.normal(0.0, 0.4, 3)).as_matrix()
+    axes = scipy.spatial.transform.Rotation.from_rotvec(rng.normal(0.0, 0.4, 3)).as_matrix()
     return _around(rows, axes, spacing, np.full(3, 20.0))
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import lattice_faces
@@ -104,7 +104,7 @@ def triangle_points(spheroid: Spheroid, n_vertices: int, rng: np.random.Generato
     theta = np.concatenate([[0.0], theta, loop])
     rho = spheroid.isothermal_radius(nu)
     disc = np.stack([rho * np.cos(theta), rho * np.sin(theta)], axis=1)
-    faces = Delaunay(disc).simplices.astype(np.int64)
+    faces = scipy.spatial.Delaunay(disc).simplices.astype(np.int64)
     ab, ac = disc[faces[:, 1]] - disc[faces[:, 0]], disc[faces[:, 2]] - disc[faces[:, 0]]
     turn = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
     # Counterclockwise in the disc faces the cavity.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
+import scipy
 
 from modalmotion.errors import ParameterError
 from modalmotion.facts import Facts
@@ -202,7 +202,9 @@ def _radial_contraction(motion: MaterialPoints, points: Points) -> float:
     # While the volume rests, untwisting changes that of a polyhedron in the sixth digit.
     time = min((time, beat.end_systole, beat.relaxed), key=volume)
     bounds = (time - step, time + step)
-    time = minimize_scalar(volume, bounds=bounds, method="bounded", options={"xatol": 1e-5}).x
+    time = scipy.optimize.minimize_scalar(
+        volume, bounds=bounds, method="bounded", options={"xatol": 1e-5}
+    ).x
     return _solve(p, cavity, full, motion.at(time))
 
 
@@ -232,4 +234,4 @@ def _solve(p: VentricleParameters, cavity: Cavity, relaxed: Moment, moment: Mome
                 "most": p.ejection_fraction - high,
             },
         )
-    return float(brentq(excess, _LEAST_RADIAL, _MOST_RADIAL, xtol=1e-14))
+    return float(scipy.optimize.brentq(excess, _LEAST_RADIAL, _MOST_RADIAL, xtol=1e-14))

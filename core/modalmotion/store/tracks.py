@@ -98,14 +98,17 @@ class TrackStore(SequenceStore):
         NotFoundError
             If there is no such track.
         """
-        index = self._open_index()
-        record = index.find(track_id) if is_id(track_id) else None
-        if record is None or index.digest(track_name(track_id)) is None:
+        record = self._open_index().find(track_id) if is_id(track_id) else None
+        if record is None or not self.is_tracked(track_id):
             raise NotFoundError(
                 f"There is no track {str(track_id)[:12]!r}.",
                 remedy="Use the id returned when it was made, or make it.",
             )
         return record
+
+    def is_tracked(self, sequence_id: str) -> bool:
+        """Whether a sequence that is kept was tracked."""
+        return self._open_index().digest(track_name(sequence_id)) is not None
 
     def track_path(self, track_id: str) -> Path:
         """HDF5 file of a track.

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 # Triangles, by their centroids, among which the closest is looked for. The closest point is on
 # another one only where triangles are much longer than wide; then the foot is a little farther.
@@ -50,7 +50,7 @@ def closest_points(
         Triangles of a surface, or segments of a curve.
     """
     x = positions[cells]
-    tree = cKDTree(x.mean(axis=1))
+    tree = scipy.spatial.cKDTree(x.mean(axis=1))
     k = min(_N_CANDIDATES, len(cells))
     candidates = np.asarray(tree.query(points, k=k)[1]).reshape(len(points), k)
     c = x[candidates]

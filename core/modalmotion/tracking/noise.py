@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import nnls
-from scipy.spatial import cKDTree
 
 from modalmotion.representation import shown
 
@@ -156,7 +155,7 @@ def noise_of(frames: Sequence[Residuals], n_values: float, n_axes: int) -> Noise
     root = np.sqrt(weights / n)
     rises = np.stack([energies, energies**2], axis=1) * root[:, None]
     unit = mean if mean > 0 else 1.0
-    (alpha, beta), _ = nnls(rises, np.maximum(totals - sd, 0.0) / unit * root)
+    (alpha, beta), _ = scipy.optimize.nnls(rises, np.maximum(totals - sd, 0.0) / unit * root)
     rise = float(alpha + beta) * unit
     bending = float(beta / (alpha + beta)) if rise > 0 else 0.0
     peak = 1.0
@@ -181,7 +180,7 @@ def _sizes(frame: Residuals) -> tuple[float, float, float]:
     r = frame.residuals[kept]
     # Neighbours on the surface: those in space have noise alike.
     feet = frame.points[kept] - r
-    other = cKDTree(feet).query(feet, k=2)[1][:, 1]
+    other = scipy.spatial.cKDTree(feet).query(feet, k=2)[1][:, 1]
     size = float(np.quantile(np.linalg.norm(r, axis=1), _WITHIN))
     apart = float(np.quantile(np.linalg.norm(r - r[other], axis=1), _WITHIN))
     return total, size**2, apart**2 / 2.0

@@ -88,12 +88,36 @@ def _listed(paths: Iterator[Path]) -> tuple[Entry, ...]:
     return tuple(Entry(path.absolute()) for path in sorted(paths) if path.name[0] != ".")
 
 
+def entries_by_name(table: str, name: str) -> dict[str, Entry]:
+    """List what a table says of files that were sent with it, by their names.
+
+    Parameters
+    ----------
+    table : str
+        As a .csv manifest.
+    name : str
+        What errors call it.
+
+    Raises
+    ------
+    MalformedFileError
+        If it cannot be read, or names a file twice; names the line.
+    """
+    # Names of files that lie nowhere yet.
+    root = Path("/")
+    entries = _entries(table, root / name, is_table=True)
+    return {entry.path.relative_to(root).as_posix(): entry for entry in entries}
+
+
 def _read(source: Path) -> tuple[Entry, ...]:
     try:
         text = source.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise _unreadable(source, error) from error
-    is_table = source.suffix.lower() == ".csv"
+    return _entries(text, source, is_table=source.suffix.lower() == ".csv")
+
+
+def _entries(text: str, source: Path, *, is_table: bool) -> tuple[Entry, ...]:
     rows = _csv_rows(text, source) if is_table else _json_rows(text, source)
     has_commas = is_table and _separator(text) != ","
     lines: dict[Path, int] = {}

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import click
 
+from modalmotion.cli.options import example
 from modalmotion.cli.outputs import OutputFolder
 from modalmotion_service.audit.archive import archive_audit
 from modalmotion_service.audit.check import check_audit, unfinished
@@ -34,9 +35,15 @@ def audit() -> None:
     """Read, check and archive the record of who did what."""
 
 
-@audit.command()
+@audit.command(epilog=example("audit show --owner lab --limit 20"))
 @click.option("--owner", help="Only what this owner did.")
-@click.option("--limit", default=100, show_default=True, type=click.IntRange(1, 1_000_000))
+@click.option(
+    "--limit",
+    default=100,
+    show_default=True,
+    type=click.IntRange(1, 1_000_000),
+    help="Entries to write at most.",
+)
 @DATA_DIR
 def show(owner: str | None, limit: int, data_dir: Path | None) -> None:
     """Write the newest entries as JSON lines, the newest first."""
@@ -44,7 +51,7 @@ def show(owner: str | None, limit: int, data_dir: Path | None) -> None:
     _write(audit_page(audit_folder(folder_of(data_dir)), limit=limit, owner=owner))
 
 
-@audit.command("unfinished")
+@audit.command("unfinished", epilog=example("audit unfinished --data-dir results"))
 @_ARCHIVE
 @DATA_DIR
 def list_unfinished(archive: Path | None, data_dir: Path | None) -> None:
@@ -55,7 +62,7 @@ def list_unfinished(archive: Path | None, data_dir: Path | None) -> None:
     _write(unfinished(entry for part in _parts(data_dir, archive) for entry in part.entries()))
 
 
-@audit.command()
+@audit.command(epilog=example("audit verify --notes heads.txt"))
 @click.option(
     "--noted",
     metavar="NUMBER:SHA256",
@@ -99,7 +106,7 @@ def verify(
         raise click.exceptions.Exit(1)
 
 
-@audit.command()
+@audit.command(epilog=example("audit note >> heads.txt"))
 @DATA_DIR
 def note(data_dir: Path | None) -> None:
     """Note number and digest of the last entry beside the log, and print them.
@@ -113,7 +120,7 @@ def note(data_dir: Path | None) -> None:
     click.echo(head)
 
 
-@audit.command("archive")
+@audit.command("archive", epilog=example("audit archive old-entries --older-than 365d"))
 @click.argument("folder", type=OutputFolder())
 @click.option(
     "--older-than",

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from modalmotion.cli.analysis_commands import signature
-from modalmotion.cli.options import signature_parameters
+from modalmotion.cli.options import example, signature_parameters
 from modalmotion.cli.outputs import OutputFile, OutputFolder
 from modalmotion.cli.store_commands import require_all_packed
 from modalmotion.exports.signature_pack import export, is_pack
@@ -26,7 +26,7 @@ _PARAMETERS = (
 _MOST_PRINTED = 50
 
 
-@click.command()
+@click.command(epilog=example("cohort cases.csv -o results --pack cohort.h5"))
 @click.argument("manifest", type=click.Path(path_type=Path))
 @click.option(
     "-o",

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import click
 
+from modalmotion.cli.options import aligned, example, json_option
 from modalmotion_service.access.keys import Key, KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.audit.key_events import make_key, take_back_key
@@ -32,7 +35,7 @@ def keys() -> None:
     """Make, list and take back the keys that open a service."""
 
 
-@keys.command()
+@keys.command(epilog=example("keys create --owner lab --scopes read,write --expires 90d"))
 @click.option("--owner", required=True, help="Whose store it opens; 'local': the folder's own.")
 @click.option(
     "--scopes",
@@ -63,21 +66,32 @@ def create(
     click.echo(token)
 
 
-@keys.command("list")
+@keys.command("list", epilog=example("keys list --json"))
+@json_option
 @DATA_DIR
-def list_keys(data_dir: Path | None) -> None:
+def list_keys(as_json: bool, data_dir: Path | None) -> None:
     """List all keys that were ever made, with their scopes."""
     with KeyRing(_folder_with_keys(data_dir)) as ring:
-        for key in ring.all():
-            click.echo(_line(key))
+        known = list(ring.all())
+    if as_json:
+        told = [asdict(key) | {"scopes": sorted(key.scopes), "state": key.state} for key in known]
+        click.echo(json.dumps(told, indent=1))
+        return
+    head = ("key", "state", "owner", "scopes", "made", "until", "note")
+    click.echo(aligned([head, *map(_row, known)]))
 
 
-@keys.command()
+@keys.command(epilog=example("keys revoke ID"))
 @click.argument("key_id", metavar="ID")
 @DATA_DIR
 def revoke(key_id: str, data_dir: Path | None) -> None:
     """Take the key with that ID back, at once and for good."""
     click.echo(_line(take_back_key(_folder_with_keys(data_dir), key_id)))
+
+
+def _row(key: Key) -> tuple[str, ...]:
+    scopes = ",".join(sorted(key.scopes))
+    return (key.id, key.state, key.owner, scopes, key.created, key.expires or "-", key.note)
 
 
 def _line(key: Key) -> str:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final, get_args
 
 import click
 
+from modalmotion.cli.options import aligned, example, json_option
 from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.store.disk.atomic import cannot_write, sync_folder
 from modalmotion.store.disk.lock import folder_lock
@@ -166,19 +168,31 @@ def owners() -> None:
     """See what each owner has, and remove one with everything."""
 
 
-@owners.command("list")
+@owners.command("list", epilog=example("owners list --data-dir results"))
+@json_option
 @DATA_DIR
-def list_owners(data_dir: Path | None) -> None:
+def list_owners(as_json: bool, data_dir: Path | None) -> None:
     """List sequences, results, models, megabytes and active keys; a service may be running."""
-    click.echo("owner  sequences  results  models  MB  keys")
-    for one in usage_of(_folder(data_dir)):
-        click.echo(
-            f"{one.owner}  {one.n_sequences}  {one.n_results}  {one.n_models}  "
-            f"{one.n_bytes / 1e6:.1f}  {one.n_keys}"
+    usage = list(usage_of(_folder(data_dir)))
+    if as_json:
+        click.echo(json.dumps([asdict(one) for one in usage], indent=1))
+        return
+    head = ("owner", "sequences", "results", "models", "MB", "keys")
+    rows = [
+        (
+            one.owner,
+            one.n_sequences,
+            one.n_results,
+            one.n_models,
+            f"{one.n_bytes / 1e6:.1f}",
+            one.n_keys,
         )
+        for one in usage
+    ]
+    click.echo(aligned([head, *rows]))
 
 
-@owners.command()
+@owners.command(epilog=example("owners remove lab"))
 @click.argument("owner", metavar="NAME")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @DATA_DIR

@@ -2,22 +2,40 @@
 
 from __future__ import annotations
 
+import gc
+import os
 from pathlib import Path
 
 import click
 
+from modalmotion.cli.options import example
 from modalmotion_service.commands.options import DATA_DIR
+from modalmotion_service.work.fork_server import begin_fork_server
 
 
-@click.command()
+@click.command(epilog=example("serve --port 8000 --data-dir results"))
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option("--port", default=8000, show_default=True, help="Port; 0 takes a free one.")
 @DATA_DIR
-def serve(host: str, port: int, data_dir: Path | None) -> None:
+@click.option("--stateless", is_flag=True, help="Keep nothing, so that several may serve as one.")
+@click.option(
+    "--read-only-dir",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="With --stateless: data folder or backup whose keys, models and templates are served.",
+)
+def serve(
+    host: str, port: int, data_dir: Path | None, stateless: bool, read_only_dir: Path | None
+) -> None:
     """Start the HTTP service; its documentation is at /docs."""
+    # Nothing of what is imported is ever garbage: `run_app` has it looked for again.
+    gc.disable()
+    # What workers write is as much its users' data.
+    os.umask(0o077)
+    begin_fork_server()
     # Here, so that the help of all commands need not import the service.
     from modalmotion_service.commands.server import run
     from modalmotion_service.environment import read_settings
 
-    settings = read_settings() if data_dir is None else read_settings(data_dir=data_dir)
+    stated = {"data_dir": data_dir, "stateless": stateless or None, "read_only_dir": read_only_dir}
+    settings = read_settings(**{name: one for name, one in stated.items() if one is not None})
     run(settings, host, port)

@@ -10,7 +10,9 @@ import os
 import uvicorn
 from fastapi import FastAPI
 
+from modalmotion.errors import ParameterError
 from modalmotion.store import ResultStore
+from modalmotion_service.access.key_snapshot import KeySnapshot
 from modalmotion_service.app import create_app
 from modalmotion_service.commands.first_key import offer_first_key, secured
 from modalmotion_service.environment import unknown_variables
@@ -18,6 +20,7 @@ from modalmotion_service.http.connections import protocol_with_deadline, room_fo
 from modalmotion_service.log_lines import log_config
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.engine import open_engine
+from modalmotion_service.work.temporary import claim_temporary_folder
 
 logger = logging.getLogger(__name__)
 
@@ -33,6 +36,11 @@ def run(settings: Settings, host: str, port: int) -> None:
         If a scheduler is set and cannot be used.
     """
     prepare_process(settings.log_level)
+    if settings.stateless:
+        chosen = secured(without_store(settings), host)
+        require_keys_to_serve(chosen)
+        run_app(create_app(chosen), chosen, host, port)
+        return
     # Said here, before uvicorn would say it with a traceback.
     with ResultStore(settings.data_dir):
         if settings.scheduler is not None:
@@ -40,6 +48,40 @@ def run(settings: Settings, host: str, port: int) -> None:
     chosen = secured(settings, host)
     offer_first_key(chosen)
     run_app(create_app(chosen), chosen, host, port)
+
+
+def without_store(settings: Settings) -> Settings:
+    """Have what is under way lie in a folder that goes with the process.
+
+    Raises
+    ------
+    ParameterError
+        If a scheduler is set, whose workers could not see that folder.
+    """
+    if settings.scheduler is not None:
+        raise ParameterError(
+            "A service that keeps nothing does its work itself, and a scheduler is set.",
+            remedy="Start more services with --stateless, or this one without.",
+        )
+    folder = claim_temporary_folder() / "work"
+    return settings.model_copy(update={"data_dir": folder})
+
+
+def require_keys_to_serve(settings: Settings) -> None:
+    """Check that somebody could use a service that needs keys and can make none.
+
+    Raises
+    ------
+    ParameterError
+        If there is no key, and no login either.
+    """
+    has_login = settings.oidc_issuer is not None
+    if settings.require_keys and not has_login and not len(KeySnapshot(settings.read_only_dir)):
+        raise ParameterError(
+            "Keys are needed here, and --read-only-dir has none.",
+            remedy="Make some with `modalmotion keys create` in a data folder, and name it or its "
+            "backup as --read-only-dir.",
+        )
 
 
 def prepare_process(log_level: str) -> None:
@@ -54,6 +96,7 @@ def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
     """Serve an application as `run` serves the service's own."""
     # Modules, classes and routes stay for good: the collector need not walk them.
     gc.freeze()
+    gc.enable()
     connections, at_once = room_for_connections(settings.max_connections)
     uvicorn.run(
         app,

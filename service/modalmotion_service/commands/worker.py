@@ -7,10 +7,11 @@ import os
 
 import click
 
+from modalmotion.cli.options import example
 from modalmotion.errors import needs_extra
 
 
-@click.command()
+@click.command(epilog=example("worker tcp://scheduler:8786 --processes 2"))
 @click.argument("scheduler", metavar="ADDRESS")
 @click.option(
     "--processes",

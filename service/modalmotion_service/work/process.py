@@ -24,21 +24,9 @@ from typing import Any, Final
 
 from modalmotion_service.work.allocation import keep_freed_memory
 from modalmotion_service.work.answers import answer_of
+from modalmotion_service.work.fork_server import PRELOADED
 from modalmotion_service.work.parsing import begin_parsers
 from modalmotion_service.work.temporary import require_temporary_folder
-
-_PRELOADED: Final = [
-    f"modalmotion_service.work.tasks.{name}"
-    for name in (
-        "sequences",
-        "signatures",
-        "templates",
-        "derived",
-        "codec",
-        "classification",
-        "tracks",
-    )
-]
 
 # For a process to be forked and to say that it is there. The first imports all that tasks need.
 _START_SECONDS: Final = 60.0
@@ -267,7 +255,7 @@ def _begun(theirs: socket.socket, memory_bytes: int, is_batch: bool) -> Any:
     # A worker is forked from a process that has imported what tasks need and opened nothing: it
     # starts at once, and inherits no lock, socket or database connection.
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(_PRELOADED)
+    context.set_forkserver_preload(PRELOADED)
     process = context.Process(target=_work, args=(theirs, memory_bytes, is_batch), daemon=True)
     with _STARTING:
         # A fork server that is stopped answers nobody; one that is gone is begun anew.

@@ -22,6 +22,7 @@ from modalmotion.tradeoff.predicted_time import (
 from modalmotion_service.http.negotiation import PNG
 from modalmotion_service.schemas import EncodingTarget, ModesQuery
 from modalmotion_service.work.tasks import (
+    batches,
     classification,
     codec,
     derived,
@@ -110,10 +111,11 @@ def _bytes(args: Iterable[Any]) -> int:
     """Size of all files among the arguments; those that are still to be written have none."""
     size = 0
     for one in args:
-        path = one.path if isinstance(one, Upload) else one
-        if isinstance(path, Path):
+        if isinstance(one, Upload):
+            size += one.n_bytes
+        elif isinstance(one, Path):
             with contextlib.suppress(OSError):
-                size += path.stat().st_size
+                size += one.stat().st_size
     return size
 
 
@@ -131,8 +133,8 @@ def _modes_of(args: Iterable[Any]) -> int:
 def _format(upload: Upload) -> Format | None:
     if upload.options.format is not None or upload.options.n_vertices is not None:
         return upload.options.format
-    with contextlib.suppress(OSError, InputError), upload.path.open("rb") as file:
-        return detect_format(file.read(_HEAD_BYTES))
+    with contextlib.suppress(OSError, InputError):
+        return detect_format(upload.data(_HEAD_BYTES))
     return None
 
 
@@ -222,6 +224,8 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     signatures.pack_npz: _packing,
     signatures.pack_hdf5: _packing,
     signatures.tabulate: _tabulating,
+    batches.pack_archive: lambda args: _reading(args) + _PACKED * len(args[1]),
+    batches.tabulate_archive: lambda args: _reading(args) + _PACKED * len(args[1]),
     templates.make_template: _signature,
     templates.describe_template: _reading,
     templates.draw_template: _picture,
@@ -245,6 +249,7 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     views.make_view: _shown,
     views.make_frames: _shown,
     images.ingest_images: lambda args: _TRACK + _IMAGES * _bytes(args),
+    images.show_slices: _reading,
     tracks.follow: _tracking,
     tracks.describe_track: _reading,
     tracks.track_with_facts: _reading,

@@ -14,6 +14,7 @@ from modalmotion.images import ImageSequence
 from modalmotion.progress import Progress
 from modalmotion.tracking.reading import Recorded, read_observed
 from modalmotion_service.work.parsing import parser_for
+from modalmotion_service.work.part import Part
 
 
 @dataclass(frozen=True)
@@ -24,10 +25,37 @@ class Upload:
     ----------
     path : Path
     options : ReadOptions
+    part : Part, optional
+        The part of the file that it is, where many lie in one.
     """
 
     path: Path
     options: ReadOptions
+    part: Part | None = None
+
+    @property
+    def n_bytes(self) -> int:
+        """Size of it; 0 of a file that is gone."""
+        if self.part is not None:
+            return self.part.length
+        try:
+            return self.path.stat().st_size
+        except OSError:
+            return 0
+
+    def data(self, most: int | None = None) -> bytes:
+        """Give its bytes, or the first of them.
+
+        Parameters
+        ----------
+        most : int, optional
+        """
+        start, length = (0, -1) if self.part is None else (self.part.start, self.part.length)
+        if most is not None:
+            length = most if length < 0 else min(most, length)
+        with self.path.open("rb", buffering=0) as file:
+            file.seek(start)
+            return file.read(length)
 
     def read(self, progress: Progress | None = None) -> Reading:
         """Read it, in a worker.
@@ -43,7 +71,7 @@ class Upload:
             If it is not understood, or beyond a limit.
         """
         parser = parser_for(self.options.limits)
-        data = self.path.read_bytes()
+        data = self.data()
         try:
             return read_sequence(data, self.options, parser=parser, progress=progress)
         except InputError as error:
@@ -74,7 +102,7 @@ class Upload:
         """
         parser = parser_for(self.options.limits)
         return read_observed(
-            self.path.read_bytes(),
+            self.data(),
             contours=contours,
             coordinates=coordinates,
             parser=parser,
@@ -95,7 +123,7 @@ class Upload:
         """
         parser = parser_for(self.options.limits)
         try:
-            return read_images(self.path.read_bytes(), parser=parser, progress=progress)
+            return read_images(self.data(), parser=parser, progress=progress)
         except LimitError as error:
             # As `/v1/limits` calls it.
             if error.limit == "decompressed_bytes":

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
+from modalmotion.numerals import counted
 
 # Slices of one plane agree to this, mm and as directions.
 _SAME_PLACE: Final = 0.1
@@ -63,16 +64,16 @@ def grouped(slices: Sequence[Slice]) -> ImageSequence:
     kept = [group for group in ordered if len(group) == n_phases]
     if len(kept) < len(ordered):
         notes.append(
-            f"{len(ordered) - len(kept)} planes have other numbers of phases than {n_phases} and "
-            "were left out."
+            "Left out for another number of phases than "
+            f"{n_phases}: {counted(len(ordered) - len(kept), 'plane')}."
         )
     kept.sort(key=lambda group: tuple(group[0].affine.T.round(3).ravel()))
     starts = [group[0].info["trigger_ms"] for group in kept]
     late = [t for t in starts if t is not None and t > 100.0]
     if late and len(late) < len(starts):
         notes.append(
-            f"{len(late)} planes begin {min(late):.0f} to {max(late):.0f} ms after the trigger; "
-            "phases are matched by their order."
+            f"Later than the trigger by {min(late):.0f} to {max(late):.0f} ms: "
+            f"{counted(len(late), 'plane')}; phases are matched by their order."
         )
     frames = [_frame([group[k] for group in kept]) for k in range(n_phases)]
     return ImageSequence(tuple(frames), *_times(kept, n_phases), tuple(notes))

@@ -23,6 +23,7 @@ from modalmotion.formats.zip_member import UNREADABLE
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.plane_set import slices_of
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
+from modalmotion.numerals import counted
 from modalmotion.progress import Progress
 
 _REMEDY: Final = "Use NIfTI, NRRD, MetaImage, or a folder or zip of DICOM slices or of such files."
@@ -185,16 +186,16 @@ def _of_files(
             progress(k + 1, len(names))
     if bool(slices) == bool(parts):
         raise MalformedFileError(
-            f"Of {len(names)} files none holds images that are known."
+            f"No images that are known in {counted(len(names), 'file')}."
             if not slices
             else "The files are DICOM slices and other images together.",
             remedy=_REMEDY,
         )
     found = grouped(slices) if slices else _joined(parts)
     notes = list(found.notes)
-    for n, told in ((skipped, "are no images"), (damaged, "are damaged or no slices")):
+    for n, what in ((skipped, "no images"), (damaged, "damaged or no slices")):
         if n:
-            notes.append(f"{n} files that {told} were left out.")
+            notes.append(f"Left out as {what}: {counted(n, 'file')}.")
     return replace(found, notes=tuple(notes))
 
 

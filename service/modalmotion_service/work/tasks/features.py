@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from modalmotion.classification import CaseFile, SignatureFeatures, feature_table
+from modalmotion.classification import CaseFile, feature_table
 from modalmotion.classification.training.left_out import LeftOut
 from modalmotion_service.http.negotiation import CSV
 from modalmotion_service.schemas import FeaturesAnswer
@@ -39,6 +39,9 @@ def tabulate(
     ModalMotionError
         If they do not compare, or have not the features that the options name.
     """
+    # Here, for the server, which only hands this on, needs no scikit-learn.
+    from modalmotion.classification import SignatureFeatures
+
     table = feature_table(cases, SignatureFeatures(**options), on_error=on_error)
     table = table.beside(left_out)
     text = table.as_csv() if media_type == CSV else FeaturesAnswer.of(table).model_dump_json()
