@@ -8,6 +8,11 @@ OPEN ?=
 # Which benchmarks; all of them by default: make bench ONLY="lattice codec"
 ONLY ?=
 SETUP := pyproject.toml constraints.txt
+# Three processes on two cores, for tests wait too: for services, workers, a browser.
+SPREAD := -n 3 --dist loadfile --no-loadscope-reorder
+# One thread for each process: threads of all would wait for one another. The tests start some hundred
+# processes, each of which would compile all modules anew where bytecode is not kept.
+LEAN := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
 .PHONY: demo serve view viewer test check format bench soak openapi clean
 .DEFAULT_GOAL := test
@@ -18,6 +23,14 @@ $(BIN)/python:
 
 $(VENV)/.run: $(SETUP) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[service,plot,client]'
+	@touch $@
+
+# A minute, once for each state of these sources. Without it the codec runs in Python.
+KERNELS := $(wildcard core/modalmotion/codec/*/*.py)
+
+$(VENV)/.kernels: $(KERNELS) | $(VENV)/.run
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[codec]'
+	-$(BIN)/modalmotion compile-codec
 	@touch $@
 
 $(VENV)/.dev: $(SETUP) | $(BIN)/python
@@ -35,15 +48,11 @@ demo: $(VENV)/.run
 view: $(VENV)/.run
 	$(BIN)/python -m modalmotion_service.commands.demo --open $(if $(FILE),"$(FILE)")
 
-serve: $(VENV)/.run
+serve: $(VENV)/.run $(VENV)/.kernels
 	$(BIN)/modalmotion serve
 
-# Three processes on two cores, for tests wait too: for services, workers, a browser. One thread for
-# each: threads of all would wait for one another. The tests start some hundred processes, each of
-# which would compile all modules anew where bytecode is not kept.
-test: $(VENV)/.dev
-	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
-		-n 3 --dist loadfile --no-loadscope-reorder -m "not soak"
+test: $(VENV)/.dev $(VENV)/.kernels
+	$(LEAN) $(BIN)/python -m pytest $(SPREAD) -m "not soak and not thorough"
 
 check: $(VENV)/.dev
 	$(BIN)/ruff format --check .
@@ -56,10 +65,11 @@ format: $(VENV)/.dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: $(VENV)/.bench
+bench: $(VENV)/.bench $(VENV)/.kernels
 	$(BIN)/python benchmarks/run.py $(ONLY)
 
-soak: $(VENV)/.dev
+soak: $(VENV)/.dev $(VENV)/.kernels
+	$(LEAN) $(BIN)/python -m pytest $(SPREAD) -m "thorough and not soak"
 	$(BIN)/python -m pytest -m soak
 
 # The bundle of the viewer from its sources, in viewer/; needs node and npm.

@@ -85,7 +85,7 @@ def real_sequence(real_data: Path) -> Callable[[str], MeshSequence]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give long counts their time; begin with what takes long (`--no-loadscope-reorder`).
+    """Leave like cases to `make soak`; begin with what takes long (`--no-loadscope-reorder`).
 
     No process of several then ends long before the others.
     """
@@ -95,7 +95,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if mark := item.get_closest_marker("every"):
             test = item.nodeid.partition("[")[0]
             if seen[test] % mark.args[0]:
-                item.add_marker(pytest.mark.soak)
+                item.add_marker(pytest.mark.thorough)
             seen[test] += 1
     items.sort(key=lambda item: next(i for i, part in enumerate(_ORDER) if part in item.nodeid))
     for item in items:

@@ -32,10 +32,14 @@ def tracked_files() -> list[Path]:
     return [ROOT / name for name in listed.stdout.splitlines() if (ROOT / name).is_file()]
 
 
-def imported_by(statement: str) -> set[str]:
+def modules_of(statement: str) -> set[str]:
     code = f"import sys; {statement}; print('\\n'.join(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return {name.split(".")[0] for name in run.stdout.split()}
+    return set(run.stdout.split())
+
+
+def imported_by(statement: str) -> set[str]:
+    return {name.split(".")[0] for name in modules_of(statement)}
 
 
 def test_importing_the_library_pulls_in_only_numpy_and_scipy() -> None:
@@ -53,6 +57,16 @@ def test_help_and_the_bare_import_wait_for_nothing() -> None:
         )
         & heavy
     )
+
+
+def test_a_server_starts_without_what_its_workers_need() -> None:
+    # Of SciPy the name alone, whose parts are imported where they are used. Slow: it imports the
+    # service in a process of its own.
+    modules = modules_of("import modalmotion_service.commands.server")
+    heavy = {"sklearn", "pandas", "matplotlib", "distributed", "joblib"}
+    heavy |= {f"scipy.{part}" for part in ("fft", "linalg", "sparse", "spatial", "special")}
+    assert "scipy" in modules
+    assert not modules & heavy
 
 
 def test_every_command_of_the_list_is_one_and_is_described() -> None:

@@ -465,6 +465,7 @@ TRIED = (
 )
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("one", TRIED, ids=lambda one: one.remedy[:50])
 def test_a_remedy_that_is_followed_helps(one: Try) -> None:
     text = remedy_of(one.wrong)

@@ -116,6 +116,7 @@ def crash_rounds(service: RunningService, n_rounds: int, rng: random.Random) -> 
     return len(acknowledged)
 
 
+@pytest.mark.thorough
 def test_kill_9_loses_nothing_that_was_acknowledged(service: RunningService) -> None:
     assert crash_rounds(service, 2, random.Random(1)) >= 8  # noqa: S311 (no secret)
 

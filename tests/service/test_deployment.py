@@ -269,6 +269,7 @@ def processes(tmp_path: Path) -> Iterator[ExitStack]:
         yield stack
 
 
+@pytest.mark.thorough
 def test_the_commands_of_the_compose_file_are_a_working_cluster(
     tmp_path: Path, processes: ExitStack, beat: bytes
 ) -> None:

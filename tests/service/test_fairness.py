@@ -34,6 +34,7 @@ def beat_of(grid: tuple[int, int]) -> bytes:
     return write_npz(simulate_ventricle(grid=grid, acquisition=noisy, rng=np.random.default_rng(1)))
 
 
+@pytest.mark.thorough
 def test_a_small_request_is_answered_while_anothers_costly_ones_wait(tmp_path: Path) -> None:
     done: list[str] = []
     with guarded(tmp_path) as service:

@@ -142,6 +142,7 @@ def mixed_load(service: RunningService, seconds: float, n_clients: int = 4) -> l
     return seen
 
 
+@pytest.mark.thorough
 def test_mixed_load_is_served_and_its_memory_is_bounded(service: RunningService) -> None:
     seen = mixed_load(service, 0.5, n_clients=2)
     # A short run cannot tell growth from warming up; it holds that all of it works at once.

@@ -148,6 +148,7 @@ def test_a_file_is_a_stream_of_octets_where_no_other_is(client: TestClient, beat
     assert client.get("/v1/models/ventricle-simulated", headers=octets).status_code == 200
 
 
+@pytest.mark.thorough
 def test_a_picture_of_a_signature_is_the_librarys_own(
     client: TestClient, beat: bytes, npz: Callable[..., bytes]
 ) -> None:

@@ -26,8 +26,7 @@ FILES = all_files()
 if find_spec("vtkmodules") is not None:
     for _name, (_suffix, _write) in VTK_WRITERS.items():
         FILES |= {_name: _write(VERTICES[0]), f"{_name} zip": frame_zip(_write, _suffix)}
-if find_spec("constriction") is not None:
-    FILES["stream"] = encode(sequence(unit="mm"), rms=0.1).data
+FILES["stream"] = encode(sequence(unit="mm"), rms=0.1).data
 IMAGES = image_files()
 FILES |= IMAGES
 # Images are taken in, or tracked at once.

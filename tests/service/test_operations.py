@@ -93,7 +93,7 @@ def test_keys_are_made_and_data_is_taken_away_by_the_documented_commands(
         create, *lists = commands("One machine")
         key = run(create).strip()
         for command in lists:
-            assert "lab  read,write" in run(command)
+            assert re.search(r"lab +read,write", run(command))
         header = {"Authorization": f"Bearer {key}"}
         for subject, unit in (("P%207", "mm"), ("P%207", "cm"), ("P%208", "m")):
             path = f"/v1/sequences?subject={subject}&unit={unit}"
@@ -122,7 +122,8 @@ def test_files_of_deploy_that_are_named_are_there() -> None:
 
 def test_every_setting_that_is_named_exists() -> None:
     for name in re.findall(r"`MODALMOTION_([A-Z_]+)`", DOCUMENT):
-        assert name.lower() in Settings.model_fields, name
+        # The codec reads its own, for it knows no service.
+        assert name == "KERNELS" or name.lower() in Settings.model_fields, name
 
 
 def test_every_command_that_is_named_exists() -> None:

@@ -73,7 +73,10 @@ def shared_client(shared_data_dir: Path) -> Iterator[TestClient]:
         yield client
 
 
-@pytest.fixture(scope="module", params=["processes here", "workers of a scheduler"])
+@pytest.fixture(
+    scope="module",
+    params=["processes here", pytest.param("workers of a scheduler", marks=pytest.mark.thorough)],
+)
 def engine(request: pytest.FixtureRequest) -> str:
     """Where work is done: what asks for it is run once for each."""
     return str(request.param)

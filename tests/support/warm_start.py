@@ -29,18 +29,8 @@ from multiprocessing import util
 from pathlib import Path
 from typing import IO, Any, Final
 
-_TASKS: Final = [
-    f"modalmotion_service.work.tasks.{name}"
-    for name in (
-        "sequences",
-        "signatures",
-        "templates",
-        "derived",
-        "codec",
-        "classification",
-        "tracks",
-    )
-]
+from modalmotion_service.work.fork_server import PRELOADED
+
 _SERVER: Final = [
     *("modalmotion.cli", "modalmotion_service.commands.serve"),
     *("modalmotion_service.commands.server", "uvicorn.lifespan.on", "uvicorn.loops.asyncio"),
@@ -164,8 +154,8 @@ class _WarmStart:
 @cache
 def _warm_start(kind: str) -> _WarmStart:
     if kind == "server":
-        return _WarmStart([*_SERVER, *_TASKS], ["-W", "error"])
-    return _WarmStart([*_CLUSTER, *_TASKS], [])
+        return _WarmStart([*_SERVER, *PRELOADED], ["-W", "error"])
+    return _WarmStart([*_CLUSTER, *PRELOADED], [])
 
 
 def start_warm(

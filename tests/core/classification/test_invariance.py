@@ -53,6 +53,7 @@ def same_coordinates() -> dict[str, Change]:
     return {name: c for name, c in RESAMPLED.items() if name not in OTHER_COORDINATES}
 
 
+@pytest.mark.thorough
 def test_the_same_data_written_in_another_way_get_the_same_answer() -> None:
     assert_within(moved(EXACT, noise=0.6, n=3, seed=71), ROUNDING)
 

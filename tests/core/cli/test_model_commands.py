@@ -272,6 +272,7 @@ def test_files_that_do_not_fit_are_left_out_on_request_and_named(
     assert answer["n_cases"] == 2 * N_PER_CLASS
 
 
+@pytest.mark.thorough
 def test_columns_of_the_manifest_are_folds_and_groups(folder: Path, tmp_path: Path) -> None:
     rows = [f"{row}" for row in (folder / "train.csv").read_text().splitlines()]
     rows = [
@@ -318,6 +319,7 @@ def test_the_features_of_a_cohort_are_a_table(folder: Path, tmp_path: Path) -> N
     assert "weight" in run("features", manifest, "-o", out, "--covariate", "weight").output
 
 
+@pytest.mark.thorough
 def test_a_cohort_of_bent_surfaces_needs_no_option_and_its_model_none_again(
     tmp_path: Path,
 ) -> None:

@@ -66,6 +66,7 @@ def test_the_whole_track_and_its_figures(tmp_path: Path) -> None:
     assert json.loads(result.stdout)["sequence_id"] == numbers["sequence_id"]
 
 
+@pytest.mark.thorough
 def test_oscillators_and_each_picture(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     source, output = clouds_in(tmp_path / "in"), tmp_path / "beat.h5"

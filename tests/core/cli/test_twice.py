@@ -97,6 +97,7 @@ def test_no_command_is_forgotten() -> None:
     assert CHEAP.keys() | LONG == set(COMMANDS)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("name", sorted(CHEAP))
 def test_a_cheap_job_twice(name: str, places: dict[str, Path]) -> None:
     arguments = CHEAP[name].format(**places).split()

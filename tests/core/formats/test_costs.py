@@ -42,6 +42,7 @@ def require_moments(folder: Path, names: Iterable[str]) -> None:
         assert seconds < MOST_SECONDS, name
 
 
+@pytest.mark.thorough
 def test_a_small_file_costs_a_moment(tmp_path: Path) -> None:
     require_moments(tmp_path, SHORT)
 

@@ -49,7 +49,7 @@ def test_shifted_cohorts_are_warned_of_and_others_as_often_as_stated() -> None:
 
 def test_a_few_recordings_are_no_cohort(rng: np.random.Generator) -> None:
     norm = norm_of([drawn(rng, k) for k in range(20)])
-    with pytest.raises(ParameterError, match="There are 4 recordings that are no controls"):
+    with pytest.raises(ParameterError, match="Without the controls 4 recordings came"):
         cohort_deviation(norm, [drawn(rng, 50 + k) for k in range(4)])
 
 

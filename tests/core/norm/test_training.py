@@ -26,7 +26,7 @@ def test_any_form_of_a_recording_is_a_control() -> None:
 
 
 def test_too_few_or_one_person_twice_are_refused() -> None:
-    with pytest.raises(ParameterError, match="There are 8 controls") as few:
+    with pytest.raises(ParameterError, match="A norm of 8 controls") as few:
         train_norm(BEATS[:8], "few")
     assert "at least 9" in few.value.remedy
     with pytest.raises(ParameterError, match="control 9 and control 0 are recordings of one"):

@@ -78,6 +78,7 @@ def test_the_same_generator_gives_the_same_images() -> None:
     assert one.spacing == pytest.approx((2.8, 2.8, 16.0))
 
 
+@pytest.mark.thorough
 def test_slices_show_all_aside_by_the_shifts_that_are_told() -> None:
     still, moved = (taken("cine", replace(CLEAN, slice_shift=shift)) for shift in (0.0, 3.0))
     one, other = still.images.frames[0], moved.images.frames[0]
@@ -90,6 +91,7 @@ def test_slices_show_all_aside_by_the_shifts_that_are_told() -> None:
         assert shifted.sample(points + shift) == pytest.approx(plane.sample(points), abs=120.0)
 
 
+@pytest.mark.thorough
 def test_speckle_and_bias_are_as_they_are_named() -> None:
     echo = taken(ImageKind.ECHO)
     assert float(np.median(rays(echo, -4.0))) < 0.5 * float(np.median(rays(echo, 4.0)))

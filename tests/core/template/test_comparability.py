@@ -101,6 +101,7 @@ def test_so_do_components_of_the_place(components: Components) -> None:
     assert signature_distance(after.amplitudes, before.amplitudes) <= 0.006
 
 
+@pytest.mark.thorough
 @pytest.mark.every(3)
 @pytest.mark.parametrize("n_modes", [7, 18, 37])
 def test_the_real_ventricle_on_another_triangulation(n_modes: int) -> None:

@@ -6,6 +6,7 @@ import io
 import re
 
 import numpy as np
+import pytest
 from figures import tracking
 from project import ROOT
 
@@ -23,6 +24,7 @@ def test_the_code_of_the_page_runs() -> None:
     assert namespace["again"].sequence.id == result.sequence.id  # type: ignore[attr-defined]
 
 
+@pytest.mark.thorough
 def test_its_figures_are_drawn_and_kept() -> None:
     text = (ROOT / "docs" / "tracking.md").read_text()
     for name, figure in tracking(n_frames=1, coarseness=2.5).items():

@@ -133,6 +133,7 @@ def test_two_points_a_frame_leave_the_prior() -> None:
     assert found.coverage.max() < 0.2
 
 
+@pytest.mark.thorough
 def test_repeated_points_and_frames_change_little() -> None:
     once = track(clouds(60), modes=4)
     assert once.ejection_fraction is not None

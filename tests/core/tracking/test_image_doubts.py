@@ -67,6 +67,7 @@ def thick() -> Volume:
     return volume(affine=affine, shape=(40, 40, 9))
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     "image",
     [
@@ -111,6 +112,7 @@ def test_an_object_that_is_cut_off_says_so_and_how_unsure_its_fraction_is() -> N
     assert part.ejection_fraction_bound > whole.ejection_fraction_bound
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("landmarks", "told"),
     [
@@ -146,6 +148,7 @@ def test_no_shape_comes_out_where_none_can_be_told(
     assert error.value.remedy
 
 
+@pytest.mark.thorough
 def test_frames_that_are_repeated_or_come_at_other_times_are_what_they_are() -> None:
     still = tracked(ImageSequence((USUAL, USUAL, USUAL)))
     assert still.ejection_fraction == pytest.approx(0.0, abs=0.2)

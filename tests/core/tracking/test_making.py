@@ -134,6 +134,7 @@ def test_the_same_bits_on_any_number_of_threads_and_every_time() -> None:
     assert results[0] == results[1]
 
 
+@pytest.mark.thorough
 def test_units_and_places_make_no_difference(ball: Track) -> None:
     small = track([c * 1e-6 for c in clouds_of(BALL)], modes=18)
     assert small.sequence.vertices * 1e6 == pytest.approx(ball.sequence.vertices, abs=1e-3)
@@ -256,6 +257,7 @@ def test_a_jump_is_followed() -> None:
     assert off(track(clouds, modes=18), x) < 0.6
 
 
+@pytest.mark.thorough
 def test_a_tolerance_takes_as_many_modes_as_it_needs() -> None:
     frames = seen(400, noise=0.0)
     few = track(frames, start=START, unit="mm", modes=7)

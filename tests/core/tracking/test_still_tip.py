@@ -47,6 +47,7 @@ def rise_of(images: ImageSequence, **landmarks: Floats) -> float:
     return float(((x - x[0]) @ AXES[:, 2]).max())
 
 
+@pytest.mark.thorough
 def test_the_tip_stays_where_blood_leaves_it(monkeypatch: pytest.MonkeyPatch) -> None:
     images = ImageSequence((FULL, *map(without_blood, HEIGHTS)))
     assert rise_of(images) < 8.0

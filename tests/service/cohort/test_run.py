@@ -137,6 +137,7 @@ def test_batches_get_smaller_towards_the_end_and_are_never_empty() -> None:
     assert all(batch_size(n, 2) <= max(1, n // 2) for n in range(1, 1000))
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("engine", ["processes", "dask"])
 def test_a_cohort_is_signed_and_failures_are_told(
     engine: str, tmp_path: Path, request: pytest.FixtureRequest
@@ -282,6 +283,7 @@ def disturb(own_cluster: DaskCluster, tmp_path: Path, n: int) -> None:
     check_all(paths, out)
 
 
+@pytest.mark.thorough
 def test_a_cohort_survives_a_lost_worker_and_scheduler(
     own_cluster: DaskCluster, tmp_path: Path
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -56,13 +57,18 @@ def test_what_each_owner_has_is_listed_while_it_is_in_use(folder: Path) -> None:
     with ResultStore(folder), ResultStore(folder / "owners" / "lab"):
         found = {one.owner: one for one in usage_of(folder)}
         done = run("list", "--data-dir", folder)
+        told = json.loads(run("list", "--json", "--data-dir", folder).stdout)
     assert [one.n_sequences for one in found.values()] == [1, 2, 3]
     assert [one.n_results for one in found.values()] == [0, 0, 1]
     assert [one.n_keys for one in found.values()] == [1, 1, 1]
     found = {one.owner: one for one in usage_of(folder)}
     assert found["local"].n_bytes == size_of(folder, "access", "owners", "cluster")
     assert found["ward-3"].n_bytes == size_of(folder / "owners" / "ward-3") > 100_000
+    assert [one["owner"] for one in told] == list(found)
+    assert [one["n_sequences"] for one in told] == [1, 2, 3]
     lines = done.stdout.splitlines()
+    # Columns begin below their names, numbers end there.
+    assert {line.rstrip().rfind("1") for line in lines[1:]} == {lines[0].index("keys") + 3}
     assert [line.split()[:2] for line in lines[1:]] == [
         [name, str(number + 1)] for number, name in enumerate(found)
     ]

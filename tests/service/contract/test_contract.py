@@ -105,6 +105,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
             "template_id": template,
             "track_id": track,
             "images_id": images,
+            "frame": "0",
             "job_id": job,
             "model_name": "ventricle-simulated",
             "name": "kept",
@@ -218,7 +219,14 @@ _REFUSED = {
     "POST /v1/sequences/{sequence_id}/dicom",
 }
 
-_NOT_DESCRIBED = {"/", "/docs", "/openapi.json", "/view/{sequence_id}", "/viewer/{name}"}
+_NOT_DESCRIBED = {
+    "/",
+    "/docs",
+    "/openapi.json",
+    "/view/{sequence_id}",
+    "/images/{images_id}",
+    "/viewer/{name}",
+}
 
 
 @pytest.mark.soak

@@ -205,6 +205,7 @@ def test_a_shipped_model_has_a_card_and_cannot_be_changed(trained: Trained) -> N
     assert trained.client.delete(f"/v1/models/{DEFAULT_MODEL}/versions/2").status_code == 404
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["wall-motion", DEFAULT_MODEL])
 def test_a_model_has_a_picture_and_an_etag(trained: Trained, name: str) -> None:
     here = f"/v1/models/{name}"
@@ -218,6 +219,7 @@ def test_a_model_has_a_picture_and_an_etag(trained: Trained, name: str) -> None:
     assert trained.client.get(here, headers={"Accept": "text/html"}).status_code == 406
 
 
+@pytest.mark.thorough
 def test_a_name_trained_again_gets_its_next_version_whatever_was_deleted(
     trained: Trained,
 ) -> None:
@@ -244,6 +246,7 @@ def test_a_name_trained_again_gets_its_next_version_whatever_was_deleted(
     assert train(client, "again", ids, options=QUICK)["version"] == 3
 
 
+@pytest.mark.thorough
 def test_trainings_of_one_name_at_once_are_distinct_versions(trained: Trained) -> None:
     made: list[int] = []
 
@@ -316,6 +319,7 @@ def test_a_training_says_how_far_it_is(trained: Trained, monkeypatch: pytest.Mon
     assert {text for _, text in seen} == set(trained.texts)
 
 
+@pytest.mark.thorough
 def test_a_cohort_of_bent_surfaces_is_trained_in_one_basis(trained: Trained) -> None:
     client = trained.client
     bent = (
@@ -397,6 +401,7 @@ def test_weights_of_a_class_that_no_sequence_has_are_refused_at_once(trained: Tr
     assert "normal" in answer.json()["remedy"]
 
 
+@pytest.mark.thorough
 def test_a_training_goes_on_without_a_sequence_that_does_not_fit(trained: Trained) -> None:
     flat = mesh_sequence(np.zeros((3, 4, 3)), grid=(2, 2), topology="cup", unit="mm")
     odd = Sent(write_npz(flat), str(CLASSES[0]), "flat")

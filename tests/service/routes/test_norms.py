@@ -147,6 +147,7 @@ def test_the_client_makes_asks_and_deletes_norms(kept: Kept, tmp_path: Path) -> 
     assert not list(kept.data_dir.rglob("second*"))
 
 
+@pytest.mark.thorough
 def test_two_norms_of_one_name_made_at_once_end_as_one(kept: Kept) -> None:
     bodies = [{"name": "raced", "sequences": kept.ids, "modes": n} for n in (3, 4)]
     jobs: list[Any] = []

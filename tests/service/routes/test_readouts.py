@@ -45,6 +45,7 @@ def test_the_answer_is_what_the_library_reads(client: TestClient, beat: bytes, h
     )
 
 
+@pytest.mark.thorough
 def test_a_picture_by_accept_and_a_tag_of_each(client: TestClient, here: str) -> None:
     picture = client.get(here, headers={"Accept": "image/png"})
     assert picture.content.startswith(b"\x89PNG")

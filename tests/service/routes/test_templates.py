@@ -53,6 +53,7 @@ def test_a_template_is_made_once_and_named_by_what_it_was_made_from(
     assert "theta_zero" in stated["landmarks"]["given"]
 
 
+@pytest.mark.thorough
 def test_a_template_has_a_picture(client: TestClient, mesh: bytes) -> None:
     here = client.post("/v1/templates", content=mesh).headers["location"]
     picture = client.get(here, headers={"Accept": "image/png"})

@@ -80,6 +80,7 @@ def test_the_tracked_sequence_is_one_like_any_other(client: TestClient, link: st
     assert kept.sequence.facts.modality == "US"
 
 
+@pytest.mark.thorough
 def test_a_track_has_pictures_and_a_tag(client: TestClient, link: str) -> None:
     for query in ("", "?frame=0", "?picture=determined"):
         picture = client.get(link + query, headers={"Accept": "image/png"})

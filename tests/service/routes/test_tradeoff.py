@@ -133,6 +133,7 @@ def test_components_and_topology_can_be_the_only_ones(client: TestClient, here: 
     assert answer["chosen"]["components"] == "cylindrical"
 
 
+@pytest.mark.thorough
 def test_a_picture_by_accept_and_a_weak_tag(client: TestClient, here: str) -> None:
     picture = client.get(f"{here}/tradeoff?front_modes=7", headers={"Accept": "image/png"})
     assert picture.headers["content-type"] == "image/png"

@@ -40,7 +40,9 @@ MEMORY = 3_000_000_000
 OpenEngine = Callable[[float], Engine]
 
 
-@pytest.fixture(scope="module", params=["processes", "dask"])
+@pytest.fixture(
+    scope="module", params=["processes", pytest.param("dask", marks=pytest.mark.thorough)]
+)
 def open_engine(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> OpenEngine:
@@ -189,6 +191,7 @@ def test_cancelling_ends_the_work(open_engine: OpenEngine) -> None:
         assert list(pool.map(abs, [-5, -6, -7], timeout=15)) == [5, 6, 7]
 
 
+@pytest.mark.thorough
 def test_a_worker_ends_with_the_process_that_it_works_for(tmp_path: Path) -> None:
     code = (
         "import os, signal\n"

@@ -67,6 +67,7 @@ def test_mirrored_normals_are_not_called_reduced_torsion() -> None:
         assert classify(handed(image, "unknown")).label != "reduced torsion"
 
 
+@pytest.mark.thorough
 def test_nearly_all_recordings_lose_nothing_by_an_unknown_handedness() -> None:
     kept = []
     for case in held_out_cases(MATERIAL, 2, seed=41):
@@ -76,6 +77,7 @@ def test_nearly_all_recordings_lose_nothing_by_an_unknown_handedness() -> None:
     assert np.mean(kept) >= 0.95
 
 
+@pytest.mark.thorough
 def test_a_model_of_recordings_that_state_none_takes_others_as_it_took_them() -> None:
     cases = [
         TrainingCase(replace(case.signature, facts=Facts()), case.label, case.subject)

@@ -22,6 +22,7 @@ from modalmotion.errors import ParameterError
 QUICK = TrainingOptions(estimator="linear", repetitions=1, card="quick")
 
 
+@pytest.mark.thorough
 def test_a_model_does_not_differ_from_itself() -> None:
     result = compare_models(curves_model(), curves_model(), curves(5, seed=8))
     for figure in (result.accuracy, result.auc, result.log_loss, result.brier):

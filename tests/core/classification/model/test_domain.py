@@ -62,6 +62,7 @@ def test_what_is_no_beat_gets_no_class(kind: str) -> None:
     assert flagged((FLAGGED[kind](rng) for _ in range(2)), seen_by(kind)) == 1.0
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_figure_gets_no_class_even_where_its_topology_is_that_of_a_ventricle(name: str) -> None:
     assert flagged(windows(name)[:1]) == 1.0
@@ -74,6 +75,7 @@ def test_a_figure_gets_no_class_even_where_its_topology_is_that_of_a_ventricle(n
     assert flagged(driven) >= 0.95
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("recipe", RECIPES.values(), ids=list(RECIPES))
 def test_held_out_ventricles_get_a_class_and_mostly_the_right_one(recipe: Recipe) -> None:
     found = evaluate(load_model(recipe.name), held_out_cases(recipe, 4, seed=92))

@@ -101,6 +101,7 @@ def test_a_course_and_the_terms_of_a_curve_are_read() -> None:
     assert any("direction" in name for name in features.get_feature_names_out())
 
 
+@pytest.mark.thorough
 def test_sequences_cases_and_signatures_give_the_same() -> None:
     sequences = beats()[0]
     table = SignatureFeatures().fit_transform(signatures())
@@ -178,6 +179,7 @@ def test_covariates_are_columns_on_request() -> None:
     assert caught.value.remedy.endswith("age, sex.")
 
 
+@pytest.mark.thorough
 def test_remarks_are_no_columns_unless_they_are_named() -> None:
     some = [
         TrainingCase(cohort(12)[k].signature, "any", covariates={"name": f"P {k}"})

@@ -50,6 +50,7 @@ def test_alone_they_have_two_topologies() -> None:
     assert surfaces == {"sphere", "mesh"}
 
 
+@pytest.mark.thorough
 def test_together_they_have_the_spring_modes_of_their_mesh_and_the_model_says_so() -> None:
     model = model_of(None)
     assert model.readable.topologies == ("mesh",)

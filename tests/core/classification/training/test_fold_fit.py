@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from classify_samples import TWO, curves
 
 from modalmotion.classification import TrainingCase, TrainingOptions
@@ -26,6 +27,7 @@ def test_a_fold_predicts_its_outer_cases_and_says_what_it_chose() -> None:
     np.testing.assert_allclose(sum(weight for _, weight in held_out.choices), 1.0)
 
 
+@pytest.mark.thorough
 def test_the_volume_alone_leads_few_cases_and_is_read_linearly() -> None:
     options = TrainingOptions(modes=7)
     for seed in range(2):

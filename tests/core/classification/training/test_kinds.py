@@ -80,6 +80,7 @@ def test_shapes_without_offsets_are_read_as_displacements() -> None:
     assert kinds(tuple(cases)) == ["material"]
 
 
+@pytest.mark.thorough
 def test_the_kind_that_predicts_better_is_read_and_said() -> None:
     # Only displacements show twist.
     model = twist_model()
@@ -104,6 +105,7 @@ def test_offsets_are_read_where_points_follow_nothing() -> None:
     assert model.card.accuracy >= 0.75
 
 
+@pytest.mark.thorough
 def test_signatures_of_both_kinds_are_weighed_as_their_sequences_are() -> None:
     sets = []
     for kind in BOTH:

@@ -47,6 +47,7 @@ def where() -> set[int]:
     return set(joblib.Parallel()(joblib.delayed(os.getpid)() for _ in range(4)))
 
 
+@pytest.mark.thorough
 def test_processes_and_threads_give_the_scores_of_none() -> None:
     expected = scores()
     with joblib_backend(n_jobs=2):

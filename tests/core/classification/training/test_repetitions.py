@@ -23,6 +23,7 @@ def model() -> object:
     return train(cases, "full", FULL)
 
 
+@pytest.mark.thorough
 def test_repetitions_and_curve_leave_the_model_as_it_is(model: object) -> None:
     quick = train(curves(8), "full", replace(FULL, repetitions=1, card="quick"))
     assert quick.id == model.id  # type: ignore[attr-defined]

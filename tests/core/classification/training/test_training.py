@@ -54,6 +54,7 @@ def test_the_pose_of_a_curve_changes_nothing() -> None:
     assert one.probabilities == pytest.approx(other.probabilities, abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_spring_modes_of_one_mesh_can_be_learned_and_another_mesh_is_refused() -> None:
     asked = SignatureParameters(closed_form=False)
 

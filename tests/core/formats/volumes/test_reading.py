@@ -200,7 +200,7 @@ def test_dicom_that_is_no_slice_is_refused(change: dict[str, Any]) -> None:
     # Among many others it is left out, and noted.
     files = {f"s{k}": slice_file(np.ones((4, 5)), z=9.0 * k, trigger=0.0) for k in range(6)}
     bad = slice_file(np.ones((4, 5)), z=0.0, trigger=0.0, **change)
-    assert any("1 files" in note for note in read(zipped(**files, bad=bad)).notes)
+    assert any("1 file." in note for note in read(zipped(**files, bad=bad)).notes)
 
 
 def test_what_libraries_say_of_headers_is_not_heard(

@@ -68,6 +68,7 @@ def test_the_bridge_imports_dask_and_no_more_of_the_service_than_it_needs() -> N
     assert not imported & {"fastapi", "scipy", "modalmotion.store", "modalmotion_service.settings"}
 
 
+@pytest.mark.thorough
 def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path, warm_bridges: None) -> None:
     address = f"tcp://127.0.0.1:{free_port()}"
     with pytest.raises(ClusterError, match="no scheduler") as caught:
@@ -78,6 +79,7 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path, warm_bridges: No
         DaskExecutor("nonsense", tmp_path, 2.0, MEMORY, connect_seconds=0.5)
 
 
+@pytest.mark.thorough
 def test_the_service_says_so_at_its_start_and_ends(tmp_path: Path) -> None:
     environment = {
         **os.environ,
@@ -114,6 +116,7 @@ def test_a_worker_elsewhere_or_of_another_version_is_refused(tmp_path: Path) -> 
         Mark(mark, "0.0.0").require_here()
 
 
+@pytest.mark.thorough
 def test_a_worker_that_loses_the_folder_does_no_work(
     dask_cluster: DaskCluster, tmp_path: Path
 ) -> None:
@@ -125,6 +128,7 @@ def test_a_worker_that_loses_the_folder_does_no_work(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.thorough
 def test_pools_of_many_limits_are_closed_but_for_those_in_use_and_the_last() -> None:
     limits = [PoolLimits(20.0, MEMORY + n, 3) for n in range(6)]
     pools = Pools(1)
@@ -146,6 +150,7 @@ def test_pools_of_many_limits_are_closed_but_for_those_in_use_and_the_last() -> 
     until(lambda: not is_running(kept))
 
 
+@pytest.mark.thorough
 def test_two_clients_share_workers_and_one_may_leave(
     dask_cluster: DaskCluster, tmp_path: Path
 ) -> None:
@@ -216,6 +221,7 @@ def test_a_lost_worker_or_scheduler_is_survived(own_cluster: DaskCluster, tmp_pa
         assert not is_ready(engine)
 
 
+@pytest.mark.thorough
 def test_a_stopped_worker_is_not_ready_and_its_work_goes_to_others(
     own_cluster: DaskCluster, tmp_path: Path
 ) -> None:
@@ -295,6 +301,7 @@ main(sys.argv[1:-1])
 """
 
 
+@pytest.mark.thorough
 def test_a_hostile_worker_runs_no_code_in_the_service(
     own_cluster: DaskCluster, tmp_path: Path
 ) -> None:
@@ -344,6 +351,7 @@ def sequence_id(client: TestClient) -> str:
     return str(client.get("/v1/sequences").json()["sequences"][0]["id"])
 
 
+@pytest.mark.thorough
 def test_a_cancelled_future_of_a_closed_executor_is_no_hang(
     dask_cluster: DaskCluster, tmp_path: Path
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from dask_cluster import DaskCluster
 from distributed import Client
 from fastapi.testclient import TestClient
@@ -14,6 +15,7 @@ from modalmotion_service.app import create_app
 from modalmotion_service.settings import Settings
 
 
+@pytest.mark.thorough
 def test_a_model_trained_on_the_workers_is_the_one_of_one_machine(
     dask_cluster: DaskCluster, tmp_path: Path
 ) -> None:
