@@ -21,7 +21,7 @@ from modalmotion_service.access.principal import LOCAL, LOCAL_PRINCIPAL, attach
 from modalmotion_service.access.scopes import Scope, target_of
 from modalmotion_service.app import create_app
 from modalmotion_service.audit.entry import Event
-from modalmotion_service.audit.log import AuditLog
+from modalmotion_service.audit.notes import Notes
 from modalmotion_service.http.gate import Access, Gate
 from modalmotion_service.settings import Settings
 
@@ -41,7 +41,7 @@ class _Unwritten:
 class _OneByOne:
     """An audit log that commits every entry by itself, and has everybody wait meanwhile."""
 
-    def __init__(self, log: AuditLog) -> None:
+    def __init__(self, log: Notes) -> None:
         self.log = log
 
     async def note(self, event: Event) -> None:

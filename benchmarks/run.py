@@ -11,6 +11,7 @@ MODULES = (
     "store",
     "formats",
     "templates",
+    "large_meshes",
     "readouts",
     "tradeoff",
     "tradeoff_front",
@@ -21,7 +22,9 @@ MODULES = (
     "classification_domain",
     "classification_invariance",
     "classification_cohorts",
+    "start",
     "load",
+    "replicas",
     "access",
     "cluster",
 )

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any, Final
 
 ROOT: Final = Path(__file__).resolve().parents[1]
-EXTRAS: Final = ("service", "plot", "codec", "cluster")
+EXTRAS: Final = ("service", "plot", "cluster")
 """Of the project, that the image has."""
 MACHINES: Final = ("x86_64",)
-"""That the image is built for: `constriction` has no wheel for others."""
+"""That the image is built for: the codec is compiled for no others."""
 
 # Versions of the C library that the base image has at least, from the newest on.
 _GLIBC: Final = ("2_28", "2_27", "2_26", "2_17", "2_12", "2_5")
@@ -36,7 +36,7 @@ def main() -> None:
     wanted += [dependency for extra in EXTRAS for dependency in optional[extra]]
     for name, needed in (
         ("requirements.txt", wanted),
-        ("requirements-build.txt", project["build-system"]["requires"]),
+        ("requirements-build.txt", [*project["build-system"]["requires"], *optional["codec"]]),
     ):
         (ROOT / name).write_text(text_of(needed))
 

@@ -16,6 +16,10 @@ COMMANDS: Final = {
     "card": ("model_commands", "Say what MODEL was made of, and how well it does."),
     "classify": ("model_commands", "Name the motion class of the sequence in FILE."),
     "compare-models": ("model_commands", "Compare two models, on the same labelled sequences."),
+    "compile-codec": (
+        "codec_commands",
+        "Compile the codec for this machine, once.",
+    ),
     "decide": (
         "model_commands",
         "Write MODEL with a rule by which its probabilities become a label.",

@@ -50,6 +50,8 @@ _HELP: Final = {
     "fold": "Column of the manifest whose values are the folds, in place of drawn ones.",
     "groups": "Column of the manifest, such as site, whose cases stay on one side of each split.",
     "coverage": "Level of the card's class sets.",
+    "walls": "Whether the zero of theta tells walls apart; auto: where every case states it.",
+    "further": "Whether size, rest shape, volume and covariates may be read beside motion.",
     "known_share": "Share of cases like the training ones that the model accepts as known.",
     "seed": "Seed of all random numbers.",
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from enum import Enum
 from pathlib import Path
@@ -194,6 +194,23 @@ def signature_parameters(options: dict[str, Any]) -> SignatureParameters:
     """Take the parameters of a signature out of the options of a command."""
     names = [name for name in _PARAMETERS if name in options]
     return SignatureParameters(**{name: options.pop(name) for name in names})
+
+
+def aligned(rows: Sequence[Sequence[object]]) -> str:
+    """Write rows, the first a heading, in columns; numbers end below one another."""
+    texts = [[str(cell) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
+    are_numbers = [
+        all(cell.replace(".", "", 1).isdigit() for cell in column[1:]) and len(rows) > 1
+        for column in zip(*texts, strict=True)
+    ]
+    return "\n".join(
+        "  ".join(
+            cell.rjust(width) if is_number else cell.ljust(width)
+            for cell, width, is_number in zip(row, widths, are_numbers, strict=True)
+        ).rstrip()
+        for row in texts
+    )
 
 
 def example(line: str) -> str:
