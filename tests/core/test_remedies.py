@@ -536,6 +536,7 @@ def test_advice_reads_the_same_on_the_command_line(tmp_path: Path) -> None:
 
 
 def test_every_option_command_and_setting_that_is_named_exists() -> None:
+    from modalmotion.codec.machine.image import VARIABLE as KERNELS
     from modalmotion_service.settings import Settings
 
     known_options: set[str] = set()
@@ -553,7 +554,7 @@ def test_every_option_command_and_setting_that_is_named_exists() -> None:
                 collect(command, f"{words} {name}")
 
     collect(main, "modalmotion")
-    settings = {f"MODALMOTION_{name.upper()}" for name in Settings.model_fields}
+    settings = {KERNELS, *(f"MODALMOTION_{name.upper()}" for name in Settings.model_fields)}
     for place, text in sentences():
         for option in re.findall(r"(?<![\w-])--[a-z][a-z-]*", text):
             assert option in known_options, (place, text)
@@ -569,6 +570,9 @@ ELSEWHERE = {
     "State the landmark theta_zero": "classification/features: of a cup whose zero is weak",
     "To go on without such files use --skip-unreadable": "tests/core/cli/test_model_commands.py",
     "Write --landmarks apex=1,2,3": "tests/core/cli/test_track_command.py",
+    "Start more services with --stateless": "tests/service/routes/test_stateless.py",
+    "Check the folder that is named as --read-only-dir": "tests/service/workspace/test_read_only.py",
+    "a service that was started without --stateless": "tests/service/routes/test_stateless.py",
     "Leave --label out": "tests/core/cli/test_track_command.py",
     "Name a .png, or track images with --picture data": "tests/core/cli/test_track_command.py",
     "Name another owner of FOLDER: --owner": "tests/core/cli/test_store_commands.py",

@@ -10,6 +10,7 @@ import click
 
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import example, list_written, output_option
+from modalmotion.cli.outputs import OutputFolder
 from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.store import write_atomic
 
@@ -85,7 +86,7 @@ def decode(stream: Path, output: Path, first: int | None, stop: int | None) -> N
 @click.command(epilog=example("compile-codec"))
 @click.option(
     "--folder",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=OutputFolder(),
     help="Where to keep it  [default: with the installed packages, or in the user's cache].",
 )
 def compile_codec(folder: Path | None) -> None:

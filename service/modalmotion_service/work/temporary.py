@@ -12,7 +12,12 @@ from multiprocessing import process, util
 from pathlib import Path
 from typing import Final
 
+from modalmotion.errors import StoreError
+
 _MARK: Final = "modalmotion"
+# What macOS takes as the name of a socket, which is less than Linux does, without
+# "/pymp-12345678/listener-12345678".
+_MOST_BYTES: Final = 103 - 32
 
 
 @cache
@@ -21,8 +26,20 @@ def claim_temporary_folder() -> Path:
 
     Python removes it at an orderly end. What processes that were killed have left is removed here,
     by its mark: folders of other programs look alike.
+
+    Raises
+    ------
+    StoreError
+        If the name of the temporary folder is too long for the sockets in it.
     """
-    _sweep(Path(tempfile.gettempdir()))
+    parent = tempfile.gettempdir()
+    if len(os.fsencode(parent)) > _MOST_BYTES:
+        raise StoreError(
+            f"The name of the temporary folder has {len(os.fsencode(parent))} bytes, and the "
+            f"sockets that processes find each other by take at most {_MOST_BYTES}.",
+            remedy="Set TMPDIR to a folder with a shorter name, such as /tmp.",
+        )
+    _sweep(Path(parent))
     folder = Path(util.get_temp_dir())
     _mark(folder)
     return folder

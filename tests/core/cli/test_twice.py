@@ -25,6 +25,7 @@ LONG = {
     "features",
     "track",
     "segment",
+    "compile-codec",
 }
 CHEAP = {
     "audit": "verify --data-dir {store}",

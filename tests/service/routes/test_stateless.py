@@ -146,7 +146,11 @@ def test_each_request_is_a_line_of_the_audit_log(client: TestClient, audit: Path
 
 
 def test_two_serve_the_same_folder_and_leave_nothing(
-    data_dir: Path, token: str, beat: bytes, tmp_path: Path
+    data_dir: Path,
+    token: str,
+    beat: bytes,
+    tmp_path: Path,
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
     settings = {
         "STATELESS": "true",
@@ -154,8 +158,8 @@ def test_two_serve_the_same_folder_and_leave_nothing(
         "WORKERS": "1",
         "REQUIRE_KEYS": "true",
     }
-    mine = tmp_path / "temporary"
-    mine.mkdir()
+    # Short, for the sockets in it.
+    mine = tmp_path_factory.mktemp("t")
     headers = {"Authorization": f"Bearer {token}"}
     replicas = []
     with pytest.MonkeyPatch.context() as patch:

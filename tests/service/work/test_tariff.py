@@ -47,7 +47,7 @@ def upload(folder: Path, n_bytes: int, kind: Format | None = Format.RAW) -> Uplo
 def test_every_task_of_requests_has_a_price() -> None:
     modules = [sequences, signatures, templates, derived, codec]
     modules += [tasks.classification, tasks.evaluation, tasks.features, tasks.tracks, tasks.views]
-    modules += [tasks.reports, tasks.norms, tasks.images]
+    modules += [tasks.reports, tasks.norms, tasks.images, tasks.batches]
     public = {
         function
         for module in modules

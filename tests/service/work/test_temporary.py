@@ -12,6 +12,8 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import pytest
+
 from modalmotion_service.work.pool import WorkerPool
 from modalmotion_service.work.temporary import _mark, _sweep, claim_temporary_folder
 
@@ -35,7 +37,11 @@ def folder_of_process(place: Path, end: str) -> Path:
     return Path(done.stdout.strip())
 
 
-def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path: Path) -> None:
+def test_what_a_killed_process_left_is_removed_by_the_next(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    # Short, for the sockets in it.
+    tmp_path = tmp_path_factory.mktemp("t")
     others = tmp_path / "pymp-others"
     others.mkdir()
     (others / "listener-1").touch()
@@ -48,6 +54,24 @@ def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path: Path) -> No
     # After an orderly end nothing is left; what is not ours stays.
     assert not folder_of_process(tmp_path, "").exists()
     assert [path.name for path in tmp_path.iterdir()] == [others.name]
+
+
+def test_a_name_too_long_for_sockets_is_refused(tmp_path: Path) -> None:
+    place = tmp_path / ("x" * 71)
+    place.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-m", "modalmotion", "serve", "--data-dir", tmp_path / "results"],
+        env={**os.environ, "TMPDIR": str(place)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 1
+    assert f"temporary folder has {len(str(place))} bytes" in done.stderr
+    assert "Set TMPDIR to a folder with a shorter name" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(place.iterdir())
 
 
 def test_whoever_begins_workers_claims_its_folder() -> None:
