@@ -571,7 +571,7 @@ ELSEWHERE = {
     "To go on without such files use --skip-unreadable": "tests/core/cli/test_model_commands.py",
     "Write --landmarks apex=1,2,3": "tests/core/cli/test_track_command.py",
     "Start more services with --stateless": "tests/service/routes/test_stateless.py",
-    "Check the folder that is named as --read-only-dir": "tests/service/workspace/test_read_only.py",
+    "Check the folder that is named as": "tests/service/workspace/test_read_only.py",
     "a service that was started without --stateless": "tests/service/routes/test_stateless.py",
     "Leave --label out": "tests/core/cli/test_track_command.py",
     "Name a .png, or track images with --picture data": "tests/core/cli/test_track_command.py",
