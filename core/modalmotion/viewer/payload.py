@@ -123,6 +123,8 @@ def view_payload(
         "surface": signature.surface,
         "ends": _ends(signature),
         "unit": _unit(signature.unit, scale),
+        "centre": centre.tolist(),
+        "length": scale,
         "n_frames": signature.n_frames,
         "n_vertices": sequence.n_vertices,
         "n_amplitudes": signature.n_amplitudes,
