@@ -30,8 +30,10 @@ const FRAGMENT = /* glsl */ `
   in vec3 shade;
   out vec4 pixel;
   void main() {
-    if (length(gl_PointCoord - 0.5) > 0.5) discard;
-    pixel = vec4(shade, strength);
+    float away = length(gl_PointCoord - 0.5);
+    if (away > 0.5) discard;
+    // A pale rim, for dark colours under it.
+    pixel = vec4(mix(shade, vec3(0.93), smoothstep(0.28, 0.4, away)), strength);
   }
 `;
 
@@ -56,7 +58,7 @@ export class Cloud {
     const set = (name, values, size) => this.geometry.setAttribute(name, new BufferAttribute(values, size));
     set("position", Float32Array.from(points.values, (x, i) => (x + from[i % 3]) / length), 3);
     set("tone", Float32Array.from({ length: 3 * n }, (_, i) => [COUNTED, LEFT_OUT, LANDMARK][kinds[Math.floor(i / 3)]][i % 3]), 3);
-    set("size", Float32Array.from(kinds, (kind) => [3.2, 4, 9][kind]), 1);
+    set("size", Float32Array.from(kinds, (kind) => [5, 6, 11][kind]), 1);
     this.drawn = [];
   }
 

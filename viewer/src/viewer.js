@@ -240,8 +240,8 @@ export class Viewer {
     this.areDataShown = true;
     this.dataBox = h("input", { type: "checkbox", checked: true, onchange: () => this.showData(this.dataBox.checked) });
     this.dataLegend = h("span", {});
-    this.dataChoice = h("label", { class: "sent", hidden: true }, this.dataBox, this.dataLegend);
-    return h("div", { class: "colours" }, this.colourChoices, h("label", { class: "sent" }, this.sentBox, h("span", {}, "Show as sent")), this.dataChoice, this.colourBar);
+    this.dataChoice = h("label", { class: "sent data", hidden: true }, this.dataBox, this.dataLegend);
+    return h("div", { class: "colours" }, this.colourChoices, h("label", { class: "sent" }, this.sentBox, h("span", {}, "Show as sent")), this.colourBar, this.dataChoice);
   }
 
   buildReadouts() {
