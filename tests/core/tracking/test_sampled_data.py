@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from clouds import breathing_spheroid, sampled
+from numpy.typing import NDArray
 
 from modalmotion.tracking import Observation, track
 from modalmotion.tracking.information import Information
@@ -11,7 +12,7 @@ from modalmotion.tracking.sampled_data import STRAY, sample_of
 
 
 def informed(n: int) -> Information:
-    points = np.arange(3.0 * n).reshape(n, 3)
+    points: NDArray[np.float64] = np.arange(3 * n, dtype=np.float64).reshape(n, 3)
     none = np.zeros((n, 3), dtype=np.int64)
     return Information(np.eye(3), np.zeros(3), points, points, np.linspace(0, 1, n), none, 1.0)
 
