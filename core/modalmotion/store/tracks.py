@@ -145,7 +145,7 @@ class TrackStore(SequenceStore):
         cursor: str | None = None,
     ) -> SequencePage:
         """Tracked sequences from the newest to the oldest, as `list_sequences` lists all."""
-        return self._open_index().page(subject, label, limit, cursor, "track")
+        return self._open_index().page(subject, label, limit, cursor, tracked=True)
 
     def _track_file(self, track_id: str) -> Path:
         self.track_record(track_id)

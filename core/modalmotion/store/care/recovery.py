@@ -25,6 +25,7 @@ from modalmotion.store.folder import Folder, ResultKind, ResultName, Scan
 from modalmotion.store.index.cursor import to_text
 from modalmotion.store.index.index import Index, put_records, put_results
 from modalmotion.store.index.model_index import ModelIndex, put_models
+from modalmotion.store.index.schema import recount
 from modalmotion.store.model_deletion import deleted_record, finish_model_deletion
 from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
 from modalmotion.store.tombstones import buried, digest_of_norm, is_older
@@ -148,8 +149,10 @@ def reconcile(
     models = _models(folder, index, scan, damaged, thorough=thorough)
     with index.database.write(erases=True) as connection:
         connection.execute("DELETE FROM sequences")
-        put_records(connection, records)
+        # As they came: a page of a list then reads neighbours.
+        put_records(connection, sorted(records, key=lambda record: (record.created, record.id)))
         put_results(connection, rows)
+        recount(connection)
         connection.execute("DELETE FROM models")
         put_models(connection, models)
     return Reconciliation(

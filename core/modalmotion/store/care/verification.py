@@ -173,6 +173,9 @@ class _Check:
             self.rows = {record.id: record for record in index.records()}
             self.digests = index.results()
             self.models = {record.reference: record for record in ModelIndex(database).all()}
+            if index.count() != index.recount():
+                problem = "It miscounts its rows; `modalmotion store rebuild`."
+                self.faults.append(Fault(path.name, problem))
             self.is_clean = index.is_clean
             self.has_index = True
         except StoreError as error:
