@@ -13,11 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 from fastapi.testclient import TestClient
-from index_rows import KEY, N_OF_SUBJECT, Rows, fill
+from index_rows import KEY, Rows, fill
 from measure import Table, in_words
 
-from modalmotion.store import ResultStore
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.signature.making import SignatureParameters, modal_signature
+from modalmotion.store import ResultStore, verify
 from modalmotion.store.care.copying import stage_database
 from modalmotion.store.folder import ResultName
 from modalmotion.store.index.cursor import to_cursor
@@ -49,10 +52,6 @@ class _Opened:
         """Cursor behind a job."""
         return to_cursor(self.rows.created(number), self.rows.job(number))
 
-    def subject(self, number: int) -> str:
-        """Name of a subject."""
-        return f"P {number // N_OF_SUBJECT}"
-
 
 Call = Callable[[_Opened, int], object]
 
@@ -76,25 +75,25 @@ def _open(stack: ExitStack, rows: Rows) -> _Opened:
 def _calls(opened: list[_Opened]) -> Table:
     table = Table(
         f"Index of {MANY:,} sequences, results and jobs against {FEW:,} (medians of {N_SAMPLES}, "
-        "in turn, each at another place)",
+        "in turn, each at another place, after as many others)",
         ("call", f"{FEW:,}", f"{MANY:,}", "ratio"),
     )
     pages: dict[str, Call] = {
         "sequences, first page": lambda o, _: o.store.list_sequences(),
         "sequences, a page between": lambda o, i: o.store.list_sequences(cursor=o.at(i)),
         "sequences, last page": lambda o, i: o.store.list_sequences(cursor=o.at(80 + i % 10)),
-        "sequences of a subject": lambda o, i: o.store.list_sequences(subject=o.subject(i)),
+        "sequences of a subject": lambda o, i: o.store.list_sequences(subject=o.rows.subject(i)),
         "sequences of a label, between": lambda o, i: o.store.list_sequences(
             label="normal", cursor=o.at(i)
         ),
         "sequences of both": lambda o, i: o.store.list_sequences(
-            subject=o.subject(i), label="normal"
+            subject=o.rows.subject(i), label=o.rows.label(i)
         ),
-        "tracks, first page": lambda o, _: o.store.list_tracks(),
+        "tracks, first page": lambda o, _: o.store.list_tracks(limit=20),
         "tracks, a page between": lambda o, i: o.store.list_tracks(limit=20, cursor=o.at(i)),
         "tracks, last page": lambda o, i: o.store.list_tracks(cursor=o.at(2000 + i % 10)),
         "tracks of a label": lambda o, _: o.store.list_tracks(label="normal", limit=20),
-        "tracks of a subject": lambda o, i: o.store.list_tracks(subject=o.subject(i)),
+        "tracks of a subject": lambda o, i: o.store.list_tracks(subject=o.rows.subject(i)),
         "jobs, first page": lambda o, _: o.jobs.list(),
         "jobs, a page between": lambda o, i: o.jobs.list(cursor=o.job_at(i)),
         "jobs, last page": lambda o, i: o.jobs.list(cursor=o.job_at(80 + i % 10)),
@@ -185,9 +184,7 @@ def _whole(few: Rows, many: Rows) -> Table:
         ("work", f"{FEW:,}", f"{MANY:,}", "a row", "ratio a row"),
     )
     works: dict[str, Callable[[Path], object]] = {
-        "verify: SQLite's own check": lambda root: _with_database(root, Database.faults),
-        "verify: all records": lambda root: _with_database(root, lambda d: Index(d).records()),
-        "verify: all results": lambda root: _with_database(root, lambda d: Index(d).results()),
+        "verify: names of all rows": lambda root: _with_database(root, _names),
         "verify: counting anew": lambda root: _with_database(root, lambda d: Index(d).recount()),
         "backup: the database": _copied,
     }
@@ -197,13 +194,43 @@ def _whole(few: Rows, many: Rows) -> Table:
         ratio = (long / many.n) / (short / few.n)
         cells = (name, in_words(short), in_words(long), in_words(long / many.n), f"{ratio:.2f}")
         table.add_at_most(ratio, MOST_RATIO, *cells)
+    short, long = (_seconds(_checked, rows.root) / rows.n for rows in (few, many))
+    times = in_words(short * few.n), in_words(long * many.n), in_words(long)
+    table.add("verify: SQLite's own check", *times, f"{long / short:.2f}")
+    files = _seconds_of_files(few.root.parent / "files")
+    ratio = (files + long) / (files + short)
+    name = f"the same with files of {in_words(files)}"
+    table.add_at_most(ratio, MOST_RATIO, name, "", "", in_words(files + long), f"{ratio:.2f}")
     return table
+
+
+def _checked(root: Path) -> None:
+    _with_database(root, Database.faults)
+
+
+def _seconds_of_files(root: Path, n: int = 200) -> float:
+    """Seconds a sequence to check its three small files, of a store that has them."""
+    rng = np.random.default_rng(3)
+    with ResultStore(root) as store:
+        for _ in range(n):
+            vertices = rng.normal(size=(4, 64, 3))
+            sequence = mesh_sequence(vertices, grid=(8, 8), topology="cup", unit="mm")
+            store.put_sequence(sequence)
+            store.put_signature(modal_signature(sequence, SignatureParameters(modes=6)))
+    start = time.perf_counter()
+    assert verify(root).is_sound
+    return (time.perf_counter() - start) / n
 
 
 def _with_database(root: Path, work: Callable[[Database], object]) -> None:
     database = Database(root / "index.sqlite")
     work(database)
     database.close()
+
+
+def _names(database: Database) -> None:
+    index = Index(database)
+    assert sum(1 for _ in index.ids()) < sum(1 for _ in index.results())
 
 
 def _copied(root: Path) -> None:
@@ -226,10 +253,12 @@ def _at_places(call: Call, opened: _Opened) -> Callable[[], object]:
 def _in_turn(tasks: Sequence[Callable[[], object]], n: int) -> list[float]:
     """Median time of each task in s, one after the other in every round."""
     times: list[list[float]] = [[] for _ in tasks]
-    for number in range(n + 5):
+    # The first ones warm what a service that has run for a while has read; the others are of places
+    # that have not been read.
+    for number in range(2 * n):
         for task, seconds in zip(tasks, times, strict=True):
             begin = time.perf_counter()
             task()
-            if number >= 5:
+            if number >= n:
                 seconds.append(time.perf_counter() - begin)
     return [statistics.median(seconds) for seconds in times]

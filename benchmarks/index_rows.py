@@ -49,11 +49,19 @@ class Rows:
         """Id of a job, counted from the oldest."""
         return hashlib.sha256(f"{self.n} job {number}".encode()).hexdigest()[:32]
 
+    def subject(self, number: int) -> str:
+        """Whose it is: a subject's sequences came over all the time."""
+        return f"P {number % (self.n // N_OF_SUBJECT)}"
+
+    def label(self, number: int) -> str:
+        """Give what it shows: each subject has some of each."""
+        return LABELS[(number + number // (self.n // N_OF_SUBJECT)) % len(LABELS)]
+
     def created(self, number: int) -> str:
         """When a sequence, or a job, came."""
         return to_text(_START + number)
 
-    def sample(self, n: int = 500) -> list[int]:
+    def sample(self, n: int = 1000) -> list[int]:
         """Numbers from all over the index, in no order."""
         step = max(1, self.n // n)
         numbers = range(step // 2, self.n, step)
@@ -95,8 +103,8 @@ def _record(rows: Rows, number: int) -> SequenceRecord:
         grid=None,
         unit="mm",
         has_times=True,
-        subject=f"P {number // N_OF_SUBJECT}",
-        label=LABELS[number % len(LABELS)],
+        subject=rows.subject(number),
+        label=rows.label(number),
         created=rows.created(number),
         has_upload=True,
         span=0.96,

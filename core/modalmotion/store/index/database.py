@@ -14,6 +14,10 @@ from typing import Any
 from modalmotion.errors import CorruptFileError, OlderFileError, StoreError
 from modalmotion.store.index.schema import OWN_TABLES, TABLES, VERSION, upgrade
 
+# For the upper pages of every tree among a million sequences, so that a look-up reads only its last
+# ones from the file. SQLite's own 2 MB are those of ten thousand.
+_READ_CACHE_KB = 8_000
+
 _REBUILD = "Run `modalmotion store rebuild FOLDER`."
 
 
@@ -65,6 +69,7 @@ class Database:
                 self._prepare()
                 self._reader = _connect(path)
                 self._reader.execute("PRAGMA query_only = ON")
+                self._reader.execute(f"PRAGMA cache_size = -{_READ_CACHE_KB}")
             except BaseException:
                 self._writer.close()
                 raise

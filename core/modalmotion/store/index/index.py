@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
@@ -17,6 +17,7 @@ from modalmotion.store.index.database import Database
 from modalmotion.store.index.schema import SEQUENCE_COLUMNS
 from modalmotion.store.record import SequenceRecord, record_values
 
+_PIECE: Final = 10_000
 _RECORDS: Final = f"SELECT {SEQUENCE_COLUMNS} FROM sequences"  # noqa: S608 (constants)
 
 
@@ -50,15 +51,20 @@ class Index:
         # list nobody is to learn what another owner's sequences state.
         self._facts = lru_cache(maxsize=64)(lambda text: facts_from_json(json.loads(text)))
 
-    def find(self, sequence_id: str) -> SequenceRecord | None:
-        """Record of a sequence, None where there is none."""
-        rows = self.database.read(f"{_RECORDS} WHERE id = ?", (sequence_id,))
+    def find(self, sequence_id: str, *, tracked: bool = False) -> SequenceRecord | None:
+        """Record of a sequence, only if it was tracked if so; None where there is none."""
+        condition = " AND is_tracked = 1" if tracked else ""
+        rows = self.database.read(f"{_RECORDS} WHERE id = ?{condition}", (sequence_id,))
         return self._record(rows[0]) if rows else None
 
-    def records(self) -> list[SequenceRecord]:
-        """All records, by id."""
-        rows = self.database.read(f"{_RECORDS} ORDER BY id")
-        return [self._record(row) for row in rows]
+    def ids(self) -> Iterator[str]:
+        """Ids of all sequences, sorted; a piece of them is in memory at a time."""
+        last = ""
+        while rows := self.database.read(
+            "SELECT id FROM sequences WHERE id > ? ORDER BY id LIMIT ?", (last, _PIECE)
+        ):
+            yield from (sequence_id for (sequence_id,) in rows)
+            (last,) = rows[-1]
 
     def page(
         self,
@@ -148,13 +154,18 @@ class Index:
         )
         return [ResultName(*row) for row in rows]
 
-    def results(self) -> dict[ResultName, str]:
-        """All results with the sha256 of their files."""
-        rows = self.database.read(
-            "SELECT kind, sequence_id, model_id, key, sha256 FROM results "
-            "ORDER BY sequence_id, kind, model_id, key"
-        )
-        return {ResultName(*row[:4]): row[4] for row in rows}
+    def results(self) -> Iterator[ResultName]:
+        """Give all results by sequence, kind, model and key; a piece is in memory at a time."""
+        last = ("", "", "", "")
+        while rows := self.database.read(
+            "SELECT sequence_id, kind, model_id, key FROM results "
+            "WHERE (sequence_id, kind, model_id, key) > (?, ?, ?, ?) "
+            "ORDER BY sequence_id, kind, model_id, key LIMIT ?",
+            (*last, _PIECE),
+        ):
+            for sequence_id, kind, model_id, key in rows:
+                yield ResultName(kind, sequence_id, model_id, key)
+            last = rows[-1]
 
     def put_result(self, name: ResultName, digest: str) -> None:
         """Add a result."""

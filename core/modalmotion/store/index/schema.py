@@ -16,6 +16,11 @@ VERSION: Final = 3
 
 OWN_TABLES: Final = ("state", "counts", "sequences", "results", "models")
 
+_OTHERS: Final = (
+    "n_frames, n_vertices, n_faces, topology, grid, unit, has_times, has_upload, facts, span, "
+    "is_tracked"
+)
+
 _SEQUENCES: Final = (
     """CREATE TABLE sequences (
         id TEXT PRIMARY KEY NOT NULL, n_frames INTEGER NOT NULL, n_vertices INTEGER NOT NULL,
@@ -28,10 +33,16 @@ _SEQUENCES: Final = (
     "CREATE INDEX sequences_by_subject ON sequences (subject, created, id)",
     "CREATE INDEX sequences_by_label ON sequences (label, created, id)",
     "CREATE INDEX sequences_by_both ON sequences (subject, label, created, id)",
-    "CREATE INDEX tracks_by_time ON sequences (created, id) WHERE is_tracked = 1",
-    "CREATE INDEX tracks_by_subject ON sequences (subject, created, id) WHERE is_tracked = 1",
-    "CREATE INDEX tracks_by_label ON sequences (label, created, id) WHERE is_tracked = 1",
-    "CREATE INDEX tracks_by_both ON sequences (subject, label, created, id) WHERE is_tracked = 1",
+    # Tracks may be few and far between: these hold whole records, so that a page is in one place.
+    *(
+        f"CREATE INDEX tracks_by_{name} ON sequences ({columns}) WHERE is_tracked = 1"
+        for name, columns in (
+            ("time", f"created, id, subject, label, {_OTHERS}"),
+            ("subject", f"subject, created, id, label, {_OTHERS}"),
+            ("label", f"label, created, id, subject, {_OTHERS}"),
+            ("both", f"subject, label, created, id, {_OTHERS}"),
+        )
+    ),
     """CREATE TABLE results (
         kind TEXT NOT NULL, sequence_id TEXT NOT NULL REFERENCES sequences ON DELETE CASCADE,
         model_id TEXT NOT NULL, key TEXT NOT NULL, sha256 TEXT NOT NULL,

@@ -86,8 +86,8 @@ def test_no_page_or_look_up_reads_or_sorts_all_rows(
             page = index.page(subject, label, 1, cursor, tracked=tracked)
             cursor = page.cursor
             (step,) = plans.take()
-            table = "tracks" if tracked else "sequences"
-            assert step.startswith(f"SEARCH sequences USING INDEX {table}_by_{by} (")
+            used = "COVERING INDEX tracks" if tracked else "INDEX sequences"
+            assert step.startswith(f"SEARCH sequences USING {used}_by_{by} (")
             # The place of the cursor is sought, not counted to.
             assert "(created,id)<(?,?)" in step
     index.find(some)
