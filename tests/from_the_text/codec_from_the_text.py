@@ -67,7 +67,7 @@ def block(data: bytes, f: int, N: int, modes: Array, form: str) -> Any:
 def decode_from_the_text(data: bytes) -> tuple[Any, list[list[int]]]:
     """Vertices and faces of a stream."""
     source = Bytes(data)
-    assert source.take(5) in (b"MMSQ\x02", b"MMSQ\x04")
+    assert source.take(5) in (b"MMSQ\x02", b"MMSQ\x04", b"MMSQ\x07")
     header = Bytes(source.section())
     F, N, M = (header.varint() for _ in range(3))
     form = "<f8" if header.byte() else "<f4"
@@ -85,7 +85,7 @@ def decode_from_the_text(data: bytes) -> tuple[Any, list[list[int]]]:
     if M:
         faces = cells(section, ends, grid) if section[0] else walk(section, M, N)
     kind = named.byte()
-    modes = lattice_modes(named) if kind == 1 else spring_modes(named, N, faces)
+    modes = lattice_modes(named) if kind == 1 else spring_modes(named, N, faces, kind == 3)
     parts = [block(source.section(), f, N, modes, form) for f in frames]
     assert source.at == len(data)
     return np.concatenate(parts), faces

@@ -88,9 +88,61 @@ def patches_of(vertices: set[int], edges: set[tuple[int, int]], P: int) -> list[
     return sorted(found)
 
 
-def spring_modes(source: Bytes, N: int, faces: list[list[int]]) -> Array:
-    """Section 4, kind 2: (modes, vertices)."""
+def stiffness_matrix(vertices: list[int], edges: set[tuple[int, int]], seed: int) -> Array:
+    where = {v: i for i, v in enumerate(vertices)}
+    K = np.zeros((len(vertices), len(vertices)))
+    for a, b in edges:
+        if a in where and b in where:
+            k = 1 + g(a * 2**20 + b, seed) / 8
+            K[where[a], where[b]] -= k
+            K[where[b], where[a]] -= k
+    K -= np.diag(K.sum(axis=1))
+    return K
+
+
+def signed(V: Array, vertices: list[int], seed: int) -> Array:
+    turned: Array = V * np.sign(np.array([g(v, seed + 1) - 0.5 for v in vertices]) @ V)
+    return turned
+
+
+def key(k: int, n: int) -> int:
+    return -1 if k == 0 else (2 * k + 1) * 2**30 // n
+
+
+def joined(patch: list[int], edges: set[tuple[int, int]], seed: int, Q: int, share: int) -> Array:
+    """Modes of a patch in the columns, from those of its leaves."""
+    within = {(a, b) for a, b in edges if a in patch and b in patch}
+    leaves = patches_of(set(patch), within, Q)
+    n, entries = len(patch), []
+    for number, leaf in enumerate(leaves):
+        s, V = np.linalg.eigh(stiffness_matrix(leaf, within, seed))
+        for k in range(len(leaf)):
+            mode = np.zeros(n)
+            mode[[patch.index(v) for v in leaf]] = signed(V, leaf, seed)[:, k]
+            entries.append(((key(k, len(leaf)), number, k), mode))
+    basis = np.array([mode for _, mode in sorted(entries, key=lambda entry: entry[0])]).T
+    if len(leaves) == 1:
+        return basis
+    m = max(len(leaves), n * share // 256)
+    K = stiffness_matrix(patch, within, seed)
+    w, C = np.linalg.eigh(basis[:, :m].T @ K @ basis[:, :m])
+    low, high = signed(basis[:, :m] @ C, patch, seed), basis[:, m:]
+    t = m // 2
+    if not t or m == n:
+        return np.concatenate([low, high], axis=1)
+    s = np.diag(high.T @ K @ high)
+    Y = -(high.T @ K @ low[:, :t]) / 2 / np.maximum(s[:, None] - w[:t], 0.3 * s.mean())
+    A = np.zeros((n, n))
+    A[m:, :t], A[:t, m:] = Y, -Y.T
+    U = (np.eye(n) + A) @ np.linalg.inv(np.eye(n) - A)
+    turned: Array = np.concatenate([low, high], axis=1) @ U
+    return turned
+
+
+def spring_modes(source: Bytes, N: int, faces: list[list[int]], in_leaves: bool) -> Array:
+    """Section 4, kinds 2 and 3: (modes, vertices)."""
     seed, P = source.byte(), source.varint()
+    Q, share = (source.varint(), source.byte()) if in_leaves else (P, 0)
     probe = source.unpack("8h")
     edges = {
         (min(a, b), max(a, b))
@@ -101,23 +153,13 @@ def spring_modes(source: Bytes, N: int, faces: list[list[int]]) -> Array:
     entries, largest = [], np.zeros((0, 0))
     for number, patch in enumerate(patches_of(set(range(N)), edges, P)):
         n = len(patch)
-        where = {v: i for i, v in enumerate(patch)}
-        K = np.zeros((n, n))
-        for a, b in edges:
-            if a in where and b in where:
-                k = 1 + g(a * 2**20 + b, seed) / 8
-                K[where[a], where[b]] -= k
-                K[where[b], where[a]] -= k
-        K -= np.diag(K.sum(axis=1))
-        V = np.linalg.eigh(K)[1]
-        V = V * np.sign(np.array([g(v, seed + 1) - 0.5 for v in patch]) @ V)
+        V = joined(patch, edges, seed, Q, share)
         if n > len(largest):
             largest = V
         for k in range(n):
             mode = np.zeros(N)
             mode[patch] = V[:, k]
-            key = -1 if k == 0 else (2 * k + 1) * 2**30 // n
-            entries.append(((key, number, k), mode))
+            entries.append(((key(k, n), number, k), mode))
     n = len(largest)
     for j, value in enumerate(probe):
         assert abs(largest[(7919 * j + 11) % n, n * j // 8] * 4096 - value) <= 1.5

@@ -60,6 +60,20 @@ NARRATIVE = thing(
 )
 REFERENCE = thing({"reference": {"type": "string", "pattern": UUID}}, type=TEXT)
 IDENTIFIER = thing({"system": TEXT, "value": TEXT})
+# Why an element has no value, and nothing else: no name and no date.
+UNNAMED = thing(
+    {
+        "extension": some(
+            thing(
+                {
+                    "url": {"pattern": "/data-absent-reason$"},
+                    "valueCode": {"enum": ["unknown", "not-applicable"]},
+                }
+            )
+        )
+    },
+    display={"enum": ["Not stated", "No person: computed by the device"]},
+)
 ABSENT = {"dataAbsentReason": CONCEPT}
 PART = {
     "oneOf": [
@@ -80,7 +94,15 @@ TIME = {"type": "string", "pattern": INSTANT}
 OBSERVATION = {
     **resource(
         "Observation",
-        {"status": STATUS, "category": some(CONCEPT), "code": CONCEPT, "issued": TIME},
+        {
+            "status": STATUS,
+            "category": some(CONCEPT),
+            "code": CONCEPT,
+            "subject": {**UNNAMED, "required": ["extension", "display"]},
+            "_effectiveDateTime": UNNAMED,
+            "issued": TIME,
+            "performer": some(UNNAMED),
+        },
         device=REFERENCE,
         method=CONCEPT,
         note=some(thing({"text": TEXT})),

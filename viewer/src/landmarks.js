@@ -1,7 +1,8 @@
-// The page at /images/{id}: landmarks are placed on slices by clicking, saved, and tracked from.
+// The page at /images/{id}: landmarks are placed on slices by clicking, saved, and tracked from. With
+// a track in the address it shows where its surface crosses the slices.
 
 import { save } from "./api.js";
-import { h, refill } from "./dom.js";
+import { h, refill, svg } from "./dom.js";
 import { directionOf, Frame, sidesOf } from "./slices.js";
 
 const VIEW = "application/vnd.modalmotion.view";
@@ -13,8 +14,8 @@ const NAMES = [
 const MOST_FRAMES = 12;
 
 export class Landmarks {
-  constructor(root, service, id, open) {
-    Object.assign(this, { root, service, id, open });
+  constructor(root, service, id, open, track) {
+    Object.assign(this, { root, service, id, open, madeTrack: track });
     this.frames = new Map();
     this.frame = 0;
     this.current = "apex";
@@ -24,8 +25,8 @@ export class Landmarks {
     this.build();
   }
 
-  static async at(root, service, id, open) {
-    const page = new Landmarks(root, service, id, open);
+  static async at(root, service, id, open, track) {
+    const page = new Landmarks(root, service, id, open, track);
     page.about = await service.json(`/v1/images/${id}`);
     // The first frame with an image.
     while (page.about.missing.includes(page.frame)) page.frame += 1;
@@ -49,12 +50,14 @@ export class Landmarks {
       this.root,
       h("div", { class: "placing" },
         h("header", { class: "head" },
-          h("div", {}, h("a", { class: "brand", href: "/" }, "modalmotion"), h("h1", {}, "Place two landmarks"), this.facts),
+          h("div", {}, h("a", { class: "brand", href: "/" }, "modalmotion"), h("h1", {}, this.madeTrack ? "The surface in the slices" : "Place two landmarks"), this.facts),
           h("div", { class: "actions" }, this.saveButton, h("label", { class: "button", for: "landmark-file" }, "Open landmarks"), this.file)),
         h("div", { class: "work" },
           h("div", { class: "left" }, this.panes,
             h("div", { class: "clock" }, h("label", { for: "frame" }, "Frame"), this.time, this.moment)),
-          h("aside", { class: "right" },
+          h("aside", { class: "right" }, this.madeTrack && h("section", { class: "card" }, h("h2", {}, "Surface"),
+            h("p", { class: "note" }, "The line is where the surface that was tracked crosses the slice, moved by what the slice shows everything aside."),
+            h("button", { onclick: () => this.open(this.madeTrack) }, "Back to the moving surface")),
             h("section", { class: "card" }, h("h2", {}, "Landmarks"), this.list,
               h("p", { class: "note" }, "Choose one, then click where it is. It shows in every view that passes by. The base may be placed in other frames too: what lies between is on a path.")),
             h("section", { class: "card" }, h("h2", {}, "Track"),
@@ -87,7 +90,7 @@ export class Landmarks {
     let wanted = this.frames.get(number);
     if (!wanted) {
       wanted = this.service
-        .call(`/v1/images/${this.id}/frames/${number}`, { accept: VIEW })
+        .call(`/v1/images/${this.id}/frames/${number}${this.madeTrack ? `?track=${this.madeTrack}` : ""}`, { accept: VIEW })
         .then(async (answer) => new Frame(await answer.arrayBuffer()));
       this.frames.set(number, wanted);
       if (this.frames.size > MOST_FRAMES) this.frames.delete(this.frames.keys().next().value);
@@ -106,7 +109,7 @@ export class Landmarks {
       this.views = shown.stacks.map((stack, k) => new Pane(this, stack, k));
       refill(this.panes, this.views.map((view) => view.element));
     }
-    this.views.forEach((view, k) => view.use(shown.stacks[k]));
+    this.views.forEach((view, k) => view.use(shown.stacks[k], shown.surface));
     this.tell();
   }
 
@@ -235,11 +238,13 @@ class Pane {
       },
     });
     this.marks = h("div", { class: "marks" });
+    this.line = svg("path", {});
+    this.contours = svg("svg", { class: "contours", preserveAspectRatio: "none", "aria-hidden": "true" }, this.line);
     this.slider = h("input", { type: "range", min: 0, max: stack.length - 1, step: 1, "aria-label": `${this.title}, slice`, oninput: () => this.goToNumber(Number(this.slider.value)) });
     this.slider.hidden = stack.length === 1;
     this.caption = h("span", {});
     this.letters = ["left", "right", "top", "bottom"].map((side) => h("span", { class: `side ${side}`, "aria-hidden": "true" }));
-    this.picture = h("div", { class: "slice" }, this.canvas, this.marks, this.letters);
+    this.picture = h("div", { class: "slice" }, this.canvas, this.contours, this.marks, this.letters);
     this.element = h("figure", { class: "pane" }, this.picture, h("figcaption", {}, h("strong", {}, this.title), this.caption, this.slider));
   }
 
@@ -247,8 +252,9 @@ class Pane {
     return this.stack[this.number];
   }
 
-  use(stack) {
+  use(stack, surface) {
     this.stack = stack;
+    this.surface = surface;
     this.goToNumber(Math.min(this.number, stack.length - 1));
   }
 
@@ -261,6 +267,9 @@ class Pane {
     this.slider.value = number;
     const { slice } = this;
     slice.paint(this.canvas);
+    const segments = this.surface ? slice.contours(this.surface) : [];
+    this.contours.setAttribute("viewBox", `-0.5 -0.5 ${slice.counts[0]} ${slice.counts[1]}`);
+    this.line.setAttribute("d", segments.map(([i, j, k, l]) => `M${i.toFixed(2)} ${j.toFixed(2)}L${k.toFixed(2)} ${l.toFixed(2)}`).join(""));
     const [width, height] = [slice.counts[0] * slice.spacing[0], slice.counts[1] * slice.spacing[1]];
     // Pixels need not be square.
     this.picture.style.aspectRatio = `${width} / ${height}`;

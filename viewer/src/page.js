@@ -13,7 +13,7 @@ const PIECE_BYTES = 4_000_000;
 const bufferOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
 
 // Of a view's address, what the service reads; the rest is the page's own.
-const OF_PAGE = ["with", "frame", "colour", "gains", "sent", "draw", "play", "speed"];
+const OF_PAGE = ["with", "frame", "colour", "gains", "sent", "data", "draw", "play", "speed"];
 
 function askKey(root) {
   return (isWrong) =>
@@ -65,7 +65,7 @@ class Pages {
   async open(id, page = "view") {
     history.pushState(null, "", `/${page}/${id}`);
     try {
-      await this[page](id);
+      await this[page](id.split("?")[0]);
     } catch (error) {
       history.back();
       throw error;
@@ -81,8 +81,9 @@ class Pages {
   }
 
   async images(id) {
-    this.use(await Landmarks.at(this.root, this.service, id, (sequence) => this.open(sequence)));
-    document.title = `Landmarks · modalmotion`;
+    const track = new URLSearchParams(location.search).get("track");
+    this.use(await Landmarks.at(this.root, this.service, id, (sequence) => this.open(sequence), track));
+    document.title = `${track ? "Contours" : "Landmarks"} · modalmotion`;
   }
 
   async view(id) {
@@ -109,9 +110,14 @@ class Pages {
           add(await (await service.call(path, { accept: VIEW })).arrayBuffer());
         }
       },
+      data: async (motion) => {
+        if (!motion.header.is_tracked) return null;
+        return (await service.call(`/v1/tracks/${motion.header.sequence_id}`, { accept: VIEW })).arrayBuffer();
+      },
       csv: async () => save(await (await service.call(`${here}/signature${asked}`, { accept: "text/csv" })).blob(), `${id.slice(0, 12)}-amplitudes.csv`),
       page: async () => save(await (await service.call(`${here}/view${asked}`, { accept: "text/html" })).blob(), `${id.slice(0, 12)}.html`),
       track: {
+        slices: (images) => this.open(`${images}?track=${id}`, "images").catch((error) => this.fail(error)),
         describe: () => service.json(`/v1/tracks/${id}`),
         picture: async (name) => (await service.call(`/v1/tracks/${id}?picture=${name}`, { accept: "image/png" })).blob(),
       },
@@ -135,6 +141,11 @@ function fromPage(root, holders) {
         await new Promise((done) => setTimeout(done));
       }
     },
+    data: async (motion) => {
+      const number = viewer ? viewer.motions.indexOf(motion) : 0;
+      const held = document.querySelector(`script[data-points="${number}"]`);
+      return held && bufferOf(held.textContent.trim());
+    },
   });
   window.modalmotion = viewer;
 }
@@ -153,7 +164,10 @@ function render({ model, el }) {
     viewer = new Viewer(
       root,
       [copied(model.get("payload"))],
-      { frames: async (_, add) => model.get("frames").forEach((piece) => add(copied(piece))) },
+      {
+        frames: async (_, add) => model.get("frames").forEach((piece) => add(copied(piece))),
+        data: async () => (model.get("points").byteLength ? copied(model.get("points")) : null),
+      },
       true,
     );
   };

@@ -9,8 +9,8 @@ const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a
 
 // Pixels of one plane with their places: `at(i, j)`, mm along three axes.
 class Slice {
-  constructor({ pixels, start, counts, strides, origin, steps, thickness }) {
-    Object.assign(this, { pixels, start, counts, strides, origin, steps, thickness });
+  constructor({ pixels, start, counts, strides, origin, steps, thickness, shift }) {
+    Object.assign(this, { pixels, start, counts, strides, origin, steps, thickness, shift });
     const normal = cross(steps[0], steps[1]);
     this.normal = normal.map((x) => x / length(normal));
     this.stand();
@@ -51,6 +51,27 @@ class Slice {
     return { i: (wa * bb - wb * ab) / whole, j: (wb * aa - wa * ab) / whole, off: dot(way, this.normal) };
   }
 
+  // Where a surface crosses the plane: ends of segments in pixels, i, j, i, j.
+  contours({ vertices, faces }) {
+    const { origin, normal, shift } = this;
+    const heights = new Float32Array(vertices.length / 3);
+    for (let v = 0; v < heights.length; v++)
+      heights[v] = (vertices[3 * v] - origin[0]) * normal[0] + (vertices[3 * v + 1] - origin[1]) * normal[1] + (vertices[3 * v + 2] - origin[2]) * normal[2];
+    const crossing = (a, b) => {
+      const share = heights[a] / (heights[a] - heights[b]);
+      return this.under([0, 1, 2].map((k) => vertices[3 * a + k] + share * (vertices[3 * b + k] - vertices[3 * a + k]) + shift[k]));
+    };
+    const segments = [];
+    for (let f = 0; f < faces.length; f += 3) {
+      const corners = [faces[f], faces[f + 1], faces[f + 2]];
+      const above = corners.map((v) => heights[v] > 0);
+      if (above[0] === above[1] && above[1] === above[2]) continue;
+      const ends = [0, 1, 2].filter((k) => above[k] !== above[(k + 1) % 3]).map((k) => crossing(corners[k], corners[(k + 1) % 3]));
+      segments.push([ends[0].i, ends[0].j, ends[1].i, ends[1].j]);
+    }
+    return segments;
+  }
+
   paint(canvas) {
     const [width, height] = this.counts;
     canvas.width = width;
@@ -72,7 +93,7 @@ const column = (affine, k) => affine.map((row) => row[k]);
 // Stacks of parallel slices: by direction of a set's planes, by axis of a volume.
 function stacksOf(header, pixels) {
   if (header.kind === "volume") {
-    const [{ shape, affine }] = header.parts;
+    const [{ shape, affine, shift }] = header.parts;
     const steps = [0, 1, 2].map((k) => column(affine, k));
     const strides = [1, shape[0], shape[0] * shape[1]];
     return [2, 1, 0].map((across) => {
@@ -85,15 +106,16 @@ function stacksOf(header, pixels) {
         origin: column(affine, 3).map((x, k) => x + n * steps[across][k]),
         steps: [steps[a], steps[b]],
         thickness: length(steps[across]),
+        shift,
       }));
     });
   }
   const stacks = [];
   let start = 0;
-  for (const { shape, affine, thickness, stack } of header.parts) {
+  for (const { shape, affine, thickness, stack, shift } of header.parts) {
     const slice = new Slice({
       pixels, start, counts: shape, strides: [1, shape[0]],
-      origin: column(affine, 2), steps: [column(affine, 0), column(affine, 1)], thickness,
+      origin: column(affine, 2), steps: [column(affine, 0), column(affine, 1)], thickness, shift,
     });
     (stacks[stack] ||= []).push(slice);
     start += shape[0] * shape[1];
@@ -109,6 +131,7 @@ export class Frame {
     const { header, arrays } = readContainer(buffer);
     this.header = header;
     this.stacks = stacksOf(header, arrays.pixels.values);
+    this.surface = arrays.faces ? { vertices: arrays.vertices.values, faces: arrays.faces.values } : null;
   }
 }
 

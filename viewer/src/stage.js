@@ -56,12 +56,17 @@ export class Stage {
     return makeSurfaces(motion, inShader);
   }
 
+  // Pixels of the canvas for one of the page.
+  get ratio() {
+    return Math.min(devicePixelRatio, this.isSoftware ? 1 : 2);
+  }
+
   render() {
     if (this.isLost) return;
     const { renderer, canvas } = this;
     const box = canvas.getBoundingClientRect();
     if (!box.width || !box.height) return;
-    renderer.setPixelRatio(Math.min(devicePixelRatio, this.isSoftware ? 1 : 2));
+    renderer.setPixelRatio(this.ratio);
     renderer.setSize(box.width, box.height, false);
     renderer.setScissorTest(false);
     renderer.setClearColor(new Color(0, 0, 0), 0);

@@ -3,6 +3,7 @@
 import { h, numeral, refill } from "./dom.js";
 
 const PICTURES = [
+  ["data", "Data over the surface", "What was tracked, in frames spread over the beat"],
   ["deviations", "Stated error", "The standard deviation of each place on the surface"],
   ["determined", "What the data determine", "The share of each mode that the data set, and not the prior"],
   ["overlay", "Contours over the images", "The surface in slices of the images, over the beat"],
@@ -13,7 +14,7 @@ const mean = (values) => {
   return known.length ? known.reduce((sum, x) => sum + x, 0) / known.length : null;
 };
 
-// `track`: { describe(), picture(name) }.
+// `track`: { describe(), picture(name), slices(images) }.
 export function trackCard(track, unit, say) {
   const box = h("div", { class: "card track" }, h("h2", {}, "Tracking"), h("p", { class: "note" }, "Loading"));
   const frame = h("dialog", { class: "picture", "aria-label": "Picture of the track" });
@@ -34,8 +35,9 @@ export function trackCard(track, unit, say) {
       ["data that counted", share(mean(answer.inliers))],
       ["surface that data lie at", share(mean(answer.coverage))],
     ];
+    const images = answer.links.images && answer.links.images.split("/").pop();
     const unseen = answer.unseen.length ? `Interpolated, for nothing was seen: frames ${answer.unseen.join(", ")}.` : null;
-    const pictures = PICTURES.filter(([name]) => name !== "overlay" || answer.images);
+    const pictures = PICTURES.filter(([name]) => name !== "overlay" || images);
     refill(box,
       h("h2", {}, "Tracking"),
       h("table", { class: "figures" }, h("tbody", {}, rows.map(([what, value]) => h("tr", {}, h("th", { scope: "row" }, what), h("td", {}, value))))),
@@ -43,7 +45,11 @@ export function trackCard(track, unit, say) {
       answer.notes.length
         ? h("details", {}, h("summary", {}, `What to know: ${answer.notes.length} notes`), answer.notes.map((note) => h("p", { class: "note" }, note)))
         : null,
-      h("div", { class: "actions" }, pictures.map(([name, title, words]) => h("button", {
+      h("div", { class: "actions" }, images && h("button", {
+        type: "button",
+        title: "The slices of each frame, and the surface cut with them",
+        onclick: () => track.slices(images),
+      }, "Contours in the slices"), pictures.map(([name, title, words]) => h("button", {
         type: "button",
         title: words,
         onclick: async (event) => {

@@ -1,7 +1,9 @@
 // The view of one sequence, or of two side by side: stage, clock, modes, charts.
 
 import { save } from "./api.js";
-import { bar, BullsEye, CurveChart } from "./charts.js";
+import { chartsOf } from "./chart_rows.js";
+import { bar } from "./charts.js";
+import { Cloud } from "./cloud.js";
 import { readContainer } from "./container.js";
 import { h, numeral, refill, svg } from "./dom.js";
 import { Motion } from "./motion.js";
@@ -16,7 +18,7 @@ const COLOURS = [
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2];
 
 export class Viewer {
-  // `payloads`: one or two ArrayBuffers; `actions`: { frames(motion), csv, page, classify }.
+  // `payloads`: one or two ArrayBuffers; `actions`: { frames(motion), data(motion), csv, page, classify }.
   constructor(root, payloads, actions = {}, isEmbedded = false) {
     this.motions = payloads.map((payload) => new Motion(readContainer(payload)));
     this.actions = actions;
@@ -26,11 +28,12 @@ export class Viewer {
     this.gains = this.motions.map((motion) => new Float32Array(motion.header.waves.length).fill(1));
     this.time = 0;
     this.isPlaying = false;
-    this.charts = [];
+    this.clouds = this.motions.map(() => null);
     this.root = root;
     root.replaceChildren(this.build());
     this.applyAddress();
     this.loadFrames();
+    this.loadData();
     this.onKey = (event) => this.key(event);
     document.addEventListener("keydown", this.onKey);
     this.onResize = () => this.wish();
@@ -63,11 +66,12 @@ export class Viewer {
   }
 
   applyAddress() {
-    const { frame, colour, gains, sent } = this.state;
+    const { frame, colour, gains, sent, data } = this.state;
     if (frame) this.seek(this.motions[0].timeAt(Math.min(Math.max(+frame || 0, 0), this.nFrames - 1)));
     if (COLOURS.some(([name]) => name === colour)) this.setColour(colour);
     else this.setColour(this.motions[0].faces.length ? "error" : "plain");
     if (sent === "0") this.showSent(false);
+    if (data === "0") this.showData(false);
     if (gains)
       gains.split(",").forEach((gain, w) => {
         if (w < this.gains[0].length && Number.isFinite(+gain)) this.setGain(w, +gain);
@@ -88,6 +92,7 @@ export class Viewer {
       set("colour", this.colour === "error" ? "" : this.colour);
       set("gains", own.every((gain) => gain === 1) ? "" : own.join(","));
       set("sent", this.isSentShown ? "" : "0");
+      set("data", this.areDataShown ? "" : "0");
       history.replaceState(null, "", `${location.pathname}?${query}`.replace(/\?$/, ""));
     }, 300);
   }
@@ -108,6 +113,11 @@ export class Viewer {
     this.busy = h("p", { class: "busy", role: "status" });
     this.colourBar = bar("0", "");
     const stageBox = h("div", { class: "stage" }, this.canvas, this.windows, this.cross, this.busy);
+    const charts = chartsOf(this.motions, (number, t) => {
+      this.play(false);
+      this.seek(number ? (t / (this.motions[number].span || 1)) * this.span : t);
+    });
+    this.charts = charts.rows;
     const notes = [
       ...header.notes,
       ...(this.stage.isSoftware
@@ -124,7 +134,7 @@ export class Viewer {
         h("section", { class: "left", "aria-label": "Surface" }, stageBox, this.buildClock(), this.buildColours()),
         h("aside", { class: "right", "aria-label": "Modes" }, this.buildReadouts(), this.buildClass(), this.buildTrack(), this.buildModes()),
       ),
-      this.buildCharts(),
+      charts.element,
       notes.length
         ? h("section", { class: "notes" }, h("h2", {}, "What to know"), h("ul", {}, notes.map((note) => h("li", {}, note))))
         : null,
@@ -227,7 +237,11 @@ export class Viewer {
     this.colourChoices = h("fieldset", { class: "choices" }, h("legend", {}, "Colour"), COLOURS.map(([name, text]) => choice(name, text)));
     this.isSentShown = true;
     this.sentBox = h("input", { type: "checkbox", checked: true, onchange: () => this.showSent(this.sentBox.checked) });
-    return h("div", { class: "colours" }, this.colourChoices, h("label", { class: "sent" }, this.sentBox, h("span", {}, "Show as sent")), this.colourBar);
+    this.areDataShown = true;
+    this.dataBox = h("input", { type: "checkbox", checked: true, onchange: () => this.showData(this.dataBox.checked) });
+    this.dataLegend = h("span", {});
+    this.dataChoice = h("label", { class: "sent data", hidden: true }, this.dataBox, this.dataLegend);
+    return h("div", { class: "colours" }, this.colourChoices, h("label", { class: "sent" }, this.sentBox, h("span", {}, "Show as sent")), this.colourBar, this.dataChoice);
   }
 
   buildReadouts() {
@@ -361,64 +375,6 @@ export class Viewer {
     );
   }
 
-  buildCharts() {
-    const boxes = this.motions.map((motion, number) => {
-      const { header, arrays } = motion;
-      const at = Array.from({ length: motion.nFrames }, (_, f) => motion.timeAt(f));
-      const xLabel = motion.times ? "time (s)" : "frame";
-      const seek = (t) => {
-        this.play(false);
-        this.seek(number ? (t / (motion.span || 1)) * this.span : t);
-      };
-      const values = (name) => Array.from(arrays[name].values);
-      const charts = [];
-      const { volume } = header;
-      if (arrays.volumes) {
-        const v = values("volumes");
-        charts.push(new CurveChart({
-          title: "Volume", at, xLabel, yLabel: volume.unit, seek,
-          note: volume.share ? `${volume.share.name} ${volume.share.value.toFixed(1)} % (of the mesh itself ${volume.share.mesh === null ? "–" : volume.share.mesh.toFixed(1)} %)` : "",
-          curves: [{ points: values("mesh_volumes"), className: "quiet dashed" }, { points: v, className: "first" }],
-          marks: [
-            { at: at[volume.end_diastole], value: v[volume.end_diastole], text: numeral(volume.largest), above: true },
-            { at: at[volume.end_systole], value: v[volume.end_systole], text: numeral(volume.smallest), above: false },
-          ],
-          legend: [["first", "from the amplitudes"], ["quiet dashed", "the mesh as sent"]],
-        }));
-      }
-      const paths = motion.trajectories();
-      const order = header.waves.map((_, w) => w).sort((a, b) => header.waves[b].rms - header.waves[a].rms);
-      const tone = (w) => (order.indexOf(w) < 5 ? `tone${order.indexOf(w)}` : "quiet");
-      const trajectories = new CurveChart({
-        title: "Amplitudes", at, xLabel, yLabel: header.unit, seek,
-        note: "Each pair along its main direction; point at a mode to find its curve.",
-        curves: paths.map((points, w) => ({ points, className: tone(w) })),
-        legend: order.slice(0, 5).map((w) => [tone(w), `${header.waves[w].label} ${header.waves[w].name}`]),
-      });
-      charts.push(trajectories);
-      charts.push(new CurveChart({
-        title: "Motion and error", at, xLabel, yLabel: header.unit, seek, fromZero: true,
-        note: `${numeral(header.error.rms)} ${header.unit} RMS over all frames, at most ${numeral(header.error.max)}.`,
-        curves: [
-          { points: values("motion_rms"), className: "area", area: true },
-          { points: values("max_errors"), className: "tone1 dashed" },
-          { points: values("rms_errors"), className: "first" },
-        ],
-        legend: [["area", "motion, RMS"], ["first", "error, RMS"], ["tone1 dashed", "error, largest"]],
-      }));
-      let eye = null;
-      if (arrays.segments) eye = new BullsEye(header, arrays.segments.values);
-      this.charts.push({ motion, charts, eye, trajectories });
-      return h(
-        "section",
-        { class: "charts", "aria-label": `Charts${this.motions.length > 1 ? ` of ${header.title || header.sequence_id.slice(0, 8)}` : ""}` },
-        this.motions.length > 1 ? h("h2", {}, header.title || header.sequence_id.slice(0, 12)) : null,
-        h("div", { class: "grid-of-charts" }, charts.map((chart) => chart.element), eye ? eye.element : null),
-      );
-    });
-    return h("div", {}, boxes);
-  }
-
   async loadFrames() {
     for (const motion of this.motions) {
       if (!this.actions.frames) continue;
@@ -432,6 +388,38 @@ export class Viewer {
       }
     }
     this.wish();
+  }
+
+  // Points that the surfaces were tracked through, where somebody kept them.
+  async loadData() {
+    if (!this.actions.data) return;
+    for (const [number, motion] of this.motions.entries()) {
+      try {
+        const buffer = await this.actions.data(motion);
+        if (!buffer) continue;
+        const cloud = new Cloud(buffer, motion);
+        Object.values(this.surfaces[number]).forEach((surface) => surface.scene && cloud.join(surface));
+        this.clouds[number] = cloud;
+      } catch (error) {
+        this.say(`The data that were tracked did not come: ${error.message}`);
+      }
+    }
+    const there = this.clouds.filter(Boolean);
+    const parts = [
+      h("span", {}, "Show the data: "), h("span", { class: "dot counted" }), "counted",
+      ...(there.some((cloud) => cloud.hasStrays) ? [h("span", { class: "dot stray" }), "left out"] : []),
+      ...(there.some((cloud) => cloud.hasLandmarks) ? [h("span", { class: "dot place" }), "landmark"] : []),
+    ];
+    refill(this.dataLegend, parts);
+    this.dataChoice.hidden = !there.length;
+    this.wish();
+  }
+
+  showData(areShown) {
+    this.areDataShown = areShown;
+    this.dataBox.checked = areShown;
+    this.wish();
+    this.writeAddress();
   }
 
   say(text) {
@@ -575,6 +563,7 @@ export class Viewer {
       panel.surface.object.visible = isThere;
       panel.element.classList.toggle("waiting", !isThere);
     }
+    this.clouds.forEach((cloud, number) => cloud && cloud.show(this.place(number), this.areDataShown, this.stage.ratio));
     this.stage.render();
     this.milliseconds = performance.now() - started;
     this.colourBar.hidden = this.colour === "plain";
@@ -633,6 +622,7 @@ export class Viewer {
     document.removeEventListener("keydown", this.onKey);
     removeEventListener("resize", this.onResize);
     this.observer.disconnect();
+    this.clouds.forEach((cloud) => cloud && cloud.dispose());
     this.stage.dispose();
   }
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -18,6 +18,9 @@ from modalmotion.formats.raw import RAW_TYPES
 from modalmotion.formats.result import Reading
 from modalmotion.hdf5.form import form_of
 from modalmotion.mesh.sequence import MeshSequence
+
+if TYPE_CHECKING:
+    from modalmotion.tracking import Track
 
 
 def _one_path(_: click.Context, parameter: click.Parameter, paths: tuple[Path, ...]) -> Path:
@@ -84,9 +87,9 @@ def read(
         from modalmotion.tracking.recording import sequence_of
 
         return sequence_of(source, options)
-    kept = _tracked(source)
+    kept = track_in(source)
     if kept is not None:
-        result = options.apply(Reading(kept, format="hdf5"))
+        result = options.apply(Reading(kept.sequence, format="hdf5"))
     else:
         with _FrameBar() as bar:
             result = read_sequence(source, options, progress=bar)
@@ -97,8 +100,8 @@ def read(
     return result.sequence
 
 
-def _tracked(source: Path) -> MeshSequence | None:
-    """Sequence of a file that holds a track, with how far it may be off; None of other files."""
+def track_in(source: Path) -> Track | None:
+    """Track that a file holds; None of other files."""
     if source.suffix.lower() not in (".h5", ".hdf5") or not source.is_file():
         return None
     from modalmotion.tracking.hdf5 import FORM, track_from_hdf5
@@ -107,7 +110,7 @@ def _tracked(source: Path) -> MeshSequence | None:
         is_track = form_of(source).kind == FORM.kind
     except StoreError:
         return None
-    return track_from_hdf5(source).sequence if is_track else None
+    return track_from_hdf5(source) if is_track else None
 
 
 class _FrameBar:

@@ -163,7 +163,7 @@ def _figure(result: Track, recorded: Recorded, picture: str) -> Figure:
         return determined_figure(result)
     if recorded.images is not None:
         return overlay_figure(result, recorded.images)
-    return data_figure(result, recorded.frames)
+    return data_figure(result)
 
 
 def landmarks_in(text: str, recorded: Recorded, unit: str | None) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from modalmotion.classification.answer.classification import Classification
-from modalmotion.cli.files import read, sequence_argument
+from modalmotion.cli.files import read, sequence_argument, track_in
 from modalmotion.cli.options import (
     components_option,
     example,
@@ -51,7 +51,8 @@ from modalmotion.signature.making import ModalSignature, modal_signature
 def view(source: Path, output: Path, other: Path | None, classify: bool, **options: Any) -> None:
     """Write a page on which the surface in FILE moves, beside its reconstruction.
 
-    The page is one file: it opens from disk in any browser and needs no network.
+    The page is one file: it opens from disk in any browser and needs no network. Of a track's .h5
+    the data that it was tracked through are drawn over the surface.
     """
     from modalmotion.store import write_atomic
     from modalmotion.viewer.page import View, view_page
@@ -64,7 +65,9 @@ def view(source: Path, output: Path, other: Path | None, classify: bool, **optio
                 sequence = read(path, **options)
             signature = modal_signature(sequence, parameters, watch=waiting.watch)
             answer = _answer(sequence, signature) if classify else None
-            views.append(View(signature, sequence, path.name, classification=answer))
+            tracked = track_in(path)
+            data = None if tracked is None else tracked.data
+            views.append(View(signature, sequence, path.name, classification=answer, data=data))
         with waiting.watch.stage("write"):
             write_atomic(output, view_page(views).encode())
     list_written(output)

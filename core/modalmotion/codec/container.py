@@ -24,11 +24,12 @@ LARGEST_BLOCK: Final = 2**26
 """Coordinates of the largest block, unless a single frame has more."""
 
 MAGIC: Final = b"MMSQ"
-VERSION: Final = 4
+VERSION: Final = 7
 
-# Version 2 differs in one number of the header: its largest error is of one coordinate. No flipped
-# bit turns one version into the other.
+# Version 4 knew fewer modes. Version 2 differs in one number of the header: its largest error is of
+# one coordinate. No flipped bit turns one version into another.
 _OF_COORDINATES: Final = 2
+_VERSIONS: Final = (_OF_COORDINATES, 4, VERSION)
 
 _NONSENSE: Final = "The header of the stream makes no sense."
 _UNITS: Final = (None, *MM_PER_UNIT)
@@ -112,10 +113,10 @@ def read_header(data: bytes, limits: ReadLimits) -> tuple[Header, int]:
             remedy="Send a stream that `modalmotion encode` wrote.",
         )
     version = data[4] if len(data) > 4 else None
-    if version not in (_OF_COORDINATES, VERSION):
+    if version not in _VERSIONS:
         raise MalformedFileError(
             f"The stream has the version {version}; this decoder reads versions "
-            f"{_OF_COORDINATES} and {VERSION}.",
+            f"{', '.join(map(str, _VERSIONS))}.",
             remedy="Decode it with the release that wrote it, or a later one.",
         )
     section, position = read_section(data, 5)

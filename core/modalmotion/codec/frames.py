@@ -33,9 +33,10 @@ ALIKE: Final = 1e-8
 SHARES: Final = (1.0, 0.995, 0.97, 0.8)
 # Share of progress for projecting and solving for modes; the search takes the rest.
 SHARE_OF_MODES: Final = 0.3
-# Answers that coefficients coded one by one may take: some ten microseconds each, for the decoder
-# too. A zero takes one; magnitudes of an error that is fine take twenty and gain next to nothing.
-MOST_TIGHTENED: Final = {Effort.FAST: 0, Effort.BALANCED: 2**18, Effort.THOROUGH: 2**20}
+# Answers that coefficients coded one by one may take: a fifth of a microsecond each compiled, ten
+# in Python, for the decoder too. A zero takes one; magnitudes of an error that is fine take twenty
+# and gain next to nothing.
+MOST_TIGHTENED: Final = {Effort.FAST: 0, Effort.BALANCED: 2**19, Effort.THOROUGH: 2**20}
 FIRST_STEP: Final = {Measure.RMS: 7.0, Measure.MAX_ERROR: 3.0}
 
 
@@ -195,9 +196,8 @@ def _finish(
     scaled = block.scaled(choice.modes)
     if not np.abs(scaled).max() < MOST_QUANTA / 4:
         return None
-    amplitudes = block.quantiser.restore(block.coefficients)
-    motion = np.sqrt((amplitudes**2).sum(axis=0) / block.n_frames)
-    uncertainty = _uncertainty(motion, choice, float(np.abs(scaled).max()))
+    shaken = choice.modes.shaken
+    uncertainty = _uncertainty(scaled, None if shaken is None else block.scaled(shaken))
     if uncertainty > MOST_UNCERTAIN:
         return None
     if trial.largest > LARGEST_MAGNITUDE:
@@ -224,20 +224,22 @@ def _finish(
 
 def _least_uncertainty(frames: _Frames, choice: Choice) -> float:
     """Uncertainty of the motion itself; a block at a fine error has nearly the same."""
-    motion = np.sqrt((frames.motion.amplitudes**2).sum(axis=(0, 1)) / len(frames.offsets))
-    return 0.99 * _uncertainty(motion, choice, float(np.abs(frames.offsets).max()))
+    modes = choice.modes.shaken
+    other = None
+    if modes is not None:
+        n = frames.motion.amplitudes.shape[2]
+        other = modes.synthesise(frames.motion.amplitudes.reshape(-1, n))
+    return 0.9 * _uncertainty(frames.offsets.reshape(-1, frames.offsets.shape[2]), other)
 
 
-def _uncertainty(motion: Floats, choice: Choice, largest: float) -> float:
+def _uncertainty(scaled: Floats, other: Floats | None) -> float:
     """Quanta by which another machine's sums may differ from these.
 
     Parameters
     ----------
-    motion : (modes,) float64, quanta
-        Root mean square of each mode over the frames; four of these are more than a frame reaches.
-    choice : Choice
-    largest : float, quanta
-        Largest coordinate about the origin.
+    scaled : float64, quanta
+    other : float64, quanta, optional
+        The same from modes that were solved for with errors ten times those between machines.
     """
-    each = choice.modes.uncertainty[: len(motion)]
-    return 1e-6 + 1e-13 * largest + 4.0 * float(np.sqrt(((motion * each) ** 2).sum()))
+    rounding = 1e-6 + 1e-13 * float(np.abs(scaled).max())
+    return rounding if other is None else rounding + 2.0 * float(np.abs(other - scaled).max())

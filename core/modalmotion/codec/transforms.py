@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from modalmotion.codec.modes.lattice_modes import LatticeModes
 from modalmotion.codec.modes.modes_section import OrthonormalModes
-from modalmotion.codec.modes.patch_modes import LARGEST_PATCH, MOST_WORK, PatchModes, edges_of
+from modalmotion.codec.modes.patch_modes import LARGEST_PATCH, MOST_WORK, Cut, PatchModes
+from modalmotion.codec.modes.springs import edges_of
 from modalmotion.codec.target import Effort
 from modalmotion.codec.temporal import Temporal
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CLOSED, OPEN, OPEN_CURVE, Topology
 from modalmotion.numerals import with_article
 
-PATCHES = {Effort.FAST: 512, Effort.BALANCED: 2048, Effort.THOROUGH: LARGEST_PATCH}
-"""Vertices of the largest patch that is solved for its spring modes."""
+CUTS = {
+    Effort.FAST: Cut(patch=2048, leaf=128, share=50),
+    Effort.BALANCED: Cut(patch=LARGEST_PATCH, leaf=256, share=96),
+    Effort.THOROUGH: Cut(patch=LARGEST_PATCH, leaf=512, share=128),
+}
+"""How meshes are cut for their spring modes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +51,7 @@ def choose(sequence: MeshSequence, effort: Effort) -> Choice:
         modes: OrthonormalModes = lattice
         name = f"closed-form modes of {with_article(str(lattice.topology))}"
     else:
-        springs = _spring_modes(sequence, PATCHES[effort])
+        springs = _spring_modes(sequence, CUTS[effort])
         modes = springs
         name = f"spring modes, patches: {len(springs.patches)}"
     if effort == Effort.FAST:
@@ -81,11 +86,13 @@ def _lattice_modes(sequence: MeshSequence) -> LatticeModes:
     return LatticeModes(topology, grid, fineness)
 
 
-def _spring_modes(sequence: MeshSequence, largest_patch: int) -> PatchModes:
+def _spring_modes(sequence: MeshSequence, cut: Cut) -> PatchModes:
     n = sequence.n_vertices
-    affordable = int(np.sqrt(MOST_WORK / n))
-    patch = max(1, min(largest_patch, affordable, n))
-    return PatchModes(edges_of(sequence.faces), n, patch, 0)
+    cut = replace(cut, patch=min(cut.patch, n), leaf=min(cut.leaf, n))
+    while cut.work(n) > MOST_WORK and cut.patch > 1:
+        patch = cut.patch // 2
+        cut = replace(cut, patch=patch, leaf=min(cut.leaf, patch))
+    return PatchModes(edges_of(sequence.faces), n, cut, 0)
 
 
 def _is_cycle(sequence: MeshSequence) -> bool:

@@ -13,6 +13,7 @@ from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.numerals import counted, numeral
 from modalmotion.pictures.cube import fill_cube
+from modalmotion.pictures.scale_bar import draw_scale
 from modalmotion.pictures.trajectory import draw_errors, draw_spectrum, draw_trajectories
 from modalmotion.pictures.unit import ShownUnit, shown_unit
 from modalmotion.signature.making import ModalSignature, resolve_sequence
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 
 _SURFACE = "#c9c4bc"
 _REFERENCE = "#7d8791"
+# Degrees from which surfaces are seen.
+_ELEVATION = 12.0
+_AZIMUTH = -70.0
 
 
 def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figure:
@@ -50,7 +54,7 @@ def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figur
     largest = max(float(signature.motion_rms.max()), signature.max_error)
     shown = shown_unit(largest, signature.unit)
     _draw_surfaces(above, sequence, signature, shown)
-    of_modes, spectrum, errors = below.subplots(1, 3, width_ratios=(1.25, 1.0, 1.25))
+    of_modes, spectrum, errors = below.subplots(1, 3, width_ratios=(1.2, 1.0, 1.2))
     draw_trajectories(of_modes, signature, shown)
     draw_spectrum(spectrum, signature, shown)
     draw_errors(errors, signature, shown)
@@ -94,6 +98,16 @@ def _draw_surfaces(
         axis = figure.add_subplot(1, len(panels), column + 1, projection="3d")
         drawn = _draw(axis, vertices / size @ view, faces, values, box)
         axis.set_title(title, fontsize=10)
+        if column == 0:
+            draw_scale(
+                axis,
+                box,
+                view,
+                size=size,
+                unit=sequence.unit,
+                coordinates=sequence.facts.coordinates,
+                azimuth=_AZIMUTH,
+            )
         if values is not None:
             label = f"distance to true vertex ({shown.name})"
             figure.colorbar(drawn, ax=axis, shrink=0.7, pad=0.02, label=label)
@@ -137,7 +151,8 @@ def _draw(
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     fill_cube(axis, box)
-    axis.view_init(elev=12, azim=-70)
+    axis.view_init(elev=_ELEVATION, azim=_AZIMUTH)
+    axis.set_proj_type("ortho")
     if not len(faces):
         segments = np.stack([vertices[:-1], vertices[1:]], axis=1)
         drawn = Line3DCollection(segments, colors=_REFERENCE, linewidths=1.5)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import TopologyError, needs_extra
+from modalmotion.errors import ParameterError, TopologyError, needs_extra
 from modalmotion.numerals import numeral
 from modalmotion.pictures.unit import shown_unit
 from modalmotion.pictures.view import size_of, tilted, upright
-from modalmotion.tracking.observation import observed_frames
 from modalmotion.tracking.result import Track
+from modalmotion.tracking.sampled_data import STRAY
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,20 +21,17 @@ _NORMAL: Final = "#1f5fa8"
 _TANGENTIAL: Final = "#c4572b"
 _DATA: Final = "#222222"
 
-# Frames drawn side by side, and points of each.
+# Frames drawn side by side.
 _N_FRAMES: Final = 6
-_N_POINTS: Final = 600
 
 
-def data_figure(track: Track, observed: Sequence[Any]) -> Figure:
-    """Draw the points over the surface, in frames spread over the beat.
+def data_figure(track: Track) -> Figure:
+    """Draw the data over the surface, in frames spread over the beat: those that counted, and not.
 
     Parameters
     ----------
     track : Track
         Of a surface.
-    observed : sequence
-        As it was tracked: see `modalmotion.tracking.track`.
 
     Returns
     -------
@@ -45,12 +41,19 @@ def data_figure(track: Track, observed: Sequence[Any]) -> Figure:
     ------
     TopologyError
         If the track is that of a curve.
+    ParameterError
+        If it keeps none of its data.
     """
     with needs_extra("plot"):
         from matplotlib.figure import Figure
 
     _require_surface(track)
-    frames, _ = observed_frames(observed)
+    data = track.data
+    if data is None:
+        raise ParameterError(
+            "The track keeps none of the data that it was tracked through.",
+            remedy="Track the recording again: some of its points are kept since.",
+        )
     shown = np.unique(np.linspace(0, track.n_frames - 1, _N_FRAMES).astype(np.int64))
     view = tilted(upright(track.template))
     size = size_of(track.template)
@@ -60,10 +63,15 @@ def data_figure(track: Track, observed: Sequence[Any]) -> Figure:
         axes: Any = figure.add_subplot(1, len(shown), panel + 1)
         x = (track.sequence.vertices[k] - middle) @ view / size
         axes.triplot(x[:, 0], x[:, 2], track.template.faces, lw=0.25, color=_NORMAL, alpha=0.5)
-        for part in frames[k]:
-            y = (part.points[:: max(1, len(part) // _N_POINTS)] - middle) @ view / size
-            style = {"s": 30, "marker": "x"} if part.is_landmark else {"s": 1.5, "lw": 0}
-            axes.scatter(y[:, 0], y[:, 2], color=_DATA, zorder=3, **style)
+        rows = data.of_frame(k)
+        y = (data.points[rows] - middle) @ view / size
+        marks, strays = data.are_landmarks[rows], data.weights[rows] < STRAY
+        for chosen, colour, style in (
+            (~marks & ~strays, _DATA, {"s": 1.5, "lw": 0}),
+            (~marks & strays, _TANGENTIAL, {"s": 2.5, "lw": 0}),
+            (marks, _DATA, {"s": 30, "marker": "x"}),
+        ):
+            axes.scatter(y[chosen, 0], y[chosen, 2], color=colour, zorder=3, **style)
         missing = " (nothing seen)" if k in track.unseen else ""
         axes.set_title(f"frame {k}{missing}", fontsize=9)
         axes.set_aspect("equal")
@@ -73,8 +81,10 @@ def data_figure(track: Track, observed: Sequence[Any]) -> Figure:
     if len(seen):
         mean = float(seen.mean())
         unit = shown_unit(mean, track.sequence.unit)
-        text = f"{numeral(mean / unit.size, 2)} {unit.name}"
-        figure.suptitle(f"Data over the surface; residual RMS {text}", fontsize=11)
+        text = f"Data over the surface; residual RMS {numeral(mean / unit.size, 2)} {unit.name}"
+        n_strays = int((data.weights < STRAY).sum())
+        left_out = f"; {n_strays} of {data.n_points} points hardly counted" if n_strays else ""
+        figure.suptitle(text + left_out, fontsize=11)
     return figure
 
 

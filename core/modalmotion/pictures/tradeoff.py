@@ -178,15 +178,18 @@ def _draw_times(panel: Any, tradeoff: Tradeoff, factor: float, unit: str) -> Non
     above = panel.secondary_xaxis(
         "top", functions=(lambda a: a * per_frame, lambda b: b / per_frame)
     )
+    _plain_ticks(panel.xaxis)
+    _plain_ticks(panel.yaxis)
+    _plain_ticks(above.xaxis, (1.0, 3.0))
     above.set_xlabel("bytes of the trajectory", fontsize=8)
     above.tick_params(labelsize=8)
 
 
-def _plain_ticks(axis: Any) -> None:
+def _plain_ticks(axis: Any, at: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_major_locator(LogLocator(subs=at))
+    axis.set_major_formatter(StrMethodFormatter("{x:,g}"))
     axis.set_minor_formatter(NullFormatter())
 
 

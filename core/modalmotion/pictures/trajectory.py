@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from modalmotion.numerals import numeral
 from modalmotion.pictures.unit import ShownUnit
-from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.making import ModalSignature, SignatureKind
+from modalmotion.signature.plain_names import plain_name
 
 # Distinct for colour-blind readers too (Okabe and Ito, Color Universal Design, 2008).
 COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -61,8 +62,7 @@ def draw_spectrum(axes: Any, signature: ModalSignature, shown: ShownUnit) -> Non
     axes.barh(places, spectrum, color=_colours(signature), height=0.75)
     axes.invert_yaxis()
     if len(spectrum) <= _MOST_LABELS:
-        names = [str(label) for label in signature.modes.labels]
-        axes.set_yticks(places, names, fontsize=8)
+        axes.set_yticks(places, _names(signature), fontsize=8)
     else:
         axes.set_ylabel("mode, by its place in the signature")
     axes.set_title("Deformation spectrum: RMS over frames", fontsize=10)
@@ -81,7 +81,7 @@ def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
     axes.plot(at, largest, "--", color=COLOURS[1], label="error, largest", marker=marker)
     axes.plot(at, rms, color=COLOURS[0], label="error, RMS", marker=marker)
     axes.set_title(
-        f"Error over all vertices and frames {numeral(signature.rms_error / shown.size, 2)} RMS, "
+        f"Error of all frames {numeral(signature.rms_error / shown.size, 2)} RMS, "
         f"{numeral(signature.max_error / shown.size, 2)} at most",
         fontsize=10,
     )
@@ -89,7 +89,7 @@ def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
     # Above the curves there is room for the legend.
     axes.set_ylim(0.0, 1.18 * max(float(motion.max()), float(largest.max())) or 1.0)
     axes.grid(alpha=0.25)
-    axes.legend(fontsize=9, frameon=False, ncols=3, loc="upper center")
+    axes.legend(fontsize=8, frameon=False, ncols=3, loc="upper center", columnspacing=1.2)
 
 
 def _colours(signature: ModalSignature) -> list[str]:
@@ -100,6 +100,18 @@ def _colours(signature: ModalSignature) -> list[str]:
         if spectrum[mode] > 0.0:
             colours[mode] = colour
     return colours
+
+
+def _names(signature: ModalSignature) -> list[str]:
+    """Say of each mode what it looks like, once for a pair, and its label."""
+    components = signature.parameters.components
+    is_offset = signature.kind == SignatureKind.OFFSET
+    names, before = [], ""
+    for label in signature.modes.labels:
+        name = plain_name(signature.topology, label, components, is_offset=is_offset)
+        names.append(str(label) if name == before else f"{name}  {label}")
+        before = name
+    return names
 
 
 def _times(signature: ModalSignature) -> tuple[NDArray[np.float64], str]:

@@ -41,10 +41,50 @@ OWN: Final = {
 }
 """Displays of our own codes."""
 
+WITH_ENDS: Final = (
+    *("ejection_fraction", "volume_change", "end_diastolic_volume", "end_systolic_volume"),
+    "stroke_volume",
+)
+"""Codes whose numbers have an interval: each end of it has a code too."""
+
 # (code, cavities, modalities) -> LOINC code and its exact display.
 _LOINC: Final = {
     ("ejection_fraction", "lv"): ("10230-1", "Left ventricular Ejection fraction"),
 }
+
+
+def own_coding(code: str) -> dict[str, str]:
+    """Give the Coding of one of our own codes."""
+    return {"system": SYSTEM, "code": code.replace("_", "-"), "display": OWN[code]}
+
+
+def end_coding(code: str, end: str) -> dict[str, str]:
+    """Give the Coding of the lower ("low") or upper ("high") end of a number's interval."""
+    text = f"{OWN[code]}: {OWN[end].lower()}"
+    return {"system": SYSTEM, "code": f"{code}-{end}".replace("_", "-"), "display": text}
+
+
+def code_systems() -> list[dict[str, Any]]:
+    """Give the codes of all reports as FHIR resources, for those who validate them.
+
+    Returns
+    -------
+    list of dict
+        CodeSystems, ready for JSON: our own, complete, and of LOINC the terms that we name.
+    """
+    own = [own_coding(code) for code in OWN]
+    own += [end_coding(code, end) for code in WITH_ENDS for end in ("low", "high")]
+    loinc = [{"code": code, "display": display} for code, display in _LOINC.values()]
+    return [
+        {
+            "resourceType": "CodeSystem",
+            "url": url,
+            "status": "active",
+            "content": content,
+            "concept": [{"code": one["code"], "display": one["display"]} for one in codings],
+        }
+        for url, content, codings in ((SYSTEM, "complete", own), (LOINC, "fragment", loinc))
+    ]
 
 
 def concept(code: str, facts: Facts | None = None, text: str | None = None) -> dict[str, Any]:
@@ -59,7 +99,7 @@ def concept(code: str, facts: Facts | None = None, text: str | None = None) -> d
     text : str, optional
         In place of the code's display.
     """
-    coding = [{"system": SYSTEM, "code": code.replace("_", "-"), "display": OWN[code]}]
+    coding = [own_coding(code)]
     if facts is not None and facts.modality not in (None, "simulated"):
         term = _LOINC.get((code, str(facts.cavity)))
         if term is not None:

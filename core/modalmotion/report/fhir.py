@@ -14,11 +14,21 @@ from numpy.typing import NDArray
 from modalmotion.clinical import ClinicalReadouts
 from modalmotion.exports.table import direction_names
 from modalmotion.norm import Deviation
-from modalmotion.report.codes import ABSENT, CATEGORY, OWN, SYSTEM, UCUM, concept
+from modalmotion.report.codes import ABSENT, CATEGORY, OWN, SYSTEM, UCUM, concept, end_coding
 from modalmotion.report.content import Report
 from modalmotion.report.quantities import Quantity, errors_of, quantities_of
 
 MEDIA_TYPE: Final = "application/fhir+json; fhirVersion=4.0"
+
+_DECIMALS: Final = 17
+
+NOBODY: Final = "Not stated"
+"""In the place of a subject's name."""
+NO_PERSON: Final = "No person: computed by the device"
+"""In the place of a performer's name."""
+
+# The extension that stands in an element's place.
+_ABSENT_HERE: Final = "http://hl7.org/fhir/StructureDefinition/data-absent-reason"
 
 _NAMESPACE: Final = uuid.uuid5(uuid.NAMESPACE_OID, SYSTEM)
 
@@ -151,14 +161,25 @@ def _observation(key: uuid.UUID, report: Report, found: Found) -> Resource:
         "status": "preliminary",
         "category": [{"coding": [{"system": CATEGORY, "code": "imaging", "display": "Imaging"}]}],
         "code": concept(found.name, report.sequence.facts),
+        # Of whom, when and by whom is for the receiver to add: no name or date is known here.
+        "subject": {**_unstated("unknown"), "display": NOBODY},
+        "_effectiveDateTime": _unstated("unknown"),
         "issued": report.issued.isoformat(),
+        "performer": [{**_unstated("not-applicable"), "display": NO_PERSON}],
         **found.content,
         "device": _reference("Device", key, "device"),
     }
 
 
+def _unstated(reason: str) -> Resource:
+    """Say in an element's place why it has no value."""
+    return {"extension": [{"url": _ABSENT_HERE, "valueCode": reason}]}
+
+
 def _quantity(value: float, unit: str, ucum: str) -> Resource:
-    return {"value": float(value), "unit": unit, "system": UCUM, "code": ucum}
+    # Validators warn of more decimals; what is smaller is written with an exponent.
+    held = round(float(value), _DECIMALS) if 1e-4 <= abs(value) < 0.1 else float(value)
+    return {"value": held, "unit": unit, "system": UCUM, "code": ucum}
 
 
 def _volumes(report: Report, quantities: Sequence[Quantity]) -> Found:
@@ -170,7 +191,7 @@ def _volumes(report: Report, quantities: Sequence[Quantity]) -> Found:
             text = f"{OWN[one.name]}: {OWN[end].lower()}"
             components.append(
                 {
-                    "code": {"coding": [*_ends(one.name, end)], "text": text},
+                    "code": {"coding": [end_coding(one.name, end)], "text": text},
                     "valueQuantity": _quantity(value, one.unit, one.ucum),
                 }
             )
@@ -178,11 +199,6 @@ def _volumes(report: Report, quantities: Sequence[Quantity]) -> Found:
             f"{OWN[one.name]} {one.value:.1f} {one.unit} ({one.low:.1f} to {one.high:.1f})"
         )
     return Found("volumes", [f"{line}." for line in lines], {"component": components})
-
-
-def _ends(name: str, end: str) -> list[Resource]:
-    text = f"{OWN[name]}: {OWN[end].lower()}"
-    return [{"system": SYSTEM, "code": f"{name}-{end}".replace("_", "-"), "display": text}]
 
 
 def _sampled(

@@ -147,6 +147,10 @@ class ImageStore(SequenceStore):
         """List images that came before a time (UTC, ISO 8601), and that nobody keeps."""
         return tuple(one.id for one in self._records() if not one.is_kept and one.created < before)
 
+    def images_id_of_track(self, track_id: str) -> str | None:
+        """Id of the images that a track was made of; None where they were not kept."""
+        return next((one.id for one in self._records() if track_id in one.tracks), None)
+
     def images_of_track(self, track_id: str) -> Path:
         """HDF5 file of the images that a track was made of.
 
@@ -155,9 +159,9 @@ class ImageStore(SequenceStore):
         NotFoundError
             If they were not kept.
         """
-        for record in self._records():
-            if track_id in record.tracks:
-                return self.images_path(record.id)
+        images_id = self.images_id_of_track(track_id)
+        if images_id is not None:
+            return self.images_path(images_id)
         raise NotFoundError(
             f"The images of track {track_id[:12]} were not kept.",
             remedy="Send them again to POST /v1/images, and track them with keep=true.",

@@ -24,6 +24,7 @@ from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.posterior import uncertainty_of
 from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.result import Track
+from modalmotion.tracking.sampled_data import SampledData
 
 FORM: Final = Form("track", 2)
 
@@ -83,6 +84,7 @@ def track_to_hdf5(track: Track) -> bytes:
         datasets.append(Dataset("driven_path", path, unit, axes))
         steps = np.array(track.driven.steps, dtype="<i8")
         datasets.append(Dataset("driven_steps", steps, "1", "snapshot"))
+    datasets += _data(track, unit)
     if template.landmarks is not None:
         datasets += landmark_datasets(template.landmarks, unit)
     if sequence.times is not None:
@@ -133,6 +135,34 @@ def _across(track: Track, unit: str) -> list[Dataset]:
         return []
     axes = "frame, mode direction, mode direction"
     return [Dataset("across_covariances", uncertainty.across, f"{unit}^2", axes)]
+
+
+def _data(track: Track, unit: str) -> list[Dataset]:
+    data = track.data
+    if data is None:
+        return []
+    return [
+        Dataset("data_points", data.points, unit, "point, direction"),
+        Dataset("data_weights", data.weights, "1", "point"),
+        Dataset("data_are_landmarks", data.are_landmarks.astype("u1"), "1", "point"),
+        Dataset("data_counts", data.counts.astype("<i8", copy=False), "1", "frame"),
+    ]
+
+
+def _data_in(contents: Contents, n_frames: int) -> SampledData | None:
+    if "data_points" not in contents.arrays:
+        return None
+    points = contents.array("data_points", (None, 3))
+    n = len(points)
+    counts = contents.array("data_counts", (n_frames,))
+    if counts.min(initial=0) < 0 or counts.sum() != n:
+        raise ValueError(f"the frames have {counts.sum()} points, and there are {n}")
+    return SampledData(
+        points,
+        contents.array("data_weights", (n,)),
+        contents.array("data_are_landmarks", (n,)).astype(np.bool_),
+        counts,
+    )
 
 
 def _driven(
@@ -226,6 +256,7 @@ def track_in(contents: Contents) -> Track:
         gap=estimate["gap"],
         reference=estimate["reference"],
         driven=_driven(contents, (f, m, 3), estimate),
+        data=_data_in(contents, f),
         notes=tuple(contents.json("notes", list)),
         provenance=contents.json("provenance", dict),
         images=None if estimate.get("images") is None else ImageAnswer(**estimate["images"]),

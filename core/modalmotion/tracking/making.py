@@ -40,6 +40,7 @@ from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.quality import quality_of
 from modalmotion.tracking.request import in_mm, in_unit, phases_of, with_landmarks
 from modalmotion.tracking.result import Track, cavity_in, normals_of, volume_gradient
+from modalmotion.tracking.sampled_data import sample_of
 from modalmotion.tracking.together import Together, chain_of, together
 
 Time: TypeAlias = Literal["cycle", "open"]
@@ -235,6 +236,7 @@ def track(
         gap=gap,
         reference=pinned,
         driven=found.driven,
+        data=sample_of(frames, found.information),
         notes=notes,
         provenance={
             "modes": len(surface),

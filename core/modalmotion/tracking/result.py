@@ -25,6 +25,7 @@ from modalmotion.tracking.driven_frames import DrivenFrames
 from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.prior import Prior
+from modalmotion.tracking.sampled_data import SampledData
 
 
 @shown("sequence", "modes", "noise", "prior", "gap", "unseen")
@@ -74,6 +75,8 @@ class Track(FrozenArrays):
         Parameters and versions, for files.
     images : ImageAnswer or None
         Of a track from images: convention, brightness, slices.
+    data : SampledData or None
+        Some of the points that it was tracked through, to be looked at.
     """
 
     sequence: MeshSequence
@@ -97,6 +100,7 @@ class Track(FrozenArrays):
     notes: tuple[str, ...]
     provenance: Mapping[str, Any]
     images: ImageAnswer | None = None
+    data: SampledData | None = None
 
     def __post_init__(self) -> None:
         for name in (

@@ -13,7 +13,9 @@ from modalmotion.errors import LimitError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template import Template
+from modalmotion.tracking.sampled_data import SampledData
 from modalmotion.viewer.bundle_files import NOTHING, licences, script, source_hash, style
+from modalmotion.viewer.data_payload import data_payload
 from modalmotion.viewer.payload import frames_payload, view_payload
 
 # Of frames as they were sent: more would make a file that no browser opens.
@@ -37,6 +39,8 @@ class View:
     classification : Classification or None
     is_tracked : bool
         Whether the service that shows it has a track of it.
+    data : SampledData or None
+        Points that it was tracked through, for a page of one file.
     """
 
     signature: ModalSignature
@@ -45,6 +49,7 @@ class View:
     template: Template | None = None
     classification: Classification | None = None
     is_tracked: bool = False
+    data: SampledData | None = None
 
     def payload(self) -> bytes:
         """Write what the page needs first."""
@@ -101,6 +106,8 @@ def view_page(views: Sequence[View]) -> str:
     for number, view in enumerate(views):
         held.append(_held(f'data-payload="{number}"', view.payload()))
         held += [_held(f'data-frames="{number}"', piece) for piece in view.pieces()]
+        if view.data is not None:
+            held.append(_held(f'data-points="{number}"', data_payload(view.data)))
     policy = f"{NOTHING}; script-src {source_hash(script())}; style-src {source_hash(style())}"
     title = " and ".join(view.title for view in views if view.title) or "A moving surface"
     return "\n".join(

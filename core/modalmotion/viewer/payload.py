@@ -25,12 +25,12 @@ from modalmotion.modes.modes import wave_pairs
 from modalmotion.numeric.scale import power_of_two
 from modalmotion.pictures.view import upright
 from modalmotion.signature.making import ModalSignature, SignatureKind
+from modalmotion.signature.plain_names import plain_name
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, local_frames
 from modalmotion.template.loose_vertices import nearest_in_use, shapes_of
 from modalmotion.viewer.container import write_container
-from modalmotion.viewer.plain_names import plain_name
 
 # Below and above single precision has too few powers of ten; lengths are then sent in another.
 _SMALLEST: Final = 1e-9
@@ -123,6 +123,8 @@ def view_payload(
         "surface": signature.surface,
         "ends": _ends(signature),
         "unit": _unit(signature.unit, scale),
+        "centre": centre.tolist(),
+        "length": scale,
         "n_frames": signature.n_frames,
         "n_vertices": sequence.n_vertices,
         "n_amplitudes": signature.n_amplitudes,

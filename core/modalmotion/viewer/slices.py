@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.sequence import parts_of
+from modalmotion.tracking.result import Track
 from modalmotion.viewer.container import write_container
 
 # Pixels along a plane's side, and voxels of a volume: a landmark need not be placed more finely.
@@ -24,25 +25,29 @@ _ENOUGH_SAMPLES: Final = 200_000
 _PARALLEL: Final = 0.98
 
 
-def slices_payload(images: ImageSequence, frame: int = 0) -> bytes:
+def slices_payload(images: ImageSequence, frame: int = 0, track: Track | None = None) -> bytes:
     """Write one frame's slices in 256 shades, in the viewer's form.
 
     Parameters
     ----------
     images : ImageSequence
     frame : int
+    track : Track, optional
+        Made of these images: its surface is sent too, for the page to cut with the slices.
 
     Returns
     -------
     bytes
         `read_container` reads them. The header names of each part its `shape`, `affine` (3, axes
         + 1; mm, LPS), `thickness` (mm) and the `stack` of parallel planes that it is in; `pixels`
-        has one part after the other, the first index fastest; 0 where nothing is known.
+        has one part after the other, the first index fastest; 0 where nothing is known. Of a track
+        each part has the `shift` (3; mm) by which it shows everything aside, and `vertices` (n, 3;
+        mm) and `faces` are those of the surface in that frame.
 
     Raises
     ------
     ParameterError
-        If there is no such frame, or no image of it.
+        If there is no such frame, or no image of it, or the track has not that many frames.
     """
     sliced = images.sliced()
     present = [k for k, image in enumerate(sliced.frames) if image is not None]
@@ -53,7 +58,13 @@ def slices_payload(images: ImageSequence, frame: int = 0) -> bytes:
             remedy=f"Ask for one of {len(present)} frames, from {present[0]} to {present[-1]}.",
             details={"frame": frame, "frames": sliced.n_frames},
         )
+    if track is not None and track.n_frames != sliced.n_frames:
+        raise ParameterError(
+            f"The track has {track.n_frames} frames, and the images have {sliced.n_frames}.",
+            remedy="Name a track that was made of these images.",
+        )
     parts = parts_of(image)
+    shifts = _shifts(track, len(parts))
     low, high = _window(parts)
     coarse = [_thinned(part) for part in parts]
     stacks = _stacks(parts)
@@ -69,12 +80,27 @@ def slices_payload(images: ImageSequence, frame: int = 0) -> bytes:
                 "affine": affine.tolist(),
                 "thickness": part.thickness if isinstance(part, Plane) else min(part.spacing),
                 "stack": stack,
+                "shift": shift,
             }
-            for part, (values, affine), stack in zip(parts, coarse, stacks, strict=True)
+            for part, (values, affine), stack, shift in zip(
+                parts, coarse, stacks, shifts, strict=True
+            )
         ],
     }
     pixels = [_shades(values, low, high).ravel(order="F") for values, _ in coarse]
-    return write_container(header, {"pixels": np.concatenate(pixels)})
+    arrays: dict[str, NDArray[Any]] = {"pixels": np.concatenate(pixels)}
+    if track is not None:
+        arrays["vertices"] = track.sequence.vertices[frame].astype(np.float32)
+        arrays["faces"] = track.template.faces.astype(np.uint32)
+    return write_container(header, arrays)
+
+
+def _shifts(track: Track | None, n_parts: int) -> list[list[float]]:
+    """By which each part shows everything aside, mm."""
+    known = () if track is None or track.images is None else track.images.shifts
+    if len(known) != n_parts:
+        return [[0.0, 0.0, 0.0]] * n_parts
+    return [list(shift) for shift in known]
 
 
 def _window(parts: tuple[Volume | Plane, ...]) -> tuple[float, float]:

@@ -9,12 +9,14 @@ from modalmotion.errors import ParameterError, needs_extra
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.template import Template
+from modalmotion.tracking.result import Track
 from modalmotion.viewer.bundle_files import script, style
+from modalmotion.viewer.data_payload import data_payload
 from modalmotion.viewer.page import View
 
 
 def view(
-    motion: MeshSequence | ModalSignature,
+    motion: MeshSequence | ModalSignature | Track,
     sequence: MeshSequence | None = None,
     *,
     parameters: SignatureParameters | None = None,
@@ -24,7 +26,8 @@ def view(
 
     Parameters
     ----------
-    motion : MeshSequence or ModalSignature
+    motion : MeshSequence, ModalSignature or Track
+        Of a track the data are drawn over its surface.
     sequence : MeshSequence, optional
         The one that a signature was made from, which holds its surface.
     parameters : SignatureParameters, optional
@@ -44,6 +47,9 @@ def view(
     MissingExtraError
         If anywidget is not installed.
     """
+    data = None
+    if isinstance(motion, Track):
+        data, motion = motion.data, motion.sequence
     if isinstance(motion, MeshSequence):
         sequence = motion
         signature = modal_signature(motion, parameters, template=template)
@@ -55,7 +61,8 @@ def view(
     else:
         signature = motion
     shown = View(signature, sequence, template=template)
-    return _widget()(payload=shown.payload(), frames=shown.pieces())
+    points = b"" if data is None else data_payload(data)
+    return _widget()(payload=shown.payload(), frames=shown.pieces(), points=points)
 
 
 @cache
@@ -72,5 +79,6 @@ def _widget() -> type:
         _css = style()
         payload = traitlets.Bytes().tag(sync=True)
         frames = traitlets.List(traitlets.Bytes()).tag(sync=True)
+        points = traitlets.Bytes().tag(sync=True)
 
     return SurfaceWidget

@@ -22,7 +22,12 @@ from modalmotion_service.routes.parts.dependencies import (
 from modalmotion_service.routes.parts.idempotency import IdempotencyKey, idempotent_answer
 from modalmotion_service.routes.parts.openapi_parts import ACCEPTED, BINARY, FILE_BODY, PROBLEMS
 from modalmotion_service.schemas import SequenceId
-from modalmotion_service.schemas.images import ImagesListQuery, ImagesPageAnswer, ImagesSummary
+from modalmotion_service.schemas.images import (
+    ImagesListQuery,
+    ImagesPageAnswer,
+    ImagesSummary,
+    SlicesQuery,
+)
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.erasure import erase_images
 from modalmotion_service.workspace.images import link_of
@@ -101,6 +106,7 @@ def describe(images_id: SequenceId, store: StoreDependency, request: Request) ->
 async def slices(
     images_id: SequenceId,
     frame: Annotated[int, Path(ge=0, description="From 0.")],
+    query: Annotated[SlicesQuery, Query()],
     state: StateDependency,
     preference: PreferenceDependency,
 ) -> Response:
@@ -109,7 +115,11 @@ async def slices(
     Large planes and volumes are thinned: landmarks are placed on them, nothing is measured.
     """
     state.store.images_record(images_id)
-    body = {"ids": [images_id], "frame": frame}
+    ids = [images_id]
+    if query.track is not None:
+        state.store.track_record(query.track)
+        ids.append(query.track)
+    body = {"ids": ids, "frame": frame}
     return await reply_or_job(state, preference, "slices", body)
 
 

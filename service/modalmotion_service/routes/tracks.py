@@ -16,7 +16,7 @@ from modalmotion_service.http.conditional import is_known, not_modified, tag_of
 from modalmotion_service.http.gate import note_facts, note_ids
 from modalmotion_service.http.json_bodies import JsonRoute
 from modalmotion_service.http.judged_router import JudgedRouter
-from modalmotion_service.http.negotiation import HDF5, JSON, PNG, best_type
+from modalmotion_service.http.negotiation import HDF5, JSON, PNG, VIEW, best_type
 from modalmotion_service.routes.parts.deferral import reply_or_job, result_or_job
 from modalmotion_service.routes.parts.dependencies import (
     NamedFileDependency,
@@ -103,7 +103,8 @@ async def track(
             file.is_left = query.images is None
             return result
         note_facts(request, result.filled)
-        answer = TrackAnswer.joined(result.estimate, result.record)
+        kept = query.images if query.keep else None
+        answer = TrackAnswer.joined(result.estimate, result.record, kept)
         return Response(
             answer.model_dump_json(),
             201 if result.is_new else 200,
@@ -149,7 +150,7 @@ def list_tracks(query: Annotated[ListQuery, Query()], store: StoreDependency) ->
 @router.get(
     "/{track_id}",
     response_model=TrackAnswer,
-    responses={200: {"content": {HDF5: BINARY, PNG: BINARY}}, **ACCEPTED},
+    responses={200: {"content": {HDF5: BINARY, PNG: BINARY, VIEW: BINARY}}, **ACCEPTED},
 )
 async def view(
     track_id: SequenceId,
@@ -157,15 +158,17 @@ async def view(
     state: StateDependency,
     preference: PreferenceDependency,
     request: Request,
-    accept: Annotated[str, Header(description=f"{JSON}, {HDF5} or {PNG}.")] = JSON,
+    accept: Annotated[str, Header(description=f"{JSON}, {HDF5}, {PNG} or {VIEW}.")] = JSON,
 ) -> Response:
-    """Give a track: what was found and how well, its HDF5 file, or a picture.
+    """Give a track: what was found and how well, its HDF5 file, a picture, or data for the page.
 
     Contours over the images (`picture=overlay`) need images that were kept.
     """
-    media_type = best_type(accept, (JSON, HDF5, PNG))
+    media_type = best_type(accept, (JSON, HDF5, PNG, VIEW))
     record = state.store.track_record(track_id)
-    tag = tag_of(media_type, query.model_dump_json(), record_to_json(record).decode())
+    images_id = await asyncio.to_thread(state.store.images_id_of_track, track_id)
+    own = record_to_json(record).decode()
+    tag = tag_of(media_type, query.model_dump_json(), own, images_id or "")
     if media_type == PNG and query.picture == "overlay":
         # They may be deleted while somebody has the picture still.
         await asyncio.to_thread(state.store.images_of_track, track_id)

@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from modalmotion.store import ImagesRecord
+from modalmotion_service.schemas.fields import SequenceId
 
 
 class ImagesSummary(BaseModel):
@@ -44,6 +45,16 @@ class ImagesPageAnswer(BaseModel):
 
     images: list[ImagesSummary]
     cursor: str | None = Field(description="For the next page; null on the last.")
+
+
+class SlicesQuery(BaseModel):
+    """What is sent beside the slices of a frame."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    track: SequenceId | None = Field(
+        None, description="Made of these images: its surface is sent too, and each slice's shift."
+    )
 
 
 class ImagesListQuery(BaseModel):

@@ -164,10 +164,10 @@ class TrackViewQuery(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    picture: Literal["deviations", "determined", "overlay"] = Field(
+    picture: Literal["deviations", "data", "determined", "overlay"] = Field(
         "deviations",
-        description="Stated error on the surface, the share of each mode that the data have set, "
-        "or contours over the images, where these were kept.",
+        description="Stated error on the surface, data over the surface by frame, the share of "
+        "each mode that the data have set, or contours over the images, where these were kept.",
     )
     frame: int | None = Field(
         None, ge=0, description="Of the stated error; that of the smallest volume by default."
@@ -299,9 +299,14 @@ class TrackAnswer(TrackEstimate, TrackSummary):
     """A track: its sequence, and what was found besides."""
 
     @staticmethod
-    def joined(estimate: TrackEstimate, record: SequenceRecord) -> TrackAnswer:
-        """Add to what was found the record of its sequence."""
-        return TrackAnswer(**_summary(record), **estimate.model_dump())
+    def joined(
+        estimate: TrackEstimate, record: SequenceRecord, images_id: str | None
+    ) -> TrackAnswer:
+        """Add to what was found the record of its sequence, and the images that were kept."""
+        summary = _summary(record)
+        if images_id is not None:
+            summary["links"]["images"] = f"/v1/images/{images_id}"
+        return TrackAnswer(**summary, **estimate.model_dump())
 
 
 class TrackPageAnswer(BaseModel):

@@ -254,6 +254,7 @@ _RULES: Final[dict[Callable[..., Any], Callable[[Sequence[Any]], float]]] = {
     tracks.describe_track: _reading,
     tracks.track_with_facts: _reading,
     tracks.draw_track: _picture,
+    tracks.show_data: _reading,
     tracks.draw_overlay: lambda args: _picture(args) + _IMAGES * _bytes(args),
     norms.make_norm: lambda args: _PICTURE + sum(map(_recording, args[0])),
     norms.ask_norm_together: lambda args: _COMPARED_COHORT + sum(map(_recording, args[0])),

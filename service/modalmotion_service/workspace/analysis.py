@@ -390,9 +390,8 @@ class Analysis:
         template = self._template_path(parameters)
         facts = self._store.sequence_record(sequence_id).facts
         with self._output() as output, stage("view"):
-            # A page of one file is shown without a service.
-            is_tracked = not as_page and self._store.is_tracked(sequence_id)
-            how = (as_page, is_tracked)
+            is_tracked = self._store.is_tracked(sequence_id)
+            how = (as_page, self._store.track_path(sequence_id) if is_tracked else None)
             await self.work(views.make_view, sequence, signature, template, facts, *how, output)
         return output
 

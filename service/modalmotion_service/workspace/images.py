@@ -77,11 +77,14 @@ class Images:
 
         return await self._shared_work.join(upload.path, make, report)
 
-    async def slices(self, images_id: str, frame: int) -> bytes:
-        """Give the slices of one frame, as the page reads them."""
+    async def slices(self, images_id: str, frame: int, track_id: str | None) -> bytes:
+        """Give the slices of one frame, as the page reads them, and a track's surface in it."""
         path = await asyncio.to_thread(self._store.images_path, images_id)
+        track = None
+        if track_id is not None:
+            track = await asyncio.to_thread(self._store.track_path, track_id)
         with stage("view"):
-            return await self._analysis.work(show_slices, path, frame)
+            return await self._analysis.work(show_slices, path, frame, track)
 
     def about(self, images_id: str) -> tuple[Job, ...]:
         """List the jobs that read images, or have stored them."""

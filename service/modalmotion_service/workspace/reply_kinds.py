@@ -229,8 +229,9 @@ def make_replies(
         return Reply(path, VIEW)
 
     async def slices(request: Request, _: Report) -> Reply:
-        (images_id,) = request["ids"]
-        return Reply(await images.slices(images_id, request["frame"]), VIEW)
+        images_id, *named = request["ids"]
+        body = await images.slices(images_id, request["frame"], named[0] if named else None)
+        return Reply(body, VIEW)
 
     async def template_modes(request: Request, _: Report) -> Reply:
         query, media_type = query_of(request, ModesQuery), request["media_type"]
@@ -249,8 +250,9 @@ def make_replies(
         if media_type == PNG:
             query = query_of(request, TrackViewQuery)
             return Reply(await tracks.draw(track_id, query), media_type)
-        if media_type == HDF5:
-            return Reply(await tracks.as_hdf5(track_id), media_type)
+        give = {HDF5: tracks.as_hdf5, VIEW: tracks.data}.get(media_type)
+        if give is not None:
+            return Reply(await give(track_id), media_type)
         answer = await tracks.describe(track_id)
         return Reply(answer.model_dump_json().encode(), media_type)
 

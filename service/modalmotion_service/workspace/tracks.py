@@ -140,13 +140,19 @@ class Tracks:
         """Describe a stored track."""
         path = await asyncio.to_thread(self._store.track_path, track_id)
         estimate = await self._analysis.work(tracks.describe_track, path)
-        return TrackAnswer.joined(estimate, self._store.track_record(track_id))
+        images_id = await asyncio.to_thread(self._store.images_id_of_track, track_id)
+        return TrackAnswer.joined(estimate, self._store.track_record(track_id), images_id)
 
     async def as_hdf5(self, track_id: str) -> bytes:
         """Give a stored track with the facts of its sequence as HDF5."""
         path = await asyncio.to_thread(self._store.track_path, track_id)
         facts = self._store.track_record(track_id).facts
         return await self._analysis.work(tracks.track_with_facts, path, facts)
+
+    async def data(self, track_id: str) -> bytes:
+        """Give the data of a stored track, as the page draws them over its surface."""
+        path = await asyncio.to_thread(self._store.track_path, track_id)
+        return await self._analysis.work(tracks.show_data, path)
 
     async def draw(self, track_id: str, query: TrackViewQuery) -> bytes:
         """Draw a stored track, as PNG."""

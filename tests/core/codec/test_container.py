@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from modalmotion.codec import Effort, decode, encode, encoder
 from modalmotion.codec import transforms as codec_choice
 from modalmotion.codec.connectivity import faces as codec_faces
+from modalmotion.codec.modes.patch_modes import Cut
 from modalmotion.codec.temporal import Temporal
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
@@ -68,12 +69,13 @@ def test_every_temporal_basis(
     require_same(sequence, max_error=0.02)
 
 
-@pytest.mark.parametrize("largest_patch", [4096, 7])
-def test_spring_modes_whole_and_in_patches(
-    largest_patch: int, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    "cut", [Cut(4096, 4096), Cut(7, 7), Cut(24, 8, 96), Cut(13, 5, 255), Cut(24, 6, 0)]
+)
+def test_spring_modes_whole_in_patches_and_joined(
+    cut: Cut, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    efforts = dict.fromkeys(Effort, largest_patch)
-    monkeypatch.setattr(codec_choice, "PATCHES", efforts)
+    monkeypatch.setattr(codec_choice, "CUTS", dict.fromkeys(Effort, cut))
     faces = lattice_faces(CYLINDER, (4, 6))
     shuffled = rng.permutation(26)[:24]
     vertices = np.zeros((5, 26, 3))

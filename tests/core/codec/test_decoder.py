@@ -126,8 +126,8 @@ def test_foreign_and_future_streams_are_refused_by_name(rng: np.random.Generator
         decode(b"PK\x03\x04" + data)
     with pytest.raises(MalformedFileError, match="not an encoded sequence"):
         decode(b"")
-    with pytest.raises(MalformedFileError, match="version 7"):
-        decode(data[:4] + b"\x07" + data[5:])
+    with pytest.raises(MalformedFileError, match="version 11"):
+        decode(data[:4] + b"\x0b" + data[5:])
 
 
 def test_a_basis_that_differs_is_refused(

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from clouds import breathing_spheroid, sampled
 from matplotlib.figure import Figure
 
-from modalmotion.errors import TopologyError
+from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.pictures.track import data_figure, determined_figure, deviations_figure
 from modalmotion.tracking import track
 
 BEAT = breathing_spheroid(4)
 RNG = np.random.default_rng(0)
 CLOUDS = [sampled(x, BEAT.faces, 150, RNG, 0.3) for x in BEAT.vertices]
+CLOUDS[1][:8] *= 1.7
 OBSERVED = [*CLOUDS[:2], None, CLOUDS[3]]
 TRACK = track(OBSERVED, modes=7, unit="mm")
 
@@ -27,15 +29,21 @@ def drawn(figure: Figure) -> bytes:
 
 
 def test_points_lie_over_the_surface_of_each_frame() -> None:
-    figure = data_figure(TRACK, OBSERVED)
+    figure = data_figure(TRACK)
     assert [axes.get_title() for axes in figure.axes] == [
         "frame 0",
         "frame 1",
         "frame 2 (nothing seen)",
         "frame 3",
     ]
-    assert "mm" in figure.get_suptitle()
+    assert "mm; " in figure.get_suptitle()
+    assert "of 450 points hardly counted" in figure.get_suptitle()
     assert drawn(figure).startswith(b"\x89PNG")
+
+
+def test_a_track_without_its_data_says_so() -> None:
+    with pytest.raises(ParameterError, match="none of the data"):
+        data_figure(replace(TRACK, data=None))
 
 
 def test_stated_error_is_drawn_across_the_surface_and_along_it() -> None:

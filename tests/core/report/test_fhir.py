@@ -20,6 +20,8 @@ from modalmotion.classification import classify
 from modalmotion.clinical import clinical_readouts
 from modalmotion.norm import train_norm
 from modalmotion.report import Report, fhir_bundle, fhir_json, quantities_of, report_of
+from modalmotion.report.codes import LOINC, SYSTEM, code_systems
+from modalmotion.report.fhir import _quantity
 from modalmotion.simulate import MotionClass
 
 ISSUED = datetime(2026, 1, 31, 12, tzinfo=UTC)
@@ -107,6 +109,25 @@ def test_a_whole_report_is_of_the_profile(whole: Report) -> None:
     assert "Not a medical device" in json.dumps(bundle)
 
 
+def test_every_code_of_a_report_is_in_a_code_system(whole: Report) -> None:
+    known = {
+        (system["url"], one["code"]): one["display"]
+        for system in code_systems()
+        for one in system["concept"]
+    }
+    used = [one for one in _codings(fhir_bundle(whole)) if one["system"] in (SYSTEM, LOINC)]
+    assert len(used) > 20
+    for one in used:
+        assert known[one["system"], one["code"]] == one["display"]
+
+
+def _codings(value: Any) -> list[dict[str, str]]:
+    if isinstance(value, dict):
+        own = list(value["coding"]) if "coding" in value else []
+        return own + [one for part in value.values() for one in _codings(part)]
+    return [one for part in value for one in _codings(part)] if isinstance(value, list) else []
+
+
 def test_the_same_report_is_the_same_bytes(whole: Report) -> None:
     assert fhir_json(whole) == fhir_json(whole)
     later = replace(whole, issued=datetime(2026, 2, 1, tzinfo=UTC))
@@ -132,6 +153,14 @@ def test_numbers_are_those_of_the_library(whole: Report) -> None:
     assert times is not None
     assert data["period"] == pytest.approx(1000 * (times[1] - times[0]))
     assert {one.name for one in quantities_of(whole)} <= {key.replace("-", "_") for key in values}
+
+
+@pytest.mark.parametrize("value", [0.00013600483273016104, 0.012345678901234567, 1.36e-7, 58.7])
+def test_no_number_has_more_decimals_than_validators_read(value: float) -> None:
+    held = _quantity(value, "%", "%")["value"]
+    assert held == pytest.approx(value, rel=1e-12)
+    text = json.dumps(held)
+    assert "e" in text or len(text.partition(".")[2]) <= 17
 
 
 def spoil(bundle: dict[str, Any], name: str, **fields: Any) -> dict[str, Any]:

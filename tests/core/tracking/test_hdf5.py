@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -38,6 +39,11 @@ def test_a_track_reads_as_it_was_written(result: Track) -> None:
     assert result.driven is not None
     assert again.driven.steps == result.driven.steps
     assert again.driven.path.tobytes() == result.driven.path.tobytes()
+    assert again.data is not None
+    assert result.data is not None
+    assert again.data.n_points == 450
+    for name in ("points", "weights", "are_landmarks", "counts"):
+        assert np.array_equal(getattr(again.data, name), getattr(result.data, name)), name
     for name in ("amplitudes", "covariances", "deviations", "residuals", "volumes", "determined"):
         assert np.array_equal(getattr(again, name), getattr(result, name), equal_nan=True)
 
@@ -49,6 +55,15 @@ def test_every_dataset_says_its_unit_and_axes(result: Track) -> None:
         assert file["covariances"].attrs["unit"] == b"mm^2"
         for dataset in file.values():
             assert "unit" in dataset.attrs
+
+
+def test_points_that_do_not_add_up_are_refused(result: Track) -> None:
+    assert result.data is not None
+    wrong = replace(result.data, counts=result.data.counts + 1)
+    with pytest.raises(CorruptFileError, match="454 points, and there are 450"):
+        track_from_hdf5(track_to_hdf5(replace(result, data=wrong)))
+    without = track_from_hdf5(track_to_hdf5(replace(result, data=None)))
+    assert without.data is None
 
 
 def test_an_altered_file_is_refused(result: Track) -> None:

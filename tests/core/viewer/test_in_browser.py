@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Browser, Opened, browser
+from clouds import breathing_spheroid, sampled
 from project import ROOT
 from viewed_surfaces import VIEWED, scaled, viewed
 
@@ -22,6 +23,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, simulate_ventricle
+from modalmotion.tracking import track
 from modalmotion.viewer.bundle_files import script, style
 from modalmotion.viewer.container import read_container
 from modalmotion.viewer.page import View, view_page
@@ -110,6 +112,35 @@ def test_a_page_of_one_file_asks_for_nothing_and_says_nothing(
         assert any("Content Security Policy" in text for text in opened.said)
         parsed = "try { document.body.innerHTML = '<b>x</b>' } catch { return 'refused' }"
         assert opened.page.evaluate(f"(() => {{ {parsed} }})()") == "refused"
+
+
+def test_data_are_drawn_over_the_surface_that_they_gave(
+    chromium: Browser, page_of: Callable[..., str]
+) -> None:
+    beat, rng = breathing_spheroid(3), np.random.default_rng(2)
+    clouds = [1e4 + sampled(x, beat.faces, 120, rng, 0.3) for x in beat.vertices]
+    clouds[1][:10] += 30.0
+    made = track(clouds, modes=7, unit="mm")
+    signature = modal_signature(made.sequence)
+    view = View(signature, made.sequence, data=made.data)
+    with chromium.open(page_of(view)) as opened:
+        opened.shown()
+        opened.wait("modalmotion.clouds[0] !== null")
+        centre = np.array(read_container(view.payload())[0]["centre"])
+        for frame in range(3):
+            drawn = np.array(opened.page.evaluate(f"modalmotion.clouds[0].read({frame})"))
+            assert made.data is not None
+            exact = made.data.points[made.data.of_frame(frame)] - centre
+            assert np.abs(drawn.reshape(-1, 3) - exact).max() < 1e-4
+        legend = opened.page.locator("label.sent", has_text="Show the data")
+        assert legend.text_content() == "Show the data: countedleft out"
+        seen = "modalmotion.clouds[0].drawn.map(one => one.visible)"
+        opened.page.evaluate("modalmotion.seek(modalmotion.motions[0].timeAt(1))")
+        opened.wait("modalmotion.clouds[0].geometry.drawRange.start === 120")
+        assert opened.page.evaluate(seen) == [True] * 4
+        legend.click()
+        opened.wait(f"{seen}.every(one => !one)")
+        assert opened.said == []
 
 
 def focused(opened: Opened, most: int) -> list[str]:

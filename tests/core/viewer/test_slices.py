@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from clouds import breathing_spheroid
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
+from modalmotion.tracking import track
+from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.viewer.container import read_container
 from modalmotion.viewer.slices import slices_payload
 
@@ -83,6 +87,29 @@ def test_thick_slices_of_a_volume_are_planes() -> None:
     header, pixels = read(ImageSequence((Volume(np.zeros((6, 5, 4)), affine),)))
     assert header["kind"] == "planes"
     assert [part.shape for part in pixels] == [(6, 5)] * 4
+
+
+def test_of_a_track_the_surface_is_sent_in_that_frame_and_each_slice_s_shift() -> None:
+    n_planes = 3
+    shift = tuple((0.5 * k, 0.0, 0.0) for k in range(n_planes))
+    affine = np.array([[1, 0, 0], [0, 1, 0], [0.0, 0.0, 0.0]])
+    planes = PlaneSet(tuple(Plane(np.zeros((4, 4)), affine) for _ in range(n_planes)))
+    images = ImageSequence((planes, planes))
+    beat = breathing_spheroid(2)
+    clouds = [x[::4].astype(np.float64) for x in beat.vertices]
+    plain = track(clouds, modes=4, unit="mm")
+    answer = ImageAnswer(
+        *("pool", 0.0, 1.0, 0.0, 0.1, (0.0, 0.0, 0.0), shift, 0.1, (1.0, 1.0), 0.0, 0.0)
+    )
+    made = replace(plain, images=answer)
+    header, arrays = read_container(slices_payload(images, 1, made))
+    assert [tuple(part["shift"]) for part in header["parts"]] == list(shift)
+    assert np.array_equal(arrays["vertices"], made.sequence.vertices[1].astype(np.float32))
+    assert np.array_equal(arrays["faces"], made.template.faces)
+    header, _ = read_container(slices_payload(images, 1, plain))
+    assert all(part["shift"] == [0.0, 0.0, 0.0] for part in header["parts"])
+    with pytest.raises(ParameterError, match="track has 2 frames, and the images have 1"):
+        slices_payload(ImageSequence((planes,)), 0, plain)
 
 
 @pytest.mark.parametrize("frame", [-1, 1, 2])

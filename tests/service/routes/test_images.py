@@ -172,6 +172,13 @@ def test_images_that_are_kept_are_drawn_under_the_track(client: TestClient) -> N
     assert (here["is_kept"], here["tracks"]) == (True, [track])
     picture = client.get(link, params={"picture": "overlay"}, headers=PNG)
     assert picture.content.startswith(b"\x89PNG")
+    # The page cuts the surface with the slices.
+    known = client.get(link)
+    assert known.json()["links"]["images"] == f"{HERE}/{images}"
+    cut = client.get(f"{HERE}/{images}/frames/1", params={"track": track})
+    assert "vertices" in read_container(cut.content)[1]
+    none = client.get(f"{HERE}/{images}/frames/1", params={"track": "0" * 64})
+    assert none.status_code == 404
     # Kept once, they stay, whatever the next request says.
     assert client.post(TRACKS, params={**FEW, "images": images}).status_code == 200
     assert state_of(client).images.sweep(timedelta(0)) == ()
@@ -180,6 +187,18 @@ def test_images_that_are_kept_are_drawn_under_the_track(client: TestClient) -> N
     assert client.delete(f"{HERE}/{images}").status_code == 204
     again = client.get(link, params={"picture": "overlay"}, headers=PNG)
     assert again.status_code == 404
+
+
+def test_a_track_names_its_images_as_long_as_they_are_there(client: TestClient) -> None:
+    images = sent(client, write_nifti(beat(17.2)))
+    made = client.post(TRACKS, params={**FEW, "images": images, "keep": "true"})
+    link, tag = made.headers["location"], client.get(made.headers["location"]).headers["etag"]
+    assert made.json()["links"]["images"] == f"{HERE}/{images}"
+    assert client.get(link, headers={"If-None-Match": tag}).status_code == 304
+    assert client.delete(f"{HERE}/{images}").status_code == 204
+    again = client.get(link, headers={"If-None-Match": tag})
+    assert (again.status_code, "images" in again.json()["links"]) == (200, False)
+    assert client.delete(link).status_code == 204
 
 
 def test_a_job_takes_images_in_and_another_tracks_them(client: TestClient) -> None:

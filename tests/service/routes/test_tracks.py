@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
+import re
 import zipfile
 from pathlib import Path
 
@@ -20,6 +22,8 @@ from modalmotion.formats.ply.ply import write_ply
 from modalmotion.store import track_from_hdf5, track_to_hdf5
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tracking.reading import read_observed
+from modalmotion.viewer.container import read_container
+from modalmotion_service.http.negotiation import VIEW
 from modalmotion_service.settings import Settings
 
 HERE = "/v1/tracks"
@@ -80,9 +84,24 @@ def test_the_tracked_sequence_is_one_like_any_other(client: TestClient, link: st
     assert kept.sequence.facts.modality == "US"
 
 
+def test_the_page_is_sent_some_of_the_data(client: TestClient, link: str) -> None:
+    kept = track_from_hdf5(client.get(link, headers=HDF5).content).data
+    assert kept is not None
+    answer = client.get(link, headers={"Accept": VIEW})
+    header, arrays = read_container(answer.content)
+    assert header["counts"] == kept.counts.tolist()
+    back = arrays["points"] + np.array(header["origin"])
+    assert np.abs(back - kept.points).max() < 1e-4
+    # A page of one file holds them itself.
+    sequence = client.get(link).json()["links"]["sequence"]
+    page = client.get(f"{sequence}/view?kind=offset", headers={"Accept": "text/html"}).text
+    (held,) = re.findall(r'data-points="0">([^<]+)<', page)
+    assert base64.b64decode(held) == answer.content
+
+
 @pytest.mark.thorough
 def test_a_track_has_pictures_and_a_tag(client: TestClient, link: str) -> None:
-    for query in ("", "?frame=0", "?picture=determined"):
+    for query in ("", "?frame=0", "?picture=determined", "?picture=data"):
         picture = client.get(link + query, headers={"Accept": "image/png"})
         assert picture.content.startswith(b"\x89PNG"), query
     wrong = client.get(f"{link}?frame=4", headers={"Accept": "image/png"})

@@ -130,6 +130,7 @@ def from_images(opened: Opened, folder: Path) -> None:
     assert page.locator(".marks .apex").count() > 0
     page.set_input_files("#landmark-file", folder / "landmarks.json")
     opened.wait(f"window.modalmotion.asJson().apex[0] === {written['landmarks']['apex'][0]}")
+    page.locator("#keep").check()
     page.get_by_role("button", name="Track the surface").click()
     opened.shown()
     assert "/view/" in page.url
@@ -137,4 +138,14 @@ def from_images(opened: Opened, folder: Path) -> None:
     assert "mm" in page.locator(".track .figures td").first.text_content()
     page.get_by_role("button", name="Stated error").click()
     opened.wait("document.querySelector('dialog.picture[open] canvas')?.width > 200")
+    page.keyboard.press("Escape")
+    # Edges lie over the surface, and the surface crosses every slice of the kept images.
+    opened.wait("modalmotion.clouds[0]?.drawn.length === 4")
+    assert page.get_by_label("Show the data").is_checked()
+    page.get_by_role("button", name="Contours in the slices").click()
+    opened.wait("window.modalmotion?.views?.length === 3")
+    line = "[...document.querySelectorAll('.contours path')].map(p => p.getAttribute('d').length)"
+    assert min(page.evaluate(line)) > 200
+    page.get_by_role("button", name="Back to the moving surface").click()
+    opened.shown()
     assert [text for text in opened.said if "401" not in text] == []

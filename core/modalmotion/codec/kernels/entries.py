@@ -7,6 +7,7 @@ from typing import Any
 from numba import carray
 
 from modalmotion.codec.kernels.coding import code_symbol
+from modalmotion.codec.kernels.halving import halve_parts
 from modalmotion.codec.kernels.mixed import code_mixed
 from modalmotion.codec.kernels.surface import code_surface
 from modalmotion.codec.kernels.waves import code_waves
@@ -56,4 +57,12 @@ def surface(memory: Any, words: Any, bits: Any, tables: Any) -> int:  # noqa: AR
     return int(w[STATUS])
 
 
-ENTRIES = (symbols, waves, mixed, surface)
+def halve(memory: Any, words: Any, bits: Any, tables: Any) -> int:  # noqa: ARG001
+    """Halve the parts of a mesh into patches."""
+    state = carray(memory, N_STATE)
+    w = carray(memory, state[SIZE])
+    halve_parts(w)
+    return int(w[STATUS])
+
+
+ENTRIES = (symbols, waves, mixed, surface, halve)

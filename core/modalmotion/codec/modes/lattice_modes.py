@@ -79,9 +79,9 @@ class LatticeModes:
         return array.reshape(n_rows, -1)
 
     @property
-    def uncertainty(self) -> Floats:
-        """Zero for each mode: no solver decides them, (modes,) float64."""
-        return np.zeros(int(np.prod(self.shape)))
+    def shaken(self) -> None:
+        """None: no solver decides these modes."""
+        return
 
     def write(self) -> bytes:
         """Write which modes these are."""

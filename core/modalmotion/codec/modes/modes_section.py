@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.codec.bits.damage import damaged, parsing
 from modalmotion.codec.modes.lattice_modes import LATTICE, read_lattice_modes
-from modalmotion.codec.modes.patch_modes import SPRINGS, read_patch_modes
+from modalmotion.codec.modes.patch_modes import JOINED, SPRINGS, read_patch_modes
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,8 +29,8 @@ class OrthonormalModes(Protocol):
         """Coefficients of the first modes to values, (rows, modes) to (rows, vertices)."""
 
     @property
-    def uncertainty(self) -> Floats:
-        """How far rounding can move a vertex, for a unit of each mode, (modes,) float64."""
+    def shaken(self) -> OrthonormalModes | None:
+        """The same modes with errors larger than rounding; None where none are solved for."""
 
     def write(self) -> bytes:
         """Write which modes these are, and a probe of those that are solved for."""
@@ -49,6 +49,6 @@ def read_modes(data: bytes, n_vertices: int, faces: Ints) -> OrthonormalModes:
     with parsing(_UNKNOWN):
         if data[0] == LATTICE:
             return read_lattice_modes(data, n_vertices)
-        if data[0] == SPRINGS:
+        if data[0] in (SPRINGS, JOINED):
             return read_patch_modes(data, n_vertices, faces)
     raise damaged(_UNKNOWN)

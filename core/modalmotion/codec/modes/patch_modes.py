@@ -1,37 +1,72 @@
-"""Spring modes: eigenvectors of a mesh of springs, where no closed form applies.
+"""Spring modes of a mesh in patches, where no closed form applies.
 
 They depend on the connectivity alone. Frequencies that coincide (symmetric or repeated parts)
 would leave their modes undetermined, so every spring is stiffened a little, by an amount that
 its two ends decide: then no two frequencies coincide, and each mode is one vector whose sign
-is fixed by a rule. How far rounding can turn the modes is bounded by the gaps between the
-frequencies; encoder and decoder compare a probe of the basis.
+is fixed by a rule. How far rounding can turn the modes is seen by solving again with errors;
+encoder and decoder compare a probe of the basis.
 """
 
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from modalmotion.codec.bits.varint import read_varint, write_varint
+from modalmotion.codec.modes.halving import patches_of
+from modalmotion.codec.modes.joined import PatchBasis, Shaken, Springs, by_rank, solve_patch
+from modalmotion.codec.modes.springs import edges_of, scatter, stiffness_of
 from modalmotion.errors import LimitError, MalformedFileError
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SPRINGS: Final = 2
-"""First byte of the section of these modes."""
+JOINED: Final = 3
+"""First byte of the section of these modes: each patch solved as it is, or joined from leaves."""
 
 LARGEST_PATCH: Final = 4096
-# Square of the largest patch times the number of vertices, in proportion to the time to decode.
+# Numbers in proportion to the time to decode, for each vertex: of the leaves, and of joining.
 MOST_WORK: Final = 2.0e11
 PROBES: Final = 8
 PROBE_STEP: Final = 1.0 / 4096.0
+SHARES: Final = 256
+ROUNDING: Final = 2.0e-15
+"""Errors to reckon with: of each entry of a matrix, over its largest."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """How a mesh is cut.
+
+    Parameters
+    ----------
+    patch : int
+        Vertices of the largest patch; a larger component is halved until it fits.
+    leaf : int
+        Vertices of the largest leaf of a patch; that of the patch where leaves are not joined.
+    share : int
+        How many modes of the leaves are joined, in 1/256 of the vertices of the patch.
+    """
+
+    patch: int
+    leaf: int
+    share: int = 0
+
+    def n_joined(self, n: int, n_leaves: int) -> int:
+        """Modes of the leaves of a patch of n vertices that are joined."""
+        return max(n_leaves, min(n, n * self.share // SHARES))
+
+    def work(self, n_vertices: int) -> float:
+        """Time to solve, in no unit."""
+        patch, leaf = min(self.patch, n_vertices), min(self.leaf, n_vertices)
+        joined = 0 if leaf >= patch else self.n_joined(patch, -(-2 * patch // leaf))
+        return (float(leaf) ** 2 + float(joined) ** 3 / patch) * n_vertices
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,97 +78,62 @@ class PatchModes:
     edges : (edges, 2) int64
         Pairs of vertices joined by a spring, each once, smaller first, sorted.
     n_vertices : int
-    largest_patch : int
-        Vertices of the largest patch; a larger component is halved until it fits.
+    cut : Cut
     seed : int
         Decides how springs are stiffened.
+    errors : Shaken, optional
+        Errors to add to each eigenproblem.
     """
 
     edges: Ints
     n_vertices: int
-    largest_patch: int
+    cut: Cut
     seed: int
+    errors: Shaken | None = None
 
     @cached_property
     def patches(self) -> list[Ints]:
         """Vertices of each patch, ascending."""
-        ones = np.ones(len(self.edges))
-        half = scipy.sparse.coo_array(
-            (ones, (self.edges[:, 0], self.edges[:, 1])), shape=(self.n_vertices,) * 2
-        ).tocsr()
-        graph = (half + half.T).tocsr()
-        graph.sort_indices()
-        todo = _components(graph, np.arange(self.n_vertices))
-        done: list[Ints] = []
-        while todo:
-            part = todo.pop()
-            if len(part) <= self.largest_patch:
-                done.append(part)
-                continue
-            part_graph = graph[part][:, part]
-            far = scipy.sparse.csgraph.breadth_first_order(
-                part_graph, 0, directed=False, return_predecessors=False
-            )[-1]
-            order = scipy.sparse.csgraph.breadth_first_order(
-                part_graph, far, directed=False, return_predecessors=False
-            )
-            middle = len(order) // 2
-            for side in (order[:middle], order[middle:]):
-                todo.extend(_components(graph, part[np.sort(side)]))
-        return sorted(done, key=lambda part: int(part[0]))
+        return patches_of(self.edges, self.n_vertices, self.cut.patch)
 
     @cached_property
-    def solution(self) -> tuple[list[Floats], list[Floats]]:
-        """Frequencies squared and modes of each patch, for unit stiffness and mass.
-
-        Returns
-        -------
-        list of (n,) float64
-        list of (n, n) float64
-            Modes in the columns, orthonormal, signs fixed.
-        """
-        squares, modes = [], []
-        stiffness = 1.0 + _scatter(self.edges[:, 0] * 2**20 + self.edges[:, 1], self.seed) / 8.0
-        where = np.full(self.n_vertices, -1)
-        owner = np.empty(self.n_vertices, dtype=np.int64)
+    def bases(self) -> list[PatchBasis]:
+        """Modes of each patch, for unit stiffness and mass."""
+        owner, where = np.empty((2, self.n_vertices), dtype=np.int64)
         for number, patch in enumerate(self.patches):
             owner[patch] = number
             where[patch] = np.arange(len(patch))
         inside = owner[self.edges[:, 0]] == owner[self.edges[:, 1]]
-        edges, stiffness = self.edges[inside], stiffness[inside]
+        edges = self.edges[inside]
         order = np.argsort(owner[edges[:, 0]], kind="stable")
-        edges, stiffness = edges[order], stiffness[order]
-        cuts = np.searchsorted(owner[edges[:, 0]], np.arange(len(self.patches) + 1))
+        edges = edges[order]
+        cuts = np.searchsorted(owner[edges[:, 0]], np.arange(len(self.patches) + 1)).tolist()
+        stiffness = stiffness_of(edges, self.seed)
+        leaves: list[list[Ints]] = [[] for _ in self.patches]
+        parts = self.patches
+        if self.cut.leaf < self.cut.patch:
+            parts = patches_of(edges, self.n_vertices, self.cut.leaf)
+        for part in parts:
+            leaves[int(owner[part[0]])].append(where[part])
+        bases = []
         for number, patch in enumerate(self.patches):
-            part = slice(cuts[number], cuts[number + 1])
-            a, b = where[edges[part, 0]], where[edges[part, 1]]
-            K = np.zeros((len(patch), len(patch)))
-            K[a, b] = K[b, a] = -stiffness[part]
-            np.fill_diagonal(K, -K.sum(axis=1))
-            square, Phi = scipy.linalg.eigh(K, driver="evd", overwrite_a=True, check_finite=False)
-            signs = np.sign(_scatter(patch, self.seed + 1) @ Phi - Phi.sum(axis=0) / 2.0)
-            squares.append(square)
-            modes.append(Phi * np.where(signs == 0, 1.0, signs))
-        return squares, modes
+            some = slice(cuts[number], cuts[number + 1])
+            springs = Springs(where[edges[some, 0]], where[edges[some, 1]], stiffness[some])
+            signs = scatter(patch, self.seed + 1) - 0.5
+            n_joined = self.cut.n_joined(len(patch), len(leaves[number]))
+            bases.append(solve_patch(leaves[number], springs, signs, n_joined, self.errors))
+        return bases
 
     @cached_property
     def order(self) -> Ints:
-        """Number of each mode, patch after patch, by its rank in its patch over the patch's size.
-
-        Ranks, not frequencies: the order does not depend on rounding.
-        """
-        sizes = np.array([len(patch) for patch in self.patches], dtype=np.int64)
-        rank = np.arange(self.n_vertices) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-        key = (2 * rank + 1) * (1 << 30) // np.repeat(sizes, sizes)
-        # The translations of all patches first, large or small.
-        key[rank == 0] = -1
-        return np.argsort(key, kind="stable")
+        """Number of each mode, patch after patch, by its rank in the patch over its size."""
+        return by_rank([len(patch) for patch in self.patches])
 
     def analyse(self, values: Floats) -> Floats:
         """Values at the vertices to coefficients, (rows, vertices) to (rows, modes)."""
         parts = [
-            values[:, patch] @ Phi
-            for patch, Phi in zip(self.patches, self.solution[1], strict=True)
+            basis.analyse(values[:, patch])
+            for patch, basis in zip(self.patches, self.bases, strict=True)
         ]
         return np.concatenate(parts, axis=1)[:, self.order]
 
@@ -144,51 +144,34 @@ class PatchModes:
         flat[:, self.order[:n_modes]] = coefficients
         values = np.empty((n_rows, self.n_vertices))
         start = 0
-        for patch, Phi in zip(self.patches, self.solution[1], strict=True):
-            part = flat[:, start : start + len(patch)]
-            used = int(np.flatnonzero(part.any(axis=0)).max(initial=-1)) + 1
-            values[:, patch] = part[:, :used] @ Phi[:, :used].T
+        for patch, basis in zip(self.patches, self.bases, strict=True):
+            values[:, patch] = basis.synthesise(flat[:, start : start + len(patch)])
             start += len(patch)
         return values
 
     @cached_property
-    def uncertainty(self) -> Floats:
-        """How far rounding can move a vertex, for a unit of each mode.
-
-        Rounding turns a mode towards its neighbour in frequency by an angle that is the error
-        of the matrix over the gap between the two.
-
-        Returns
-        -------
-        (modes,) float64
-            In the order of the coefficients.
-        """
-        bounds = []
-        for square, Phi in zip(*self.solution, strict=True):
-            gaps = np.diff(square, prepend=-np.inf, append=np.inf)
-            gap = np.minimum(gaps[:-1], gaps[1:])
-            largest = max(float(square[-1]), 1.0)
-            peak = np.pad(np.abs(Phi).max(axis=0), 1)
-            peak = np.maximum(np.maximum(peak[:-2], peak[2:]), peak[1:-1])
-            with np.errstate(divide="ignore"):
-                bounds.append(1e-14 * largest / gap * peak)
-        uncertainty: Floats = np.concatenate(bounds)[self.order]
-        return uncertainty
+    def shaken(self) -> PatchModes:
+        """The same modes with errors that are larger than those of rounding."""
+        return replace(self, errors=Shaken(ROUNDING))
 
     def probe(self) -> Ints:
         """Look at a few entries of the basis, (8,) int64, in 1/4096."""
-        squares, modes = self.solution
-        largest = int(np.argmax([len(square) for square in squares]))
-        Phi = modes[largest]
-        n = len(Phi)
+        basis = self.bases[int(np.argmax([len(patch) for patch in self.patches]))]
         places = np.arange(PROBES)
-        rows, columns = (places * 7919 + 11) % n, (places * n) // PROBES
-        probe: Ints = np.rint(Phi[rows, columns] / PROBE_STEP).astype(np.int64)
+        chosen = np.zeros((PROBES, basis.n))
+        chosen[places, (places * basis.n) // PROBES] = 1.0
+        entries = basis.synthesise(chosen)[places, (places * 7919 + 11) % basis.n]
+        probe: Ints = np.rint(entries / PROBE_STEP).astype(np.int64)
         return probe
 
     def write(self) -> bytes:
         """Write which modes these are, and a probe of them."""
-        head = bytes([SPRINGS, self.seed]) + write_varint(self.largest_patch)
+        cut = self.cut
+        if cut.leaf >= cut.patch:
+            head = bytes([SPRINGS, self.seed]) + write_varint(cut.patch)
+        else:
+            head = bytes([JOINED, self.seed]) + write_varint(cut.patch)
+            head += write_varint(cut.leaf) + bytes([cut.share])
         return head + struct.pack(f"<{PROBES}h", *self.probe().tolist())
 
 
@@ -204,43 +187,26 @@ def read_patch_modes(data: bytes, n_vertices: int, faces: Ints) -> PatchModes:
     LimitError
         If solving for them would take too long.
     """
-    largest, position = read_varint(data, 2)
+    patch, position = read_varint(data, 2)
+    leaf, share = patch, 0
+    if data[0] == JOINED:
+        leaf, position = read_varint(data, position)
+        share = data[position]
+        position += 1
     probe = np.array(struct.unpack_from(f"<{PROBES}h", data, position), dtype=np.int64)
-    if largest < 1 or position + 2 * PROBES != len(data):
+    if not 1 <= leaf <= patch or position + 2 * PROBES != len(data):
         raise ValueError
-    largest = min(largest, n_vertices)
-    if largest > LARGEST_PATCH or float(largest) ** 2 * n_vertices > MOST_WORK:
+    cut = Cut(min(patch, n_vertices), min(leaf, n_vertices), share)
+    if cut.patch > LARGEST_PATCH or cut.work(n_vertices) > MOST_WORK:
         raise LimitError(
-            f"Patches of {largest} vertices of a mesh of {n_vertices} take too long to solve.",
+            f"Patches of {cut.patch} vertices of a mesh of {n_vertices} take too long to solve.",
             remedy="No encoder of this project writes such a stream: refuse its sender.",
             limit="spring_modes",
         )
-    modes = PatchModes(edges_of(faces), n_vertices, largest, data[1])
+    modes = PatchModes(edges_of(faces), n_vertices, cut, data[1])
     if np.abs(modes.probe() - probe).max() > 1:
         raise MalformedFileError(
             "This machine solves for other spring modes than the encoder did.",
             remedy="Encode the sequence on this machine.",
         )
     return modes
-
-
-def edges_of(faces: Ints) -> Ints:
-    """Edges of triangles, each once, smaller vertex first, sorted; no loops."""
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    pairs = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1)
-    unique: Ints = np.unique(pairs, axis=0)
-    return unique
-
-
-def _components(graph: scipy.sparse.csr_array, part: Ints) -> list[Ints]:
-    _, label = scipy.sparse.csgraph.connected_components(graph[part][:, part], directed=False)
-    order = np.argsort(label, kind="stable")
-    return np.split(part[order], np.flatnonzero(np.diff(label[order])) + 1)
-
-
-def _scatter(numbers: Ints, seed: int) -> Floats:
-    """Numbers in [0, 1) that look random: the high bits of a product modulo 2^32."""
-    mixed = (numbers.astype(np.uint64) + np.uint64(977 * seed + 1)) * np.uint64(2654435761)
-    mixed = (mixed ^ (mixed >> np.uint64(15))) * np.uint64(2246822519) & np.uint64(0xFFFFFFFF)
-    mixed = (mixed ^ (mixed >> np.uint64(13))) * np.uint64(3266489917) & np.uint64(0xFFFFFFFF)
-    return (mixed >> np.uint64(8)).astype(np.float64) / 2.0**24

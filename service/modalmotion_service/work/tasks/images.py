@@ -7,7 +7,7 @@ from typing import Final
 
 from modalmotion.images.hdf5 import read_images_file, write_images
 from modalmotion.stopwatch import Stopwatch
-from modalmotion.store import ImagesRecord, images_record_of
+from modalmotion.store import ImagesRecord, images_record_of, track_from_hdf5
 from modalmotion.viewer.slices import slices_payload
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import whole_file
@@ -38,6 +38,7 @@ def ingest_images(
     return images_record_of(images), watch.milliseconds
 
 
-def show_slices(path: Path, frame: int) -> bytes:
-    """Give the slices of one frame of kept images, as the page reads them."""
-    return slices_payload(read_images_file(path), frame)
+def show_slices(path: Path, frame: int, track: Path | None) -> bytes:
+    """Give the slices of a frame of kept images, as the page reads them, and a track's surface."""
+    made = None if track is None else track_from_hdf5(track)
+    return slices_payload(read_images_file(path), frame, made)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
 
-from modalmotion.errors import ParameterError
+from modalmotion.errors import NotFoundError, ParameterError
 from modalmotion.facts import Facts
 from modalmotion.images.hdf5 import read_images_file
 from modalmotion.stopwatch import Stopwatch
@@ -22,6 +22,7 @@ from modalmotion.store import (
 from modalmotion.tracking import Track
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tracking.reading import recorded_images
+from modalmotion.viewer.data_payload import data_payload
 from modalmotion_service.schemas.tracks import TrackEstimate
 from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import png_of, write_whole
@@ -85,6 +86,17 @@ def track_with_facts(path: Path, facts: Facts) -> bytes:
     return track_to_hdf5(replace(track, sequence=track.sequence.with_facts(facts)))
 
 
+def show_data(path: Path) -> bytes:
+    """Give some of the data that a kept track was made of, as the page reads them."""
+    data = track_from_hdf5(path).data
+    if data is None:
+        raise NotFoundError(
+            "The track keeps none of the data that it was tracked through.",
+            remedy="Track the recording again: some of its points are kept since.",
+        )
+    return data_payload(data)
+
+
 def draw_overlay(path: Path, images: Path) -> bytes:
     """Draw the contours of a kept track over its images, as PNG."""
     from modalmotion.pictures.image_overlay import overlay_figure
@@ -93,12 +105,14 @@ def draw_overlay(path: Path, images: Path) -> bytes:
 
 
 def draw_track(
-    path: Path, picture: Literal["deviations", "determined"], frame: int | None
+    path: Path, picture: Literal["deviations", "data", "determined"], frame: int | None
 ) -> bytes:
-    """Draw the stated error of a kept track in a frame, or what the data have set, as PNG."""
-    from modalmotion.pictures.track import determined_figure, deviations_figure
+    """Draw the stated error of a kept track, its data, or what these have set, as PNG."""
+    from modalmotion.pictures.track import data_figure, determined_figure, deviations_figure
 
     track = track_from_hdf5(path)
+    if picture == "data":
+        return png_of(data_figure(track))
     if picture == "determined":
         return png_of(determined_figure(track))
     return png_of(deviations_figure(track, _frame_of(track, frame)))

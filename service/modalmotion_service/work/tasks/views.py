@@ -10,7 +10,12 @@ from modalmotion.errors import LimitError
 from modalmotion.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature
-from modalmotion.store import sequence_from_hdf5, signature_from_hdf5, template_from_hdf5
+from modalmotion.store import (
+    sequence_from_hdf5,
+    signature_from_hdf5,
+    template_from_hdf5,
+    track_from_hdf5,
+)
 from modalmotion.viewer.page import View, view_page
 from modalmotion.viewer.payload import frames_payload
 from modalmotion_service.work.tasks.files import write_whole
@@ -25,12 +30,19 @@ def make_view(
     template: Path | None,
     facts: Facts,
     as_page: bool,
-    is_tracked: bool,
+    track: Path | None,
     output: Path,
 ) -> None:
-    """Write what a page needs first of a kept signature; or the whole page, as one file."""
-    view = replace(_view(sequence, signature, template, facts), is_tracked=is_tracked)
-    write_whole(output, view_page([view]).encode() if as_page else view.payload())
+    """Write what a page needs first of a kept signature; or the whole page, as one file.
+
+    A page of one file is shown without a service: it holds the data of a track itself.
+    """
+    view = _view(sequence, signature, template, facts)
+    if not as_page:
+        write_whole(output, replace(view, is_tracked=track is not None).payload())
+        return
+    data = None if track is None else track_from_hdf5(track).data
+    write_whole(output, view_page([replace(view, data=data)]).encode())
 
 
 def make_frames(

@@ -16,8 +16,8 @@ from modalmotion.modes.topology import (
     TORUS,
     Topology,
 )
+from modalmotion.signature.plain_names import plain_name
 from modalmotion.template.body_frame import Components
-from modalmotion.viewer.plain_names import plain_name
 
 
 @pytest.mark.parametrize(

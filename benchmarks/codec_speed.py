@@ -1,0 +1,120 @@
+"""How long the codec takes beside SZ3, for the same array at the same error."""
+
+from __future__ import annotations
+
+import json
+import statistics
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from codec_peers import at_error, is_installed, mean_diagonal, sz3, sz3_file, sz3_read, volumes_of
+from measure import Table, Times, in_words, side_by_side
+
+from modalmotion.codec import decode, encode
+from modalmotion.formats import read_npz
+
+SHARE = 0.003
+N_SAMPLES = 5
+EFFORTS = ("fast", "balanced")
+# Times SZ3's.
+BOUNDS = {
+    ("heart/lv_grid_32x64", "encode", "fast"): 10.0,
+    ("heart/lv_grid_32x64", "decode", "fast"): 10.0,
+    ("heart/lv_endocardium", "encode", "fast"): 20.0,
+    ("heart/lv_endocardium", "decode", "fast"): 10.0,
+    ("heart/lv_endocardium", "decode", "balanced"): 30.0,
+    ("literature/pcow", "decode", "fast"): 6.0,
+    ("literature/pcow", "decode", "balanced"): 20.0,
+}
+FIRST = 1.5
+"""Of the first decode of a process, times a later one."""
+
+_FRESH = """
+import sys, time, json
+from modalmotion.codec import decode
+data = sys.stdin.buffer.read()
+seconds = []
+for _ in range(6):
+    start = time.perf_counter()
+    decode(data)
+    seconds.append(time.perf_counter() - start)
+print(json.dumps(seconds))
+"""
+
+
+def speed(name: str, path: Path) -> Table:
+    """Encode and decode in turn with SZ3 at the same RMS; decode in fresh processes.
+
+    Parameters
+    ----------
+    name : str
+    path : Path
+        Of the sequence, .npz.
+    """
+    sequence = read_npz(path.read_bytes()).sequence
+    exact = np.ascontiguousarray(sequence.vertices, dtype=np.float32)
+    rms = SHARE * mean_diagonal(exact)
+    streams = {effort: encode(sequence, rms=rms, effort=effort).data for effort in EFFORTS}
+    calls: dict[str, Callable[[], object]] = {}
+    for effort, data in streams.items():
+        calls[f"encode {effort}"] = partial(encode, sequence, rms=rms, effort=effort)
+        calls[f"decode {effort}"] = partial(decode, data)
+    found = at_error(partial(sz3, sequence.grid), exact, "rms", rms) if _has_peer() else None
+    if found is not None:
+        volumes = volumes_of(exact, sequence.grid)
+        files = [sz3_file(volume, found.setting) for volume in volumes]
+        calls["encode SZ3"] = lambda: [sz3_file(volume, found.setting) for volume in volumes]
+        calls["decode SZ3"] = lambda: [sz3_read(file) for file in files]
+    times = side_by_side(calls, n_samples=N_SAMPLES)
+    n = exact.shape[0] * exact.shape[1]
+    table = Table(
+        f"{name}: speed at RMS {SHARE:.1%}, median of {N_SAMPLES} side by side",
+        ("", "bits", "median", "times SZ3's"),
+    )
+    for effort, data in streams.items():
+        bits = f"{8 * len(data) / n:.3f}"
+        for what in ("encode", "decode"):
+            _compare(table, name, what, effort, times, bits)
+        seconds, ratio = _first(data)
+        label = f"first decode {effort}: {ratio:.2f} times a later one"
+        table.add_at_most(ratio, FIRST, label, bits, in_words(seconds), "")
+    return table
+
+
+def _has_peer() -> bool:
+    return is_installed("hdf5plugin") and is_installed("h5py")
+
+
+def _compare(
+    table: Table, name: str, what: str, effort: str, times: dict[str, Times], bits: str
+) -> None:
+    ours = times[f"{what} {effort}"].median
+    label = f"{what} {effort}"
+    if f"{what} SZ3" not in times:
+        table.add(label, bits, in_words(ours), "-")
+        return
+    theirs = times[f"{what} SZ3"].median
+    ratio = ours / theirs
+    cells = label, bits, in_words(ours), f"{ratio:.2f} ({in_words(theirs)})"
+    bound = BOUNDS.get((name, what, effort))
+    if bound is None:
+        table.add(*cells)
+    else:
+        table.add_at_most(ratio, bound, *cells)
+
+
+def _first(data: bytes) -> tuple[float, float]:
+    """Seconds of the first decode of a process, and its ratio to later ones; medians."""
+    firsts, ratios = [], []
+    for _ in range(N_SAMPLES):
+        done = subprocess.run(  # noqa: S603 (the program itself)
+            [sys.executable, "-c", _FRESH], input=data, stdout=subprocess.PIPE, check=True
+        )
+        first, *later = json.loads(done.stdout)
+        firsts.append(first)
+        ratios.append(first / statistics.median(later))
+    return statistics.median(firsts), statistics.median(ratios)
