@@ -28,6 +28,7 @@ MODULES = (
     "replicas",
     "access",
     "cluster",
+    "cluster_endurance",
 )
 """Modules of this folder, each with `run(folder) -> list[Table]`."""
 

@@ -6,6 +6,7 @@ import csv
 import hashlib
 import io
 import time
+from array import array
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -151,7 +152,9 @@ class _Run:
         self.n_made = 0
         self.n_known = 0
         self.failures: dict[Path, str] = {}
-        self._done: dict[Path, Done] = {}
+        # A place in the ledger for each file: what is done takes no more memory than what is not.
+        self._numbers = {entry.path: number for number, entry in enumerate(job.entries)}
+        self._places = array("q", [-1]) * len(job.entries)
         self._keys: dict[Path, str] = {}
         self._facts: dict[Path, Facts] = {}
         self._waiting: deque[Entry] = deque()
@@ -163,6 +166,7 @@ class _Run:
     def finish(self) -> None:
         """Process all files that are not done yet."""
         self._waiting.extend(entry for entry in self._job.entries if not self._is_known(entry))
+        self._ledger.forget_earlier()
         self._show()
         while self._waiting or self._suspects or self._running:
             self._submit()
@@ -183,11 +187,13 @@ class _Run:
         )
         for entry in self._job.entries:
             names = [entry.path, entry.subject or "", entry.label or ""]
-            done = self._done.get(entry.path)
-            if done is None:
+            place = self._places[self._numbers[entry.path]]
+            if place < 0:
                 writer.writerow([*names, "", "", "", "", "", self.failures.get(entry.path, "")])
                 continue
-            signature = self._store.signature_path(done.sequence_id, self._keys[entry.path])
+            done = self._ledger.at(place)
+            key = self._keys.get(entry.path, done.key)
+            signature = self._store.signature_path(done.sequence_id, key)
             file = signature.relative_to(self._store.root).as_posix()
             writer.writerow(
                 [
@@ -220,9 +226,10 @@ class _Run:
             # A worker tries to read it, and says why it cannot.
             stamp = ""
         self._stamps[entry.path] = stamp
-        done = self._ledger.find(entry.path, stamp, self._settings)
-        if done is None:
+        place = self._ledger.find(entry.path, stamp, self._settings)
+        if place is None:
             return False
+        done = self._ledger.at(place)
         try:
             record = self._store.sequence_record(done.sequence_id)
             facts = entry.facts.over(record.facts)
@@ -235,7 +242,7 @@ class _Run:
             return False
         self._name(entry, done.sequence_id)
         self._keys[entry.path] = parameters.key
-        self._done[entry.path] = done
+        self._places[self._numbers[entry.path]] = place
         self.n_known += 1
         return True
 
@@ -343,11 +350,12 @@ class _Run:
                 one.rms_error,
                 one.weighted_rms_error,
                 one.record.unit,
+                one.key,
             )
             lines.append(done)
-            self._done[entry.path] = done
-            self._keys[entry.path] = one.key
-        self._ledger.add(*lines)
+        places = self._ledger.add(*lines)
+        for (entry, _, _), place in zip(signed, places, strict=True):
+            self._places[self._numbers[entry.path]] = place
         self.n_made += len(lines)
 
     def _show(self) -> None:
