@@ -186,6 +186,8 @@ def _table(samples: list[_Sample]) -> Table:
     cells = (f"{before / 1e6:.0f} MB", f"{after / 1e6:.0f} MB", f"{after / before:.3f}")
     table.add_at_most(after / before, MOST_GROWTH, "memory of the coordinator", *cells)
     seconds = samples[-1].clock - samples[0].clock
+    tenths = [_stretch(samples, (k / 10, 1.0))[0].memory for k in range(1, 10)]
+    print("coordinator, at each tenth:", *(f"{memory / 1e6:.1f}" for memory in tenths), "MB")
     table.add("in all", "", in_words(seconds), f"{1e3 * seconds / N_SEQUENCES:.2f} ms each")
     return table
 

@@ -117,3 +117,11 @@ def stamp_of(path: Path, landmarks: Mapping[str, object] = MappingProxyType({}))
     seen = [(name, status.st_size, status.st_mtime_ns) for name, status in statuses]
     stated = (seen, sorted(landmarks.items())) if landmarks else seen
     return hashlib.sha256(repr(stated).encode()).hexdigest()[:16]
+
+
+def with_landmarks(stamp: str, landmarks: Mapping[str, object]) -> str:
+    """Give the stamp of a file from elsewhere with what tracking starts from; empty stays so."""
+    if not landmarks or not stamp:
+        return stamp
+    stated = (stamp, sorted(landmarks.items()))
+    return hashlib.sha256(repr(stated).encode()).hexdigest()[:16]

@@ -22,8 +22,10 @@ from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ResultStore, StagedSignature, write_atomic
 from modalmotion.store.index.cursor import now
 from modalmotion_service.cohort.batch import Item, Refused, Signed, sign_batch
-from modalmotion_service.cohort.ledger import Done, Ledger, stamp_of
+from modalmotion_service.cohort.ledger import Done, Ledger, stamp_of, with_landmarks
 from modalmotion_service.cohort.manifest import Entry
+from modalmotion_service.cohort.remote import RemoteFile, Source
+from modalmotion_service.cohort.remote_systems import stamps
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.tasks.templates import make_template
@@ -55,6 +57,8 @@ class CohortJob:
         Whether the store keeps the sequences too.
     batch : int or None
         Files in one piece of work; depends on their number by default.
+    max_file_bytes : int
+        Largest file that is fetched from elsewhere.
     patience_seconds : float
         How long to wait for a lost scheduler before giving up.
     """
@@ -66,6 +70,7 @@ class CohortJob:
     template_from: Path | None = None
     keep_vertices: bool = False
     batch: int | None = None
+    max_file_bytes: int = 256_000_000
     patience_seconds: float = 120.0
 
 
@@ -77,14 +82,14 @@ class CohortReport:
     ----------
     n_made, n_known : int
         Files done now, and those that an earlier run had done.
-    failures : tuple of (Path, str)
+    failures : tuple of (Path or RemoteFile, str)
         File and reason, in the order of the manifest.
     seconds : float
     """
 
     n_made: int
     n_known: int
-    failures: tuple[tuple[Path, str], ...]
+    failures: tuple[tuple[Source, str], ...]
     seconds: float
 
 
@@ -151,20 +156,23 @@ class _Run:
         self._settings = hashlib.sha256(settings.encode()).hexdigest()[:16]
         self.n_made = 0
         self.n_known = 0
-        self.failures: dict[Path, str] = {}
+        self.failures: dict[Source, str] = {}
         # A place in the ledger for each file: what is done takes no more memory than what is not.
         self._numbers = {entry.path: number for number, entry in enumerate(job.entries)}
         self._places = array("q", [-1]) * len(job.entries)
-        self._keys: dict[Path, str] = {}
-        self._facts: dict[Path, Facts] = {}
+        self._keys: dict[Source, str] = {}
+        self._facts: dict[Source, Facts] = {}
         self._waiting: deque[Entry] = deque()
         self._suspects: deque[Entry] = deque()
         self._running: dict[Future[Any], tuple[tuple[Entry, ...], tuple[Item, ...]]] = {}
-        self._stamps: dict[Path, str] = {}
+        self._stamps: dict[Source, str] = {}
         self._lost_since: float | None = None
 
     def finish(self) -> None:
         """Process all files that are not done yet."""
+        paths = (entry.path for entry in self._job.entries)
+        elsewhere = stamps(path for path in paths if isinstance(path, RemoteFile))
+        self._stamps.update((file, text) for file, text in elsewhere.items())
         self._waiting.extend(entry for entry in self._job.entries if not self._is_known(entry))
         self._ledger.forget_earlier()
         self._show()
@@ -221,13 +229,16 @@ class _Run:
 
     def _is_known(self, entry: Entry) -> bool:
         try:
-            stamp = stamp_of(entry.path, entry.facts.landmarks)
+            if isinstance(entry.path, Path):
+                stamp = stamp_of(entry.path, entry.facts.landmarks)
+            else:
+                stamp = with_landmarks(self._stamps.get(entry.path, ""), entry.facts.landmarks)
         except OSError:
             # A worker tries to read it, and says why it cannot.
             stamp = ""
         self._stamps[entry.path] = stamp
         place = self._ledger.find(entry.path, stamp, self._settings)
-        if place is None:
+        if place is None or not stamp:
             return False
         done = self._ledger.at(place)
         try:
@@ -277,8 +288,8 @@ class _Run:
             if not entries:
                 return
             items = tuple(self._item(entry) for entry in entries)
-            options, parameters = self._job.options, self._parameters
-            future = self._engine.submit(sign_batch, items, options, parameters, self._template)
+            how = self._job.options, self._parameters, self._template, self._job.max_file_bytes
+            future = self._engine.submit(sign_batch, items, *how)
             self._running[future] = entries, items
 
     def _next_batch(self) -> tuple[Entry, ...]:
