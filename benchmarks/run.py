@@ -9,6 +9,7 @@ from pathlib import Path
 MODULES = (
     "lattice",
     "store",
+    "index",
     "formats",
     "templates",
     "large_meshes",
