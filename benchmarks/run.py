@@ -9,6 +9,7 @@ from pathlib import Path
 MODULES = (
     "lattice",
     "store",
+    "index",
     "formats",
     "templates",
     "large_meshes",
@@ -27,6 +28,7 @@ MODULES = (
     "replicas",
     "access",
     "cluster",
+    "cluster_endurance",
 )
 """Modules of this folder, each with `run(folder) -> list[Table]`."""
 

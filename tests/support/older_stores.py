@@ -21,6 +21,7 @@ from modalmotion.classification import Classification, Model
 from modalmotion.classification.features import FeatureReader
 from modalmotion.classification.model.domain import of_kind_alone
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.store.index.schema import SEQUENCE_COLUMNS
 
 INTENDED_USE = "Description of surface motion."
 
@@ -174,9 +175,39 @@ def _plain(value: Any) -> dict[str, Any]:
     return {k: _packed(v) if isinstance(v, np.ndarray) else v for k, v in fields.items()}
 
 
+_SEQUENCES_OF_2 = """CREATE TABLE older (
+    id TEXT PRIMARY KEY, n_frames INTEGER NOT NULL, n_vertices INTEGER NOT NULL,
+    n_faces INTEGER NOT NULL, topology TEXT, grid TEXT, unit TEXT,
+    has_times INTEGER NOT NULL, subject TEXT, label TEXT, created TEXT NOT NULL,
+    has_upload INTEGER NOT NULL, facts TEXT NOT NULL DEFAULT '{}', span REAL
+) WITHOUT ROWID"""
+_INDICES_OF_2 = {
+    "time": "created, id",
+    "subject": "subject, created, id",
+    "label": "label, created, id",
+    "both": "subject, label, created, id",
+}
+_TRIGGERS_SINCE_2 = (
+    *("a_sequence_came", "a_sequence_went", "a_result_came", "a_result_went"),
+    *("a_track_came", "a_track_went"),
+)
+
+
 def set_index_version(root: Path, version: int) -> None:
-    """Let the index of a store say that it is of another version."""
+    """Give the index of a store the form of version 1 or 2, with all its rows."""
     with contextlib.closing(sqlite3.connect(root / "index.sqlite")) as connection:
-        for column in ("facts", "span"):
+        for name in _TRIGGERS_SINCE_2:
+            connection.execute(f"DROP TRIGGER {name}")
+        connection.execute("DROP TABLE counts")
+        connection.execute(_SEQUENCES_OF_2)
+        connection.execute(
+            f"INSERT INTO older SELECT {SEQUENCE_COLUMNS} FROM sequences"  # noqa: S608 (constants)
+        )
+        connection.execute("DROP TABLE sequences")
+        connection.execute("ALTER TABLE older RENAME TO sequences")
+        for name, columns in _INDICES_OF_2.items():
+            connection.execute(f"CREATE INDEX sequences_by_{name} ON sequences ({columns})")
+        for column in ("facts", "span") if version == 1 else ():
             connection.execute(f"ALTER TABLE sequences DROP COLUMN {column}")
         connection.execute(f"PRAGMA user_version = {version}")
+        connection.commit()

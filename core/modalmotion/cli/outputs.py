@@ -67,6 +67,8 @@ class OutputFolder(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Check it, or the nearest folder above that is there."""
+        if "://" in str(value):
+            self.fail(f"'{value}' is no folder of this machine; name one that is.", param, ctx)
         path = Path(str(super().convert(value, param, ctx)))
         try:
             there = next(p for p in (path, *path.absolute().parents) if p.exists())

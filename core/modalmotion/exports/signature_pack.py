@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,14 +98,12 @@ class PackReport:
     failures: tuple[tuple[str, str], ...] = ()
 
 
-def is_pack(path: Path) -> bool:
+def is_pack(source: Path | BinaryIO) -> bool:
     """Whether a file was written by `export` or `write_pack`."""
     import h5py
 
-    if not h5py.is_hdf5(path):
-        return False
     try:
-        with h5py.File(path, "r") as file:
+        with h5py.File(source, "r") as file:
             return bool(file.attrs.get("schema") == FORM.header()["schema"])
     except OSError:
         return False

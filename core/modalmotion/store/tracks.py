@@ -98,8 +98,9 @@ class TrackStore(SequenceStore):
         NotFoundError
             If there is no such track.
         """
-        record = self._open_index().find(track_id) if is_id(track_id) else None
-        if record is None or not self.is_tracked(track_id):
+        index = self._open_index()
+        record = index.find(track_id, tracked=True) if is_id(track_id) else None
+        if record is None:
             raise NotFoundError(
                 f"There is no track {str(track_id)[:12]!r}.",
                 remedy="Use the id returned when it was made, or make it.",
@@ -145,7 +146,7 @@ class TrackStore(SequenceStore):
         cursor: str | None = None,
     ) -> SequencePage:
         """Tracked sequences from the newest to the oldest, as `list_sequences` lists all."""
-        return self._open_index().page(subject, label, limit, cursor, "track")
+        return self._open_index().page(subject, label, limit, cursor, tracked=True)
 
     def _track_file(self, track_id: str) -> Path:
         self.track_record(track_id)

@@ -19,6 +19,8 @@ from modalmotion.store import (
 )
 from modalmotion.store.disk.group_commit import GroupCommit
 from modalmotion.tracking.recording import sequence_of
+from modalmotion_service.cohort.remote import Source
+from modalmotion_service.cohort.transfer import fetched
 from modalmotion_service.work.parsing import parser_for
 
 
@@ -28,7 +30,7 @@ class Item:
 
     Parameters
     ----------
-    path : Path
+    path : Path or RemoteFile
     subject, label : str or None
     facts : Facts
     created : str
@@ -39,7 +41,7 @@ class Item:
     keeps_vertices : bool
     """
 
-    path: Path
+    path: Source
     subject: str | None
     label: str | None
     facts: Facts
@@ -105,6 +107,7 @@ def sign_batch(
     options: ReadOptions,
     parameters: SignatureParameters,
     template: Path | None,
+    most_bytes: int,
 ) -> list[Signed | Refused]:
     """Write record and signature of each file, durably; the store only has to move them.
 
@@ -116,11 +119,9 @@ def sign_batch(
     with GroupCommit() as files:
         for item in items:
             try:
-                sequence = sequence_of(
-                    item.path,
-                    replace(options, facts=item.facts.over(options.facts)),
-                    parser=parser,
-                )
+                stated = replace(options, facts=item.facts.over(options.facts))
+                with fetched(item.path, item.made.parent, most_bytes) as path:
+                    sequence = sequence_of(path, stated, parser=parser)
                 signature = modal_signature(sequence, parameters, template=shared)
             except ModalMotionError as error:
                 outcomes.append(Refused(error.code, str(error)))

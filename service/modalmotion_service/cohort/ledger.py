@@ -29,6 +29,8 @@ class Done:
     sequence_id : str
     rms_error, weighted_rms_error : float
     unit : str or None
+    key : str
+        Of its signature.
     """
 
     path: str
@@ -38,13 +40,15 @@ class Done:
     rms_error: float
     weighted_rms_error: float
     unit: str | None
+    key: str = ""
 
 
 class Ledger:
     """Lines are appended; a line that a crash cut short is done again.
 
     A line is written once its signature is stored, and need not be durable: results are
-    immutable, so what is lost from here costs only the time to make it again.
+    immutable, so what is lost from here costs only the time to make it again. What was noted is
+    not kept in memory: `add` gives the place of each line, and `at` reads it.
 
     Parameters
     ----------
@@ -53,29 +57,51 @@ class Ledger:
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / NAME
-        self._done = {done.path: done for done in self._read()}
+        done = {one.path: one for one in self._read()}
         # Without cut or outdated lines, so that it does not grow from run to run.
-        lines = [json.dumps(asdict(done)) + "\n" for done in self._done.values()]
-        write_atomic(self._path, "".join(lines).encode())
+        write_atomic(self._path, "".join(map(_line, done.values())).encode())
+        self._earlier = {one.path: (one.stamp, one.settings) for one in done.values()}
+        self._places: dict[str, int] = {}
+        place = 0
+        for path, one in done.items():
+            self._places[path] = place
+            place += len(_line(one).encode())
 
-    def find(self, path: Path, stamp: str, settings: str) -> Done | None:
-        """Give the entry of a file, if the file and the settings are still the same."""
-        done = self._done.get(str(path))
-        return done if done and (done.stamp, done.settings) == (stamp, settings) else None
+    def find(self, path: object, stamp: str, settings: str) -> int | None:
+        """Give the place of an earlier run's line, if the file and the settings are the same."""
+        is_same = self._earlier.get(str(path)) == (stamp, settings)
+        return self._places[str(path)] if is_same else None
 
-    def add(self, *several: Done) -> None:
-        """Note that files are done."""
-        with self._path.open("a") as file:
+    def forget_earlier(self) -> None:
+        """Free what `find` needs."""
+        self._earlier, self._places = {}, {}
+
+    def at(self, place: int) -> Done:
+        """Read the line at a place."""
+        with self._path.open("rb") as file:
+            file.seek(place)
+            return Done(**json.loads(file.readline()))
+
+    def add(self, *several: Done) -> list[int]:
+        """Note that files are done; give the places of their lines."""
+        places = []
+        with self._path.open("ab") as file:
             for done in several:
-                file.write(json.dumps(asdict(done)) + "\n")
-        self._done.update({done.path: done for done in several})
+                places.append(file.tell())
+                file.write(_line(done).encode())
+        return places
 
     def _read(self) -> Iterator[Done]:
         if not self._path.exists():
             return
-        for line in self._path.read_text().splitlines():
-            with contextlib.suppress(ValueError, TypeError):
-                yield Done(**json.loads(line))
+        with self._path.open() as file:
+            for line in file:
+                with contextlib.suppress(ValueError, TypeError):
+                    yield Done(**json.loads(line))
+
+
+def _line(done: Done) -> str:
+    return json.dumps(asdict(done)) + "\n"
 
 
 def stamp_of(path: Path, landmarks: Mapping[str, object] = MappingProxyType({})) -> str:
@@ -90,4 +116,12 @@ def stamp_of(path: Path, landmarks: Mapping[str, object] = MappingProxyType({}))
     statuses = [(file.name, file.stat()) for file in files]
     seen = [(name, status.st_size, status.st_mtime_ns) for name, status in statuses]
     stated = (seen, sorted(landmarks.items())) if landmarks else seen
+    return hashlib.sha256(repr(stated).encode()).hexdigest()[:16]
+
+
+def with_landmarks(stamp: str, landmarks: Mapping[str, object]) -> str:
+    """Give the stamp of a file from elsewhere with what tracking starts from; empty stays so."""
+    if not landmarks or not stamp:
+        return stamp
+    stated = (stamp, sorted(landmarks.items()))
     return hashlib.sha256(repr(stated).encode()).hexdigest()[:16]

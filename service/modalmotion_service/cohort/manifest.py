@@ -6,14 +6,18 @@ import csv
 import io
 import json
 import re
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.facts import NO_FACTS, Facts, column_of, facts_in, states_fact
 from modalmotion.store.record import require_name
+from modalmotion_service.cohort.remote import RemoteFile, Source, is_url, source_of
+from modalmotion_service.cohort.remote_systems import listed
+from modalmotion_service.cohort.transfer import fetched
 
 _COLUMNS: Final = ("path", "subject", "label")
 _WILD: Final = frozenset("*?[")
@@ -34,36 +38,41 @@ class Entry:
 
     Parameters
     ----------
-    path : Path
-        Absolute; a file, a folder of frames, or a pattern of their names.
+    path : Path or RemoteFile
+        A file, a folder of frames, or a pattern of their names; of this machine it is absolute.
     subject, label : str or None
     facts : Facts
         Over those that the file states.
     """
 
-    path: Path
+    path: Source
     subject: str | None = None
     label: str | None = None
     facts: Facts = NO_FACTS
 
 
-def read_manifest(source: Path) -> tuple[Entry, ...]:
+def read_manifest(source: Source, most_bytes: int = 256_000_000) -> tuple[Entry, ...]:
     """List the sequences that a manifest, a folder or a pattern names.
 
     Parameters
     ----------
-    source : Path
+    source : Path or RemoteFile
         A .csv file with a heading (path; subject, label and facts if there are any; further ones
         are covariates), its columns separated by commas, semicolons or tabs, or a .jsonl file
         with an object a line, both with paths from the manifest's own folder; or a folder, or a
-        pattern of names: then each file and each folder of frames in it is a sequence.
+        pattern of names: then each file and each folder of frames in it is a sequence. All of them
+        may lie elsewhere, and rows of a manifest may be URLs.
+    most_bytes : int
+        Of a manifest that lies elsewhere.
 
     Raises
     ------
     MalformedFileError
         If it cannot be read, names a sequence twice, or names none; names the line.
     """
-    if source.is_dir():
+    if isinstance(source, RemoteFile):
+        entries = _elsewhere(source, most_bytes)
+    elif source.is_dir():
         entries = _listed(
             path for path in source.iterdir() if path.suffix.lower() not in _NO_SEQUENCES
         )
@@ -88,6 +97,21 @@ def _listed(paths: Iterator[Path]) -> tuple[Entry, ...]:
     return tuple(Entry(path.absolute()) for path in sorted(paths) if path.name[0] != ".")
 
 
+def _elsewhere(source: RemoteFile, most_bytes: int) -> tuple[Entry, ...]:
+    suffix = PurePosixPath(source.name).suffix.lower()
+    if suffix in _SUFFIXES and not source.is_pattern:
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            fetched(source, Path(folder), most_bytes) as copy,
+        ):
+            return _read(copy, source)
+    return tuple(
+        Entry(file)
+        for file in listed(source)
+        if PurePosixPath(file.name).suffix.lower() not in _NO_SEQUENCES and file.name[:1] != "."
+    )
+
+
 def entries_by_name(table: str, name: str) -> dict[str, Entry]:
     """List what a table says of files that were sent with it, by their names.
 
@@ -105,28 +129,40 @@ def entries_by_name(table: str, name: str) -> dict[str, Entry]:
     """
     # Names of files that lie nowhere yet.
     root = Path("/")
-    entries = _entries(table, root / name, is_table=True)
-    return {entry.path.relative_to(root).as_posix(): entry for entry in entries}
+    entries = _entries(table, root / name, lambda row: (root / row).absolute(), is_table=True)
+    return {Path(str(entry.path)).relative_to(root).as_posix(): entry for entry in entries}
 
 
-def _read(source: Path) -> tuple[Entry, ...]:
+def _read(source: Path, origin: RemoteFile | None = None) -> tuple[Entry, ...]:
     try:
         text = source.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise _unreadable(source, error) from error
-    return _entries(text, source, is_table=source.suffix.lower() == ".csv")
+    is_table = source.suffix.lower() == ".csv"
+
+    def locate(name: str) -> Source:
+        if is_url(name):
+            return source_of(name)
+        return origin.beside(name) if origin else (source.absolute().parent / name).absolute()
+
+    return _entries(text, source, locate, is_table=is_table)
 
 
-def _entries(text: str, source: Path, *, is_table: bool) -> tuple[Entry, ...]:
+def _entries(
+    text: str, source: Path, locate: Callable[[str], Source], *, is_table: bool
+) -> tuple[Entry, ...]:
     rows = _csv_rows(text, source) if is_table else _json_rows(text, source)
     has_commas = is_table and _separator(text) != ","
-    lines: dict[Path, int] = {}
+    lines: dict[Source, int] = {}
     entries = []
     for line, row in rows:
         name = row.get("path")
         if not isinstance(name, str) or not name.strip() or "\0" in name:
             raise _wrong(source, line, "there is no path")
-        path = (source.absolute().parent / name.strip()).absolute()
+        try:
+            path = locate(name.strip())
+        except ParameterError as error:
+            raise _wrong(source, line, error.message.rstrip(".")) from error
         if path in lines:
             raise _wrong(source, line, f"'{name}' stands in line {lines[path]} already")
         lines[path] = line

@@ -6,6 +6,7 @@ import csv
 import hashlib
 import io
 import time
+from array import array
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -21,8 +22,10 @@ from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ResultStore, StagedSignature, write_atomic
 from modalmotion.store.index.cursor import now
 from modalmotion_service.cohort.batch import Item, Refused, Signed, sign_batch
-from modalmotion_service.cohort.ledger import Done, Ledger, stamp_of
+from modalmotion_service.cohort.ledger import Done, Ledger, stamp_of, with_landmarks
 from modalmotion_service.cohort.manifest import Entry
+from modalmotion_service.cohort.remote import RemoteFile, Source
+from modalmotion_service.cohort.remote_systems import stamps
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.work.executor import Engine
 from modalmotion_service.work.tasks.templates import make_template
@@ -54,6 +57,8 @@ class CohortJob:
         Whether the store keeps the sequences too.
     batch : int or None
         Files in one piece of work; depends on their number by default.
+    max_file_bytes : int
+        Largest file that is fetched from elsewhere.
     patience_seconds : float
         How long to wait for a lost scheduler before giving up.
     """
@@ -65,6 +70,7 @@ class CohortJob:
     template_from: Path | None = None
     keep_vertices: bool = False
     batch: int | None = None
+    max_file_bytes: int = 256_000_000
     patience_seconds: float = 120.0
 
 
@@ -76,14 +82,14 @@ class CohortReport:
     ----------
     n_made, n_known : int
         Files done now, and those that an earlier run had done.
-    failures : tuple of (Path, str)
+    failures : tuple of (Path or RemoteFile, str)
         File and reason, in the order of the manifest.
     seconds : float
     """
 
     n_made: int
     n_known: int
-    failures: tuple[tuple[Path, str], ...]
+    failures: tuple[tuple[Source, str], ...]
     seconds: float
 
 
@@ -150,19 +156,25 @@ class _Run:
         self._settings = hashlib.sha256(settings.encode()).hexdigest()[:16]
         self.n_made = 0
         self.n_known = 0
-        self.failures: dict[Path, str] = {}
-        self._done: dict[Path, Done] = {}
-        self._keys: dict[Path, str] = {}
-        self._facts: dict[Path, Facts] = {}
+        self.failures: dict[Source, str] = {}
+        # A place in the ledger for each file: what is done takes no more memory than what is not.
+        self._numbers = {entry.path: number for number, entry in enumerate(job.entries)}
+        self._places = array("q", [-1]) * len(job.entries)
+        self._keys: dict[Source, str] = {}
+        self._facts: dict[Source, Facts] = {}
         self._waiting: deque[Entry] = deque()
         self._suspects: deque[Entry] = deque()
         self._running: dict[Future[Any], tuple[tuple[Entry, ...], tuple[Item, ...]]] = {}
-        self._stamps: dict[Path, str] = {}
+        self._stamps: dict[Source, str] = {}
         self._lost_since: float | None = None
 
     def finish(self) -> None:
         """Process all files that are not done yet."""
+        paths = (entry.path for entry in self._job.entries)
+        elsewhere = stamps(path for path in paths if isinstance(path, RemoteFile))
+        self._stamps.update((file, text) for file, text in elsewhere.items())
         self._waiting.extend(entry for entry in self._job.entries if not self._is_known(entry))
+        self._ledger.forget_earlier()
         self._show()
         while self._waiting or self._suspects or self._running:
             self._submit()
@@ -183,11 +195,13 @@ class _Run:
         )
         for entry in self._job.entries:
             names = [entry.path, entry.subject or "", entry.label or ""]
-            done = self._done.get(entry.path)
-            if done is None:
+            place = self._places[self._numbers[entry.path]]
+            if place < 0:
                 writer.writerow([*names, "", "", "", "", "", self.failures.get(entry.path, "")])
                 continue
-            signature = self._store.signature_path(done.sequence_id, self._keys[entry.path])
+            done = self._ledger.at(place)
+            key = self._keys.get(entry.path, done.key)
+            signature = self._store.signature_path(done.sequence_id, key)
             file = signature.relative_to(self._store.root).as_posix()
             writer.writerow(
                 [
@@ -215,14 +229,18 @@ class _Run:
 
     def _is_known(self, entry: Entry) -> bool:
         try:
-            stamp = stamp_of(entry.path, entry.facts.landmarks)
+            if isinstance(entry.path, Path):
+                stamp = stamp_of(entry.path, entry.facts.landmarks)
+            else:
+                stamp = with_landmarks(self._stamps.get(entry.path, ""), entry.facts.landmarks)
         except OSError:
             # A worker tries to read it, and says why it cannot.
             stamp = ""
         self._stamps[entry.path] = stamp
-        done = self._ledger.find(entry.path, stamp, self._settings)
-        if done is None:
+        place = self._ledger.find(entry.path, stamp, self._settings)
+        if place is None or not stamp:
             return False
+        done = self._ledger.at(place)
         try:
             record = self._store.sequence_record(done.sequence_id)
             facts = entry.facts.over(record.facts)
@@ -235,7 +253,7 @@ class _Run:
             return False
         self._name(entry, done.sequence_id)
         self._keys[entry.path] = parameters.key
-        self._done[entry.path] = done
+        self._places[self._numbers[entry.path]] = place
         self.n_known += 1
         return True
 
@@ -270,8 +288,8 @@ class _Run:
             if not entries:
                 return
             items = tuple(self._item(entry) for entry in entries)
-            options, parameters = self._job.options, self._parameters
-            future = self._engine.submit(sign_batch, items, options, parameters, self._template)
+            how = self._job.options, self._parameters, self._template, self._job.max_file_bytes
+            future = self._engine.submit(sign_batch, items, *how)
             self._running[future] = entries, items
 
     def _next_batch(self) -> tuple[Entry, ...]:
@@ -343,11 +361,12 @@ class _Run:
                 one.rms_error,
                 one.weighted_rms_error,
                 one.record.unit,
+                one.key,
             )
             lines.append(done)
-            self._done[entry.path] = done
-            self._keys[entry.path] = one.key
-        self._ledger.add(*lines)
+        places = self._ledger.add(*lines)
+        for (entry, _, _), place in zip(signed, places, strict=True):
+            self._places[self._numbers[entry.path]] = place
         self.n_made += len(lines)
 
     def _show(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,11 @@ from modalmotion.cli.analysis_commands import signature
 from modalmotion.cli.options import example, signature_parameters
 from modalmotion.cli.outputs import OutputFile, OutputFolder
 from modalmotion.cli.store_commands import require_all_packed
-from modalmotion.exports.signature_pack import export, is_pack
+from modalmotion.exports.signature_pack import PackReport, export, is_pack
 from modalmotion.formats import ReadOptions
 from modalmotion_service.cohort import CohortJob, read_manifest, sign_cohort
+from modalmotion_service.cohort.remote import RemoteFile, Source, is_url, source_of
+from modalmotion_service.cohort.transfer import require_target, send
 from modalmotion_service.environment import read_settings
 from modalmotion_service.work.engine import open_engine
 
@@ -26,8 +29,30 @@ _PARAMETERS = (
 _MOST_PRINTED = 50
 
 
+class _SourceType(click.Path):
+    """A path of this machine, or a URL."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Keep a URL whole: a path has no two slashes."""
+        if is_url(str(value)):
+            return source_of(str(value))
+        return super().convert(value, param, ctx)
+
+
+class _PackType(OutputFile):
+    """A file of this machine, or a URL."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Check that it can be written, or that what is there may be replaced."""
+        target = source_of(str(value))
+        if isinstance(target, RemoteFile):
+            require_target(target)
+            return target
+        return super().convert(value, param, ctx)
+
+
 @click.command(epilog=example("cohort cases.csv -o results --pack cohort.h5"))
-@click.argument("manifest", type=click.Path(path_type=Path))
+@click.argument("manifest", type=_SourceType(path_type=Path))
 @click.option(
     "-o",
     "--output",
@@ -46,8 +71,8 @@ _MOST_PRINTED = 50
 @click.option("--keep-vertices", is_flag=True, help="Keep the sequences too, not only results.")
 @click.option(
     "--pack",
-    type=OutputFile(),
-    help="HDF5 file with them all; one of an earlier run is made anew.",
+    type=_PackType(),
+    help="HDF5 file with them all, or its URL; one of an earlier run is made anew.",
 )
 @click.option(
     "--patience",
@@ -60,14 +85,14 @@ _MOST_PRINTED = 50
     "--skip-unreadable", is_flag=True, help="Files that fail do not make the command fail."
 )
 def cohort(
-    manifest: Path,
+    manifest: Source,
     output: Path,
     scheduler: str | None,
     workers: int | None,
     batch: int | None,
     template_from: Path | None,
     keep_vertices: bool,
-    pack: Path | None,
+    pack: Source | None,
     patience: float,
     skip_unreadable: bool,
     **options: Any,
@@ -75,7 +100,8 @@ def cohort(
     """Fit a signature to every sequence in MANIFEST.
 
     MANIFEST is a .csv file (columns path, subject, label; the last two may be missing), a .jsonl
-    file of such objects, a folder, or a pattern such as 'scans/*.npz'. Given again after an
+    file of such objects, a folder, or a pattern such as 'scans/*.npz'. It may be a URL, such as
+    s3://bucket/scans, and so may the paths in it; results stay here. Given again after an
     interruption, the command does what is unfinished. It ends with 1 if a file failed, unless
     such files are skipped; the others are done then all the same.
     """
@@ -88,18 +114,19 @@ def cohort(
     reading = ReadOptions(limits=settings.read_limits, **stated)
     parameters = signature_parameters(options)
     # That of an earlier run is made anew, as the same command does what failed then.
-    if pack is not None and pack.exists() and not is_pack(pack):
+    if isinstance(pack, Path) and pack.exists() and not is_pack(pack):
         raise click.BadParameter(
             f"{pack} exists already and is not a pack of signatures.", param_hint="--pack"
         )
     job = CohortJob(
-        entries=read_manifest(manifest),
+        entries=read_manifest(manifest, settings.max_body_bytes),
         folder=output,
         parameters=parameters,
         options=reading,
         template_from=template_from,
         keep_vertices=keep_vertices,
         batch=batch,
+        max_file_bytes=settings.max_body_bytes,
         patience_seconds=patience,
     )
     with click.progressbar(length=len(job.entries), label="signatures", file=sys.stderr) as bar:
@@ -118,11 +145,20 @@ def cohort(
         click.echo(f"... all of them stand in {output / 'cohort.csv'}", err=True)
     # After the failures of files, which a pack that cannot be written must not hide.
     if pack is not None and (report.n_made or report.n_known):
-        packed = export(output, pack, replace=True)
+        packed = _pack(output, pack)
         click.echo(f"{packed.n_signatures} signatures packed: {pack}")
         require_all_packed(packed)
     if report.failures and not skip_unreadable:
         raise click.exceptions.Exit(1)
+
+
+def _pack(root: Path, pack: Source) -> PackReport:
+    if isinstance(pack, Path):
+        return export(root, pack, replace=True)
+    with tempfile.TemporaryDirectory(dir=root / "spool") as folder:
+        packed = export(root, Path(folder) / "pack.h5")
+        send(Path(folder) / "pack.h5", pack)
+    return packed
 
 
 # Each option of a signature has one definition.

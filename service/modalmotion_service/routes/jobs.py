@@ -55,7 +55,7 @@ def job(job_id: JobId, state: StateDependency, response: Response) -> JobAnswer:
 def result(job_id: JobId, state: StateDependency) -> Response:
     """Give the file of a job's result."""
     record = state.jobs.get(job_id)
-    outcome = record.result or {}
+    outcome = (record.state == JobState.SUCCEEDED and record.result) or {}
     if "file" not in outcome:
         raise NotFoundError(
             f"The job is {record.state.value} and has no file.",

@@ -96,12 +96,12 @@ async def track(
             query.start,
             subject=query.subject,
             label=query.label,
-            keeps_images=query.keep,
         )
         result = await result_or_job(state, preference, "track", job, work)
         if isinstance(result, Response):
             file.is_left = query.images is None
             return result
+        await state.tracks.settle(query.images, result.record.id, is_kept=query.keep)
         note_facts(request, result.filled)
         kept = query.images if query.keep else None
         answer = TrackAnswer.joined(result.estimate, result.record, kept)

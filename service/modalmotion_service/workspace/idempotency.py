@@ -19,6 +19,7 @@ _TABLES: Final = (
         created TEXT NOT NULL
     ) WITHOUT ROWID""",
     "CREATE INDEX IF NOT EXISTS idempotency_by_time ON idempotency (created)",
+    "CREATE INDEX IF NOT EXISTS idempotency_under_way ON idempotency (key) WHERE status IS NULL",
     (
         "CREATE INDEX IF NOT EXISTS idempotency_by_place "
         "ON idempotency (json_extract(response, '$.headers.location'))"

@@ -101,7 +101,8 @@ class Images:
             If they cannot be deleted, or not wholly; then they can be deleted again.
         """
         self._keys.replace_answers(link_of(images_id), *gone())
-        about = self.about(images_id)
+        # Not the one that was begun with them and is about to succeed: its result is its own.
+        about = [job for job in self.about(images_id) if job.is_finished]
         # Slices that nobody has fetched are the images as well.
         for name in results_of(about):
             self._spool.remove(name)

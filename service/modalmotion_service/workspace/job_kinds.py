@@ -106,7 +106,6 @@ def make_runner(
             query.start,
             subject=query.subject,
             label=query.label,
-            keeps_images=query.keep,
             report=report,
         )
         return result.record.id
@@ -132,6 +131,11 @@ def make_runner(
             "headers": {"Content-Disposition": name},
             "link": f"/v1/tracks/{track_id}",
         }
+
+    async def settle(request: Any, result: Any) -> None:
+        query = TrackQuery.model_construct(**request["query"])
+        track_id = result["link"].rpartition("/")[2]
+        await tracks.settle(query.images, track_id, is_kept=query.keep)
 
     def reply(kind: str) -> Handler:
         async def handler(request: Any, report: Report) -> Any:
@@ -187,6 +191,7 @@ def make_runner(
         n_at_once=2 * analysis.engine.n_workers,
         most_unfinished=settings.max_unfinished_jobs,
         apart={"training": trainings_at_once(settings)},
+        settle={"track": settle, "tracked-report": settle},
         require_store=lambda: require_room(spool.folder),
         retry_seconds=3600.0 * settings.retry_hours,
     )

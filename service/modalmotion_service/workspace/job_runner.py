@@ -37,6 +37,7 @@ class Report(Protocol):
 
 
 Handler = Callable[[Any, Report], Awaitable[Any]]
+Settle = Callable[[Any, Any], Awaitable[None]]
 
 
 class JobRunner:
@@ -57,6 +58,9 @@ class JobRunner:
     apart : dict
         Number at once of kinds that run in places of their own: hours of one kind should not
         keep the others waiting.
+    settle : dict
+        For kinds that begin with something which goes in the end: an async function of request and
+        result. The result is noted before, and a job that is taken up again goes on from it.
     require_store : callable
         Raises StoreError while nothing can be written where the jobs' files lie.
     retry_seconds : float
@@ -71,6 +75,7 @@ class JobRunner:
         n_at_once: int,
         most_unfinished: int,
         apart: Mapping[str, int] | None = None,
+        settle: Mapping[str, Settle] | None = None,
         require_store: Callable[[], None] = lambda: None,
         retry_seconds: float = math.inf,
     ) -> None:
@@ -79,6 +84,7 @@ class JobRunner:
         self._clean_up = clean_up
         self._places = asyncio.Semaphore(n_at_once)
         self._apart = {kind: asyncio.Semaphore(n) for kind, n in (apart or {}).items()}
+        self._settle = settle or {}
         self._texts: dict[str, str] = {}
         self._most = most_unfinished
         self._require_store = require_store
@@ -208,7 +214,7 @@ class JobRunner:
         # Cancelled by the client, and noted so; or by shutdown, to be taken up again.
         try:
             await asyncio.to_thread(self._require_store)
-            result = await self._handlers[job.kind](job.request, self._reporter(job))
+            result = await self._result(job)
         except Exception as error:
             if not is_last and await self._may_pass(error):
                 logger.warning(
@@ -256,6 +262,18 @@ class JobRunner:
                 self._texts[job.id] = f"waits until its state can be noted: {_words(error)}"
             await asyncio.sleep(seconds)
         raise AssertionError("there is always another try")
+
+    async def _result(self, job: Job) -> Any:
+        """Do the work of a job, all but what an earlier try has done."""
+        handler = self._handlers[job.kind]
+        if job.kind not in self._settle:
+            return await handler(job.request, self._reporter(job))
+        result = (await asyncio.to_thread(self._jobs.get, job.id)).result
+        if result is None:
+            result = await handler(job.request, self._reporter(job))
+            await self._note(job, result=result)
+        await self._settle[job.kind](job.request, result)
+        return result
 
     def _remove_files(self, job: Job) -> None:
         """Remove what a finished job was kept for; what stays is removed at the next start."""

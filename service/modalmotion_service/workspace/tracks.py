@@ -64,7 +64,6 @@ class Tracks:
         *,
         subject: str | None,
         label: str | None,
-        keeps_images: bool = False,
         report: StageReport = unheard,
     ) -> KeptTrack:
         """Track a surface through an upload or images, and store the track and its sequence.
@@ -72,13 +71,11 @@ class Tracks:
         Parameters
         ----------
         sent : Upload or str
-            Or the id of images, which are deleted in the end.
+            Or the id of images, which stay: `settle` is for who has told of the track.
         parameters : TrackParameters
         start : str or None
             Id of a stored sequence whose first surface is started from.
         subject, label : str or None
-        keeps_images : bool
-            Whether they stay, for pictures of the track.
         report : callable
 
         Raises
@@ -114,15 +111,19 @@ class Tracks:
             record, filled = await asyncio.to_thread(
                 self._analysis.completed, record.id, subject, label, stated, found.facts
             )
-            if isinstance(sent, str):
-                await asyncio.to_thread(
-                    self._images.after_track, sent, record.id, is_kept=keeps_images
-                )
             return KeptTrack(record, estimate, is_new, filled)
 
         # Images are tracked once for each request, for it may ask for something else.
         key = object() if isinstance(sent, str) else sent.path
         return await self._shared_work.join(key, make, report)
+
+    async def settle(self, images_id: str | None, track_id: str, *, is_kept: bool) -> None:
+        """Keep the images of a track for its pictures, or delete them.
+
+        Once nothing needs them any more: a job that is done again after a crash starts from them.
+        """
+        if images_id is not None:
+            await asyncio.to_thread(self._images.after_track, images_id, track_id, is_kept=is_kept)
 
     async def start_path(self, start: str | None) -> Path | None:
         """File of the sequence that is started from.

@@ -82,6 +82,9 @@ def test_kept_images_know_their_track_until_it_is_deleted(store: ResultStore) ->
 
 def test_what_is_deleted_stays_away_and_may_come_again(store: ResultStore, tmp_path: Path) -> None:
     record = put(store)
+    for path in store.root.rglob(f"{record.id}*"):
+        # Of the same moment as the deletion they might have been put after it.
+        os.utime(path, (path.stat().st_atime, path.stat().st_mtime - 1))
     copy = tmp_path / "copy"
     backup(store.root, copy)
     store.delete_images(record.id)

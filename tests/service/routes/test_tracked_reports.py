@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import json
+import threading
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -14,11 +16,13 @@ import pytest
 from ellipsoid_images import LANDMARKS, planes
 from fastapi.testclient import TestClient
 from fhir_profile import PROFILE
+from services import served, small_settings
 from training_cohort import finished
 
 from modalmotion.client import Client
 from modalmotion.formats.volumes import write_nifti_zip
 from modalmotion.images import ImageSequence
+from modalmotion_service.workspace import job_kinds
 
 pytest.importorskip("nibabel")
 pytest.importorskip("matplotlib")
@@ -77,3 +81,31 @@ def test_what_is_wrong_is_told_before_a_job(client: TestClient, phantom: bytes) 
     assert failed["state"] == "failed"
     assert failed["error"]["remedy"]
     assert not list(client.app.state.owners.local.spool.folder.iterdir())  # type: ignore[attr-defined]
+
+
+def test_a_service_that_ends_between_track_and_report_goes_on(
+    tmp_path: Path, phantom: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The images are there until the report is, and no longer."""
+    settings = small_settings(tmp_path / "results").model_copy(update={"drain_seconds": 0.0})
+    begun = threading.Event()
+
+    async def endless(*_: object) -> Path:
+        begun.set()
+        await asyncio.sleep(3600.0)
+        raise AssertionError
+
+    monkeypatch.setattr(job_kinds, "whole_report", endless)
+    with served(settings) as client:
+        images = client.post("/v1/images", content=phantom).json()["id"]
+        query = {**PLACES, "images": images, "modes": "7"}
+        job = client.post("/v1/reports", params=query).json()
+        assert begun.wait(60.0)
+        assert client.get(job["links"]["self"]).json()["result"] is None
+    monkeypatch.undo()
+    with served(settings) as client:
+        done = finished(client, job)
+        assert (done["state"], done["error"]) == ("succeeded", None)
+        assert client.get(done["result"]).content.startswith(b"PK")
+        assert client.get(f"/v1/images/{images}").status_code == 404
+        assert len(client.get("/v1/tracks").json()["tracks"]) == 1

@@ -259,3 +259,63 @@ def test_what_is_done_for_ever_survives_its_faults() -> None:
         task.cancel()
 
     asyncio.run(some())
+
+
+def test_what_goes_in_the_end_goes_once_the_result_is_noted(jobs: Jobs, tmp_path: Path) -> None:
+    """Images are needed until nothing begins with them again: not even after a crash."""
+    steps: list[str] = []
+    way = {"is open": False}
+
+    async def handler(_request: Any, _report: Report) -> Any:
+        steps.append("worked")
+        return {"link": "there"}
+
+    async def settle(request: Any, result: Any) -> None:
+        known = jobs.list().jobs[0]
+        assert (known.state, known.result, result) == (JobState.RUNNING, {"link": "there"}, result)
+        steps.append("settled")
+        while not way["is open"]:
+            await asyncio.sleep(0.01)
+
+    async def killed() -> str:
+        runner = runner_of(jobs, handler, settle={"kind": settle})
+        (tmp_path / "file").touch()
+        job = await runner.start("kind", {"file": str(tmp_path / "file")})
+        while "settled" not in steps:
+            await asyncio.sleep(0.001)
+        await runner.close(0.0)
+        return job.id
+
+    async def resumed(job_id: str) -> Job:
+        runner = runner_of(jobs, handler, settle={"kind": settle})
+        await runner.resume()
+        await runner.close(10.0)
+        return jobs.get(job_id)
+
+    job_id = asyncio.run(killed())
+    assert not jobs.get(job_id).is_finished
+    way["is open"] = True
+    job = asyncio.run(resumed(job_id))
+    assert (job.state, job.result) == (JobState.SUCCEEDED, {"link": "there"})
+    # The work was not done again, for what it begins with may be gone.
+    assert steps == ["worked", "settled", "settled"]
+
+
+@pytest.mark.parametrize("error", PASSING, ids=repr)
+def test_a_fault_at_the_end_leads_to_another_try_of_the_end(
+    jobs: Jobs, tmp_path: Path, error: Exception
+) -> None:
+    steps: list[str] = []
+
+    async def handler(_request: Any, _report: Report) -> Any:
+        steps.append("worked")
+        return {"link": "there"}
+
+    ends = Failing(lambda *_: steps.append("settled"), error, 2)
+
+    async def settle(request: Any, result: Any) -> None:
+        ends(request, result)
+
+    runner = runner_of(jobs, handler, settle={"kind": settle})
+    job = asyncio.run(ended(runner, jobs, tmp_path / "file"))
+    assert (job.state, steps) == (JobState.SUCCEEDED, ["worked", "settled"])

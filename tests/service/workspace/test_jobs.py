@@ -131,6 +131,64 @@ def test_no_query_reads_all_jobs_or_keys(tmp_path: Path, monkeypatch: pytest.Mon
     assert all("INDEX" in step for step in about), about
 
 
+def test_no_list_look_up_or_number_reads_all_jobs(
+    jobs: Jobs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job_id = jobs.create("signature", {}).id
+    steps: list[str] = []
+    read = jobs._database.read
+
+    def explain(statement: str, values: tuple[object, ...] = ()) -> list[object]:
+        steps.extend(row[3] for row in read(f"EXPLAIN QUERY PLAN {statement}", values))
+        return read(statement, values)
+
+    monkeypatch.setattr(jobs._database, "read", explain)
+    jobs.list()
+    jobs.list(state=JobState.FAILED)
+    jobs.get(job_id)
+    jobs.count()
+    first, of_state, one, count = steps
+    assert first.startswith("SEARCH jobs USING INDEX jobs_by_time ((created,id)<(?,?))")
+    assert of_state.startswith("SEARCH jobs USING INDEX jobs_by_state (state=? AND")
+    assert one.startswith("SEARCH jobs USING INDEX")
+    assert count == "SCAN job_counts"
+    unfinished = "state NOT IN ('queued', 'running')"
+    explain(f"SELECT 1 FROM jobs WHERE updated < ? AND {unfinished}", ("2026",))  # noqa: S608
+    assert "finished_jobs (updated<?)" in steps[-1]
+
+
+def test_numbers_of_jobs_follow_them(jobs: Jobs) -> None:
+    ids = [jobs.create(kind, {}).id for kind in ("upload", "upload", "training")]
+    queued, done = JobState.QUEUED, JobState.SUCCEEDED
+    assert jobs.count() == {("upload", queued): 2, ("training", queued): 1}
+    jobs.update(ids[0], progress=0.5)
+    jobs.update(ids[0], state=done)
+    jobs.update(ids[0], state=JobState.FAILED)
+    assert jobs.count() == {
+        ("upload", queued): 1,
+        ("upload", done): 1,
+        ("training", queued): 1,
+    }
+    jobs.forget(*ids)
+    assert jobs.count() == {("upload", queued): 1, ("training", queued): 1}
+    jobs.update(ids[1], state=done)
+    assert jobs.forget_before("9999") == 1
+    assert jobs.count() == {("training", queued): 1}
+
+
+def test_jobs_that_nobody_counted_are_counted_at_the_start(tmp_path: Path) -> None:
+    with ResultStore(tmp_path) as store:
+        jobs = Jobs(store.database)
+        jobs.create("upload", {})
+        with store.database.write() as connection:
+            connection.execute("DROP TABLE job_counts")
+    with ResultStore(tmp_path) as store:
+        jobs = Jobs(store.database)
+        assert jobs.count() == {("upload", JobState.QUEUED): 1}
+        jobs.create("upload", {})
+        assert jobs.count() == {("upload", JobState.QUEUED): 2}
+
+
 @pytest.mark.parametrize("state", [JobState.FAILED, JobState.SUCCEEDED, JobState.CANCELLED])
 def test_a_finished_job_names_nobody(tmp_path: Path, state: JobState) -> None:
     with ResultStore(tmp_path) as store:

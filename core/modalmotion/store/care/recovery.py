@@ -25,6 +25,7 @@ from modalmotion.store.folder import Folder, ResultKind, ResultName, Scan
 from modalmotion.store.index.cursor import to_text
 from modalmotion.store.index.index import Index, put_records, put_results
 from modalmotion.store.index.model_index import ModelIndex, put_models
+from modalmotion.store.index.schema import recount
 from modalmotion.store.model_deletion import deleted_record, finish_model_deletion
 from modalmotion.store.record import SequenceRecord, read_record, record_of, record_to_json
 from modalmotion.store.tombstones import buried, digest_of_norm, is_older
@@ -109,8 +110,6 @@ def reconcile(
         finish_deletion(folder, index, sequence_id)
     for reference in sorted(scan.models & scan.deleted_models):
         finish_model_deletion(folder, reference)
-    known = {record.id: record for record in index.records()}
-    digests = {} if thorough else index.results()
     sequence_ids = sorted((scan.records | scan.uploads) - scan.deletions)
     results = sorted(name for name in scan.results if name.sequence_id not in scan.deletions)
     records: list[SequenceRecord] = []
@@ -118,7 +117,7 @@ def reconcile(
     restored: list[str] = []
     for number, sequence_id in enumerate(sequence_ids):
         try:
-            record, is_new = _record(folder, scan, sequence_id, known.get(sequence_id))
+            record, is_new = _record(folder, index, scan, sequence_id)
         except StoreError as error:
             _pass_over(error, thorough=thorough)
             path = folder.record(sequence_id)
@@ -140,7 +139,8 @@ def reconcile(
             orphans.append(folder.short(path))
             continue
         try:
-            rows.append((name, digests.get(name) or _FORMS[name.kind].digest(path)))
+            digest = None if thorough else index.digest(name)
+            rows.append((name, digest or _FORMS[name.kind].digest(path)))
         except StoreError as error:
             _pass_over(error, thorough=thorough)
             damaged.append(folder.short(path))
@@ -148,8 +148,10 @@ def reconcile(
     models = _models(folder, index, scan, damaged, thorough=thorough)
     with index.database.write(erases=True) as connection:
         connection.execute("DELETE FROM sequences")
-        put_records(connection, records)
+        # As they came: a page of a list then reads neighbours.
+        put_records(connection, sorted(records, key=lambda record: (record.created, record.id)))
         put_results(connection, rows)
+        recount(connection)
         connection.execute("DELETE FROM models")
         put_models(connection, models)
     return Reconciliation(
@@ -224,7 +226,7 @@ def _models(
 
 
 def _record(
-    folder: Folder, scan: Scan, sequence_id: str, known: SequenceRecord | None
+    folder: Folder, index: Index, scan: Scan, sequence_id: str
 ) -> tuple[SequenceRecord, bool]:
     """Record of a sequence, and whether it had to be written anew."""
     path, has_upload = folder.record(sequence_id), sequence_id in scan.uploads
@@ -235,7 +237,9 @@ def _record(
         return record, False
     if record is None or record.id != sequence_id:
         # The index may know what the file does not.
-        record = known or _record_from_upload(folder.upload(sequence_id), sequence_id)
+        record = index.find(sequence_id) or _record_from_upload(
+            folder.upload(sequence_id), sequence_id
+        )
     record = replace(record, has_upload=has_upload)
     write_atomic(path, record_to_json(record))
     return record, True

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -27,7 +28,7 @@ from modalmotion.store.index.database import Database
 from modalmotion.store.index.index import Index
 from modalmotion.store.index.model_index import ModelIndex
 from modalmotion.store.model_deletion import deleted_record
-from modalmotion.store.record import SequenceRecord, read_record
+from modalmotion.store.record import read_record
 from modalmotion.template.hdf5 import read_template
 from modalmotion.tracking.hdf5 import read_track
 
@@ -98,10 +99,10 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
         If another process has it open, or its folder cannot be read.
     """
     folder = existing_store(root)
-    with folder_lock(folder.lock):
+    with folder_lock(folder.lock), ExitStack() as stack:
         scan = folder.scan()
         check = _Check(folder, scan)
-        check.read_index()
+        stack.enter_context(check.reading_index())
         looks: list[tuple[Path, Callable[[], None]]] = [
             *((folder.record(name), partial(check.record, name)) for name in scan.records),
             *((folder.upload(name), partial(check.upload, name)) for name in scan.uploads),
@@ -146,39 +147,55 @@ class _Check:
 
     folder: Folder
     scan: Scan
-    rows: dict[str, SequenceRecord] = field(default_factory=dict)
-    digests: dict[ResultName, str] = field(default_factory=dict)
+    index: Index | None = None
+    without_files: list[Path] = field(default_factory=list)
     models: dict[ModelReference, ModelRecord] = field(default_factory=dict)
-    has_index: bool = False
     is_clean: bool = False
     n_bytes: int = 0
     faults: list[Fault] = field(default_factory=list)
     unfinished: list[str] = field(default_factory=list)
     orphans: list[str] = field(default_factory=list)
 
-    def read_index(self) -> None:
-        """Read the rows to compare with, and let SQLite check its own file."""
+    @contextmanager
+    def reading_index(self) -> Iterator[None]:
+        """Let SQLite check its own file, and keep it open to compare rows with."""
         path = self.folder.index
         if not path.is_file():
             self.faults.append(Fault(path.name, "It is missing; `modalmotion store rebuild`."))
+            yield
             return
         try:
             database = Database(path)
         except StoreError as error:
             self.faults.append(Fault(path.name, error.message))
+            yield
             return
         try:
-            self.faults += [Fault(path.name, text) for text in database.faults()]
-            index = Index(database)
-            self.rows = {record.id: record for record in index.records()}
-            self.digests = index.results()
-            self.models = {record.reference: record for record in ModelIndex(database).all()}
-            self.is_clean = index.is_clean
-            self.has_index = True
-        except StoreError as error:
-            self.faults.append(Fault(path.name, error.message))
+            self._read(database)
+            yield
         finally:
             database.close()
+
+    def _read(self, database: Database) -> None:
+        path, index = self.folder.index, Index(database)
+        try:
+            self.faults += [Fault(path.name, text) for text in database.faults()]
+            self.without_files = [
+                *(
+                    self.folder.record(name)
+                    for name in index.ids()
+                    if name not in self.scan.records
+                ),
+                *(self.folder.result(n) for n in index.results() if n not in self.scan.results),
+            ]
+            self.models = {record.reference: record for record in ModelIndex(database).all()}
+            if index.count() != index.recount():
+                problem = "It miscounts its rows; `modalmotion store rebuild`."
+                self.faults.append(Fault(path.name, problem))
+            self.is_clean = index.is_clean
+            self.index = index
+        except StoreError as error:
+            self.faults.append(Fault(path.name, error.message))
 
     def record(self, sequence_id: str) -> None:
         path = self.folder.record(sequence_id)
@@ -187,7 +204,7 @@ class _Check:
             raise StoreError("It is the record of another sequence.")
         if record.has_upload and sequence_id not in self.scan.uploads:
             self._differs(path, "The vertices that it says are kept are missing.")
-        elif self.rows.get(sequence_id) != record:
+        elif self.index is not None and self.index.find(sequence_id) != record:
             self._differs(path)
 
     def upload(self, sequence_id: str) -> None:
@@ -215,7 +232,7 @@ class _Check:
             return
         if name.sequence_id not in self.scan.records:
             self.orphans.append(self.folder.short(path))
-        elif self.digests.get(name) != digest_of(load_sealed(path)[1]):
+        elif self.index is not None and self.index.digest(name) != digest_of(load_sealed(path)[1]):
             self._differs(path)
 
     def template(self, template_id: str) -> None:
@@ -242,19 +259,19 @@ class _Check:
         if reference in self.scan.deleted_models:
             # What is noted as deleted and still there is removed by the next `open`.
             self.unfinished.append(self.folder.short(path))
-        elif self.models.get(reference) != stored_model.record:
+        elif self.index is not None and self.models.get(reference) != stored_model.record:
             self._differs(path)
 
     def deleted_model(self, reference: ModelReference) -> None:
         path = self.folder.deleted_model(reference)
-        if self.models.get(reference) != deleted_record(path, reference):
+        record = deleted_record(path, reference)
+        if self.index is not None and self.models.get(reference) != record:
             self._differs(path)
 
     def rows_without_files(self) -> None:
         """Find rows of the index whose files the folder does not have."""
         missing = [
-            *(self.folder.record(row) for row in self.rows.keys() - self.scan.records),
-            *(self.folder.result(row) for row in self.digests.keys() - self.scan.results),
+            *self.without_files,
             *(
                 self.folder.model(row)
                 for row in self.models.keys() - self.scan.models - self.scan.deleted_models
@@ -270,8 +287,6 @@ class _Check:
     def _differs(
         self, path: Path, problem: str = "The index does not know it, or knows it otherwise."
     ) -> None:
-        if not self.has_index:
-            return
         if self.is_clean:
             raise StoreError(problem)
         # A crash between two files, or file and index: the write was never confirmed.

@@ -9,44 +9,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from modalmotion.errors import CorruptFileError, OlderFileError, StoreError
+from modalmotion.store.index.schema import OWN_TABLES, TABLES, VERSION, upgrade
 
-SCHEMA_VERSION: Final = 2
-
-_TABLES: Final = (
-    """CREATE TABLE state (
-        name TEXT PRIMARY KEY, value INTEGER NOT NULL
-    ) WITHOUT ROWID""",
-    """CREATE TABLE sequences (
-        id TEXT PRIMARY KEY, n_frames INTEGER NOT NULL, n_vertices INTEGER NOT NULL,
-        n_faces INTEGER NOT NULL, topology TEXT, grid TEXT, unit TEXT,
-        has_times INTEGER NOT NULL, subject TEXT, label TEXT, created TEXT NOT NULL,
-        has_upload INTEGER NOT NULL, facts TEXT NOT NULL DEFAULT '{}', span REAL
-    ) WITHOUT ROWID""",
-    "CREATE INDEX sequences_by_time ON sequences (created, id)",
-    "CREATE INDEX sequences_by_subject ON sequences (subject, created, id)",
-    "CREATE INDEX sequences_by_label ON sequences (label, created, id)",
-    "CREATE INDEX sequences_by_both ON sequences (subject, label, created, id)",
-    """CREATE TABLE results (
-        kind TEXT NOT NULL, sequence_id TEXT NOT NULL REFERENCES sequences ON DELETE CASCADE,
-        model_id TEXT NOT NULL, key TEXT NOT NULL, sha256 TEXT NOT NULL,
-        PRIMARY KEY (sequence_id, kind, model_id, key)
-    ) WITHOUT ROWID""",
-    """CREATE TABLE models (
-        name TEXT NOT NULL, version INTEGER NOT NULL, id TEXT NOT NULL, classes TEXT NOT NULL,
-        parameters TEXT NOT NULL, created TEXT NOT NULL, training TEXT, deleted TEXT,
-        PRIMARY KEY (name, version)
-    ) WITHOUT ROWID""",
-)
-_OWN_TABLES: Final = ("state", "sequences", "results", "models")
-
-# What an index of version 1 lacks; its rows stay.
-_SINCE_1: Final = (
-    "ALTER TABLE sequences ADD COLUMN facts TEXT NOT NULL DEFAULT '{}'",
-    "ALTER TABLE sequences ADD COLUMN span REAL",
-)
+# For the upper pages of every tree among a million sequences, so that a look-up reads only its last
+# ones from the file. SQLite's own 2 MB are those of ten thousand.
+_READ_CACHE_KB = 8_000
 
 _REBUILD = "Run `modalmotion store rebuild FOLDER`."
 
@@ -99,6 +69,7 @@ class Database:
                 self._prepare()
                 self._reader = _connect(path)
                 self._reader.execute("PRAGMA query_only = ON")
+                self._reader.execute(f"PRAGMA cache_size = -{_READ_CACHE_KB}")
             except BaseException:
                 self._writer.close()
                 raise
@@ -151,7 +122,7 @@ class Database:
         Parameters
         ----------
         statements : iterable of str
-            `CREATE TABLE IF NOT EXISTS ...` and `CREATE INDEX IF NOT EXISTS ...`.
+            `CREATE TABLE IF NOT EXISTS ...`, and the same of indices and triggers.
         """
         with self.write() as connection:
             for statement in statements:
@@ -159,11 +130,11 @@ class Database:
 
     def guests(self) -> list[GuestTable]:
         """Read the tables that `extend` has made, to put them into a new index."""
-        names = ", ".join("?" * len(_OWN_TABLES))
+        names = ", ".join("?" * len(OWN_TABLES))
         tables = self.read(
             "SELECT name, sql FROM sqlite_master "  # noqa: S608 (of constants)
             f"WHERE type = 'table' AND name NOT LIKE 'sqlite_%' AND name NOT IN ({names})",
-            _OWN_TABLES,
+            OWN_TABLES,
         )
         return [
             GuestTable(name, sql, self.read(f'SELECT * FROM "{name}"'))  # noqa: S608 (own schema)
@@ -211,28 +182,26 @@ class Database:
     def _prepare(self) -> None:
         self._writer.execute("PRAGMA journal_mode = WAL")
         (version,) = self._writer.execute("PRAGMA user_version").fetchone()
-        if version == SCHEMA_VERSION:
+        if version == VERSION:
             return
         (n_tables,) = self._writer.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        if 0 < version < SCHEMA_VERSION:
+        if 0 < version < VERSION:
             raise OlderFileError(
-                f"The index has version {version} of its schema; this program knows "
-                f"{SCHEMA_VERSION}.",
+                f"The index has version {version} of its schema; this program knows {VERSION}.",
                 remedy=f"{_REBUILD[:-1]}, which keeps all that is in it.",
-                details={"schema_version": version, "known": SCHEMA_VERSION},
+                details={"schema_version": version, "known": VERSION},
             )
         if version != 0 or n_tables:
             raise StoreError(
-                f"The index has version {version} of its schema; this program knows "
-                f"{SCHEMA_VERSION}.",
+                f"The index has version {version} of its schema; this program knows {VERSION}.",
                 remedy="Use the modalmotion that wrote it, or a newer one. Without one: "
                 "remove index.sqlite, which loses jobs only, and open the store.",
-                details={"schema_version": version, "known": SCHEMA_VERSION},
+                details={"schema_version": version, "known": VERSION},
             )
         self._writer.execute("BEGIN IMMEDIATE")
-        for statement in _TABLES:
+        for statement in TABLES:
             self._writer.execute(statement)
-        self._writer.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        self._writer.execute(f"PRAGMA user_version = {VERSION}")
         self._writer.execute("COMMIT")
 
 
@@ -247,10 +216,10 @@ def renew(path: Path) -> None:
         If it cannot be written; it is as it was.
     """
     with _explained(), contextlib.closing(_connect(path)) as connection:
+        (version,) = connection.execute("PRAGMA user_version").fetchone()
         connection.execute("BEGIN IMMEDIATE")
-        for statement in _SINCE_1:
-            connection.execute(statement)
-        connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        upgrade(connection, version)
+        connection.execute(f"PRAGMA user_version = {VERSION}")
         connection.execute("COMMIT")
 
 

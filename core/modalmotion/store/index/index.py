@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final
 
 from modalmotion.facts import facts_from_json
 from modalmotion.representation import shown
 from modalmotion.store.folder import ResultKind, ResultName
 from modalmotion.store.index.cursor import from_cursor, require_limit, to_cursor
 from modalmotion.store.index.database import Database
+from modalmotion.store.index.schema import SEQUENCE_COLUMNS
 from modalmotion.store.record import SequenceRecord, record_values
+
+_PIECE: Final = 10_000
+_RECORDS: Final = f"SELECT {SEQUENCE_COLUMNS} FROM sequences"  # noqa: S608 (constants)
 
 
 @shown()
@@ -47,15 +51,20 @@ class Index:
         # list nobody is to learn what another owner's sequences state.
         self._facts = lru_cache(maxsize=64)(lambda text: facts_from_json(json.loads(text)))
 
-    def find(self, sequence_id: str) -> SequenceRecord | None:
-        """Record of a sequence, None where there is none."""
-        rows = self.database.read("SELECT * FROM sequences WHERE id = ?", (sequence_id,))
+    def find(self, sequence_id: str, *, tracked: bool = False) -> SequenceRecord | None:
+        """Record of a sequence, only if it was tracked if so; None where there is none."""
+        condition = " AND is_tracked = 1" if tracked else ""
+        rows = self.database.read(f"{_RECORDS} WHERE id = ?{condition}", (sequence_id,))
         return self._record(rows[0]) if rows else None
 
-    def records(self) -> list[SequenceRecord]:
-        """All records, by id."""
-        rows = self.database.read("SELECT * FROM sequences ORDER BY id")
-        return [self._record(row) for row in rows]
+    def ids(self) -> Iterator[str]:
+        """Ids of all sequences, sorted; a piece of them is in memory at a time."""
+        last = ""
+        while rows := self.database.read(
+            "SELECT id FROM sequences WHERE id > ? ORDER BY id LIMIT ?", (last, _PIECE)
+        ):
+            yield from (sequence_id for (sequence_id,) in rows)
+            (last,) = rows[-1]
 
     def page(
         self,
@@ -63,7 +72,8 @@ class Index:
         label: str | None,
         limit: int,
         cursor: str | None,
-        kind: ResultKind | None = None,
+        *,
+        tracked: bool = False,
     ) -> SequencePage:
         """List records from the newest to the oldest, those behind the cursor.
 
@@ -73,8 +83,8 @@ class Index:
             Only those with exactly this subject, this label.
         limit : int
         cursor : str or None
-        kind : ResultKind, optional
-            Only those that have such a result.
+        tracked : bool
+            Only those that were tracked.
 
         Raises
         ------
@@ -88,14 +98,11 @@ class Index:
             if wanted is not None:
                 conditions.append(f"{column} = ?")
                 values.append(wanted)
-        if kind is not None:
-            conditions.append(
-                "EXISTS (SELECT 1 FROM results WHERE sequence_id = sequences.id AND kind = ?)"
-            )
-            values.append(kind)
+        if tracked:
+            # Written out: only so SQLite sees that the indices of tracks hold them all.
+            conditions.append("is_tracked = 1")
         rows = self.database.read(
-            f"SELECT * FROM sequences WHERE {' AND '.join(conditions)} "  # noqa: S608 (constants)
-            "ORDER BY created DESC, id DESC LIMIT ?",
+            f"{_RECORDS} WHERE {' AND '.join(conditions)} ORDER BY created DESC, id DESC LIMIT ?",
             (*values, require_limit(limit) + 1),
         )
         records = tuple(self._record(row) for row in rows[:limit])
@@ -103,12 +110,21 @@ class Index:
         return SequencePage(records, last)
 
     def count(self) -> dict[str, int]:
-        """Count sequences, and results by kind."""
-        rows = self.database.read(
-            "SELECT 'sequence', count(*) FROM sequences "
-            "UNION ALL SELECT kind, count(*) FROM results GROUP BY kind"
+        """Numbers of sequences, and of results by kind where there are any."""
+        return dict(
+            self.database.read(
+                "SELECT kind, number FROM counts WHERE number > 0 OR kind = 'sequence'"
+            )
         )
-        return dict(rows)
+
+    def recount(self) -> dict[str, int]:
+        """Numbers as `count` gives them, of the rows themselves: in proportion to them."""
+        return dict(
+            self.database.read(
+                "SELECT 'sequence', count(*) FROM sequences "
+                "UNION ALL SELECT kind, count(*) FROM results GROUP BY kind"
+            )
+        )
 
     def put(self, record: SequenceRecord, *, erases: bool = False) -> None:
         """Add a record, or write it over the one with its id, of which nothing is left if so."""
@@ -138,13 +154,18 @@ class Index:
         )
         return [ResultName(*row) for row in rows]
 
-    def results(self) -> dict[ResultName, str]:
-        """All results with the sha256 of their files."""
-        rows = self.database.read(
-            "SELECT kind, sequence_id, model_id, key, sha256 FROM results "
-            "ORDER BY sequence_id, kind, model_id, key"
-        )
-        return {ResultName(*row[:4]): row[4] for row in rows}
+    def results(self) -> Iterator[ResultName]:
+        """Give all results by sequence, kind, model and key; a piece is in memory at a time."""
+        last = ("", "", "", "")
+        while rows := self.database.read(
+            "SELECT sequence_id, kind, model_id, key FROM results "
+            "WHERE (sequence_id, kind, model_id, key) > (?, ?, ?, ?) "
+            "ORDER BY sequence_id, kind, model_id, key LIMIT ?",
+            (*last, _PIECE),
+        ):
+            for sequence_id, kind, model_id, key in rows:
+                yield ResultName(kind, sequence_id, model_id, key)
+            last = rows[-1]
 
     def put_result(self, name: ResultName, digest: str) -> None:
         """Add a result."""
@@ -178,7 +199,8 @@ def put_records(connection: sqlite3.Connection, records: Iterable[SequenceRecord
     """Write records inside a transaction."""
     # An upsert: INSERT OR REPLACE would delete the row first, and its results with it.
     connection.executemany(
-        "INSERT INTO sequences VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "
+        f"INSERT INTO sequences ({SEQUENCE_COLUMNS}) "  # noqa: S608 (constants)
+        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "
         "ON CONFLICT (id) DO UPDATE SET subject = excluded.subject, label = excluded.label, "
         "has_upload = excluded.has_upload, facts = excluded.facts, span = excluded.span",
         (_row(record) for record in records),
@@ -187,9 +209,11 @@ def put_records(connection: sqlite3.Connection, records: Iterable[SequenceRecord
 
 def put_results(connection: sqlite3.Connection, results: Iterable[tuple[ResultName, str]]) -> None:
     """Write results inside a transaction."""
+    # An upsert here too: what INSERT OR REPLACE takes out is taken off no count.
     connection.executemany(
-        "INSERT OR REPLACE INTO results (kind, sequence_id, model_id, key, sha256) "
-        "VALUES (?, ?, ?, ?, ?)",
+        "INSERT INTO results (kind, sequence_id, model_id, key, sha256) "
+        "VALUES (?, ?, ?, ?, ?) "
+        "ON CONFLICT (sequence_id, kind, model_id, key) DO UPDATE SET sha256 = excluded.sha256",
         ((*name, digest) for name, digest in results),
     )
 

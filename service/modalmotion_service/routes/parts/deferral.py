@@ -12,7 +12,7 @@ from starlette.responses import Response
 from modalmotion_service.errors import BusyError
 from modalmotion_service.http.preferences import Preference
 from modalmotion_service.routes.parts.temporary_file import temporary_file
-from modalmotion_service.schemas import JobAnswer
+from modalmotion_service.schemas import JobAnswer, JobState
 from modalmotion_service.workspace.jobs import Job
 from modalmotion_service.workspace.reply_kinds import as_json
 from modalmotion_service.workspace.spool import SpoolFile
@@ -148,7 +148,8 @@ async def in_time(state: State, work: Coroutine[Any, Any, T]) -> T:
 def job_answer(job: Job, text: str | None = None) -> JobAnswer:
     """Write a job out, with what it is doing now in words."""
     here = f"/v1/jobs/{job.id}"
-    result = job.result or {}
+    # Noted a little before the job has succeeded.
+    result = (job.state == JobState.SUCCEEDED and job.result) or {}
     return JobAnswer(
         id=job.id,
         kind=job.kind,

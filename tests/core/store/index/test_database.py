@@ -10,7 +10,8 @@ from guest_table import STATEMENT
 
 from modalmotion.errors import CorruptFileError, StoreError
 from modalmotion.store import ResultStore
-from modalmotion.store.index.database import SCHEMA_VERSION, Database
+from modalmotion.store.index.database import Database
+from modalmotion.store.index.schema import VERSION
 
 
 def test_a_failing_block_changes_nothing(tmp_path: Path) -> None:
@@ -68,7 +69,7 @@ def test_an_index_that_is_none_asks_for_a_rebuild(content: bytes, tmp_path: Path
         ResultStore(tmp_path).open()
 
 
-@pytest.mark.parametrize("version", [SCHEMA_VERSION - 1, SCHEMA_VERSION + 1, 99])
+@pytest.mark.parametrize("version", [VERSION - 1, VERSION + 1, 99])
 def test_an_index_of_another_version_is_not_touched(version: int, tmp_path: Path) -> None:
     ResultStore(tmp_path).open().close()
     connection = sqlite3.connect(tmp_path / "index.sqlite")
