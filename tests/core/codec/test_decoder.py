@@ -179,7 +179,8 @@ def test_a_stream_of_version_2_decodes_to_the_same_and_its_largest_error_is_a_bo
 def test_a_first_decode_loads_no_further_library(rng: np.random.Generator, tmp_path: Path) -> None:
     """A process of its own (0.5 s): what decoding loads is what makes the first one slow."""
     paths = []
-    for number, make in enumerate((lattice_sequence, mesh_of_tube)):
+    makes: tuple[Make, ...] = (lattice_sequence, mesh_of_tube)
+    for number, make in enumerate(makes):
         paths.append(tmp_path / f"{number}.mms")
         paths[-1].write_bytes(encode(make(rng), rms=0.3).data)
     code = """
