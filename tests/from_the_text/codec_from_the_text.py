@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from text_of_faces import cells, walk
-from text_of_modes import dct2, fourier, lattice_modes, spring_modes
+from text_of_modes import dct2, fourier, lattice_modes, pair_modes, spring_modes
 from text_of_numbers import Array, Bytes, Coded, matrix, mixed_matrix, number_list
 
 
@@ -85,7 +85,10 @@ def decode_from_the_text(data: bytes) -> tuple[Any, list[list[int]]]:
     if M:
         faces = cells(section, ends, grid) if section[0] else walk(section, M, N)
     kind = named.byte()
-    modes = lattice_modes(named) if kind == 1 else spring_modes(named, N, faces, kind == 3)
+    if kind == 4:
+        modes = pair_modes(named, N, faces)
+    else:
+        modes = lattice_modes(named) if kind == 1 else spring_modes(named, N, faces, kind == 3)
     parts = [block(source.section(), f, N, modes, form) for f in frames]
     assert source.at == len(data)
     return np.concatenate(parts), faces

@@ -164,3 +164,66 @@ def spring_modes(source: Bytes, N: int, faces: list[list[int]], in_leaves: bool)
     for j, value in enumerate(probe):
         assert abs(largest[(7919 * j + 11) % n, n * j // 8] * 4096 - value) <= 1.5
     return np.array([mode for _, mode in sorted(entries, key=lambda entry: entry[0])])
+
+
+def pairs_of(
+    nodes: int, neighbours: list[set[int]], weights: list[int]
+) -> tuple[list[tuple[int, int]], list[int]]:
+    mate: dict[int, int] = {}
+    for u in range(nodes):
+        free = [(weights[v], v) for v in neighbours[u] if v not in mate]
+        if u not in mate:
+            v = min(free)[1] if free else u
+            mate[u], mate[v] = v, u
+    parent: dict[int, int] = {}
+    for u in range(nodes):
+        if u not in parent:
+            parent[u] = parent[mate[u]] = len(set(parent.values()))
+    return [(u, mate[u]) for u in range(nodes) if u < mate[u]], [parent[u] for u in range(nodes)]
+
+
+def pair_modes(source: Bytes, N: int, faces: list[list[int]]) -> Array:
+    """Section 4, kind 4: (modes, vertices)."""
+    neighbours: list[set[int]] = [set() for _ in range(N)]
+    for face in faces:
+        for a in face:
+            neighbours[a] |= set(face) - {a}
+    weights, levels = [1] * N, []
+    while any(neighbours):
+        pairs, parent = pairs_of(len(weights), neighbours, weights)
+        if 16 * len(pairs) < len(weights):
+            break
+        levels.append((pairs, parent, weights, neighbours, source.byte()))
+        above: list[set[int]] = [set() for _ in range(max(parent) + 1)]
+        summed = [0] * len(above)
+        for u, near in enumerate(neighbours):
+            above[parent[u]] |= {parent[v] for v in near} - {parent[u]}
+            summed[parent[u]] += weights[u]
+        weights, neighbours = summed, above
+    values = np.zeros((len(weights), N))
+    for i, weight in enumerate(weights):
+        values[i, i] = 1 / np.sqrt(weight)
+    at = len(weights)
+    for pairs, parent, weights, neighbours, k in reversed(levels):
+        new = values[parent]
+
+        def around(
+            v: int,
+            neighbours: list[set[int]] = neighbours,
+            parent: list[int] = parent,
+            values: Array = values,
+        ) -> Array:
+            others = [values[parent[u]] for u in neighbours[v] if parent[u] != parent[v]]
+            mean: Array = np.mean(others, axis=0) if others else values[parent[v]]
+            return mean
+
+        for a, b in pairs:
+            p, q = weights[a], weights[b]
+            d = k / 128 * (around(b) - around(a))
+            d[at] += np.sqrt((p + q) / (p * q))
+            at += 1
+            new[a] -= q / (p + q) * d
+            new[b] += p / (p + q) * d
+        values = new
+    assert source.at == len(source.data)
+    return values.T

@@ -25,10 +25,10 @@ _WRITERS = {".npz": write_npz, ".vtkhdf": write_vtkhdf, ".raw": write_raw}
 @click.option("--bytes", "n_bytes", type=int, help="Largest size of the stream.")
 @click.option(
     "--effort",
-    type=click.Choice(["fast", "balanced", "thorough"]),
+    type=click.Choice(["realtime", "fast", "balanced", "thorough"]),
     default="balanced",
     show_default=True,
-    help="How many transforms are tried.",
+    help="How many transforms are tried; realtime decodes without eigenproblems, in more bits.",
 )
 def encode(
     source: Path,

@@ -24,6 +24,7 @@ from modalmotion.progress import ShareReport, part_of, silent
 LONGEST_BLOCK: Final = 512
 
 RELATIONS: Final = {
+    Effort.REALTIME: 0,
     Effort.FAST: 2,
     Effort.BALANCED: MOST_RELATIONS,
     Effort.THOROUGH: MOST_RELATIONS,
@@ -56,9 +57,10 @@ def encode(
         Distance from its original that no vertex in any frame exceeds.
     n_bytes : int, optional
         Bytes that the stream does not exceed.
-    effort : {"fast", "balanced", "thorough"}
-        How many transforms are tried. Decoding takes the same time for all of them, but for
-        spring modes, whose patches grow with the effort.
+    effort : {"realtime", "fast", "balanced", "thorough"}
+        How many transforms are tried, and for meshes without a lattice how large the
+        eigenproblems of a decoder are. "realtime" has none: more bits, and decoding takes
+        a few sums and products for each number.
     keep_face_order : bool
         Vertices keep their order and triangles their orientation in any case. The order of the
         triangles means nothing to a surface, and keeping it can cost more than its motion.

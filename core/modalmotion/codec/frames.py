@@ -29,14 +29,22 @@ QUANTA_PER_MAX: Final = 64
 MOST_UNCERTAIN: Final = 1e-2
 # Whole numbers of a coarse step are parallel to the last bit, or far from it.
 ALIKE: Final = 1e-8
-# Shares of the squared error, tried in turn: rounding may take more than its average.
-SHARES: Final = (1.0, 0.995, 0.97, 0.8)
+# Rounding may take more than its average, and modes that are not orthonormal more than their
+# coefficients: how often to ask for less, at least by so much, and by so much more than is over.
+MOST_SHARES: Final = 5
+LESS: Final = 0.995
+ROOM: Final = 0.998
 # Share of progress for projecting and solving for modes; the search takes the rest.
 SHARE_OF_MODES: Final = 0.3
 # Answers that coefficients coded one by one may take: a fifth of a microsecond each compiled, ten
 # in Python, for the decoder too. A zero takes one; magnitudes of an error that is fine take twenty
 # and gain next to nothing.
-MOST_TIGHTENED: Final = {Effort.FAST: 0, Effort.BALANCED: 2**19, Effort.THOROUGH: 2**20}
+MOST_TIGHTENED: Final = {
+    Effort.REALTIME: 0,
+    Effort.FAST: 0,
+    Effort.BALANCED: 2**19,
+    Effort.THOROUGH: 2**20,
+}
 FIRST_STEP: Final = {Measure.RMS: 7.0, Measure.MAX_ERROR: 3.0}
 
 
@@ -133,15 +141,18 @@ def _at_rms(
     start = FIRST_STEP[Measure.RMS] * error
     best: EncodedBlock | None = None
     for number, kind in enumerate(choice.kinds, start=1):
-        for share in SHARES:
+        share = 1.0
+        for _ in range(MOST_SHARES):
             trial = coarsest(frames.motion, kind, allowed * share, start)
             done = None if trial is None else _finish(frames, choice, trial)
             if trial is None or done is None:
                 break
-            if measure(frames.vertices, done.positions).rms <= target.value:
+            over = measure(frames.vertices, done.positions).rms / target.value
+            if over <= 1.0:
                 start = trial.quantiser.step
                 best = _shorter(best, done)
                 break
+            share *= min(LESS, ROOM / over**2)
         report(number / len(choice.kinds))
     return best
 
@@ -160,7 +171,7 @@ def _at_max_error(
     blocks: dict[float, EncodedBlock | None] = {}
     best: EncodedBlock | None = None
     start = FIRST_STEP[Measure.MAX_ERROR] * error
-    most = {Effort.FAST: 1, Effort.BALANCED: 5, Effort.THOROUGH: 9}[choice.effort]
+    most = {Effort.BALANCED: 5, Effort.THOROUGH: 9}.get(choice.effort, 1)
     ratio = 1.2 if choice.effort == Effort.THOROUGH else 1.35
     for number, kind in enumerate(choice.kinds, start=1):
 

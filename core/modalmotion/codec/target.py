@@ -11,8 +11,9 @@ from modalmotion.numeric.kinds import real, whole
 
 
 class Effort(StrEnum):
-    """How much time the encoder may spend on trials."""
+    """How much time the encoder may spend on trials, and how little the decoder on modes."""
 
+    REALTIME = "realtime"
     FAST = "fast"
     BALANCED = "balanced"
     THOROUGH = "thorough"

@@ -27,7 +27,10 @@ class EncodingTarget(BaseModel):
         None, gt=0, allow_inf_nan=False, description="Distance of any vertex, never exceeded."
     )
     bytes: int | None = Field(None, gt=0, description="Size of the stream, not exceeded.")
-    effort: Effort = Field(Effort.BALANCED, description="How many transforms are tried.")
+    effort: Effort = Field(
+        Effort.BALANCED,
+        description="How many transforms are tried; realtime decodes without eigenproblems.",
+    )
 
 
 class EncodedAnswer(BaseModel):

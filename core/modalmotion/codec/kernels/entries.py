@@ -9,6 +9,7 @@ from numba import carray
 from modalmotion.codec.kernels.coding import code_symbol
 from modalmotion.codec.kernels.halving import halve_parts
 from modalmotion.codec.kernels.mixed import code_mixed
+from modalmotion.codec.kernels.pairing import pair_nodes
 from modalmotion.codec.kernels.surface import code_surface
 from modalmotion.codec.kernels.waves import code_waves
 from modalmotion.codec.machine.layout import N_BITS, N_STATE, N_WORDS, PARAMETERS, SIZE, STATUS
@@ -65,4 +66,12 @@ def halve(memory: Any, words: Any, bits: Any, tables: Any) -> int:  # noqa: ARG0
     return int(w[STATUS])
 
 
-ENTRIES = (symbols, waves, mixed, surface, halve)
+def pair(memory: Any, words: Any, bits: Any, tables: Any) -> int:  # noqa: ARG001
+    """Pair the nodes of a graph."""
+    state = carray(memory, N_STATE)
+    w = carray(memory, state[SIZE])
+    pair_nodes(w)
+    return int(w[STATUS])
+
+
+ENTRIES = (symbols, waves, mixed, surface, halve, pair)

@@ -27,7 +27,7 @@ def patches_of(edges: Ints, n_vertices: int, largest: int) -> list[Ints]:
         Vertices of the largest patch. A connected part with more is cut in two: what is near
         one of its ends, breadth first, and the rest.
     """
-    offsets, neighbours = _graph(edges, n_vertices)
+    offsets, neighbours = graph_of(edges, n_vertices)
     compiled = image()
     if compiled is None:
         owner = _halve(offsets.tolist(), neighbours.tolist(), largest)
@@ -39,7 +39,7 @@ def patches_of(edges: Ints, n_vertices: int, largest: int) -> list[Ints]:
     return sorted(parts, key=lambda part: int(part[0]))
 
 
-def _graph(edges: Ints, n_vertices: int) -> tuple[Ints, Ints]:
+def graph_of(edges: Ints, n_vertices: int) -> tuple[Ints, Ints]:
     """Where the neighbours of each vertex begin, and the neighbours, ascending."""
     a, b = edges[:, 0], edges[:, 1]
     pairs = np.concatenate([a * n_vertices + b, b * n_vertices + a])

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.codec.bits.damage import damaged, parsing
 from modalmotion.codec.modes.lattice_modes import LATTICE, read_lattice_modes
+from modalmotion.codec.modes.pairs import PAIRS, read_pair_modes
 from modalmotion.codec.modes.patch_modes import JOINED, SPRINGS, read_patch_modes
 
 Floats = NDArray[np.float64]
@@ -20,7 +21,7 @@ _UNKNOWN: Final = "This decoder does not know the modes of the stream."
 
 
 class OrthonormalModes(Protocol):
-    """An orthonormal basis of the vertices, smoothest modes first."""
+    """A basis of the vertices, orthonormal or nearly so, smoothest modes first."""
 
     def analyse(self, values: Floats) -> Floats:
         """Values to coefficients, (rows, vertices) to (rows, modes)."""
@@ -51,4 +52,6 @@ def read_modes(data: bytes, n_vertices: int, faces: Ints) -> OrthonormalModes:
             return read_lattice_modes(data, n_vertices)
         if data[0] in (SPRINGS, JOINED):
             return read_patch_modes(data, n_vertices, faces)
+        if data[0] == PAIRS:
+            return read_pair_modes(data, n_vertices, faces)
     raise damaged(_UNKNOWN)

@@ -40,7 +40,7 @@ def test_an_image_serves_from_a_folder_that_may_be_read_only(
     tmp_path.chmod(0o555)
     found = images.image()
     assert found is not None
-    assert set(found.entries) == {"symbols", "waves", "mixed", "surface", "halve"}
+    assert set(found.entries) == {"symbols", "waves", "mixed", "surface", "halve", "pair"}
     # It is there: nothing is compiled.
     assert compile_kernels() == tmp_path / images.file_name()
 
