@@ -183,6 +183,8 @@ def test_a_first_decode_loads_no_further_library(rng: np.random.Generator, tmp_p
     for number, make in enumerate(makes):
         paths.append(tmp_path / f"{number}.mms")
         paths[-1].write_bytes(encode(make(rng), rms=0.3).data)
+    paths.append(tmp_path / "quick.mms")
+    paths[-1].write_bytes(encode(mesh_of_tube(rng), rms=0.3, effort="realtime").data)
     code = """
 import sys
 from pathlib import Path

@@ -47,6 +47,17 @@ def test_a_sequence_comes_back_within_the_error_that_was_asked_for(
     assert rms == pytest.approx(float(answer.headers["encoded-rms"]), rel=1e-6)
 
 
+def test_the_effort_is_chosen(client: TestClient, mesh: bytes) -> None:
+    streams = {
+        effort: client.post(f"/v1/encode?rms=0.3&effort={effort}", content=mesh)
+        for effort in ("realtime", "fast")
+    }
+    assert "pairs" in streams["realtime"].headers["encoded-transform"]
+    assert len(streams["fast"].content) < len(streams["realtime"].content)
+    answer = client.post("/v1/decode", content=streams["realtime"].content)
+    assert answer.status_code == 200
+
+
 def test_some_frames_and_other_formats(client: TestClient, mesh: bytes) -> None:
     stream = client.post("/v1/encode?rms=0.5", content=mesh).content
     whole = read_npz(client.post("/v1/decode", content=stream).content).sequence
