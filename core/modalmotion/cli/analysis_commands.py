@@ -25,6 +25,7 @@ from modalmotion.cli.options import (
     rotation_option,
     signature_parameters,
     surface_options,
+    tell,
     volumes_option,
     weights_option,
 )
@@ -97,7 +98,10 @@ def signature(
 @click.option(
     "--max-targets", type=int, help="Of a GLB: largest number of morph targets, by energy."
 )
-def reconstruct(source: Path, output: Path, max_targets: int | None, **options: Any) -> None:
+@json_option
+def reconstruct(
+    source: Path, output: Path, max_targets: int | None, as_json: bool, **options: Any
+) -> None:
     """Write the surfaces that a few modes of the sequence in FILE stand for."""
     from modalmotion.store import write_atomic
 
@@ -110,10 +114,12 @@ def reconstruct(source: Path, output: Path, max_targets: int | None, **options: 
         with waiting.watch.stage("write"):
             write_atomic(output, write_superposed(result, sequence, kind, max_targets=max_targets))
     motion = float(result.motion_rms.max())
-    click.echo(
+    said = (
         f"{counted(result.n_frames, 'frame')}, error {numeral(result.rms_error, of=motion)} "
-        f"{result.unit or 'length units'} RMS; written: {output}"
+        f"{result.unit or 'length units'} RMS"
     )
+    found = {"n_frames": result.n_frames, "rms_error": result.rms_error, "unit": result.unit}
+    tell(found, [said], output, as_json=as_json)
 
 
 def summary(result: ModalSignature, price: Price) -> dict[str, object]:

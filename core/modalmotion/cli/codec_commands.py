@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from modalmotion.cli.files import read, sequence_argument
-from modalmotion.cli.options import example, list_written, output_option
+from modalmotion.cli.options import example, json_option, output_option, tell
 from modalmotion.cli.outputs import OutputFolder
 from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.store import write_atomic
@@ -30,6 +30,7 @@ _WRITERS = {".npz": write_npz, ".vtkhdf": write_vtkhdf, ".raw": write_raw}
     show_default=True,
     help="How many transforms are tried.",
 )
+@json_option
 def encode(
     source: Path,
     output: Path,
@@ -37,6 +38,7 @@ def encode(
     max_error: float | None,
     n_bytes: int | None,
     effort: str,
+    as_json: bool,
     **options: Any,
 ) -> None:
     """Compress the sequence in FILE at an error (in its unit) or a size that you choose."""
@@ -54,12 +56,21 @@ def encode(
         )
     write_atomic(output, stream.data)
     unit = sequence.unit or "length units"
-    click.echo(
+    said = (
         f"{stream.n_bytes} bytes, {stream.bits_per_vertex_and_frame:.3f} bits a vertex and frame; "
         f"error {stream.rms:.4g} {unit} RMS, {stream.max_error:.4g} {unit} at most at a "
         f"vertex, KG {stream.kg_error:.3g} %; {stream.transform}"
     )
-    list_written(output)
+    found = {
+        "n_bytes": stream.n_bytes,
+        "bits_per_vertex_and_frame": stream.bits_per_vertex_and_frame,
+        "rms": stream.rms,
+        "max_error": stream.max_error,
+        "kg_error_percent": stream.kg_error,
+        "unit": sequence.unit,
+        "transform": stream.transform,
+    }
+    tell(found, [said], output, as_json=as_json)
 
 
 @click.command(epilog=example("decode beat.mms -o beat.npz"))
@@ -67,7 +78,8 @@ def encode(
 @output_option("File to write: .npz, .vtkhdf or .raw (float32).", *_WRITERS)
 @click.option("--first", type=int, help="First frame.")
 @click.option("--stop", type=int, help="Frame after the last.")
-def decode(stream: Path, output: Path, first: int | None, stop: int | None) -> None:
+@json_option
+def decode(stream: Path, output: Path, first: int | None, stop: int | None, as_json: bool) -> None:
     """Decode a compressed STREAM, or some of its frames."""
     from modalmotion.codec import decode as expand
     from modalmotion.codec import inspect
@@ -80,7 +92,9 @@ def decode(stream: Path, output: Path, first: int | None, stop: int | None) -> N
         frames = range(first or 0, n_frames if stop is None else stop)
     sequence = expand(data, frames=frames)
     write_atomic(output, write(sequence))
-    click.echo(f"{sequence.n_frames} frames of {sequence.n_vertices} vertices: {output}")
+    found = {"n_frames": sequence.n_frames, "n_vertices": sequence.n_vertices}
+    said = f"{sequence.n_frames} frames of {sequence.n_vertices} vertices"
+    tell({**found, "unit": sequence.unit}, [said], output, as_json=as_json)
 
 
 @click.command(epilog=example("compile-codec"))
@@ -89,11 +103,12 @@ def decode(stream: Path, output: Path, first: int | None, stop: int | None) -> N
     type=OutputFolder(),
     help="Where to keep it  [default: with the installed packages, or in the user's cache].",
 )
-def compile_codec(folder: Path | None) -> None:
+@json_option
+def compile_codec(folder: Path | None, as_json: bool) -> None:
     """Compile the codec for this machine, once.
 
     Takes a minute and needs numba (extra `codec`), which decoding does not.
     """
     from modalmotion.codec.kernels.build import compile_kernels
 
-    click.echo(compile_kernels(folder))
+    tell({}, [], compile_kernels(folder), as_json=as_json)

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.options import example, list_written
+from modalmotion.cli.options import example, json_option, tell
 from modalmotion.cli.reported import Wanted, report_options
 from modalmotion.cli.waiting import Waiting
 
@@ -22,7 +22,8 @@ from modalmotion.cli.waiting import Waiting
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     help="Any instance of the patient's study: its header is copied, and its pixels are not read.",
 )
-def dicom(source: Path, out: Path, study: Path, **options: Any) -> None:
+@json_option
+def dicom(source: Path, out: Path, study: Path, as_json: bool, **options: Any) -> None:
     """Write DICOM objects of the sequence in FILE: a structured report and surfaces.
 
     The folder gets report.dcm (TID 1500) and the surfaces at the ends of diastole and systole as
@@ -42,6 +43,5 @@ def dicom(source: Path, out: Path, study: Path, **options: Any) -> None:
             out.mkdir(parents=True, exist_ok=True)
             for name, data in pieces.items():
                 write_atomic(out / name, data)
-    for note in found.caveats:
-        click.echo(f"note: {note}")
-    list_written(*(out / name for name in pieces))
+    said = [f"note: {note}" for note in found.caveats]
+    tell({"notes": found.caveats}, said, *(out / name for name in pieces), as_json=as_json)

@@ -9,7 +9,7 @@ from typing import Any, Final
 import click
 
 from modalmotion.cli.cases import LabelledSequence, labelled_files, labelled_sources
-from modalmotion.cli.options import example, list_written
+from modalmotion.cli.options import example, json_option, tell
 from modalmotion.cli.outputs import OutputFile
 
 _HELP: Final = {
@@ -59,12 +59,14 @@ _HELP: Final = {
     help="Column of the manifest to add; repeat for more. all: every one, long lists of words "
     "apart.",
 )
+@json_option
 def features(
     sources: tuple[Path, ...],
     out: Path,
     unit: str | None,
     skip_unreadable: bool,
     covariates: tuple[str, ...],
+    as_json: bool,
     **options: Any,
 ) -> None:
     """Write the features of labelled or unlabelled sequences as a table.
@@ -89,10 +91,10 @@ def features(
         )
     write_atomic(out, table.as_csv().encode())
     n, m = table.values.shape
-    click.echo(
+    said = (
         f"{n} sequences, {m} features: {transformer.reader_.description}; "
         f"{' or '.join(transformer.readable_.topologies)}, {transformer.readable_.n_modes} modes"
     )
-    for note in left_out_notes(table.left_out):
-        click.echo(note)
-    list_written(out)
+    notes = list(left_out_notes(table.left_out))
+    found = {"n_cases": n, "n_features": m, "reads": transformer.reader_.description}
+    tell({**found, "notes": notes}, [said, *notes], out, as_json=as_json)

@@ -26,6 +26,7 @@ from modalmotion.cli.options import (
     list_written,
     plot_option,
     surface_options,
+    tell,
 )
 from modalmotion.cli.outputs import OutputFile, write_picture
 
@@ -97,6 +98,7 @@ _cases_option = click.option(
 @click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
 @plot_option
 @_cases_option
+@json_option
 @_training_options
 def train(
     sources: tuple[Path, ...],
@@ -106,6 +108,7 @@ def train(
     cases_file: Path | None,
     unit: str | None,
     skip_unreadable: bool,
+    as_json: bool,
     **options: Any,
 ) -> None:
     """Train a model on labelled sequences.
@@ -132,13 +135,17 @@ def train(
         from modalmotion.pictures.model_card import card_figure
 
         write_picture(card_figure(model.card, name), plot)
-    click.echo(card_lines(model.name, model.id, model.card))
+    said = [card_lines(model.name, model.id, model.card)]
     if cases_file is not None and model.cross_validation is not None:
         write_atomic(cases_file, model.cross_validation.as_csv().encode())
     elif cases_file is not None:
-        click.echo("note: without a cross-validation there is no table of held-out cases")
+        said.append("note: without a cross-validation there is no table of held-out cases")
         cases_file = None
-    list_written(out, plot, cases_file)
+    tell(_model_answer(model), said, out, plot, cases_file, as_json=as_json)
+
+
+def _model_answer(model: Model) -> dict[str, object]:
+    return {"name": model.name, "id": model.id, "card": model.card.as_json()}
 
 
 @click.command(epilog=example("evaluate mine.h5 others.csv"))
@@ -256,11 +263,13 @@ class _Named(click.ParamType[tuple[str, float]]):
     help="Cost of an error, as TRUE:ANSWER=NUMBER; 1 where none is stated.",
 )
 @click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
+@json_option
 def decide(
     model: str,
     sensitivity: tuple[tuple[str, float], ...],
     cost: tuple[tuple[str, float], ...],
     out: Path,
+    as_json: bool,
 ) -> None:
     """Write MODEL with a rule by which its probabilities become a label.
 
@@ -276,8 +285,8 @@ def decide(
         costs.setdefault(true, {})[answer] = number
     result = decided(model_named(model), costs=costs or None, sensitivity=dict(sensitivity) or None)
     write_atomic(out, model_to_hdf5(result))
-    click.echo(card_lines(result.name, result.id, result.card))
-    list_written(out)
+    said = [card_lines(result.name, result.id, result.card)]
+    tell(_model_answer(result), said, out, as_json=as_json)
 
 
 @click.command(epilog=example("classify beat.npz --model mine.h5"))

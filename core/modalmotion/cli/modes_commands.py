@@ -19,6 +19,7 @@ from modalmotion.cli.options import (
     list_written,
     output_option,
     surface_options,
+    tell,
 )
 from modalmotion.cli.outputs import (
     PICTURES,
@@ -154,6 +155,7 @@ def modes(
     "--damping", default=0.0, show_default=True, help="Share of each mode's critical damping."
 )
 @click.option("--together", is_flag=True, help="All modes swing in the same period.")
+@json_option
 @surface_options
 def animate(
     source: Path,
@@ -164,6 +166,7 @@ def animate(
     seconds: float,
     damping: float,
     together: bool,
+    as_json: bool,
     grid: tuple[int, ...] | None,
     topology: str | None,
     **stated: Any,
@@ -195,11 +198,12 @@ def animate(
         unit=surface.unit,
     )
     _write_animation(output, template, motion, seconds / frames)
-    click.echo(
+    said = (
         f"{counted(frames, 'frame')} of {counted(len(labels), 'mode')} over "
         f"{counted(template.n_vertices, 'vertex', 'vertices')}"
     )
-    list_written(output)
+    found = {"n_frames": frames, "modes": list(map(str, labels)), "n_vertices": template.n_vertices}
+    tell(found, [said], output, as_json=as_json)
 
 
 def _surface(

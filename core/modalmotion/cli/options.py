@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from enum import Enum
 from pathlib import Path
@@ -216,6 +217,20 @@ def aligned(rows: Sequence[Sequence[object]]) -> str:
 def example(line: str) -> str:
     """Write the last line of a command's help."""
     return f"Example: modalmotion {line}"
+
+
+def tell(
+    answer: Mapping[str, object], lines: Iterable[str], *written: Path | None, as_json: bool
+) -> None:
+    """Print an answer and the files that were written: as one JSON object, or in words."""
+    if not as_json:
+        for line in lines:
+            click.echo(line)
+        list_written(*written)
+        return
+    paths = [str(path) for path in written if path is not None]
+    whole = {**answer, "written": paths} if paths else dict(answer)
+    click.echo(json.dumps(whole, indent=2, default=str))
 
 
 def list_written(*paths: Path | None, as_json: bool = False) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.options import example, list_written
+from modalmotion.cli.options import example, json_option, tell
 from modalmotion.cli.reported import Wanted, report_options
 from modalmotion.cli.waiting import Waiting
 
@@ -16,7 +16,8 @@ from modalmotion.cli.waiting import Waiting
     epilog=example("report study/ --landmarks heart.mrk.json --model ventricle-simulated -o folder")
 )
 @report_options
-def report(source: Path, out: Path, **options: Any) -> None:
+@json_option
+def report(source: Path, out: Path, as_json: bool, **options: Any) -> None:
     """Report on the sequence in FILE: PDF for people, FHIR for systems, CSV, a page to look at.
 
     FILE may be images, points or contours too, which are tracked first: with --landmarks.
@@ -45,6 +46,5 @@ def report(source: Path, out: Path, **options: Any) -> None:
             out.mkdir(parents=True, exist_ok=True)
             for name, data in pieces.items():
                 write_atomic(out / name, data)
-    for note in found.caveats:
-        click.echo(f"note: {note}")
-    list_written(*(out / name for name in pieces))
+    said = [f"note: {note}" for note in found.caveats]
+    tell({"notes": found.caveats}, said, *(out / name for name in pieces), as_json=as_json)

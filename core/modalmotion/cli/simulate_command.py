@@ -14,7 +14,7 @@ from typing import Any, Final
 import click
 import numpy as np
 
-from modalmotion.cli.options import GridShape, example, output_option
+from modalmotion.cli.options import GridShape, example, json_option, output_option, tell
 from modalmotion.cli.outputs import OutputFolder
 from modalmotion.formats import write_npz
 from modalmotion.formats.volumes import write_nifti_zip
@@ -83,6 +83,7 @@ def _parameter_options(command: Callable[..., None]) -> Callable[..., None]:
     type=click.Choice([kind.value for kind in ImageKind]),
     help="Images in place of a surface: a zip of NIfTI, with the true surface and landmarks.",
 )
+@json_option
 @_parameter_options
 def simulate(
     output: Path,
@@ -92,6 +93,7 @@ def simulate(
     vertices: int | None,
     seed: int,
     image: str | None,
+    as_json: bool,
     **parameters: Any,
 ) -> None:
     """Simulate one heartbeat of a left ventricle.
@@ -102,7 +104,9 @@ def simulate(
     if len(grid) != 2:
         raise click.BadParameter("A ventricle's lattice has two axes.", param_hint="--grid")
     if image is not None:
-        _write_images(output, image, VentricleParameters(**parameters), frames, seed)
+        parts = _write_images(output, image, VentricleParameters(**parameters), frames, seed)
+        said = f"{frames} frames of {image} images, LPS mm"
+        tell({"n_frames": frames, "image": image}, [said], *parts, as_json=as_json)
         return
     sequence = simulate_ventricle(
         VentricleParameters(**parameters),
@@ -112,12 +116,14 @@ def simulate(
         rng=np.random.default_rng(seed),
     )
     write_atomic(output, write_npz(sequence))
-    click.echo(f"{sequence.n_frames} frames of {sequence.n_vertices} vertices, in mm: {output}")
+    found = {"n_frames": sequence.n_frames, "n_vertices": sequence.n_vertices, "unit": "mm"}
+    said = f"{sequence.n_frames} frames of {sequence.n_vertices} vertices, in mm"
+    tell({**found, "id": sequence.id}, [said], output, as_json=as_json)
 
 
 def _write_images(
     output: Path, kind: str, parameters: VentricleParameters, frames: int, seed: int
-) -> None:
+) -> tuple[Path, Path, Path]:
     """Write images to a zip, and beside it what they show: .truth.npz and .landmarks.json."""
     phantom = simulate_images(kind, parameters, n_frames=frames, rng=np.random.default_rng(seed))
     marks = {
@@ -132,7 +138,7 @@ def _write_images(
     truth, places = (output.with_suffix(end) for end in (".truth.npz", ".landmarks.json"))
     write_atomic(truth, write_npz(phantom.truth))
     write_atomic(places, json.dumps(marks).encode())
-    click.echo(f"{frames} frames of {kind} images, LPS mm: {output}, {truth}, {places}")
+    return output, truth, places
 
 
 @click.command("simulate-cohort", epilog=example("simulate-cohort -o cohort --per-class 50"))
@@ -151,7 +157,8 @@ def _write_images(
     "--noise", default=0.6, show_default=True, help="Standard deviation of coordinates, mm."
 )
 @click.option("--seed", default=0, show_default=True, help="Seed of all random numbers.")
-def simulate_cohort(output: Path, per_class: int, noise: float, seed: int) -> None:
+@json_option
+def simulate_cohort(output: Path, per_class: int, noise: float, seed: int, as_json: bool) -> None:
     """Simulate labelled ventricles that differ in motion, shape, mesh, frames and pose."""
     output.mkdir(parents=True, exist_ok=True)
     table = io.StringIO()
@@ -166,4 +173,6 @@ def simulate_cohort(output: Path, per_class: int, noise: float, seed: int) -> No
             facts = [getattr(case.sequence.facts, fact) for fact in _STATED]
             rows.writerow([f"{name}.npz", case.label, name, *facts])
     write_atomic(output / "cases.csv", table.getvalue().encode())
-    click.echo(f"{total} ventricles of {len(MotionClass)} classes: {output / 'cases.csv'}")
+    found = {"n_cases": total, "classes": [one.value for one in MotionClass]}
+    said = f"{total} ventricles of {len(MotionClass)} classes"
+    tell(found, [said], output / "cases.csv", as_json=as_json)

@@ -6,13 +6,15 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from modalmotion.cli.options import example
+from modalmotion.cli.options import example, json_option, tell
 from modalmotion.cli.outputs import OutputFile, OutputFolder
+from modalmotion.numerals import counted
 
 if TYPE_CHECKING:
     from modalmotion.exports.signature_pack import PackReport
@@ -35,91 +37,125 @@ def store() -> None:
 @store.command(epilog=example("store rebuild results"))
 @_FOLDER
 @_OWNER
-def rebuild(folder: Path, owner: str | None) -> None:
+@json_option
+def rebuild(folder: Path, owner: str | None, as_json: bool) -> None:
     """Build the index of each store in FOLDER anew from its files.
 
     Files that an older version of modalmotion wrote are rewritten first.
     """
-    for name, root in _stores_of(folder, owner):
-        _rebuild(name, root)
+    _tell_rebuilt({}, [], _stores_of(folder, owner), as_json=as_json)
 
 
-def _rebuild(name: str, root: Path) -> None:
+def _tell_rebuilt(
+    answer: dict[str, object], said: list[str], stores: list[tuple[str, Path]], *, as_json: bool
+) -> None:
+    """Rebuild stores one after the other, and say so."""
+    rebuilt = {}
+    if not as_json:
+        tell({}, said, as_json=False)
+    for name, root in stores:
+        lines, rebuilt[_owner_of(name)] = _rebuild(name, root)
+        if not as_json:
+            tell({}, lines, as_json=False)
+    if as_json:
+        tell({**answer, "stores": rebuilt}, [], as_json=True)
+
+
+def _owner_of(name: str) -> str:
+    return name.removesuffix(": ") or "local"
+
+
+def _rebuild(name: str, root: Path) -> tuple[list[str], dict[str, object]]:
     from modalmotion.store import backup_time
     from modalmotion.store import rebuild as run
 
-    if (time := backup_time(root)) is not None:
-        click.echo(
+    said = []
+    time = backup_time(root)
+    if time is not None:
+        said.append(
             f"{name}This is a backup as of {time}: what was deleted since is in it again. "
             "`modalmotion store restore` looks for deletions."
         )
     with _progress("reading files") as progress:
         result = run(root, progress=progress)
-    click.echo(
+    said.append(
         f"{name}{result.n_sequences} sequences, {result.n_results} results, {result.n_models} "
         "models are in the index"
     )
     for kind, number in sorted(result.rewritten.items()):
         what = f"{kind} file{'s' * (number > 1)}"
-        click.echo(f"{name}{number} {what} of an older version rewritten")
+        said.append(f"{name}{number} {what} of an older version rewritten")
     for file, why in sorted(result.refused.items()):
-        click.echo(f"{name}{file}: of an older version, and could not be taken: {why}")
+        said.append(f"{name}{file}: of an older version, and could not be taken: {why}")
     for what, number in (
         ("deletions finished", result.n_deletions),
         ("unfinished files removed", result.n_temporaries),
     ):
         if number:
-            click.echo(f"{name}{number} {what}")
+            said.append(f"{name}{number} {what}")
     for what, files in (
         ("record written anew", result.restored),
         ("damaged", result.damaged),
         ("belongs to nothing", result.orphans),
     ):
-        for file in files:
-            click.echo(f"{name}{file}: {what}")
+        said += [f"{name}{file}: {what}" for file in files]
     if result.guests_lost:
-        click.echo(f"{name}The index was damaged: jobs and idempotency keys are lost.")
+        said.append(f"{name}The index was damaged: jobs and idempotency keys are lost.")
+    answer = {"backup_time": time, **asdict(result)}
+    return said, answer
 
 
 @store.command(epilog=example("store verify results"))
 @_FOLDER
 @_OWNER
-def verify(folder: Path, owner: str | None) -> None:
+@json_option
+def verify(folder: Path, owner: str | None, as_json: bool) -> None:
     """Check every file of each store in FOLDER; ends with 1 if something is wrong."""
     # All stores, even if the first has faults.
-    are_sound = [_verify(name, root) for name, root in _stores_of(folder, owner)]
+    answers, are_sound = {}, []
+    for name, root in _stores_of(folder, owner):
+        said, answer = _verify(name, root)
+        answers[_owner_of(name)] = answer
+        are_sound.append(answer["is_sound"])
+        if not as_json:
+            tell({}, said, as_json=False)
+    if as_json:
+        tell({"stores": answers}, [], as_json=True)
     if not all(are_sound):
         raise click.exceptions.Exit(1)
 
 
-def _verify(name: str, root: Path) -> bool:
+def _verify(name: str, root: Path) -> tuple[list[str], dict[str, object]]:
     from modalmotion.store import backup_time
     from modalmotion.store import verify as run
 
     with _progress("reading files") as progress:
         report = run(root, progress=progress)
-    if (time := backup_time(root)) is not None:
-        click.echo(f"{name}This is a backup as of {time}: what was deleted since is still in it.")
-    for fault in report.faults:
-        click.echo(f"{name}{fault.file}: {fault.problem}")
-    for file in report.unfinished:
-        click.echo(f"{name}{file}: left by a crash; opening the store settles it")
-    for file in report.orphans:
-        click.echo(f"{name}{file}: belongs to nothing")
+    said = []
+    time = backup_time(root)
+    if time is not None:
+        said.append(f"{name}This is a backup as of {time}: what was deleted since is still in it.")
+    said += [f"{name}{fault.file}: {fault.problem}" for fault in report.faults]
+    said += [
+        f"{name}{file}: left by a crash; opening the store settles it" for file in report.unfinished
+    ]
+    said += [f"{name}{file}: belongs to nothing" for file in report.orphans]
     n_faults = len(report.faults)
     verdict = "sound" if report.is_sound else f"{n_faults} fault{'s' * (n_faults > 1)}"
-    click.echo(
+    said.append(
         f"{name}{report.n_sequences} sequences, {report.n_results} results, {report.n_models} "
         f"models, {report.n_bytes / 1e6:.1f} MB: {verdict}"
     )
-    return report.is_sound
+    answer = {"is_sound": report.is_sound, "backup_time": time, **asdict(report)}
+    return said, answer
 
 
 @store.command(epilog=example("store export results signatures.h5"))
 @_FOLDER
 @click.argument("out", type=OutputFile(), metavar="OUT.h5")
 @_OWNER
-def export(folder: Path, out: Path, owner: str | None) -> None:
+@json_option
+def export(folder: Path, out: Path, owner: str | None, as_json: bool) -> None:
     """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file.
 
     Ends with 1 if a signature is damaged; the others are packed then all the same.
@@ -137,7 +173,8 @@ def export(folder: Path, out: Path, owner: str | None) -> None:
         raise NotFoundError(
             error.message, remedy=f"Name another owner of FOLDER: --owner {' or '.join(others)}."
         ) from error
-    click.echo(f"{report.n_signatures} signatures written: {out}")
+    said = counted(report.n_signatures, "signature")
+    tell(asdict(report), [said], out, as_json=as_json)
     if owner is None and others:
         click.echo(f"Those of other owners are not in it: --owner {' or '.join(others)}.", err=True)
     require_all_packed(report)
@@ -166,7 +203,8 @@ def require_all_packed(report: PackReport) -> None:
     type=click.FloatRange(min=0),
     help="How long COPY keeps, in COPY/removed, what was set aside.",
 )
-def backup(folder: Path, copy: Path, accept_missing: bool, keep_days: float) -> None:
+@json_option
+def backup(folder: Path, copy: Path, accept_missing: bool, keep_days: float, as_json: bool) -> None:
     """Copy the store in FOLDER to the folder COPY; a server may have it open.
 
     Run again, it copies new files, and removes those that were deleted since. Files that are
@@ -179,10 +217,11 @@ def backup(folder: Path, copy: Path, accept_missing: bool, keep_days: float) -> 
             folder, copy, accept_missing=accept_missing, keep_days=keep_days, progress=progress
         )
     aside = f", {report.n_set_aside} set aside" if report.n_set_aside else ""
-    click.echo(
+    said = (
         f"{report.n_files} files, {report.n_bytes / 1e6:.1f} MB: {report.n_copied} copied, "
         f"{report.n_removed} removed{aside}: {copy}"
     )
+    tell(asdict(report), [said], as_json=as_json)
     if not report.missing:
         return
     for file in report.missing[:_MOST_NAMED]:
@@ -206,7 +245,8 @@ def backup(folder: Path, copy: Path, accept_missing: bool, keep_days: float) -> 
     type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="Remains of the old folder: what was deleted there stays deleted.",
 )
-def restore(copy: Path, folder: Path, deletions: Path | None) -> None:
+@json_option
+def restore(copy: Path, folder: Path, deletions: Path | None, as_json: bool) -> None:
     """Put back into FOLDER what it lacks of its backup COPY, and build its indices anew.
 
     FOLDER may be new. Nothing in it is replaced, and nothing comes back that it knows to be
@@ -216,18 +256,16 @@ def restore(copy: Path, folder: Path, deletions: Path | None) -> None:
 
     with _progress("copying") as progress:
         report = run(copy, folder, deletions=deletions, progress=progress)
-    click.echo(
-        f"{report.n_files} files, {report.n_bytes / 1e6:.1f} MB put back, as of {report.as_of}"
-    )
+    said = [f"{report.n_files} files, {report.n_bytes / 1e6:.1f} MB put back, as of {report.as_of}"]
     if report.n_deleted:
-        click.echo(f"{report.n_deleted} files stay away: they were deleted since")
+        said.append(f"{report.n_deleted} files stay away: they were deleted since")
     if not report.knows_deletions:
-        click.echo(
+        said.append(
             f"What was deleted after {report.as_of} is in {folder} again: nothing here tells what "
             "that was. Remains of the old folder may: name them with --deletions."
         )
-    for name, root in _stores_of(folder, None):
-        _rebuild(name, root)
+    answer = asdict(report)
+    _tell_rebuilt(answer, said, _stores_of(folder, None), as_json=as_json)
 
 
 def _stores_of(folder: Path, owner: str | None) -> list[tuple[str, Path]]:

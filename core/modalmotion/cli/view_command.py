@@ -12,14 +12,15 @@ from modalmotion.cli.files import read, sequence_argument, track_in
 from modalmotion.cli.options import (
     components_option,
     example,
+    json_option,
     kind_option,
-    list_written,
     merge_option,
     mode_options,
     output_option,
     reference_option,
     signature_parameters,
     surface_options,
+    tell,
 )
 from modalmotion.cli.waiting import Waiting
 from modalmotion.mesh.sequence import MeshSequence
@@ -48,7 +49,15 @@ from modalmotion.signature.making import ModalSignature, modal_signature
 @merge_option
 @components_option
 @kind_option
-def view(source: Path, output: Path, other: Path | None, classify: bool, **options: Any) -> None:
+@json_option
+def view(
+    source: Path,
+    output: Path,
+    other: Path | None,
+    classify: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
     """Write a page on which the surface in FILE moves, beside its reconstruction.
 
     The page is one file: it opens from disk in any browser and needs no network. Of a track's .h5
@@ -70,7 +79,7 @@ def view(source: Path, output: Path, other: Path | None, classify: bool, **optio
             views.append(View(signature, sequence, path.name, classification=answer, data=data))
         with waiting.watch.stage("write"):
             write_atomic(output, view_page(views).encode())
-    list_written(output)
+    tell({"titles": [view.title for view in views]}, [], output, as_json=as_json)
 
 
 def _answer(sequence: MeshSequence, signature: ModalSignature) -> Classification | None:

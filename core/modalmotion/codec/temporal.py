@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.codec.modes.lattice_modes import turn, turn_back
+from modalmotion.codec.fourier import cosines, from_cosines, turn, turn_back
 from modalmotion.codec.quantiser import Quantiser
 
 Floats = NDArray[np.float64]
@@ -63,7 +63,7 @@ class TimeBasis:
             amplitudes[: len(rows) // 3] = rows.reshape(-1, 3, rows.shape[1])
             if self.kind == Temporal.FOURIER:
                 return turn_back(amplitudes, 0)
-            return np.asarray(scipy.fft.idct(amplitudes, type=2, norm="ortho", axis=0))
+            return from_cosines(amplitudes, 0)
         constant = rows[:3] / np.sqrt(self.n_frames)
         n_components = self.learned.shape[-1]
         if not n_components:
@@ -85,7 +85,7 @@ class TimeBasis:
         """
         n = motion.shape[2]
         if self.kind == Temporal.DCT:
-            return np.asarray(scipy.fft.dct(motion, type=2, norm="ortho", axis=0)).reshape(-1, n)
+            return cosines(motion, 0).reshape(-1, n)
         if self.kind == Temporal.FOURIER:
             return turn(motion, 0).reshape(-1, n)
         mean = motion.mean(axis=0)
@@ -132,8 +132,7 @@ def learned_components(motion: Floats, kind: Temporal) -> Floats:
 
 def basis_numbers(components: Floats) -> Floats:
     """Components as a matrix to be quantised: (components, frames x directions), slow first."""
-    slow = scipy.fft.dct(components, type=2, norm="ortho", axis=1)
-    return np.asarray(slow, dtype=np.float64).reshape(len(components), -1)
+    return cosines(components, 1).reshape(len(components), -1)
 
 
 def restore_basis(kind: Temporal, numbers: Ints, n_frames: int, quantiser: Quantiser) -> TimeBasis:
@@ -150,7 +149,7 @@ def restore_basis(kind: Temporal, numbers: Ints, n_frames: int, quantiser: Quant
     components = quantiser.restore(numbers).reshape(len(numbers), n_frames, directions)
     norms = np.sqrt((components**2).sum(axis=(1, 2), keepdims=True))
     components = components / np.where(norms > 0, norms, 1.0)
-    components = np.asarray(scipy.fft.idct(components, type=2, norm="ortho", axis=1))
+    components = from_cosines(components, 1)
     learned = np.ascontiguousarray(np.moveaxis(components, 0, -1))
     if kind == Temporal.KLT:
         learned = learned[:, 0, :]

@@ -56,7 +56,8 @@ def _unmasked(array: Any, name: str) -> Any:
     NonFiniteError
         Naming the first entry that is.
     """
-    if not isinstance(array, np.ma.MaskedArray):
+    # First what says so without loading numpy.ma.
+    if type(array) is np.ndarray or not isinstance(array, np.ma.MaskedArray):
         return array
     masked = np.argwhere(np.ma.getmaskarray(array))  # type: ignore[no-untyped-call]
     if len(masked):

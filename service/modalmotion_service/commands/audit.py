@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from modalmotion.cli.options import example
+from modalmotion.cli.options import example, json_option, tell
 from modalmotion.cli.outputs import OutputFolder
 from modalmotion_service.audit.archive import archive_audit
 from modalmotion_service.audit.check import check_audit, unfinished
@@ -75,9 +75,14 @@ def list_unfinished(archive: Path | None, data_dir: Path | None) -> None:
     help="Text with heads, such as the service's log or the output of `audit note`; or a backup.",
 )
 @_ARCHIVE
+@json_option
 @DATA_DIR
 def verify(
-    noted: str | None, notes: tuple[Path, ...], archive: Path | None, data_dir: Path | None
+    noted: str | None,
+    notes: tuple[Path, ...],
+    archive: Path | None,
+    as_json: bool,
+    data_dir: Path | None,
 ) -> None:
     """Check that no entry was changed, taken out or put in; ends with 1 if one was.
 
@@ -94,21 +99,29 @@ def verify(
     parts, folder = _parts(data_dir, archive), audit_folder(folder_of(data_dir))
     heads = [*heads_of(folder), *(head for path in notes for head in _noted_in(path))]
     report = check_audit(parts, place, heads)
-    for fault in report.faults[:_MOST_PRINTED]:
-        click.echo(fault)
+    said = list(map(str, report.faults[:_MOST_PRINTED]))
     if not heads and noted is None:
-        click.echo("No head was noted: whether the end is gone, or all is new, cannot be told.")
+        said.append("No head was noted: whether the end is gone, or all is new, cannot be told.")
     verdict = "whole" if not report.faults else f"{len(report.faults)} faults"
     since = f" after {report.start.number}" if report.start.number else ""
-    click.echo(f"{report.n_entries} entries{since}: {verdict}")
-    click.echo(report.end)
+    said += [f"{report.n_entries} entries{since}: {verdict}", str(report.end)]
+    answer = {
+        "is_whole": not report.faults,
+        "n_entries": report.n_entries,
+        "after": report.start.number,
+        "head": str(report.end),
+        "n_noted": len(heads) + (noted is not None),
+        "faults": list(map(str, report.faults)),
+    }
+    tell(answer, said, as_json=as_json)
     if report.faults:
         raise click.exceptions.Exit(1)
 
 
 @audit.command(epilog=example("audit note >> heads.txt"))
+@json_option
 @DATA_DIR
-def note(data_dir: Path | None) -> None:
+def note(as_json: bool, data_dir: Path | None) -> None:
     """Note number and digest of the last entry beside the log, and print them.
 
     Kept elsewhere, as in the journal, they show with `audit verify --notes` what is gone.
@@ -117,7 +130,7 @@ def note(data_dir: Path | None) -> None:
     folder = audit_folder(folder_of(data_dir))
     head = head_of(folder)
     note_head(folder, head)
-    click.echo(head)
+    tell({"head": str(head)}, [str(head)], as_json=as_json)
 
 
 @audit.command("archive", epilog=example("audit archive old-entries --older-than 365d"))
@@ -127,8 +140,11 @@ def note(data_dir: Path | None) -> None:
     type=Moment("time", -1),
     help="Only files that were closed before, such as 365d or 2030-12-31 (UTC).",
 )
+@json_option
 @DATA_DIR
-def move_away(folder: Path, older_than: datetime | None, data_dir: Path | None) -> None:
+def move_away(
+    folder: Path, older_than: datetime | None, as_json: bool, data_dir: Path | None
+) -> None:
     """Move files that are closed to FOLDER, each checked and copied before it goes.
 
     A file is closed when it has `audit_entries_per_file` entries; the last one always stays.
@@ -144,12 +160,14 @@ def move_away(folder: Path, older_than: datetime | None, data_dir: Path | None) 
 
         moved = archive_audit(data, folder, older_than=older_than, progress=progress)
     if not moved:
-        click.echo("Nothing to archive: no such file is closed yet.")
+        said = ["Nothing to archive: no such file is closed yet."]
+        tell({"n_files": 0, "head": None}, said, as_json=as_json)
         return
     with AuditLog(data) as log:
         log.append([of_command("audit archive", None, moved[-1].sha256)])
-    click.echo(f"{len(moved)} files with the entries up to {moved[-1].number}")
-    click.echo(moved[-1])
+    head = str(moved[-1])
+    said = [f"{len(moved)} files with the entries up to {moved[-1].number}", head]
+    tell({"n_files": len(moved), "head": head}, said, as_json=as_json)
 
 
 def _noted_in(path: Path) -> list[Place]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
 
 from modalmotion.cli.analysis_commands import signature
-from modalmotion.cli.options import example, signature_parameters
+from modalmotion.cli.options import example, json_option, signature_parameters, tell
 from modalmotion.cli.outputs import OutputFile, OutputFolder
 from modalmotion.cli.store_commands import require_all_packed
 from modalmotion.exports.signature_pack import PackReport, export, is_pack
@@ -84,6 +85,7 @@ class _PackType(OutputFile):
 @click.option(
     "--skip-unreadable", is_flag=True, help="Files that fail do not make the command fail."
 )
+@json_option
 def cohort(
     manifest: Source,
     output: Path,
@@ -95,6 +97,7 @@ def cohort(
     pack: Source | None,
     patience: float,
     skip_unreadable: bool,
+    as_json: bool,
     **options: Any,
 ) -> None:
     """Fit a signature to every sequence in MANIFEST.
@@ -135,18 +138,27 @@ def cohort(
             lambda folder: open_engine(settings, folder),
             lambda done, _: bar.update(done - bar.pos),
         )
-    click.echo(
+    said = (
         f"{report.n_made} signatures made in {report.seconds:.1f} s, {report.n_known} known "
         f"before, {len(report.failures)} files failed: {output}"
     )
+    answer = asdict(report) | {"failures": [list(map(str, one)) for one in report.failures]}
+    if not as_json:
+        click.echo(said)
     for path, reason in report.failures[:_MOST_PRINTED]:
         click.echo(f"{path}: {reason}", err=True)
     if len(report.failures) > _MOST_PRINTED:
         click.echo(f"... all of them stand in {output / 'cohort.csv'}", err=True)
+    packed = None
     # After the failures of files, which a pack that cannot be written must not hide.
     if pack is not None and (report.n_made or report.n_known):
         packed = _pack(output, pack)
-        click.echo(f"{packed.n_signatures} signatures packed: {pack}")
+        answer |= {"n_packed": packed.n_signatures, "pack": str(pack)}
+        if not as_json:
+            click.echo(f"{packed.n_signatures} signatures packed: {pack}")
+    if as_json:
+        tell(answer, [], as_json=True)
+    if packed is not None:
         require_all_packed(packed)
     if report.failures and not skip_unreadable:
         raise click.exceptions.Exit(1)

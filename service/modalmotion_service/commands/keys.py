@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.options import aligned, example, json_option
+from modalmotion.cli.options import aligned, example, json_option, tell
 from modalmotion_service.access.keys import Key, KeyRing
 from modalmotion_service.access.scopes import Scope
 from modalmotion_service.audit.key_events import make_key, take_back_key
@@ -47,12 +47,14 @@ def keys() -> None:
     "--expires", type=Moment("expiry", 1), help="Such as 90d or 2030-12-31 (UTC); never if absent."
 )
 @click.option("--note", default="", help="Its purpose; at most 200 characters.")
+@json_option
 @DATA_DIR
 def create(
     owner: str,
     scopes: frozenset[Scope],
     expires: datetime | None,
     note: str,
+    as_json: bool,
     data_dir: Path | None,
 ) -> None:
     """Make a key and show it, this once: only its hash is stored."""
@@ -63,7 +65,7 @@ def create(
     if is_first:
         # In a wrong folder it would open nothing, and nobody would know why.
         click.echo(f"It is the first key of {folder.absolute()}.", err=True)
-    click.echo(token)
+    tell({"token": token, **_told(key)}, [token], as_json=as_json)
 
 
 @keys.command("list", epilog=example("keys list --json"))
@@ -74,8 +76,7 @@ def list_keys(as_json: bool, data_dir: Path | None) -> None:
     with KeyRing(_folder_with_keys(data_dir)) as ring:
         known = list(ring.all())
     if as_json:
-        told = [asdict(key) | {"scopes": sorted(key.scopes), "state": key.state} for key in known]
-        click.echo(json.dumps(told, indent=1))
+        click.echo(json.dumps(list(map(_told, known)), indent=1))
         return
     head = ("key", "state", "owner", "scopes", "made", "until", "note")
     click.echo(aligned([head, *map(_row, known)]))
@@ -83,10 +84,16 @@ def list_keys(as_json: bool, data_dir: Path | None) -> None:
 
 @keys.command(epilog=example("keys revoke ID"))
 @click.argument("key_id", metavar="ID")
+@json_option
 @DATA_DIR
-def revoke(key_id: str, data_dir: Path | None) -> None:
+def revoke(key_id: str, as_json: bool, data_dir: Path | None) -> None:
     """Take the key with that ID back, at once and for good."""
-    click.echo(_line(take_back_key(_folder_with_keys(data_dir), key_id)))
+    key = take_back_key(_folder_with_keys(data_dir), key_id)
+    tell(_told(key), [_line(key)], as_json=as_json)
+
+
+def _told(key: Key) -> dict[str, object]:
+    return asdict(key) | {"scopes": sorted(key.scopes), "state": key.state}
 
 
 def _row(key: Key) -> tuple[str, ...]:

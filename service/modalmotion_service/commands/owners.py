@@ -11,7 +11,7 @@ from typing import Final, get_args
 
 import click
 
-from modalmotion.cli.options import aligned, example, json_option
+from modalmotion.cli.options import aligned, example, json_option, tell
 from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.store.disk.atomic import cannot_write, sync_folder
 from modalmotion.store.disk.lock import folder_lock
@@ -195,8 +195,9 @@ def list_owners(as_json: bool, data_dir: Path | None) -> None:
 @owners.command(epilog=example("owners remove lab"))
 @click.argument("owner", metavar="NAME")
 @click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
 @DATA_DIR
-def remove(owner: str, yes: bool, data_dir: Path | None) -> None:
+def remove(owner: str, yes: bool, as_json: bool, data_dir: Path | None) -> None:
     """Remove the owner NAME with all sequences, results, models, jobs, and take back the keys.
 
     No service may have the folder open. Backups keep what they have until the next one to the
@@ -206,7 +207,7 @@ def remove(owner: str, yes: bool, data_dir: Path | None) -> None:
     if not yes:
         click.confirm(f"Remove everything that {owner} has in {folder.absolute()}?", abort=True)
     remove_owner(folder, owner)
-    click.echo(f"{owner} is removed")
+    tell({"removed": owner}, [f"{owner} is removed"], as_json=as_json)
 
 
 def _folder(data_dir: Path | None) -> Path:

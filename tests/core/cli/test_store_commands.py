@@ -143,7 +143,7 @@ def test_an_export_names_the_owners_and_leaves_nothing_that_stands_in_the_way(
         done = run("export", folder, out, *empty)
         assert (done.exit_code, "--owner lab" in done.output) == (1, True)
         assert not out.exists()
-    assert "1 signatures written" in run("export", folder, out, "--owner", "lab").output
+    assert "1 signature" in run("export", folder, out, "--owner", "lab").output
     with ResultStore(folder) as store:
         store.put_signature(sample_signature(sample_sequence(0)))
     done = run("export", folder, tmp_path / "local.h5")

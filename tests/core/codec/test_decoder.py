@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import struct
+import subprocess
+import sys
 import zlib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -171,3 +174,25 @@ def test_a_stream_of_version_2_decodes_to_the_same_and_its_largest_error_is_a_bo
     assert inspect(encoded.data).max_error >= encoded.max_error
     bound = inspect(older).max_error
     assert encoded.max_error <= bound <= 1.0001 * np.sqrt(3.0) * of_coordinates.max_error
+
+
+def test_a_first_decode_loads_no_further_library(rng: np.random.Generator, tmp_path: Path) -> None:
+    """A process of its own (0.5 s): what decoding loads is what makes the first one slow."""
+    paths = []
+    makes: tuple[Make, ...] = (lattice_sequence, mesh_of_tube)
+    for number, make in enumerate(makes):
+        paths.append(tmp_path / f"{number}.mms")
+        paths[-1].write_bytes(encode(make(rng), rms=0.3).data)
+    code = """
+import sys
+from pathlib import Path
+from modalmotion.codec import decode
+before = set(sys.modules)
+for path in sys.argv[1:]:
+    decode(Path(path).read_bytes())
+print(sorted(name for name in set(sys.modules) - before if name.startswith(("scipy", "numpy"))))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, paths)], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "[]\n"

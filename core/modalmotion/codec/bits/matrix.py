@@ -74,20 +74,20 @@ def _start() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """
     symbols = np.empty((N_CONTEXTS, N_SYMBOLS))
     classes = np.empty((N_CONTEXTS, N_CLASSES))
-    for context in range(N_CONTEXTS):
-        mean = (2 + context % 2) * 2.0 ** (context // 2) * 1.25 / 512.0
-        ratio = mean / (1.0 + mean)
-        left = 1.0
-        for symbol in range(N_SYMBOLS):
-            share = left * (1.0 - ratio) if symbol < ESCAPE else left
-            symbols[context, symbol] = 1.0 + np.floor(share * 512.0)
-            left *= ratio
-        power, left = ratio, 1.0
-        for n in range(N_CLASSES):
-            # What exceeds the escape is geometric again: 2^n values in class n.
-            classes[context, n] = 1.0 + np.floor(left * (1.0 - power) * 256.0)
-            left *= power
-            power *= power
+    context = np.arange(N_CONTEXTS)
+    mean = (2 + context % 2) * np.ldexp(1.25, context // 2) / 512.0
+    ratio = mean / (1.0 + mean)
+    left = np.ones(N_CONTEXTS)
+    for symbol in range(N_SYMBOLS):
+        share = left * (1.0 - ratio) if symbol < ESCAPE else left
+        symbols[:, symbol] = 1.0 + np.floor(share * 512.0)
+        left = left * ratio
+    power, left = ratio, np.ones(N_CONTEXTS)
+    for n in range(N_CLASSES):
+        # What exceeds the escape is geometric again: 2^n values in class n.
+        classes[:, n] = 1.0 + np.floor(left * (1.0 - power) * 256.0)
+        left = left * power
+        power = power * power
     return symbols, classes
 
 

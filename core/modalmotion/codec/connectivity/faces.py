@@ -31,7 +31,14 @@ LARGEST_RELATED: Final = 10_000
 """Vertices of the largest mesh whose numbering uses relations: smaller, but slower."""
 
 
-def write_faces(n_vertices: int, grid: Grid | None, faces: Ints, *, keep_order: bool) -> bytes:
+def write_faces(
+    n_vertices: int,
+    grid: Grid | None,
+    faces: Ints,
+    *,
+    keep_order: bool,
+    n_relations: int = MOST_RELATIONS,
+) -> bytes:
     """Write triangles by the cheapest of a few rules.
 
     Parameters
@@ -43,11 +50,13 @@ def write_faces(n_vertices: int, grid: Grid | None, faces: Ints, *, keep_order: 
     keep_order : bool
         Whether to keep the order of the triangles, and the first corner of each;
         otherwise they come fan by fan, in the same orientation.
+    n_relations : int, optional
+        Relations that the numbering of the vertices uses, at most: smaller, but slower.
     """
     cells = None if grid is None else _cells_of(grid, faces)
     if cells is not None:
         return bytes([_CELLS]) + np.packbits(cells).tobytes()
-    n_relations = MOST_RELATIONS if n_vertices <= LARGEST_RELATED else 0
+    n_relations = n_relations if n_vertices <= LARGEST_RELATED else 0
     write = _write_surface if image() is None else write_surface
     period = 1
     if keep_order:

@@ -70,30 +70,32 @@ def trust_of(w: Any, source: int) -> int:
 
 
 @kernel
-def _propose(w: Any, node: int, source: int) -> None:
-    if node == NOWHERE or w[w[NUMBER] + node] >= 0:
-        return
-    small = w[SMALL]
-    entry = w[small + N_SOURCES_SO_FAR]
-    w[small + N_SOURCES_SO_FAR] += 1
-    w[w[SOURCES] + SOURCE_WIDTH * entry] = source
-    w[w[SOURCES] + SOURCE_WIDTH * entry + 1] = -1
-    number = w[w[SLOT] + node]
-    n = w[small + N_PROPOSED_SO_FAR]
-    if number >= n or w[w[PROPOSED] + PROPOSED_WIDTH * number + PROPOSED_NODE] != node:
-        w[w[SLOT] + node] = n
-        at = w[PROPOSED] + PROPOSED_WIDTH * n
-        w[small + N_PROPOSED_SO_FAR] += 1
+def _propose(w: Any, node: int, source: int, trust: int) -> None:
+    """Note a free node and the source that proposes it."""
+    # What is written may be anything to the compiler: places are looked up once, and first.
+    small, sources, slots, proposed = w[SMALL], w[SOURCES], w[SLOT], w[PROPOSED]
+    entry, n, number = w[small + N_SOURCES_SO_FAR], w[small + N_PROPOSED_SO_FAR], w[slots + node]
+    at = proposed + PROPOSED_WIDTH * number
+    is_new = number >= n or w[at + PROPOSED_NODE] != node
+    w[small + N_SOURCES_SO_FAR] = entry + 1
+    here = sources + SOURCE_WIDTH * entry
+    w[here] = source
+    w[here + 1] = -1
+    if is_new:
+        w[slots + node] = n
+        at = proposed + PROPOSED_WIDTH * n
+        w[small + N_PROPOSED_SO_FAR] = n + 1
         w[at + PROPOSED_NODE] = node
         w[at + FIRST_SOURCE] = entry
-        w[at + N_SOURCES] = 0
-        w[at + TOTAL] = 0
+        w[at + LAST_SOURCE] = entry
+        w[at + N_SOURCES] = 1
+        w[at + TOTAL] = trust
     else:
-        at = w[PROPOSED] + PROPOSED_WIDTH * number
-        w[w[SOURCES] + SOURCE_WIDTH * w[at + LAST_SOURCE] + 1] = entry
-    w[at + LAST_SOURCE] = entry
-    w[at + N_SOURCES] += 1
-    w[at + TOTAL] += trust_of(w, source)
+        last, count, total = w[at + LAST_SOURCE], w[at + N_SOURCES], w[at + TOTAL]
+        w[sources + SOURCE_WIDTH * last + 1] = entry
+        w[at + LAST_SOURCE] = entry
+        w[at + N_SOURCES] = count + 1
+        w[at + TOTAL] = total + trust
 
 
 @kernel
@@ -102,7 +104,7 @@ def list_proposals(w: Any) -> int:
     small = w[SMALL]
     w[small + N_PROPOSED_SO_FAR] = 0
     w[small + N_SOURCES_SO_FAR] = 0
-    node, origin = w[small + NODE], w[small + ORIGIN]
+    node, origin, numbers = w[small + NODE], w[small + ORIGIN], w[NUMBER]
     if node < 0:
         return 0
     n_around = degree(w, node)
@@ -118,32 +120,40 @@ def list_proposals(w: Any) -> int:
             if at >= 0 and w[at + 2 * place]:
                 repeats = min(w[at + 2 * place + 1], _MOST_REPEATS)
                 source = (2 * model + place) * (_MOST_REPEATS + 1) + repeats
-                _propose(w, follow_path(w, w[at + 2 * place]), source)
+                there = follow_path(w, w[at + 2 * place])
+                if there != NOWHERE and w[numbers + there] < 0:
+                    _propose(w, there, source, trust_of(w, source))
     for turn in range(n_around):
         there = neighbour(w, node, (start + turn) % n_around)
         source = FIRST_NEIGHBOUR + (_MOST_TURN + 1) * n_around + min(turn, _MOST_TURN)
-        _propose(w, there, source)
+        if w[numbers + there] < 0:
+            _propose(w, there, source, trust_of(w, source))
     for back in range(RELATED_BACK):
         row = row_of_relations(w, back)
         for place in range(w[row]):
             relation = row + 1 + place * RELATION_WIDTH
             for sign in range(4):
                 ends = relation + sign * ENDS_WIDTH
+                source = _FIRST_RELATED + (4 * back + sign) * 8 + place
+                trust = trust_of(w, source)
                 for i in range(w[ends]):
-                    source = _FIRST_RELATED + (4 * back + sign) * 8 + place
-                    _propose(w, w[ends + 1 + i], source)
+                    there = w[ends + 1 + i]
+                    if there != NOWHERE and w[numbers + there] < 0:
+                        _propose(w, there, source, trust)
     return int(w[small + N_PROPOSED_SO_FAR])
 
 
 @kernel
 def judge(w: Any, n_proposed: int, node: int) -> None:
     """Count for every source of every proposal whether it was right."""
+    proposed, sources, trusted = w[PROPOSED], w[SOURCES], w[TRUST]
     for proposal in range(n_proposed):
-        at = w[PROPOSED] + PROPOSED_WIDTH * proposal
+        at = proposed + PROPOSED_WIDTH * proposal
         is_right = w[at + PROPOSED_NODE] == node
         entry = w[at + FIRST_SOURCE]
         while entry >= 0:
-            trust = w[TRUST] + w[w[SOURCES] + SOURCE_WIDTH * entry]
+            here = sources + SOURCE_WIDTH * entry
+            trust = trusted + w[here]
             counts = w[trust]
             right = counts >> 8 if counts else 1
             wrong = counts & 255 if counts else 1
@@ -155,4 +165,4 @@ def judge(w: Any, n_proposed: int, node: int) -> None:
                 right = (right + 1) // 2
                 wrong = (wrong + 1) // 2
             w[trust] = right << 8 | wrong
-            entry = w[w[SOURCES] + SOURCE_WIDTH * entry + 1]
+            entry = w[here + 1]

@@ -10,6 +10,9 @@ from modalmotion.codec.kernels.compiled import kernel
 from modalmotion.codec.machine.places import (
     AFTER,
     AROUND,
+    BACK,
+    DISTANCE,
+    ENTERED,
     FACES,
     FIRST_PAIR,
     HAS_AFTER,
@@ -52,6 +55,9 @@ def make_rings(w: Any) -> None:
     for v in range(n):
         start, end = end, w[first + v]
         _make_ring(w, v, start, end)
+    for v in range(n):
+        for entry in range(w[w[RING] + v], w[w[RING] + v + 1]):
+            w[w[BACK] + entry] = place_in(w, w[w[RINGS] + entry], v)
 
 
 @kernel
@@ -110,10 +116,12 @@ def place_in(w: Any, v: int, x: int) -> int:
     """Place of a node in the ring of another, or -1."""
     if x < 0:
         return -1
-    n = degree(w, v)
+    ring = w[RING] + v
+    begin = w[ring]
+    n = w[ring + 1] - begin
     if n > _SCANNED:
         return int(w[place_of(w, TAG_RING | v << 5, x)] - 1)
-    first = w[RINGS] + w[w[RING] + v]
+    first = w[RINGS] + begin
     for place in range(n):
         if w[first + place] == x:
             return place
@@ -123,23 +131,33 @@ def place_in(w: Any, v: int, x: int) -> int:
 @kernel
 def follow(w: Any, node: int, origin: int, turns: int, n_turns: int) -> int:
     """Walk along turns; `NOWHERE` where a node has too few neighbours."""
+    ring, rings, back = w[RING], w[RINGS], w[BACK]
+    place = place_in(w, node, origin) if n_turns else 0
     for i in range(n_turns):
         turn = w[turns + i]
-        n = degree(w, node)
+        begin = w[ring + node]
+        n = w[ring + node + 1] - begin
         if turn >= n:
             return NOWHERE
-        place = place_in(w, node, origin) + 1 + turn
-        origin = node
-        node = neighbour(w, node, place if place < n else place - n)
+        place += 1 + turn
+        entry = begin + (place if place < n else place - n)
+        node = w[rings + entry]
+        place = w[back + entry]
     return node
 
 
 @kernel
-def search(w: Any, node: int, origin: int, most: int, goal: int) -> int:
-    """List the nodes around a node, near ones first; give their number."""
+def search(w: Any, node: int, origin: int, most: int, goal: int, distance: int, rank: int) -> int:
+    """List the nodes around a node, near ones first, up to a goal; give their number.
+
+    With a rank, the goal is the node that so many of the same distance come before, and what is
+    given is 0 where there is none.
+    """
     w[N_STAMPS] += 1
     mark, stamp = w[N_STAMPS], w[STAMP]
-    nodes, parents = w[AROUND], w[PARENTS]
+    nodes, parents, ring, rings = w[AROUND], w[PARENTS], w[RING], w[RINGS]
+    entered, back, distances = w[ENTERED], w[BACK], w[DISTANCE]
+    w[entered] = place_in(w, node, origin)
     w[nodes] = node
     w[parents] = -1
     w[stamp + node] = mark
@@ -148,25 +166,30 @@ def search(w: Any, node: int, origin: int, most: int, goal: int) -> int:
     parent = 0
     while parent < n:
         here = w[nodes + parent]
-        before = origin if parent == 0 else w[nodes + w[parents + parent]]
-        size = degree(w, here)
+        begin = w[ring + here]
+        size = w[ring + here + 1] - begin
         # A hub has more neighbours than there is time for.
         looks -= size
         if looks <= 0:
             break
-        place = place_in(w, here, before)
+        place = w[entered + parent]
         for _ in range(size):
             place = place + 1 if place + 1 < size else 0
-            there = neighbour(w, here, place)
+            there = w[rings + begin + place]
             if w[stamp + there] != mark:
                 w[stamp + there] = mark
                 w[nodes + n] = there
                 w[parents + n] = parent
+                w[entered + n] = w[back + begin + place]
                 n += 1
+                if rank >= 0 and w[distances + there] == distance:
+                    if rank == 0:
+                        return n
+                    rank -= 1
                 if there == goal or n > most:
-                    return n
+                    return 0 if rank >= 0 else n
         parent += 1
-    return n
+    return 0 if rank >= 0 else n
 
 
 @kernel

@@ -144,7 +144,7 @@ def go_to(w: Any, node: int) -> None:
     small = w[SMALL]
     path, origin = 0, NOWHERE
     if w[small + NODE] >= 0:
-        n = search(w, w[small + NODE], w[small + ORIGIN], REMEMBERED, node)
+        n = search(w, w[small + NODE], w[small + ORIGIN], REMEMBERED, node, FAR, -1)
         if w[w[AROUND] + n - 1] == node:
             length = way_back(w, n - 1)
             origin = w[w[WAY] + 1]
@@ -186,7 +186,7 @@ def _relate(w: Any, node: int, origin: int) -> None:
     row = row_of_relations(w, 0)
     # The node itself has its number by now; it is the first of the search and not near itself.
     n = w[w[SMALL] + N_NUMBERED] - 1
-    n_around = search(w, node, origin, NEAR, NOWHERE)
+    n_around = search(w, node, origin, NEAR, NOWHERE, FAR, -1)
     for place in range(n_around):
         number = w[w[NUMBER] + w[w[AROUND] + place]]
         if number < 0 or number >= n - JUST_BEFORE:

@@ -42,7 +42,6 @@ from modalmotion.codec.machine.places import (
     AROUND,
     DISTANCE,
     FREE_AT,
-    NUMBER,
     PROPOSED,
     SMALL,
     SOURCES,
@@ -97,12 +96,15 @@ def _choose_likeliest(w: Any, n_proposed: int) -> int:
     chosen = w[SMALL] + _CHOSEN
     strengths = chosen + N_PROPOSED + 1
     alike = w[w[SMALL] + LAST_DISTANCES + 3]
-    n = 0
+    proposed, distances = w[PROPOSED], w[DISTANCE]
+    n, weakest = 0, -1
     for proposal in range(n_proposed):
-        at = w[PROPOSED] + PROPOSED_WIDTH * proposal
+        at = proposed + PROPOSED_WIDTH * proposal
         strength = w[at + TOTAL]
-        if w[w[DISTANCE] + w[at + PROPOSED_NODE]] == alike:
+        if w[distances + w[at + PROPOSED_NODE]] == alike:
             strength += LIKE_THE_LAST
+        if n == N_PROPOSED and strength <= weakest:
+            continue
         place = n
         while place > 0 and w[strengths + place - 1] < strength:
             w[strengths + place] = w[strengths + place - 1]
@@ -112,6 +114,7 @@ def _choose_likeliest(w: Any, n_proposed: int) -> int:
             w[strengths + place] = strength
             w[chosen + place] = proposal
             n = min(n + 1, N_PROPOSED)
+            weakest = w[strengths + n - 1]
     return n
 
 
@@ -152,34 +155,48 @@ def _find(w: Any, words: Any, bits: Any, node: int, n_tried: int) -> int:
         if ask(w, words, _DISTANCE, 0, 3, 1 if wanted == distance else 0):
             break
         distance += 1
-    n_around = 0
-    if w[small + NODE] >= 0:
-        n_around = search(w, w[small + NODE], w[small + ORIGIN], SEARCHED, NOWHERE)
-    # What may be meant goes to the front of the list.
-    n_near, rank = 0, -1
-    for place in range(1, n_around):
-        v = w[w[AROUND] + place]
-        if w[w[NUMBER] + v] >= 0 or w[w[DISTANCE] + v] != distance or _is_tried(w, v, n_tried):
-            continue
-        if v == node:
-            rank = n_near
-        w[w[AROUND] + n_near] = v
-        n_near += 1
+    rank = -1 if w[READS] else _rank_of(w, node, distance, n_tried)
     set_context(w, 0, 0, 0)
     if ask(w, words, _FAR, 0, 1, 1 if rank < 0 else 0):
         return _anywhere(w, bits, distance, node)
     set_context(w, 0, 0, distance)
     rank = code_number(w, words, bits, _RANK, 1, max(rank, 0))
-    return int(w[w[AROUND] + rank]) if rank < n_near else NOWHERE
+    if not w[READS]:
+        return node
+    # Those that were asked for are passed over.
+    _flip_tried(w, n_tried)
+    n = 0
+    if w[small + NODE] >= 0:
+        n = search(w, w[small + NODE], w[small + ORIGIN], SEARCHED, NOWHERE, distance, rank)
+    _flip_tried(w, n_tried)
+    return int(w[w[AROUND] + n - 1]) if n else NOWHERE
 
 
 @kernel
-def _is_tried(w: Any, node: int, n_tried: int) -> bool:
+def _rank_of(w: Any, node: int, distance: int, n_tried: int) -> int:
+    """Count what comes before a node among those of its distance near by; -1 if it is not there."""
+    small = w[SMALL]
+    if w[small + NODE] < 0:
+        return -1
+    n = search(w, w[small + NODE], w[small + ORIGIN], SEARCHED, node, distance, -1)
+    if n < 2 or w[w[AROUND] + n - 1] != node:
+        return -1
+    _flip_tried(w, n_tried)
+    rank = 0
+    for place in range(1, n - 1):
+        if w[w[DISTANCE] + w[w[AROUND] + place]] == distance:
+            rank += 1
+    _flip_tried(w, n_tried)
+    return rank
+
+
+@kernel
+def _flip_tried(w: Any, n_tried: int) -> None:
+    """Make the distances of proposals that were asked for none, or what they were."""
     for place in range(n_tried):
         proposal = w[w[SMALL] + _CHOSEN + place]
-        if w[w[PROPOSED] + PROPOSED_WIDTH * proposal + PROPOSED_NODE] == node:
-            return True
-    return False
+        v = w[w[PROPOSED] + PROPOSED_WIDTH * proposal + PROPOSED_NODE]
+        w[w[DISTANCE] + v] = -1 - w[w[DISTANCE] + v]
 
 
 @kernel

@@ -97,3 +97,7 @@ PATHS: Final = PARAMETERS + 56
 STEPS: Final = PARAMETERS + 57
 TURNS: Final = PARAMETERS + 58
 """Prefixes of paths, what each context remembers, and the turns of one path."""
+
+BACK: Final = PARAMETERS + 59
+ENTERED: Final = PARAMETERS + 60
+"""Of each entry of the rings, its node's place in that neighbour's ring; where a search came in."""

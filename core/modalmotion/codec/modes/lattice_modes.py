@@ -8,10 +8,18 @@ from math import prod
 from typing import Final
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from modalmotion.codec.bits.varint import read_varint, write_varint
+from modalmotion.codec.fourier import (
+    cosines,
+    from_cosines,
+    from_sines,
+    odd_sines,
+    sines,
+    turn,
+    turn_back,
+)
 from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology
 
@@ -106,13 +114,13 @@ class LatticeModes:
         ends, place = self.topology.ends[axis], axis + 1
         if ends == CLOSED:
             return turn_back(array, place) if inverse else turn(array, place)
-        cosine, sine = (
-            (scipy.fft.idct, scipy.fft.idst) if inverse else (scipy.fft.dct, scipy.fft.dst)
-        )
-        even = cosine(array, type=2, norm="ortho", axis=place)
+        even = (from_cosines if inverse else cosines)(array, place)
         if ends == OPEN:
-            return np.asarray(even)
-        odd = sine(array, type=4 if ends == POLE_OPEN else 2, norm="ortho", axis=place)
+            return even
+        if ends == POLE_OPEN:
+            odd = odd_sines(array, place)
+        else:
+            odd = (from_sines if inverse else sines)(array, place)
         return np.where(self._odd_at_pole(axis)[None] == 1, odd, even)
 
 
@@ -141,32 +149,3 @@ def _quarter_periods(closed: bool, n: int) -> NDArray[np.int64]:
     """Quarter periods along an axis of each of its functions."""
     index = np.arange(n)
     return 4 * ((index + 1) // 2) if closed else 2 * index
-
-
-def turn(array: Floats, axis: int) -> Floats:
-    """Orthonormal real Fourier transform: constant, cos, sin, cos, sin, ..."""
-    n = array.shape[axis]
-    z = np.moveaxis(scipy.fft.rfft(array, axis=axis, norm="ortho"), axis, -1)
-    out = np.empty((*z.shape[:-1], n))
-    n_sines = (n - 1) // 2
-    out[..., 0] = z[..., 0].real
-    out[..., 1 : 2 * n_sines : 2] = np.sqrt(2.0) * z[..., 1 : n_sines + 1].real
-    out[..., 2 : 2 * n_sines + 1 : 2] = -np.sqrt(2.0) * z[..., 1 : n_sines + 1].imag
-    if n % 2 == 0:
-        out[..., -1] = z[..., -1].real
-    return np.moveaxis(out, -1, axis)
-
-
-def turn_back(array: Floats, axis: int) -> Floats:
-    """Undo `turn`."""
-    n = array.shape[axis]
-    x = np.moveaxis(array, axis, -1)
-    z = np.zeros((*x.shape[:-1], n // 2 + 1), dtype=np.complex128)
-    n_sines = (n - 1) // 2
-    z[..., 0] = x[..., 0]
-    z[..., 1 : n_sines + 1] = (
-        x[..., 1 : 2 * n_sines : 2] - 1j * x[..., 2 : 2 * n_sines + 1 : 2]
-    ) / np.sqrt(2.0)
-    if n % 2 == 0:
-        z[..., -1] = x[..., -1]
-    return np.moveaxis(np.asarray(scipy.fft.irfft(z, n, axis=-1, norm="ortho")), -1, axis)

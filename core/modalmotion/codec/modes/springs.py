@@ -14,7 +14,8 @@ def edges_of(faces: Ints) -> Ints:
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     n = int(pairs.max(initial=0)) + 1
     low, high = pairs.min(axis=1), pairs.max(axis=1)
-    numbers = np.unique((low * n + high)[low != high])
+    numbers = np.sort((low * n + high)[low != high])
+    numbers = numbers[np.diff(numbers, prepend=-1) > 0]
     return np.stack([numbers // n, numbers % n], axis=1)
 
 
