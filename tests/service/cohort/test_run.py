@@ -24,6 +24,7 @@ from modalmotion.formats import read_npz, write_npz
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import ResultStore, verify
 from modalmotion_service.cohort import CohortJob, read_manifest, sign_cohort
+from modalmotion_service.cohort.ledger import Done, Ledger
 from modalmotion_service.cohort.run import MOST_IN_BATCH, batch_size
 from modalmotion_service.commands.cohort import cohort
 from modalmotion_service.work.pool import WorkerPool
@@ -233,6 +234,30 @@ def test_one_template_serves_a_cohort(tmp_path: Path) -> None:
             parameters = SignatureParameters(template=template.stem)
             assert store.signature(sequence.id, parameters.key).template_id == template.stem
             assert store.sequence(sequence.id).id == sequence.id
+
+
+def test_a_ledger_gives_places_and_keeps_no_lines(tmp_path: Path) -> None:
+    several = [Done(f"Zoë {n}.npz", "stamp", "set", f"{n}" * 64, n, n, "mm", "k") for n in range(3)]
+    ledger = Ledger(tmp_path)
+    places = ledger.add(several[0]) + ledger.add(*several[1:])
+    assert [ledger.at(place) for place in places] == several
+    with (tmp_path / "cohort.jsonl").open("a") as file:
+        # Of an older version, which had no key; and cut short.
+        file.write('{"path": "old", "stamp": "s", "settings": "set", "sequence_id": "i", ')
+        file.write('"rms_error": 1, "weighted_rms_error": 1, "unit": null}\n{"path": "cut sho')
+    again = Ledger(tmp_path)
+    assert again.find("cut sho", "s", "set") is None
+    assert again.find("Zoë 1.npz", "other", "set") is None
+    for one in several:
+        place = again.find(one.path, "stamp", "set")
+        assert place is not None
+        assert again.at(place) == one
+    old = again.find("old", "s", "set")
+    assert old is not None
+    assert again.at(old).key == ""
+    again.forget_earlier()
+    assert again.find("old", "s", "set") is None
+    assert again.at(again.add(several[0])[0]) == several[0]
 
 
 def kill_and_go_on(tmp_path: Path, n: int) -> None:
