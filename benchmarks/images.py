@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from image_peers import peers
 from measure import Table
 from numpy.typing import NDArray
 
@@ -27,6 +28,7 @@ from modalmotion.tracking.reading import read_observed
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 N_CASES, N_FRAMES, N_STATED, N_STATED_FRAMES = 4, 10, 20, 3
+N_PEER_FRAMES = 3
 Floats = NDArray[np.float64]
 
 # Of the base's height: beyond it landmarks place the surface, and not the images.
@@ -54,7 +56,7 @@ KINDS = (
 
 def run(_folder: Path) -> list[Table]:
     """Measure everything."""
-    tables = [phantoms(N_CASES), capture(), stated(N_STATED)]
+    tables = [beside_others(), phantoms(N_CASES), capture(), stated(N_STATED)]
     return [*tables, real()] if (DATA / "cine" / "dicom").is_dir() else tables
 
 
@@ -117,6 +119,13 @@ def phantoms(n: int) -> Table:
         if kind.name.endswith("8"):
             _two_valves(table, kind, cases)
     return table
+
+
+def beside_others() -> Table:
+    """Compare time and error with other tools on one CT."""
+    phantom = case(KINDS[0], 1000, N_PEER_FRAMES)
+    own = followed(phantom)
+    return peers(phantom, (float(own.distances.mean()), own.seconds))
 
 
 def _two_valves(table: Table, kind: Kind, cases: list[Phantom]) -> None:
