@@ -5,19 +5,25 @@ from __future__ import annotations
 import struct
 import subprocess
 import sys
+import threading
+import time
 import zlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from codec_sequences import KINDS, Make, lattice_sequence, mesh_of_tube, small_mesh_of_tube
 
-from modalmotion.codec import decode, encode, inspect
+from modalmotion.codec import Effort, decode, encode, inspect
+from modalmotion.codec import transforms as codec_choice
 from modalmotion.codec.bits.varint import read_varint, write_varint
 from modalmotion.codec.container import _write_header, read_header
+from modalmotion.codec.modes import joined
 from modalmotion.codec.modes.modes_section import read_modes
-from modalmotion.errors import LimitError, MalformedFileError
+from modalmotion.codec.modes.patch_modes import Cut
+from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.limits import NO_LIMITS, ReadLimits
 
 STEPS = pytest.mark.parametrize("step", [4, pytest.param(1, marks=pytest.mark.soak)])
@@ -174,6 +180,31 @@ def test_a_stream_of_version_2_decodes_to_the_same_and_its_largest_error_is_a_bo
     assert inspect(encoded.data).max_error >= encoded.max_error
     bound = inspect(older).max_error
     assert encoded.max_error <= bound <= 1.0001 * np.sqrt(3.0) * of_coordinates.max_error
+
+
+@pytest.mark.parametrize("cut", [Cut(40, 40), Cut(40, 16, 90), Cut(96, 16, 90)])
+def test_any_number_of_threads_gives_the_same(
+    cut: Cut, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(codec_choice, "CUTS", dict.fromkeys(Effort, cut))
+    data = encode(mesh_of_tube(rng), rms=0.01).data
+    solvers = set()
+    solve = joined._eigenvectors
+
+    def noted(*problem: Any) -> Any:
+        solvers.add(threading.get_ident())
+        time.sleep(0.001)
+        return solve(*problem)
+
+    monkeypatch.setattr(joined, "_eigenvectors", noted)
+    decoded = decode(data)
+    assert solvers == {threading.get_ident()}
+    for n_threads in (2, 3):
+        again = decode(data, n_threads=n_threads)
+        assert again.vertices.tobytes() == decoded.vertices.tobytes()
+    assert len(solvers) > 2
+    with pytest.raises(ParameterError, match="0 threads"):
+        decode(data, n_threads=0)
 
 
 def test_a_first_decode_loads_no_further_library(rng: np.random.Generator, tmp_path: Path) -> None:
