@@ -30,7 +30,7 @@ BOUNDS = {
     ("literature/pcow", "decode", "fast"): 6.0,
     ("literature/pcow", "decode", "balanced"): 20.0,
 }
-PROMISED = 10e-6, 0.15e-6
+PROMISED = 12e-6, 0.2e-6
 """Seconds of decoding at effort realtime: of a vertex, and of a vertex in a frame."""
 
 FIRST = 1.5
