@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from codec_sequences import KINDS, Make, lattice_sequence, mesh_of_tube, small_m
 
 from modalmotion.codec import Effort, decode, encode, inspect
 from modalmotion.codec import transforms as codec_choice
+from modalmotion.codec.bits.guard import find_guards
 from modalmotion.codec.bits.varint import read_varint, write_varint
 from modalmotion.codec.container import _write_header, read_header
 from modalmotion.codec.modes import joined
@@ -180,6 +182,44 @@ def test_a_stream_of_version_2_decodes_to_the_same_and_its_largest_error_is_a_bo
     assert inspect(encoded.data).max_error >= encoded.max_error
     bound = inspect(older).max_error
     assert encoded.max_error <= bound <= 1.0001 * np.sqrt(3.0) * of_coordinates.max_error
+
+
+@pytest.mark.parametrize("axes", [(0, 1, 2), (2, 0, 1), (1, 2, 0)])
+def test_guards_decide_whatever_the_order_in_memory(
+    axes: tuple[int, ...], rng: np.random.Generator
+) -> None:
+    scaled = np.floor(rng.uniform(-9, 9, size=(3, 4, 5))) + 0.5
+    scaled = np.ascontiguousarray(scaled.transpose(axes)).transpose(np.argsort(axes))
+    guards = find_guards(scaled + 1e-9, 1e-6)
+    assert len(guards.places) == scaled.size
+    assert np.array_equal(guards.round(scaled - 1e-9), np.ceil(scaled))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("other", ["Prescott", "Nehalem", "Haswell", "SkylakeX"])
+def test_other_processors_decode_to_the_same(other: str, tmp_path: Path) -> None:
+    """Processes of their own (2 s): the kernels of OpenBLAS for another processor encode."""
+    code = """
+import sys
+import numpy as np
+from codec_sequences import lattice_sequence, mesh_of_tube
+from modalmotion.codec import encode
+rng = np.random.default_rng(5)
+sequences = [mesh_of_tube(rng, (20, 24)), lattice_sequence(rng, np.float64)]
+for i, effort in enumerate(["realtime", "fast", "balanced", "thorough"]):
+    for j, sequence in enumerate(sequences):
+        for k, rms in enumerate([0.1, 1e-3, 1e-5]):
+            data = encode(sequence, rms=rms, effort=effort).data
+            open(f"{sys.argv[1]}/{i}{j}{k}.mms", "wb").write(data)
+"""
+    path = os.pathsep.join(sys.path)
+    environment = {**os.environ, "OPENBLAS_CORETYPE": other, "PYTHONPATH": path}
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    subprocess.run(command, env=environment, check=True)
+    streams = sorted(tmp_path.glob("*.mms"))
+    assert len(streams) == 24
+    for stream in streams:
+        decode(stream.read_bytes())
 
 
 @pytest.mark.parametrize("cut", [Cut(40, 40), Cut(40, 16, 90), Cut(96, 16, 90)])
