@@ -78,8 +78,23 @@ def encode(
 @output_option("File to write: .npz, .vtkhdf or .raw (float32).", *_WRITERS)
 @click.option("--first", type=int, help="First frame.")
 @click.option("--stop", type=int, help="Frame after the last.")
+@click.option(
+    "--threads",
+    "n_threads",
+    type=click.IntRange(1, 256),
+    default=1,
+    show_default=True,
+    help="Patches of a mesh that are solved side by side.",
+)
 @json_option
-def decode(stream: Path, output: Path, first: int | None, stop: int | None, as_json: bool) -> None:
+def decode(
+    stream: Path,
+    output: Path,
+    first: int | None,
+    stop: int | None,
+    n_threads: int,
+    as_json: bool,
+) -> None:
     """Decode a compressed STREAM, or some of its frames."""
     from modalmotion.codec import decode as expand
     from modalmotion.codec import inspect
@@ -90,7 +105,7 @@ def decode(stream: Path, output: Path, first: int | None, stop: int | None, as_j
     if first is not None or stop is not None:
         n_frames = inspect(data).n_frames
         frames = range(first or 0, n_frames if stop is None else stop)
-    sequence = expand(data, frames=frames)
+    sequence = expand(data, frames=frames, n_threads=n_threads)
     write_atomic(output, write(sequence))
     found = {"n_frames": sequence.n_frames, "n_vertices": sequence.n_vertices}
     said = f"{sequence.n_frames} frames of {sequence.n_vertices} vertices"

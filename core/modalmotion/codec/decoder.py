@@ -17,12 +17,17 @@ from modalmotion.errors import ParameterError
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.checks import FloatArray, given_up
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.numeric.kinds import whole
 
 DECODE_LIMITS = ReadLimits()
 
 
 def decode(
-    data: bytes, *, frames: range | None = None, limits: ReadLimits = DECODE_LIMITS
+    data: bytes,
+    *,
+    frames: range | None = None,
+    limits: ReadLimits = DECODE_LIMITS,
+    n_threads: int = 1,
 ) -> MeshSequence:
     """Decode a stream, or some of its frames.
 
@@ -34,6 +39,8 @@ def decode(
         Frames to decode, in steps of 1; only the blocks that hold them are read.
     limits : ReadLimits, optional
         Largest sequence to accept, compared with the sizes that the stream declares.
+    n_threads : int, optional
+        How many patches of a mesh are solved side by side; the bytes are the same with any number.
 
     Raises
     ------
@@ -43,8 +50,10 @@ def decode(
     LimitError
         If the stream declares more than the limits accept.
     ParameterError
-        If the stream does not have these frames.
+        If the stream does not have these frames, or there is no thread.
     """
+    if whole("n_threads", n_threads) < 1:
+        raise ParameterError(f"There are {n_threads} threads.", remedy="Use n_threads=1 or more.")
     header, position = read_header(data, limits)
     span = range(header.n_frames) if frames is None else frames
     if span.step != 1 or not 0 <= span.start < span.stop <= header.n_frames:
@@ -56,7 +65,7 @@ def decode(
     faces, position = _read_faces(data, position, header)
     parts = [
         positions[max(0, span.start - first) : span.stop - first]
-        for first, positions in _blocks(data, position, header, faces, span)
+        for first, positions in _blocks(data, position, header, faces, span, n_threads)
     ]
     times = None if header.times is None else header.times[span.start : span.stop]
     positions: FloatArray = np.concatenate(parts)  # type: ignore[assignment]
@@ -88,11 +97,16 @@ def _grid_of(header: Header) -> Grid | None:
 
 
 def _blocks(
-    data: bytes, position: int, header: Header, faces: NDArray[np.int64], span: range
+    data: bytes,
+    position: int,
+    header: Header,
+    faces: NDArray[np.int64],
+    span: range,
+    n_threads: int,
 ) -> Iterator[tuple[int, FloatArray]]:
     """First frame and positions of each block that overlaps a span of frames."""
     stored = header.modes == STORED
-    modes = None if stored else read_modes(header.modes, header.n_vertices, faces)
+    modes = None if stored else read_modes(header.modes, header.n_vertices, faces, n_threads)
     first = 0
     for n_frames in header.block_frames:
         if first >= span.stop or first + n_frames <= span.start:

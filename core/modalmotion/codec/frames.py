@@ -147,9 +147,9 @@ def _at_rms(
             done = None if trial is None else _finish(frames, choice, trial)
             if trial is None or done is None:
                 break
+            start = trial.quantiser.step
             over = measure(frames.vertices, done.positions).rms / target.value
             if over <= 1.0:
-                start = trial.quantiser.step
                 best = _shorter(best, done)
                 break
             share *= min(LESS, ROOM / over**2)

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import subprocess
 import sys
+import threading
+import time
 import zlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from codec_sequences import KINDS, Make, lattice_sequence, mesh_of_tube, small_mesh_of_tube
 
-from modalmotion.codec import decode, encode, inspect
+from modalmotion.codec import Effort, decode, encode, inspect
+from modalmotion.codec import transforms as codec_choice
+from modalmotion.codec.bits.guard import find_guards
 from modalmotion.codec.bits.varint import read_varint, write_varint
 from modalmotion.codec.container import _write_header, read_header
+from modalmotion.codec.modes import joined
 from modalmotion.codec.modes.modes_section import read_modes
-from modalmotion.errors import LimitError, MalformedFileError
+from modalmotion.codec.modes.patch_modes import Cut
+from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.limits import NO_LIMITS, ReadLimits
 
 STEPS = pytest.mark.parametrize("step", [4, pytest.param(1, marks=pytest.mark.soak)])
@@ -174,6 +182,69 @@ def test_a_stream_of_version_2_decodes_to_the_same_and_its_largest_error_is_a_bo
     assert inspect(encoded.data).max_error >= encoded.max_error
     bound = inspect(older).max_error
     assert encoded.max_error <= bound <= 1.0001 * np.sqrt(3.0) * of_coordinates.max_error
+
+
+@pytest.mark.parametrize("axes", [(0, 1, 2), (2, 0, 1), (1, 2, 0)])
+def test_guards_decide_whatever_the_order_in_memory(
+    axes: tuple[int, ...], rng: np.random.Generator
+) -> None:
+    scaled = np.floor(rng.uniform(-9, 9, size=(3, 4, 5))) + 0.5
+    scaled = np.ascontiguousarray(scaled.transpose(axes)).transpose(np.argsort(axes))
+    guards = find_guards(scaled + 1e-9, 1e-6)
+    assert len(guards.places) == scaled.size
+    assert np.array_equal(guards.round(scaled - 1e-9), np.ceil(scaled))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("other", ["Prescott", "Nehalem", "Haswell", "SkylakeX"])
+def test_other_processors_decode_to_the_same(other: str, tmp_path: Path) -> None:
+    """Processes of their own (2 s): the kernels of OpenBLAS for another processor encode."""
+    code = """
+import sys
+import numpy as np
+from codec_sequences import lattice_sequence, mesh_of_tube
+from modalmotion.codec import encode
+rng = np.random.default_rng(5)
+sequences = [mesh_of_tube(rng, (20, 24)), lattice_sequence(rng, np.float64)]
+for i, effort in enumerate(["realtime", "fast", "balanced", "thorough"]):
+    for j, sequence in enumerate(sequences):
+        for k, rms in enumerate([0.1, 1e-3, 1e-5]):
+            data = encode(sequence, rms=rms, effort=effort).data
+            open(f"{sys.argv[1]}/{i}{j}{k}.mms", "wb").write(data)
+"""
+    path = os.pathsep.join(sys.path)
+    environment = {**os.environ, "OPENBLAS_CORETYPE": other, "PYTHONPATH": path}
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    subprocess.run(command, env=environment, check=True)
+    streams = sorted(tmp_path.glob("*.mms"))
+    assert len(streams) == 24
+    for stream in streams:
+        decode(stream.read_bytes())
+
+
+@pytest.mark.parametrize("cut", [Cut(40, 40), Cut(40, 16, 90), Cut(96, 16, 90)])
+def test_any_number_of_threads_gives_the_same(
+    cut: Cut, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(codec_choice, "CUTS", dict.fromkeys(Effort, cut))
+    data = encode(mesh_of_tube(rng), rms=0.01).data
+    solvers = set()
+    solve = joined._eigenvectors
+
+    def noted(*problem: Any) -> Any:
+        solvers.add(threading.get_ident())
+        time.sleep(0.001)
+        return solve(*problem)
+
+    monkeypatch.setattr(joined, "_eigenvectors", noted)
+    decoded = decode(data)
+    assert solvers == {threading.get_ident()}
+    for n_threads in (2, 3):
+        again = decode(data, n_threads=n_threads)
+        assert again.vertices.tobytes() == decoded.vertices.tobytes()
+    assert len(solvers) > 2
+    with pytest.raises(ParameterError, match="0 threads"):
+        decode(data, n_threads=0)
 
 
 def test_a_first_decode_loads_no_further_library(rng: np.random.Generator, tmp_path: Path) -> None:

@@ -37,7 +37,8 @@ class Guards:
 
     def round(self, scaled: Floats) -> Ints:
         """Round to whole numbers, (frames, 3, vertices) int64."""
-        whole = np.rint(scaled).astype(np.int64)
+        # In the order of the places, whatever that of the values in memory: a view, not a copy.
+        whole = np.rint(scaled).astype(np.int64, order="C")
         flat = whole.reshape(-1)
         flat[self.places] = np.floor(scaled.reshape(-1)[self.places]).astype(np.int64) + self.up
         return whole

@@ -83,7 +83,11 @@ def file_name() -> str:
     """Name of the image of these sources."""
     digest = hashlib.sha256()
     for pattern in _SOURCES:
-        for path in sorted(_CODEC.glob(pattern)):
+        # In half the time of Path.glob, which counts in the first decode of a process.
+        folder, _, stem = pattern.partition("/")
+        start, _, end = stem.partition("*")
+        paths = (p for p in (_CODEC / folder).iterdir() if p.name.startswith(start))
+        for path in sorted(p for p in paths if p.name.endswith(end)):
             digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return f"kernels-{digest.hexdigest()[:20]}.bin"
 

@@ -9,7 +9,7 @@ lost: the modes are complete, and nearly the eigenvectors where it counts.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+Each = Callable[..., Iterable[tuple[Floats, Floats]]]
+"""How independent eigenproblems are called, as `map` is: one after the other, or side by side."""
 
 TILTED: Final = (1, 2)
 """Of the joined modes: the share that the modes left over are turned into."""
@@ -146,7 +149,12 @@ class Shaken:
 
 
 def solve_patch(
-    leaves: Sequence[Ints], springs: Springs, signs: Floats, n_joined: int, shaken: Shaken | None
+    leaves: Sequence[Ints],
+    springs: Springs,
+    signs: Floats,
+    n_joined: int,
+    shaken: Shaken | None,
+    each: Each = map,
 ) -> PatchBasis:
     """Solve for the modes of a patch.
 
@@ -161,16 +169,21 @@ def solve_patch(
         At least one for each leaf; of no meaning for a single one.
     shaken : Shaken, optional
         Errors to add, to see what they do.
+    each : callable
+        How the leaves are solved.
     """
     leaf_of, place = np.empty((2, len(signs)), dtype=np.int64)
     for number, leaf in enumerate(leaves):
         leaf_of[leaf] = number
         place[leaf] = np.arange(len(leaf))
     home = np.where(leaf_of[springs.a] == leaf_of[springs.b], leaf_of[springs.a], -1)
-    squares, modes = [], []
-    for number, leaf in enumerate(leaves):
+
+    def solved(number: int) -> tuple[Floats, Floats]:
         inside = springs.within(home == number, place)
-        square, Phi = _eigenvectors(_stiffness_matrix(inside, len(leaf)), shaken)
+        return _eigenvectors(_stiffness_matrix(inside, len(leaves[number])), shaken)
+
+    squares, modes = [], []
+    for leaf, (square, Phi) in zip(leaves, each(solved, range(len(leaves))), strict=True):
         squares.append(square)
         modes.append(_signed(Phi, signs[leaf]))
     if len(leaves) == 1:

@@ -37,8 +37,8 @@ class OrthonormalModes(Protocol):
         """Write which modes these are, and a probe of those that are solved for."""
 
 
-def read_modes(data: bytes, n_vertices: int, faces: Ints) -> OrthonormalModes:
-    """Make the modes that a stream names.
+def read_modes(data: bytes, n_vertices: int, faces: Ints, n_threads: int = 1) -> OrthonormalModes:
+    """Make the modes that a stream names, with so many threads.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def read_modes(data: bytes, n_vertices: int, faces: Ints) -> OrthonormalModes:
         if data[0] == LATTICE:
             return read_lattice_modes(data, n_vertices)
         if data[0] in (SPRINGS, JOINED):
-            return read_patch_modes(data, n_vertices, faces)
+            return read_patch_modes(data, n_vertices, faces, n_threads)
         if data[0] == PAIRS:
             return read_pair_modes(data, n_vertices, faces)
     raise damaged(_UNKNOWN)

@@ -10,6 +10,7 @@ encoder and decoder compare a probe of the basis.
 from __future__ import annotations
 
 import struct
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from modalmotion.codec.bits.varint import read_varint, write_varint
 from modalmotion.codec.modes.halving import patches_of
-from modalmotion.codec.modes.joined import PatchBasis, Shaken, Springs, by_rank, solve_patch
+from modalmotion.codec.modes.joined import Each, PatchBasis, Shaken, Springs, by_rank, solve_patch
 from modalmotion.codec.modes.springs import edges_of, scatter, stiffness_of
 from modalmotion.errors import LimitError, MalformedFileError
 
@@ -83,6 +84,8 @@ class PatchModes:
         Decides how springs are stiffened.
     errors : Shaken, optional
         Errors to add to each eigenproblem.
+    n_threads : int, optional
+        How many patches, or leaves of a lone patch, are solved side by side.
     """
 
     edges: Ints
@@ -90,6 +93,7 @@ class PatchModes:
     cut: Cut
     seed: int
     errors: Shaken | None = None
+    n_threads: int = 1
 
     @cached_property
     def patches(self) -> list[Ints]:
@@ -115,14 +119,23 @@ class PatchModes:
             parts = patches_of(edges, self.n_vertices, self.cut.leaf)
         for part in parts:
             leaves[int(owner[part[0]])].append(where[part])
-        bases = []
-        for number, patch in enumerate(self.patches):
+        several = sum(len(part) > 1 for part in leaves) > 1
+
+        def solved(number: int, each: Each = map) -> PatchBasis:
+            patch = self.patches[number]
             some = slice(cuts[number], cuts[number + 1])
             springs = Springs(where[edges[some, 0]], where[edges[some, 1]], stiffness[some])
             signs = scatter(patch, self.seed + 1) - 0.5
             n_joined = self.cut.n_joined(len(patch), len(leaves[number]))
-            bases.append(solve_patch(leaves[number], springs, signs, n_joined, self.errors))
-        return bases
+            return solve_patch(leaves[number], springs, signs, n_joined, self.errors, each)
+
+        numbers = range(len(self.patches))
+        if self.n_threads == 1:
+            return list(map(solved, numbers))
+        with ThreadPoolExecutor(self.n_threads) as pool:
+            if several or self.cut.leaf >= self.cut.patch:
+                return list(pool.map(solved, numbers))
+            return [solved(number, pool.map) for number in numbers]
 
     @cached_property
     def order(self) -> Ints:
@@ -175,7 +188,7 @@ class PatchModes:
         return head + struct.pack(f"<{PROBES}h", *self.probe().tolist())
 
 
-def read_patch_modes(data: bytes, n_vertices: int, faces: Ints) -> PatchModes:
+def read_patch_modes(data: bytes, n_vertices: int, faces: Ints, n_threads: int = 1) -> PatchModes:
     """Solve for the modes that `PatchModes.write` wrote.
 
     Raises
@@ -203,7 +216,7 @@ def read_patch_modes(data: bytes, n_vertices: int, faces: Ints) -> PatchModes:
             remedy="No encoder of this project writes such a stream: refuse its sender.",
             limit="spring_modes",
         )
-    modes = PatchModes(edges_of(faces), n_vertices, cut, data[1])
+    modes = PatchModes(edges_of(faces), n_vertices, cut, data[1], n_threads=n_threads)
     if np.abs(modes.probe() - probe).max() > 1:
         raise MalformedFileError(
             "This machine solves for other spring modes than the encoder did.",
