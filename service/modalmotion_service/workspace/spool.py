@@ -72,9 +72,11 @@ class SpoolFile:
 
 def remove_with_beside(path: Path) -> None:
     """Remove a file, and those beside it whose names begin with its own, as `SpoolFile.remove`."""
+    # Not by a pattern: each would be compiled, and kept for the next time that never comes.
     with contextlib.suppress(OSError):
-        for file in path.parent.glob(f"{path.name}*"):
-            file.unlink(missing_ok=True)
+        for file in path.parent.iterdir():
+            if file.name.startswith(path.name):
+                file.unlink(missing_ok=True)
 
 
 class Spool:
