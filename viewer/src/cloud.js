@@ -56,7 +56,7 @@ export class Cloud {
     this.hasLandmarks = kinds.includes(2);
     this.geometry = new BufferGeometry();
     const set = (name, values, size) => this.geometry.setAttribute(name, new BufferAttribute(values, size));
-    set("position", Float32Array.from(points.values, (x, i) => (x + from[i % 3]) / length), 3);
+    set("position", Float32Array.from(points.values, (x, i) => (x * header.length + from[i % 3]) / length), 3);
     set("tone", Float32Array.from({ length: 3 * n }, (_, i) => [COUNTED, LEFT_OUT, LANDMARK][kinds[Math.floor(i / 3)]][i % 3]), 3);
     set("size", Float32Array.from(kinds, (kind) => [5, 6, 11][kind]), 1);
     this.drawn = [];

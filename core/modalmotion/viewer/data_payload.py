@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.tracking.sampled_data import SampledData
 from modalmotion.viewer.container import write_container
+from modalmotion.viewer.payload import single_scale
 
 
 def data_payload(data: SampledData) -> bytes:
@@ -21,14 +22,16 @@ def data_payload(data: SampledData) -> bytes:
     Returns
     -------
     bytes
-        `read_container` reads them. `points` (n, 3) are float32 from the header's `origin`, in the
-        unit of the sequence; `weights` (n,) from 0 of a stray to 255; `landmarks` (n,) 0 or 1;
-        `counts` in the header has the points of each frame.
+        `read_container` reads them. `points` (n, 3) are float32 from the header's `origin`, in its
+        `length`: 1 in the unit of the sequence, but for extremes; `weights` (n,) from 0 of a
+        stray to 255; `landmarks` (n,) 0 or 1; `counts` in the header has the points of each frame.
     """
     origin = data.points.mean(axis=0) if data.n_points else np.zeros(3)
-    header = {"origin": origin.tolist(), "counts": data.counts.tolist()}
+    away = data.points - origin
+    length = single_scale(float(np.abs(away).max(initial=0.0)))
+    header = {"origin": origin.tolist(), "length": length, "counts": data.counts.tolist()}
     arrays: dict[str, NDArray[Any]] = {
-        "points": (data.points - origin).astype(np.float32),
+        "points": (away / length).astype(np.float32),
         "weights": np.rint(255.0 * np.clip(data.weights, 0.0, 1.0)).astype(np.uint8),
         "landmarks": data.are_landmarks.astype(np.uint8),
     }

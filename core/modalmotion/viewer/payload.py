@@ -185,7 +185,11 @@ def frames_payload(
 
 def length_scale(sequence: MeshSequence, centre: NDArray[np.float64]) -> float:
     """Length that is sent as 1: one unit, but for extremes a power of two."""
-    size = float(np.abs(sequence.vertices - centre).max(initial=0.0))
+    return single_scale(float(np.abs(sequence.vertices - centre).max(initial=0.0)))
+
+
+def single_scale(size: float) -> float:
+    """Length that is sent as 1, so that others up to a size are in single precision's range."""
     return 1.0 if size == 0.0 or _SMALLEST < size < _LARGEST else power_of_two(size)
 
 

@@ -24,6 +24,15 @@ def test_points_keep_their_places_and_what_they_are(rng: np.random.Generator, fa
     assert arrays["landmarks"].tolist() == [0, 0, 0, 0, 0, 1]
 
 
+@pytest.mark.parametrize("size", [1e-200, 1e-12, 1e12, 1e60])
+def test_extreme_lengths_are_sent_in_another_unit(rng: np.random.Generator, size: float) -> None:
+    points = size * rng.normal(size=(9, 3))
+    data = SampledData(points, np.ones(9), np.zeros(9, dtype=bool), np.array([9]))
+    header, arrays = read_container(data_payload(data))
+    back = arrays["points"].astype(np.float64) * header["length"] + np.array(header["origin"])
+    assert np.abs(back - points).max() < 1e-6 * size
+
+
 def test_no_points_are_no_error() -> None:
     nothing = np.zeros(0)
     data = SampledData(np.zeros((0, 3)), nothing, nothing.astype(bool), np.zeros(2, dtype=np.int64))

@@ -146,6 +146,13 @@ def from_images(opened: Opened, folder: Path) -> None:
     opened.wait("window.modalmotion?.views?.length === 3")
     line = "[...document.querySelectorAll('.contours path')].map(p => p.getAttribute('d').length)"
     assert min(page.evaluate(line)) > 200
+    # Every place of a line is on the surface: its vertices are 3 mm apart, and edges straight.
+    seen = "modalmotion.views.flatMap(v => v.slice.contours(v.surface).map(s => v.slice.at(...s)))"
+    surface = page.evaluate("Array.from(modalmotion.views[0].surface.vertices)")
+    places, vertices = np.array(page.evaluate(seen)), np.array(surface).reshape(-1, 3)
+    away = np.linalg.norm(places[:, None] - vertices, axis=2).min(axis=1)
+    assert len(places) > 100
+    assert away.max() < 3.0
     page.get_by_role("button", name="Back to the moving surface").click()
     opened.shown()
     assert [text for text in opened.said if "401" not in text] == []
