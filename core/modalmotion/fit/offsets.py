@@ -7,6 +7,7 @@ Where vertices lie on the surface does not matter: rotation and drift are the su
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -39,8 +40,9 @@ _N_TURNS: Final = 2
 # vertices.
 _PULL: Final = 1e-2
 
-# Consecutive multiples of it fall apart evenly: some of the lines, from everywhere.
-_GOLDEN: Final = 0.6180339887498949
+# Consecutive multiples of it fall apart evenly: some of the lines, from everywhere. Not those of the
+# golden ratio, in which points of a spiral go round: they would all lie at one side.
+_SPREAD: Final = math.sqrt(2.0) - 1.0
 
 
 @shown()
@@ -244,7 +246,7 @@ def _turned(
     a round one.
     """
     lines = reference.lines
-    places = np.modf(np.arange(len(lines.vertices)) * _GOLDEN)[0]
+    places = np.modf(np.arange(len(lines.vertices)) * _SPREAD)[0]
     some = lines.some(np.sort(np.argsort(places, kind="stable")[:_N_TURNING]))
     w = weights[some.vertices]
     r = some.starts - reference.centroid

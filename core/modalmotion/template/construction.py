@@ -41,7 +41,13 @@ from modalmotion.template.notes import (
 )
 from modalmotion.template.recognition import recognise, require_fit
 from modalmotion.template.surface import Surface, surface_of
-from modalmotion.template.template import Template, Weights, landmarks_read, template_id
+from modalmotion.template.template import (
+    Template,
+    Weights,
+    is_placed_by_shape,
+    landmarks_read,
+    template_id,
+)
 
 # Below this degree too many places share the same natural coordinates.
 _FOLDED = 0.8
@@ -63,6 +69,7 @@ def make_template(
     landmarks: GivenLandmarks | None = None,
     closed_form: bool = True,
     merge_vertices: bool = True,
+    by_rows: bool = True,
 ) -> Template:
     """Make the template of a sequence from one of its own frames.
 
@@ -81,6 +88,9 @@ def make_template(
     merge_vertices : bool
         Whether vertices of triangles that coincide in every frame are one vertex of the surface;
         False leaves each by itself.
+    by_rows : bool
+        Whether the rows and columns of a lattice are its coordinates; False takes those of the
+        surface between its nodes, where it has an axis.
 
     Raises
     ------
@@ -116,7 +126,10 @@ def make_template(
     if len(sequence.faces):
         notes += notes_on_mesh(surface, isolated)
     topology, reason = _decide(sequence, surface, closed_form, notes)
-    coordinates = None if topology is None else _coordinates(sequence, topology, surface, places)
+    coordinates = None
+    if topology is not None:
+        of_surface = not by_rows and is_placed_by_shape(sequence)
+        coordinates = _coordinates(sequence, topology, surface, places, of_surface=of_surface)
     if (
         coordinates is not None
         and topology is not None
@@ -145,6 +158,7 @@ def make_template(
         landmarks=own_landmarks,
         closed_form=closed_form,
         merge_vertices=merge_vertices,
+        by_rows=by_rows,
     )
     values = np.zeros((len(start), 0))
     lengths: tuple[float, ...] = ()
@@ -247,10 +261,19 @@ def _coordinates(
     topology: Topology,
     surface: Surface,
     places: dict[str, NDArray[np.float64]],
+    *,
+    of_surface: bool,
 ) -> Coordinates | None:
     if sequence.grid is not None:
         values = Lattice(topology, sequence.grid).natural_coordinates
-        return Coordinates(topology, values, lattice_landmarks(surface, topology, values))
+        landmarks = lattice_landmarks(surface, topology, values)
+        if not of_surface or landmarks is None:
+            return Coordinates(topology, values, landmarks)
+        # The lattice still says where theta is 0 and, of a cylinder, which end is which.
+        zero = landmarks.origin + landmarks.theta_zero * np.sqrt(surface.area)
+        places = {"theta_zero": zero}
+        if topology == CYLINDER:
+            places["base"] = landmarks.base
     if topology.n_axes == 1:
         return curve_coordinates(surface.vertices, topology, places)
     return _MAKERS[topology](surface, places)

@@ -19,7 +19,7 @@ from modalmotion.template.coordinates.axis import (
 from modalmotion.template.coordinates.potential import potential
 from modalmotion.template.coordinates.value import Coordinates
 from modalmotion.template.landmarks import Landmarks
-from modalmotion.template.surface import Surface, mean_of
+from modalmotion.template.surface import Opening, Surface, mean_of
 
 # s = (1 - u / max u)^(5/8): 1/2 is exact on a flat disk, 3/4 serves a long tube.
 _EXPONENT: Final = 5 / 8
@@ -33,6 +33,10 @@ FAINT_AXIS: Final = 0.02
 # The cap around the apex is where the torsion function is largest; this power of it is the
 # weight that the apex is the centroid of.
 _CAP: Final = 8
+
+
+# Below this angle, rad, from the plane of its rim a cap is taken to be flat.
+_FLAT_CAP: Final = 1e-3
 
 
 def cup_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Coordinates:
@@ -56,14 +60,14 @@ def cup_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) ->
         notes.append("The triangles are too thin to solve on; s is the height along the axis.")
         cap = np.ones_like(surface.areas)
     else:
-        cap = np.clip(u / u.max(), 0.0, 1.0) ** _CAP
+        cap = np.clip(u, 0.0, 1.0) ** _CAP
     apex, roundness = _centre_of_cap(surface, cap)
-    base = places.get("base", mean_of(surface.openings))
+    base = places.get("base", _base(surface))
     origin, axis, strength = _axis(surface, places, base)
     zero, zero_strength = theta_zero(surface, places, origin, axis, lean)
     offsets = surface.vertices - origin
     theta = azimuth(offsets, axis, zero)
-    s = along(offsets, axis) if u is None else (1 - np.clip(u / u.max(), 0.0, 1.0)) ** _EXPONENT
+    s = along(offsets, axis) if u is None else (1 - np.clip(u, 0.0, 1.0)) ** _EXPONENT
     if u is None:
         s = (s - s.min()) / (np.ptp(s) or 1.0)
     if len(surface.openings) > 2:
@@ -93,7 +97,58 @@ def axis_strength(surface: Surface) -> float:
     """How far the base lies from the area centroid, 0 for a flat sheet, 1 for a deep cup."""
     # A hemisphere of the same area has its base at half this radius.
     radius = np.sqrt(surface.area / (2 * np.pi))
-    return min(1.0, float(np.linalg.norm(surface.base - surface.centroid)) / float(radius))
+    return min(1.0, float(np.linalg.norm(_base(surface) - surface.centroid)) / float(radius))
+
+
+def apical_opening(surface: Surface) -> Opening | None:
+    """Give the narrower of two openings that lie at opposite ends: where an apex was cut off."""
+    if len(surface.openings) != 2:
+        return None
+    wide, narrow = (opening.centre - surface.centroid for opening in surface.openings)
+    return surface.openings[1] if wide @ narrow < 0 else None
+
+
+def base_openings(surface: Surface) -> tuple[Opening, ...]:
+    """Openings of a cup but for that of an apex that was cut off."""
+    return surface.openings if apical_opening(surface) is None else surface.openings[:1]
+
+
+def _base(surface: Surface) -> NDArray[np.float64]:
+    return mean_of(base_openings(surface))
+
+
+def _cap_of(surface: Surface, opening: Opening) -> tuple[float, float]:
+    """Area of the cap that an apex was cut off with, and how far u rises over its rim.
+
+    The cap of the sphere that the wall touches along the rim: of radius r = a / sin w for a rim of
+    radius a that the wall meets at the angle w from its plane, with the area 2 pi r^2 (1 - cos w)
+    and -Laplace u = 1 solved by 2 r^2 log(cos(x / 2)), x from its pole on.
+    """
+    inside = np.zeros(len(surface.vertices), dtype=np.bool_)
+    inside[opening.vertices] = True
+    faces = surface.faces[inside[surface.faces].sum(axis=1) == 2]
+    # The two corners on the rim first.
+    order = np.argsort(~inside[faces], axis=1, kind="stable")
+    a, b, c = surface.vertices[np.take_along_axis(faces, order, axis=1)].transpose(1, 0, 2)
+    along_rim = b - a
+    lengths = np.linalg.norm(along_rim, axis=1)
+    middles = (a + b) / 2
+    radius = opening.length / (2 * np.pi)
+    flat = np.pi * radius**2, radius**2 / 4
+    if not (lengths > 0).all() or not len(faces):
+        return flat
+    tangents = along_rim / lengths[:, None]
+    outward = middles - c
+    outward -= np.einsum("ij,ij->i", outward, tangents)[:, None] * tangents
+    outward /= np.maximum(np.linalg.norm(outward, axis=1), 1e-300)[:, None]
+    inward = opening.centre - middles
+    inward /= np.maximum(np.linalg.norm(inward, axis=1), 1e-300)[:, None]
+    cosine = float(lengths @ np.einsum("ij,ij->i", outward, inward) / lengths.sum())
+    w = float(np.arccos(np.clip(cosine, 0.0, 1.0)))
+    if w < _FLAT_CAP:
+        return flat
+    r = radius / np.sin(w)
+    return 2 * np.pi * r**2 * (1 - np.cos(w)), float(-2 * r**2 * np.log(np.cos(w / 2)))
 
 
 def is_flat(surface: Surface) -> bool:
@@ -103,10 +158,23 @@ def is_flat(surface: Surface) -> bool:
 
 
 def _torsion(surface: Surface) -> NDArray[np.float64] | None:
-    """Solve -Laplace u = 1 with u = 0 on all openings; None where that is impossible."""
-    border = np.concatenate([opening.vertices for opening in surface.openings])
-    u = potential(surface, surface.areas, border, np.zeros(len(border)))
-    return None if u is None or not u.max() > 0 else u
+    """Solve -Laplace u = 1 with u = 0 on the openings of the base, over what it is at the pole.
+
+    None where that is impossible. Through the rim of an apex that is cut off flows what its cap
+    gives rise to.
+    """
+    openings, cut = base_openings(surface), apical_opening(surface)
+    border = np.concatenate([opening.vertices for opening in openings])
+    sources, above = surface.areas, 0.0
+    if cut is not None:
+        area, above = _cap_of(surface, cut)
+        sources = sources.copy()
+        sources[cut.vertices] += area / len(cut.vertices)
+    u = potential(surface, sources, border, np.zeros(len(border)))
+    if u is None or not u.max() > 0:
+        return None
+    highest = float(u.max()) if cut is None else float(u[cut.vertices].mean())
+    return np.asarray(u / max(float(u.max()), highest + above))
 
 
 def _axis(
