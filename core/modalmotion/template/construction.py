@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import lattice_faces
-from modalmotion.mesh.curves import curve_weights
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
@@ -40,6 +39,7 @@ from modalmotion.template.notes import (
     places_wanted,
 )
 from modalmotion.template.recognition import recognise, require_fit
+from modalmotion.template.shares import shares_of
 from modalmotion.template.surface import Surface, surface_of
 from modalmotion.template.template import (
     Template,
@@ -150,7 +150,7 @@ def make_template(
     require_used(own_landmarks, topology, is_lattice=sequence.grid is not None)
     if reason and topology is None:
         notes.append(f"{reason} The modes are those of springs along the edges of this mesh.")
-    shares = _shares(surface, sequence, topology, weights, notes, first)
+    shares = shares_of(surface, sequence, topology, weights, notes, first)
     id_ = template_id(
         sequence,
         reference=reference,
@@ -316,39 +316,6 @@ def _normalised(
     largest = float(np.abs(vertices).max(initial=0.0))
     scale = power_of_two(largest)
     return surface_of(vertices / scale, faces), corner, scale
-
-
-def _shares(
-    surface: Surface,
-    sequence: MeshSequence,
-    topology: Topology | None,
-    weights: Weights,
-    notes: list[str],
-    first: NDArray[np.int64],
-) -> NDArray[np.float64]:
-    n = sequence.n_vertices
-    is_curve = topology is not None and topology.n_axes == 1
-    if weights == Weights.UNIFORM:
-        counted = np.ones(n, dtype=np.bool_)
-        if len(surface.faces):
-            counted[surface.connectivity.isolated] = False
-        return np.where(counted, 1.0 / counted.sum(), 0.0)
-    areas = surface.areas
-    if is_curve and topology is not None:
-        areas = curve_weights(surface.vertices, topology)
-    elif not len(surface.faces):
-        notes.append("There are no areas to weigh by; all vertices count alike.")
-        return np.full(n, 1.0 / n)
-    total = float(areas.sum())
-    if not total > 0:
-        notes.append("The surface has no area; all vertices count alike.")
-        return np.full(n, 1.0 / n)
-    # What stands for others has their weight too.
-    weightless = int((areas[first] == 0).sum())
-    if weightless:
-        notes.append(f"{weightless} vertices belong to no area and have no weight in the fit.")
-    shares: NDArray[np.float64] = areas / total
-    return shares
 
 
 def _carried_over(

@@ -186,11 +186,11 @@ class Model(FrozenArrays):
 
     def log_shares(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """Log probabilities up to a constant, (cases, classes), of features (cases, features)."""
+        if len(self.members) == 1:
+            return self.members[0].log_shares(features) / self.temperature
         ends = np.cumsum([len(member.columns) for member in self.members])[:-1]
         parts = np.split(features, ends, axis=1)
         logs = [m.log_shares(part) for m, part in zip(self.members, parts, strict=True)]
-        if len(logs) == 1:
-            return logs[0] / self.temperature
         return pooled(logs, [m.weight for m in self.members]) / self.temperature
 
     def probabilities(self, features: NDArray[np.float64]) -> NDArray[np.float64]:

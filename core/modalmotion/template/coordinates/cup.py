@@ -104,17 +104,26 @@ def apical_opening(surface: Surface) -> Opening | None:
     """Give the narrower of two openings that lie at opposite ends: where an apex was cut off."""
     if len(surface.openings) != 2:
         return None
-    wide, narrow = (opening.centre - surface.centroid for opening in surface.openings)
-    return surface.openings[1] if wide @ narrow < 0 else None
+    one, other = surface.openings
+    if (one.centre - surface.centroid) @ (other.centre - surface.centroid) >= 0:
+        return None
+    return other if _radius(surface, one) >= _radius(surface, other) else one
 
 
 def base_openings(surface: Surface) -> tuple[Opening, ...]:
-    """Openings of a cup but for that of an apex that was cut off."""
-    return surface.openings if apical_opening(surface) is None else surface.openings[:1]
+    """Give the openings of a cup but for that of an apex that was cut off."""
+    cut = apical_opening(surface)
+    return tuple(opening for opening in surface.openings if opening is not cut)
 
 
 def _base(surface: Surface) -> NDArray[np.float64]:
     return mean_of(base_openings(surface))
+
+
+def _radius(surface: Surface, opening: Opening) -> float:
+    """Mean distance of a rim from its centre: a jagged rim is longer, and no wider."""
+    arms = surface.vertices[opening.vertices] - opening.centre
+    return float(np.linalg.norm(arms, axis=1).mean())
 
 
 def _cap_of(surface: Surface, opening: Opening) -> tuple[float, float]:
@@ -124,29 +133,29 @@ def _cap_of(surface: Surface, opening: Opening) -> tuple[float, float]:
     radius a that the wall meets at the angle w from its plane, with the area 2 pi r^2 (1 - cos w)
     and -Laplace u = 1 solved by 2 r^2 log(cos(x / 2)), x from its pole on.
     """
-    inside = np.zeros(len(surface.vertices), dtype=np.bool_)
-    inside[opening.vertices] = True
-    faces = surface.faces[inside[surface.faces].sum(axis=1) == 2]
+    on_rim = np.zeros(len(surface.vertices), dtype=np.bool_)
+    on_rim[opening.vertices] = True
+    faces = surface.faces[on_rim[surface.faces].sum(axis=1) == 2]
     # The two corners on the rim first.
-    order = np.argsort(~inside[faces], axis=1, kind="stable")
+    order = np.argsort(~on_rim[faces], axis=1, kind="stable")
     a, b, c = surface.vertices[np.take_along_axis(faces, order, axis=1)].transpose(1, 0, 2)
-    along_rim = b - a
-    lengths = np.linalg.norm(along_rim, axis=1)
-    middles = (a + b) / 2
-    radius = opening.length / (2 * np.pi)
-    flat = np.pi * radius**2, radius**2 / 4
-    if not (lengths > 0).all() or not len(faces):
-        return flat
-    tangents = along_rim / lengths[:, None]
-    outward = middles - c
-    outward -= np.einsum("ij,ij->i", outward, tangents)[:, None] * tangents
-    outward /= np.maximum(np.linalg.norm(outward, axis=1), 1e-300)[:, None]
+    edges, middles = b - a, (a + b) / 2
+    # Across each edge within its triangle, as long as the edge: their sum is that of a smooth rim.
+    across = middles - c
+    squares = np.maximum(np.einsum("ij,ij->i", edges, edges), 1e-300)
+    across -= (np.einsum("ij,ij->i", across, edges) / squares)[:, None] * edges
+    across *= (np.sqrt(squares) / np.maximum(np.linalg.norm(across, axis=1), 1e-300))[:, None]
+    upward = opening.centre - surface.centroid
+    upward /= max(float(np.linalg.norm(upward)), 1e-300)
     inward = opening.centre - middles
+    inward -= (inward @ upward)[:, None] * upward
     inward /= np.maximum(np.linalg.norm(inward, axis=1), 1e-300)[:, None]
-    cosine = float(lengths @ np.einsum("ij,ij->i", outward, inward) / lengths.sum())
-    w = float(np.arccos(np.clip(cosine, 0.0, 1.0)))
+    w = float(np.arctan2((across @ upward).sum(), np.einsum("ij,ij->", across, inward)))
+    radius = _radius(surface, opening)
     if w < _FLAT_CAP:
-        return flat
+        return np.pi * radius**2, radius**2 / 4
+    # A wall that opens towards its rim says nothing of a cap: half a sphere is the most.
+    w = min(w, np.pi / 2)
     r = radius / np.sin(w)
     return 2 * np.pi * r**2 * (1 - np.cos(w)), float(-2 * r**2 * np.log(np.cos(w / 2)))
 
