@@ -93,6 +93,7 @@ OFFSET: Final = Recipe(
     TrainingOptions(
         modes=16,
         kind=SignatureKind.OFFSET,
+        timing="cycle",
         further=False,
         known_share=KNOWN_SHARE,
         seed=TRAINING_SEED,
