@@ -21,11 +21,11 @@ def hearts(n: int, rng: np.random.Generator) -> np.ndarray:
 def test_a_weak_heart_three_times_as_strong_is_found(rng: np.random.Generator) -> None:
     known, new = MotionScale(hearts(600, rng), 0.25), hearts(200, rng)
     assert np.mean([known.exceeds(place) for place in new]) <= 0.02
-    larger = new + [math.log(3.0) / 0.25, 0.0, 0.0]
+    step = np.array([math.log(3.0) / 0.25, 0.0, 0.0])
+    larger = new + step
     assert np.mean([known.exceeds(place) for place in larger[1::2]]) > 0.95
     # Three times too small is another matter.
-    smaller = new - [math.log(3.0) / 0.25, 0.0, 0.0]
-    assert not any(known.exceeds(place) for place in smaller)
+    assert not any(known.exceeds(place) for place in new - step)
 
 
 def test_the_evidence_is_that_of_the_densities(rng: np.random.Generator) -> None:

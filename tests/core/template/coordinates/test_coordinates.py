@@ -83,6 +83,8 @@ def test_a_cup_whose_apex_is_cut_off_keeps_the_coordinates_of_the_whole(height: 
     s = cut.coordinates[used, 0]
     assert s.min() > 0.05
     assert s == pytest.approx(whole.coordinates[used, 0], abs=0.03)
+    assert cut.landmarks is not None
+    assert whole.landmarks is not None
     assert np.abs(cut.landmarks.axis @ whole.landmarks.axis) == pytest.approx(1.0, abs=1e-3)
     assert cut.landmarks.base == pytest.approx(whole.landmarks.base, abs=1e-9)
     # Nothing is said of it: it is open at both ends.
