@@ -137,12 +137,12 @@ def _case(sequence: MeshSequence, rng: np.random.Generator) -> Case:
     x = sequence.vertices[::3].astype(np.float64)
     for frame in x:
         axis = frame[rim].mean(axis=0) - frame[tip]
-        length = np.linalg.norm(axis)
-        axis /= length
+        long_axis = float(np.linalg.norm(axis))
+        axis /= long_axis
         r = frame - frame[tip]
         across = np.cross(axis, (0.2, 0.9, 0.1))
         across /= np.linalg.norm(across)
-        height = np.maximum(r @ axis / length, 0.0) ** 3
+        height = np.maximum(r @ axis / long_axis, 0.0) ** 3
         frame += (np.tan(TILT) * (r @ across) * height)[:, None] * axis
     middle = x[0][rim].mean(axis=0) - x[0][tip]
     length = float(np.linalg.norm(middle))
@@ -190,9 +190,9 @@ def _section(
         return np.zeros((0, 3))
     ends = []
     for face in cut:
-        points = _crossings(x, face[[[0, 1], [1, 2], [2, 0]]], origin, normal)
-        if len(points) == 2:
-            ends.append(points)
+        pair = _crossings(x, face[[[0, 1], [1, 2], [2, 0]]], origin, normal)
+        if len(pair) == 2:
+            ends.append(pair)
     pairs = np.array(ends)
     reach = np.cumsum(np.linalg.norm(pairs[:, 1] - pairs[:, 0], axis=1))
     n = max(3, round(float(reach[-1]) / STEP))
