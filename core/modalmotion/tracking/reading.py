@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -392,7 +392,7 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
             "Write it with numpy.savez: points (n, 3) and offsets (frames + 1,), the first row of "
             f"each frame, and the end; or points (frames, n, 3). {NOTHING_TO_TRACK}"
         )
-        if "vertices" in error.details.get("arrays", ()):
+        if "vertices" in cast("list[str]", error.details.get("arrays", [])):
             error.remedy = NOTHING_TO_TRACK
         raise
     clouds = _clouds_in(arrays, limits)
