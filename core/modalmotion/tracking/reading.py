@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import InputError, MalformedFileError, ParameterError, ShapeError
 from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
 from modalmotion.formats.frames.archive import opened
+from modalmotion.formats.frames.frame import NOTHING_TO_TRACK
 from modalmotion.formats.frames.listing import list_frames, notes_on_numbers
 from modalmotion.formats.frames.names import (
     FRAME_SUFFIXES,
@@ -186,7 +187,7 @@ def _of_bytes(
         raise MalformedFileError(unknown_format(data).message, remedy=_REMEDY)
     raise MalformedFileError(
         f"The file is {kind.upper()}, which holds a sequence of one mesh.",
-        remedy=f"Its vertices correspond: it needs no tracking. {_REMEDY}",
+        remedy=f"{NOTHING_TO_TRACK} {_REMEDY}",
     )
 
 
@@ -418,9 +419,10 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
     except MalformedFileError as error:
         error.remedy = (
             "Write it with numpy.savez: points (n, 3) and offsets (frames + 1,), the first row of "
-            "each frame, and the end; or points (frames, n, 3). A sequence of one mesh needs no "
-            "tracking."
+            f"each frame, and the end; or points (frames, n, 3). {NOTHING_TO_TRACK}"
         )
+        if "vertices" in cast("list[str]", error.details.get("arrays", [])):
+            error.remedy = NOTHING_TO_TRACK
         raise
     clouds = _clouds_in(arrays, limits)
     frames = tuple(_cloud_of(cloud, k) for k, cloud in enumerate(clouds))
