@@ -23,7 +23,7 @@ from modalmotion.clinical import clinical_readouts
 from modalmotion.codec import decode, encode
 from modalmotion.errors import ModalMotionError
 from modalmotion.facts import Facts, facts_from_texts
-from modalmotion.formats import ReadOptions, write_npz, write_raw
+from modalmotion.formats import ReadOptions, read_sequence, write_npz, write_raw
 from modalmotion.formats.raw import read_raw
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
 from modalmotion.modes.naming import modes_named, parse_label
@@ -38,6 +38,7 @@ from modalmotion.signature.making import (
 from modalmotion.template import GivenLandmarks, make_template
 from modalmotion.template.body_frame import Components
 from modalmotion.template.vibration_modes import surface_modes
+from modalmotion.tracking.reading import read_observed
 
 Way = Callable[[], object]
 
@@ -469,6 +470,11 @@ TRIED = (
             [*of_balls(), TrainingCase(fitted(surface("torus"), modes=7), "0", "s")], "x", QUICK
         ),
         (lambda _: train(of_balls(), "x", QUICK),),
+    ),
+    Try(
+        "needs no tracking: it is for `modalmotion signature`",
+        lambda: read_observed(write_npz(surface())),
+        (lambda _: modal_signature(read_sequence(write_npz(surface())).sequence),),
     ),
 )
 
