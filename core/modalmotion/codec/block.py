@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -18,6 +18,7 @@ from modalmotion.codec.bits.matrix import code_matrix
 from modalmotion.codec.bits.mixed_matrix import code_mixed_matrix
 from modalmotion.codec.bits.varint import read_varints, unzigzag, write_varint, zigzag
 from modalmotion.codec.modes.modes_section import OrthonormalModes
+from modalmotion.codec.parts.parts import MOST_PARTS, N_FUNCTIONS, Parts, code_labels
 from modalmotion.codec.quantiser import Quantiser
 from modalmotion.codec.temporal import (
     CLOSED_FORM,
@@ -54,6 +55,10 @@ class Block:
     origin : (3,) int64, quanta
     width : int
         Quanta of one step of the corrections; 0 without corrections.
+    parts : Parts, optional
+        What moves as one.
+    maps : (components, 4 x parts) int64
+        What each component does to each part, beside its coefficients.
     mixed : bool
         Whether the matrices are coded one by one, in fewer bits and more time.
     """
@@ -66,6 +71,8 @@ class Block:
     exponent: int
     origin: Ints
     width: int = 0
+    parts: Parts | None = None
+    maps: Ints = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
     mixed: bool = False
 
     def time_basis(self) -> TimeBasis:
@@ -77,6 +84,9 @@ class Block:
     def scaled(self, modes: OrthonormalModes) -> Floats:
         """Positions about the origin in quanta, before rounding, (frames, 3, vertices)."""
         rows = modes.synthesise(self.quantiser.restore(self.coefficients))
+        if self.parts is not None:
+            functions = self.parts.functions(rows[:3] / np.sqrt(self.n_frames))
+            rows[3:] += self.parts.spread(self.quantiser.restore(self.maps), functions)
         return self.time_basis().superpose(rows)
 
 
@@ -105,9 +115,12 @@ def write_block(
     writer = Writer()
     n_values = positions.size
     code = code_mixed_matrix if block.mixed else code_matrix
+    if block.parts is not None:
+        code_labels(writer, len(block.parts.pieces), block.parts.count, block.parts.labels)
     if block.basis.shape[0]:
         code(writer, block.basis.shape, block.basis)
     code(writer, block.coefficients.shape, block.coefficients)
+    code(writer, block.maps.shape, block.maps)
     code_guards(writer, n_values, guards)
     if corrections is not None:
         code_corrections(writer, corrections.shape, corrections)
@@ -116,7 +129,10 @@ def write_block(
     signed = (block.exponent, *block.origin.tolist())
     sizes = (block.width, *block.coefficients.shape, len(block.basis))
     head += b"".join(write_varint(n) for n in (*map(zigzag, signed), *sizes))
-    return digest(positions) + head + bytes([block.mixed]) + writer.finish()
+    head += bytes([block.mixed])
+    if block.parts is not None:
+        head += write_varint(block.parts.largest) + write_varint(block.parts.count)
+    return digest(positions) + head + writer.finish()
 
 
 def read_block(
@@ -133,15 +149,18 @@ def read_block(
     MalformedFileError
         If the bytes are not a block, or the positions are not those that were encoded.
     """
-    block, position = _read_head(data, n_frames, n_vertices)
+    block, position = _read_head(data, n_frames, n_vertices, modes)
     reader = Reader(data[position:])
     code = code_mixed_matrix if block.mixed else code_matrix
-    basis = block.basis
+    basis, parts = block.basis, block.parts
+    if parts is not None:
+        parts = replace(parts, labels=code_labels(reader, len(parts.pieces), parts.count, None))
     if len(basis):
         basis = code(reader, basis.shape, None)
     coefficients = code(reader, block.coefficients.shape, None)
+    maps = code(reader, block.maps.shape, None)
     guards = code_guards(reader, 3 * n_frames * n_vertices, None)
-    block = replace(block, basis=basis, coefficients=coefficients)
+    block = replace(block, basis=basis, coefficients=coefficients, parts=parts, maps=maps)
     scaled = block.scaled(modes)
     if not (np.abs(scaled) < MOST_QUANTA).all():
         raise damaged("Decoded positions lie beyond what the stream's quantum can count.")
@@ -164,9 +183,23 @@ def digest(positions: FloatArray) -> bytes:
     return hashlib.sha256(np.ascontiguousarray(plain).data).digest()[:HASH_BYTES]
 
 
-def _read_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int]:
+def _read_head(
+    data: bytes, n_frames: int, n_vertices: int, modes: OrthonormalModes
+) -> tuple[Block, int]:
     with parsing(_NONSENSE):
-        return _parse_head(data, n_frames, n_vertices)
+        block, position = _parse_head(data, n_frames, n_vertices)
+        if block.kind != Temporal.PARTS:
+            return block, position
+        (largest, count), position = read_varints(data, position, 2)
+        # As many vertices as numbers for each component: more no encoder writes.
+        if not (largest and 0 < count <= MOST_PARTS and N_FUNCTIONS * count <= n_vertices):
+            raise ValueError
+        pieces = modes.pieces(min(largest, n_vertices))
+        if pieces is None:
+            raise ValueError
+    labels = np.zeros(len(pieces), dtype=np.int64)
+    maps = np.zeros((len(block.basis), N_FUNCTIONS * count), dtype=np.int64)
+    return replace(block, parts=Parts(largest, pieces, labels, count), maps=maps), position
 
 
 def _parse_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int]:
@@ -204,7 +237,7 @@ def _parse_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int
             exponent,
             origin,
             width,
-            bool(mixed),
+            mixed=bool(mixed),
         ),
         position + 1,
     )

@@ -68,7 +68,9 @@ def information(
     residuals, weights, feet = [np.zeros((0, 3))], [np.zeros(0)], []
     own = total = 0.0
     for part in frame:
-        if part.is_landmark:
+        if part.end is not None:
+            _add_end(surface, x, part, part.end, noise, A, b)
+        elif part.is_landmark:
             _add_landmarks(surface, x, part, noise, A, b)
         elif len(part):
             r, w, corners, variance = _add_points(surface, x, part, noise, A, b)
@@ -123,9 +125,22 @@ def _add_points(
     counted = weights if part.weights is None else weights * part.weights
     variance = noise.variances(part.sd, float(counted.sum()))
     strength = counted / variance
-    # Q = n n' of each point: A += phi phi' (x) Q, b += phi (x) Q (y - x).
+    _accumulate(surface, found, normals, along, strength, A, b)
+    return (normals * along[:, :, None]).sum(axis=1), weights, found.corners, variance
+
+
+def _accumulate(
+    surface: Deformable,
+    found: Matches,
+    normals: NDArray[np.float64],
+    along: NDArray[np.float64],
+    strength: NDArray[np.float64],
+    A: NDArray[np.float64],
+    b: NDArray[np.float64],
+) -> None:
+    """Add Q = n n' of each point: A += phi phi' (x) Q, b += phi (x) Q (y - x)."""
     m = len(surface)
-    for start in range(0, len(part), _ROWS_AT_ONCE):
+    for start in range(0, len(strength), _ROWS_AT_ONCE):
         rows = slice(start, start + _ROWS_AT_ONCE)
         phi = (found.shares[rows, :, None] * surface.shapes[found.corners[rows]]).sum(axis=1)
         n, s = normals[rows], strength[rows]
@@ -142,7 +157,46 @@ def _add_points(
             if i != j:
                 A[j, i] += block
         b += sums[:, 6 * m :]
-    return (normals * along[:, :, None]).sum(axis=1), weights, found.corners, variance
+
+
+def _add_end(
+    surface: Deformable,
+    x: NDArray[np.float64],
+    part: Observation,
+    end: str,
+    noise: Noise,
+    A: NDArray[np.float64],
+    b: NDArray[np.float64],
+) -> None:
+    """Add points that the rim of an end passes through: their distance counts across the rim.
+
+    Of an end without an opening their middle is a landmark.
+    """
+    if not len(part):
+        return
+    sides = rim_at(surface, end)
+    if not len(sides):
+        middle = Observation(part.points.mean(axis=0)[None], places=(end,))
+        _add_landmarks(surface, x, middle, noise, A, b)
+        return
+    found = closest_points(part.points, x, sides)
+    gap = part.points - found.feet
+    along = (found.normals * gap[:, None]).sum(axis=-1)
+    weights = robust_weights(found.distances, noise.total)
+    counted = weights if part.weights is None else weights * part.weights
+    _accumulate(surface, found, found.normals, along, counted / noise.variances(part.sd, 1.0), A, b)
+
+
+def rim_at(surface: Deformable, end: str) -> NDArray[np.int64]:
+    """Sides of triangles along the opening at an end of the axis, (sides, 2); none without one."""
+    template = surface.template
+    if surface.cells.shape[1] != 3 or not template.coordinates.shape[1]:
+        return np.zeros((0, 2), dtype=np.int64)
+    s = template.coordinates[:, 0]
+    at_end = np.abs(s - (0.0 if end == "apex" else 1.0)) < _NEAR_END
+    sides = surface.rim_sides
+    kept: NDArray[np.int64] = sides[at_end[sides].all(axis=1)]
+    return kept
 
 
 def _profile_feet(part: Observation, x: NDArray[np.float64]) -> Matches | None:

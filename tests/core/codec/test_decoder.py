@@ -15,7 +15,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from codec_sequences import KINDS, Make, lattice_sequence, mesh_of_tube, small_mesh_of_tube
+from codec_sequences import (
+    KINDS,
+    Make,
+    jointed,
+    lattice_sequence,
+    mesh_of_tube,
+    small_mesh_of_tube,
+)
 
 from modalmotion.codec import Effort, decode, encode, inspect
 from modalmotion.codec import transforms as codec_choice
@@ -202,10 +209,10 @@ def test_other_processors_decode_to_the_same(other: str, tmp_path: Path) -> None
     code = """
 import sys
 import numpy as np
-from codec_sequences import lattice_sequence, mesh_of_tube
+from codec_sequences import jointed, lattice_sequence, mesh_of_tube
 from modalmotion.codec import encode
 rng = np.random.default_rng(5)
-sequences = [mesh_of_tube(rng, (20, 24)), lattice_sequence(rng, np.float64)]
+sequences = [mesh_of_tube(rng, (20, 24)), lattice_sequence(rng, np.float64), jointed(rng)]
 for i, effort in enumerate(["realtime", "fast", "balanced", "thorough"]):
     for j, sequence in enumerate(sequences):
         for k, rms in enumerate([0.1, 1e-3, 1e-5]):
@@ -217,7 +224,7 @@ for i, effort in enumerate(["realtime", "fast", "balanced", "thorough"]):
     command = [sys.executable, "-c", code, str(tmp_path)]
     subprocess.run(command, env=environment, check=True)
     streams = sorted(tmp_path.glob("*.mms"))
-    assert len(streams) == 24
+    assert len(streams) == 36
     for stream in streams:
         decode(stream.read_bytes())
 
@@ -250,7 +257,7 @@ def test_any_number_of_threads_gives_the_same(
 def test_a_first_decode_loads_no_further_library(rng: np.random.Generator, tmp_path: Path) -> None:
     """A process of its own (0.5 s): what decoding loads is what makes the first one slow."""
     paths = []
-    makes: tuple[Make, ...] = (lattice_sequence, mesh_of_tube)
+    makes: tuple[Make, ...] = (lattice_sequence, mesh_of_tube, jointed)
     for number, make in enumerate(makes):
         paths.append(tmp_path / f"{number}.mms")
         paths[-1].write_bytes(encode(make(rng), rms=0.3).data)

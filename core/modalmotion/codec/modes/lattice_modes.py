@@ -91,6 +91,9 @@ class LatticeModes:
         """None: no solver decides these modes."""
         return
 
+    def pieces(self, largest: int) -> None:
+        """None: they have no pieces."""
+
     def write(self) -> bytes:
         """Write which modes these are."""
         parts = [bytes([LATTICE, len(self.shape)])]

@@ -136,6 +136,9 @@ class PairModes:
             means[level.b] += of_b * difference
         return np.ascontiguousarray(means.T)
 
+    def pieces(self, largest: int) -> None:
+        """None: they have no pieces."""
+
     def write(self) -> bytes:
         """Write which modes these are."""
         return bytes([PAIRS]) + self.expected.tobytes()

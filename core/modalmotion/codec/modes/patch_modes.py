@@ -167,6 +167,10 @@ class PatchModes:
         """The same modes with errors that are larger than those of rounding."""
         return replace(self, errors=Shaken(ROUNDING))
 
+    def pieces(self, largest: int) -> list[Ints]:
+        """Vertices of the connected parts of the mesh, halved until none is larger."""
+        return patches_of(self.edges, self.n_vertices, largest)
+
     def probe(self) -> Ints:
         """Look at a few entries of the basis, (8,) int64, in 1/4096."""
         basis = self.bases[int(np.argmax([len(patch) for patch in self.patches]))]
