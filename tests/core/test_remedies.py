@@ -550,7 +550,7 @@ def test_advice_reads_the_same_on_the_command_line(tmp_path: Path) -> None:
 
 
 def test_every_option_command_and_setting_that_is_named_exists() -> None:
-    from modalmotion.codec.machine.image import VARIABLE as KERNELS
+    from modalmotion.numeric.machine.image import VARIABLE as KERNELS
     from modalmotion_service.settings import Settings
 
     known_options: set[str] = set()

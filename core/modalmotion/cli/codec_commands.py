@@ -120,10 +120,12 @@ def decode(
 )
 @json_option
 def compile_codec(folder: Path | None, as_json: bool) -> None:
-    """Compile the codec for this machine, once.
+    """Compile the codec and kernels of large meshes, once for this machine.
 
-    Takes a minute and needs numba (extra `codec`), which decoding does not.
+    Takes a minute and needs numba (extra `codec`), which what is compiled does not.
     """
     from modalmotion.codec.kernels.build import compile_kernels
+    from modalmotion.mesh.machine import compile_kernels as compile_for_meshes
 
+    compile_for_meshes(folder)
     tell({}, [], compile_kernels(folder), as_json=as_json)
