@@ -32,6 +32,10 @@ ENDS: Final = (OPEN, CLOSED, POLE_OPEN, POLE_POLE)
 """Ends of an axis by their code in a stream."""
 
 
+# Numbers of the rows that are transformed together.
+_AT_ONCE: Final = 2**14
+
+
 @dataclass(frozen=True, eq=False)
 class LatticeModes:
     """The modes of a lattice, smoothest first.
@@ -79,12 +83,20 @@ class LatticeModes:
     def synthesise(self, coefficients: Floats) -> Floats:
         """Coefficients to values at the nodes, (rows, first modes) to (rows, nodes)."""
         n_rows, n_modes = coefficients.shape
-        flat = np.zeros((n_rows, int(np.prod(self.shape))))
-        flat[:, self.order[:n_modes]] = coefficients
-        array = flat.reshape(-1, *self.shape)
-        for axis in reversed(self._axes()):
-            array = self._along(array, axis, inverse=True)
-        return array.reshape(n_rows, -1)
+        n_nodes = prod(self.shape)
+        values, places = np.empty((n_rows, n_nodes)), self.order[:n_modes]
+        # A few rows at once: what stands between the steps stays in the cache, and in memory that
+        # the process has already.
+        n_at_once = max(1, _AT_ONCE // n_nodes)
+        for start in range(0, n_rows, n_at_once):
+            rows = slice(start, start + n_at_once)
+            flat = np.zeros((len(values[rows]), n_nodes))
+            flat[:, places] = coefficients[rows]
+            array = flat.reshape(-1, *self.shape)
+            for axis in reversed(self._axes()):
+                array = self._along(array, axis, inverse=True)
+            values[rows] = array.reshape(-1, n_nodes)
+        return values
 
     @property
     def shaken(self) -> None:
