@@ -69,7 +69,7 @@ class Observation(FrozenArrays):
     end: str | None = None
 
     def __post_init__(self) -> None:
-        points = np.array(self.points, dtype=np.float64)
+        points = _numbers(self.points)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ShapeError(
                 f"The points of an observation have the shape {points.shape}, not (n, 3).",
@@ -194,7 +194,7 @@ def _frame_of(item: Any) -> Frame:
         return tuple(item)
     if isinstance(item, tuple) and len(item) == 2:
         return (of_surface(*item),)
-    points = np.asarray(item, dtype=np.float64)
+    points = _numbers(item)
     return () if points.size == 0 else (Observation(points),)
 
 
@@ -226,6 +226,22 @@ def of_surface(vertices: Any, faces: Any) -> Observation:
     if not used.any():
         return Observation(x)
     return Observation(x[used], weights=weights[used] / weights[used].mean())
+
+
+def _numbers(points: Any) -> NDArray[np.float64]:
+    """Copy points as real numbers."""
+    cause: Exception | None = None
+    try:
+        rows = np.array(points)
+        if not np.iscomplexobj(rows):
+            numbers: NDArray[np.float64] = rows.astype(np.float64)
+            return numbers
+    except (TypeError, ValueError) as error:
+        cause = error
+    raise ParameterError(
+        "The points are not rows of real numbers.",
+        remedy="Give one row x, y, z for each point.",
+    ) from cause
 
 
 def _require_finite(points: NDArray[np.float64]) -> None:

@@ -24,6 +24,7 @@ from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 LATTICE: Final = 1
 """First byte of the section of these modes."""
@@ -80,11 +81,12 @@ class LatticeModes:
             array = self._along(array, axis, inverse=False)
         return array.reshape(len(values), -1)[:, self.order]
 
-    def synthesise(self, coefficients: Floats) -> Floats:
-        """Coefficients to values at the nodes, (rows, first modes) to (rows, nodes)."""
+    def synthesise(self, coefficients: Floats, where: Ints | None = None) -> Floats:
+        """Coefficients to values, (rows, first modes) to (rows, nodes), or some of these."""
         n_rows, n_modes = coefficients.shape
         n_nodes = prod(self.shape)
-        values, places = np.empty((n_rows, n_nodes)), self.order[:n_modes]
+        n_values = n_nodes if where is None else len(where)
+        values, places = np.empty((n_rows, n_values)), self.order[:n_modes]
         # A few rows at once: what stands between the steps stays in the cache, and in memory that
         # the process has already.
         n_at_once = max(1, _AT_ONCE // n_nodes)
@@ -95,7 +97,8 @@ class LatticeModes:
             array = flat.reshape(-1, *self.shape)
             for axis in reversed(self._axes()):
                 array = self._along(array, axis, inverse=True)
-            values[rows] = array.reshape(-1, n_nodes)
+            found = array.reshape(-1, n_nodes)
+            values[rows] = found if where is None else found[:, where]
         return values
 
     @property
