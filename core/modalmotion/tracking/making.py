@@ -154,7 +154,7 @@ def track(
     at = None if times is None else require_times(times, n_frames)
     phases = phases_of(at, n_frames, period, is_closed=is_closed)
     first = _require_reference(reference, n_frames)
-    frames = with_landmarks(seen, landmarks, first)
+    frames = with_landmarks(seen, landmarks, first, None if shown is None else shown.stated_sd)
     unseen = tuple(k for k, frame in enumerate(seen) if not any(map(len, frame)))
     if first in unseen and start is None:
         first = next(k for k in range(n_frames) if k not in unseen)

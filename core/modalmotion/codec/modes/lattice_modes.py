@@ -24,6 +24,7 @@ from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 LATTICE: Final = 1
 """First byte of the section of these modes."""
@@ -76,15 +77,16 @@ class LatticeModes:
             array = self._along(array, axis, inverse=False)
         return array.reshape(len(values), -1)[:, self.order]
 
-    def synthesise(self, coefficients: Floats) -> Floats:
-        """Coefficients to values at the nodes, (rows, first modes) to (rows, nodes)."""
+    def synthesise(self, coefficients: Floats, where: Ints | None = None) -> Floats:
+        """Coefficients to values, (rows, first modes) to (rows, nodes), or some of these."""
         n_rows, n_modes = coefficients.shape
         flat = np.zeros((n_rows, int(np.prod(self.shape))))
         flat[:, self.order[:n_modes]] = coefficients
         array = flat.reshape(-1, *self.shape)
         for axis in reversed(self._axes()):
             array = self._along(array, axis, inverse=True)
-        return array.reshape(n_rows, -1)
+        values = array.reshape(n_rows, -1)
+        return values if where is None else values[:, where]
 
     @property
     def shaken(self) -> None:
