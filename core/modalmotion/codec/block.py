@@ -112,7 +112,8 @@ def positions_of(block: Block, whole: Ints, dtype: np.dtype[np.floating]) -> Flo
     """Whole quanta about the origin as coordinates, (frames, vertices, 3) in the length unit."""
     total = (whole + block.origin[:, None]).transpose(0, 2, 1).astype(np.float64)
     with np.errstate(over="ignore"):
-        positions: FloatArray = np.ascontiguousarray(np.ldexp(total, block.exponent), dtype=dtype)
+        np.ldexp(total, block.exponent, out=total)
+        positions: FloatArray = np.ascontiguousarray(total, dtype=dtype)
     return positions
 
 
