@@ -1,4 +1,4 @@
-"""Few labelled cases: the default road beside a logistic regression on two numbers of the volume."""
+"""Few labelled cases: the default road beside logistic regression on two numbers of a volume."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def _volume(signature: ModalSignature) -> tuple[float, float]:
 
 
 def _by_volume(n: int, seed: int) -> Iterator[Recording]:
-    """Controls, and ventricles that are larger and eject less, so that a part overlaps."""
+    """Draw controls, and ventricles that are larger and eject less, so that a part overlaps."""
     rng = np.random.default_rng(seed)
     for label, fraction, size in (("control", 0.62, 1.0), ("dilated", 0.54, 1.07)):
         for _ in range(n):
@@ -163,7 +163,7 @@ def _by_motion(classes: Sequence[MotionClass]) -> Callable[[int, int], Iterator[
 
 
 def _bent(n: int, seed: int) -> Iterator[Recording]:
-    """Closed surfaces of one mesh, some bent so much that they have no axis."""
+    """Draw closed surfaces of one mesh, some bent so much that they have no axis."""
     rng = np.random.default_rng(seed)
     for number in range(n):
         for label, share in (("strong", 0.17), ("weak", 0.14)):
