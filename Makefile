@@ -25,8 +25,8 @@ $(VENV)/.run: $(SETUP) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[service,plot,client]'
 	@touch $@
 
-# A minute, once for each state of these sources. Without it the codec runs in Python.
-KERNELS := $(wildcard core/modalmotion/codec/*/*.py)
+# A minute, once for each state of these sources. Without it the codec runs in Python, and large meshes in NumPy.
+KERNELS := $(wildcard core/modalmotion/codec/*/*.py core/modalmotion/mesh/kernels/*.py core/modalmotion/numeric/machine/*.py)
 
 $(VENV)/.kernels: $(KERNELS) | $(VENV)/.run
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[codec]'

@@ -24,6 +24,7 @@ MODULES = (
     "classification_invariance",
     "classification_forms",
     "classification_cohorts",
+    "classification_few",
     "start",
     "load",
     "replicas",

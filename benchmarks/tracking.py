@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from measure import Table
 from numpy.typing import NDArray
+from tracking_contours import real_contours, simulated_contours
 
 from modalmotion.classification import classify, load_model
 from modalmotion.classification.model.shipped import OFFSET_MODEL
@@ -42,9 +43,14 @@ Frames = Sequence[Sequence[Observation]]
 
 def run(_folder: Path) -> list[Table]:
     """Measure everything."""
-    tables = [closed(), stated(N_VENTRICLES), classes(N_OF_EACH_CLASS)]
+    tables = [
+        simulated_contours(),
+        closed(),
+        stated(N_VENTRICLES),
+        classes(N_OF_EACH_CLASS),
+    ]
     if (DATA / "heart" / "lv_endocardium.npz").is_file():
-        tables = [clouds(), remeshed(), contours(), peers(), *tables]
+        tables = [clouds(), remeshed(), real_contours(DATA), peers(), *tables]
     return tables
 
 
@@ -202,45 +208,6 @@ def remeshed() -> Table:
     off = float(np.linalg.norm(found - own) / np.linalg.norm(own))
     table = Table("Remeshed in every frame", ("figure", "value"))
     table.add_at_most(off, 0.05, "offset signature, relative", f"{off:.4f}")
-    return table
-
-
-def contours() -> Table:
-    """Contours of real cine images, and the mesh that others fitted to them."""
-    folder = DATA / "cine" / "contours"
-    table = Table("Real contours, 25 phases, 37 modes", ("figure", "value"))
-    parts = [_typed(path) for path in sorted(folder.glob("GPFile_*.txt"))]
-    points = [np.concatenate([p[k] for k in p if "LV_ENDO" in k]) for p in parts]
-    frames = []
-    for k, (cloud, p) in enumerate(zip(points, parts, strict=True)):
-        base = np.concatenate([p[n] for n in ("MITRAL_VALVE", "AORTA_VALVE") if n in p])
-        # Valve points and apex are where somebody clicked: to 2 mm.
-        frame = [Observation(cloud), Observation(base.mean(axis=0)[None], sd=2.0, places=("base",))]
-        if k == 0:
-            frame.append(Observation(p["APEX_POINT"][:1], sd=2.0, places=("apex",)))
-        frames.append(frame)
-    result, seconds = timed(lambda: track(frames, topology="cup", unit="mm"))
-    faces = result.template.faces
-    off = float(
-        np.mean(
-            [
-                closest_points(cloud, x, faces).distances.mean()
-                for cloud, x in zip(points, result.sequence.vertices, strict=True)
-            ]
-        )
-    )
-    truth = Truth.of(_real("heart/lv_endocardium"))
-    volumes = np.abs(cavity_of(truth.faces, truth.vertices.shape[1]).volume(truth.vertices))
-    assert result.volumes is not None
-    # From frame 0 to the smallest volume, as the figure of the fitted mesh is given.
-    theirs = 100 * (1 - volumes.min() / volumes[0])
-    fraction = 100 * (1 - result.volumes.min() / result.volumes[0]) - theirs
-    r = float(np.corrcoef(result.volumes, volumes)[0, 1])
-    table.add_at_most(off, 0.90, "mean distance to the contours, mm", f"{off:.3f}")
-    text = f"{fraction:+.2f} of {theirs:.1f}"
-    table.add_at_most(abs(fraction), 1.5, "EF beside the fitted mesh's, points", text)
-    table.add_at_least(r, 0.99, "correlation of volumes", f"{r:.4f}")
-    table.add("s a frame", f"{seconds / len(frames):.3f}")
     return table
 
 
@@ -446,12 +413,3 @@ def _beyond() -> Iterator[tuple[str, Truth, np.random.Generator]]:
 
 def _real(name: str) -> MeshSequence:
     return read_npz((DATA / f"{name}.npz").read_bytes()).sequence
-
-
-def _typed(path: Path) -> dict[str, Floats]:
-    """Contour points by type."""
-    parts: dict[str, list[list[float]]] = {}
-    for line in path.read_text().splitlines()[1:]:
-        cells = line.split("\t")
-        parts.setdefault(cells[3], []).append([float(x) for x in cells[:3]])
-    return {name: np.array(rows) for name, rows in parts.items()}

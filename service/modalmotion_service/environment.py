@@ -10,8 +10,8 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from modalmotion.codec.machine.image import VARIABLE as KERNELS
 from modalmotion.errors import ParameterError
+from modalmotion.numeric.machine.image import VARIABLE as KERNELS
 from modalmotion_service.settings import Settings
 
 _PREFIX: Final = "MODALMOTION_"

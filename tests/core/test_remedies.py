@@ -23,7 +23,7 @@ from modalmotion.clinical import clinical_readouts
 from modalmotion.codec import decode, encode
 from modalmotion.errors import ModalMotionError
 from modalmotion.facts import Facts, facts_from_texts
-from modalmotion.formats import ReadOptions, write_npz, write_raw
+from modalmotion.formats import ReadOptions, read_sequence, write_npz, write_raw
 from modalmotion.formats.raw import read_raw
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
 from modalmotion.modes.naming import modes_named, parse_label
@@ -38,6 +38,7 @@ from modalmotion.signature.making import (
 from modalmotion.template import GivenLandmarks, make_template
 from modalmotion.template.body_frame import Components
 from modalmotion.template.vibration_modes import surface_modes
+from modalmotion.tracking.reading import read_observed
 
 Way = Callable[[], object]
 
@@ -470,6 +471,11 @@ TRIED = (
         ),
         (lambda _: train(of_balls(), "x", QUICK),),
     ),
+    Try(
+        "needs no tracking: it is for `modalmotion signature`",
+        lambda: read_observed(write_npz(surface())),
+        (lambda _: modal_signature(read_sequence(write_npz(surface())).sequence),),
+    ),
 )
 
 
@@ -544,7 +550,7 @@ def test_advice_reads_the_same_on_the_command_line(tmp_path: Path) -> None:
 
 
 def test_every_option_command_and_setting_that_is_named_exists() -> None:
-    from modalmotion.codec.machine.image import VARIABLE as KERNELS
+    from modalmotion.numeric.machine.image import VARIABLE as KERNELS
     from modalmotion_service.settings import Settings
 
     known_options: set[str] = set()

@@ -8,11 +8,48 @@ from typing import Any
 
 import numpy as np
 from text_of_faces import cells, walk
-from text_of_modes import dct2, fourier, lattice_modes, pair_modes, spring_modes
+from text_of_modes import (
+    Edges,
+    dct2,
+    edges_of,
+    fourier,
+    lattice_modes,
+    pair_modes,
+    patches_of,
+    spring_modes,
+)
 from text_of_numbers import Array, Bytes, Coded, matrix, mixed_matrix, number_list
 
 
-def block(data: bytes, f: int, N: int, modes: Array, form: str) -> Any:
+def parts_of(coded: Coded, pieces: list[list[int]], P: int) -> list[list[int]]:
+    """Vertices of each part: section 11."""
+    row = list(range(P))
+    members: list[list[int]] = [[] for _ in row]
+    for piece, before in zip(pieces, number_list(coded, len(pieces)), strict=True):
+        row.insert(0, row.pop(before))
+        members[row[0]] += piece
+    return members
+
+
+def mapped(numbers: Array, shape: Array, members: list[list[int]]) -> Array:
+    """What the maps add to the rows of the learned components, (components, N)."""
+    added = np.zeros((len(numbers), shape.shape[1]))
+    for p, part in enumerate(members):
+        if not part:
+            continue
+        functions = [np.full(len(part), 1 / np.sqrt(len(part)))]
+        centred = shape[:, part] - shape[:, part].mean(axis=1)[:, None]
+        for coordinate in centred:
+            left = coordinate - sum((function @ coordinate) * function for function in functions)
+            left -= sum((function @ left) * function for function in functions)
+            root, e = np.sqrt((left**2).sum()), np.sqrt((centred**2).sum())
+            functions.append(left / root if root > e / 64 else 0 * left)
+        for j, function in enumerate(functions):
+            added[:, part] += np.outer(numbers[:, j * len(members) + p], function)
+    return added
+
+
+def block(data: bytes, f: int, N: int, modes: Array, edges: Edges, form: str) -> Any:
     """Section 11."""
     source = Bytes(data)
     digest = source.take(8)
@@ -22,9 +59,13 @@ def block(data: bytes, f: int, N: int, modes: Array, form: str) -> Any:
     origin = np.array([source.zigzag() for _ in range(3)])
     width, rows, n_modes, n_components = (source.varint() for _ in range(4))
     read_matrix = mixed_matrix if source.byte() else matrix
+    largest, P = (source.varint(), source.varint()) if kind == 4 else (0, 0)
     coded = Coded(source.data[source.at :])
-    components = read_matrix(coded, n_components, (3 * f if kind == 3 else f) if kind > 1 else 0)
+    if kind == 4:
+        members = parts_of(coded, patches_of(set(range(N)), edges, largest), P)
+    components = read_matrix(coded, n_components, (0, 0, f, 3 * f, 3 * f)[kind])
     coefficients = read_matrix(coded, rows, n_modes)
+    maps = read_matrix(coded, n_components, 4 * P)
 
     def values(q: Array) -> Array:
         shift = np.array([shifts[min(abs(int(n)), 3)] for n in q.ravel()]).reshape(q.shape)
@@ -32,6 +73,8 @@ def block(data: bytes, f: int, N: int, modes: Array, form: str) -> Any:
         return found
 
     over_space = values(coefficients) @ modes[:n_modes]
+    if kind == 4:
+        over_space[3:] += mapped(values(maps), over_space[:3] / np.sqrt(f), members)
     positions = np.zeros((f, 3, N))
     fixed = (dct2 if kind != 1 else fourier)(f)[: rows // 3 if kind < 2 else 1]
     for c, component in enumerate(fixed):
@@ -67,7 +110,7 @@ def block(data: bytes, f: int, N: int, modes: Array, form: str) -> Any:
 def decode_from_the_text(data: bytes) -> tuple[Any, list[list[int]]]:
     """Vertices and faces of a stream."""
     source = Bytes(data)
-    assert source.take(5) in (b"MMSQ\x02", b"MMSQ\x04", b"MMSQ\x07")
+    assert source.take(5) in (b"MMSQ\x02", b"MMSQ\x04", b"MMSQ\x07", b"MMSQ\x08")
     header = Bytes(source.section())
     F, N, M = (header.varint() for _ in range(3))
     form = "<f8" if header.byte() else "<f4"
@@ -89,6 +132,7 @@ def decode_from_the_text(data: bytes) -> tuple[Any, list[list[int]]]:
         modes = pair_modes(named, N, faces)
     else:
         modes = lattice_modes(named) if kind == 1 else spring_modes(named, N, faces, kind == 3)
-    parts = [block(source.section(), f, N, modes, form) for f in frames]
+    edges = edges_of(faces)
+    parts = [block(source.section(), f, N, modes, edges, form) for f in frames]
     assert source.at == len(data)
     return np.concatenate(parts), faces

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from text_of_numbers import Array, Bytes
 
+Edges = set[tuple[int, int]]
+
 
 def dct2(n: int) -> Array:
     i, r = np.arange(n), np.arange(n)[:, None]
@@ -69,7 +71,7 @@ def breadth_first(neighbours: dict[int, set[int]], first: int) -> list[int]:
     return order
 
 
-def patches_of(vertices: set[int], edges: set[tuple[int, int]], P: int) -> list[list[int]]:
+def patches_of(vertices: set[int], edges: Edges, P: int) -> list[list[int]]:
     neighbours: dict[int, set[int]] = {v: set() for v in vertices}
     for a, b in edges:
         if a in vertices and b in vertices:
@@ -88,7 +90,7 @@ def patches_of(vertices: set[int], edges: set[tuple[int, int]], P: int) -> list[
     return sorted(found)
 
 
-def stiffness_matrix(vertices: list[int], edges: set[tuple[int, int]], seed: int) -> Array:
+def stiffness_matrix(vertices: list[int], edges: Edges, seed: int) -> Array:
     where = {v: i for i, v in enumerate(vertices)}
     K = np.zeros((len(vertices), len(vertices)))
     for a, b in edges:
@@ -109,7 +111,7 @@ def key(k: int, n: int) -> int:
     return -1 if k == 0 else (2 * k + 1) * 2**30 // n
 
 
-def joined(patch: list[int], edges: set[tuple[int, int]], seed: int, Q: int, share: int) -> Array:
+def joined(patch: list[int], edges: Edges, seed: int, Q: int, share: int) -> Array:
     """Modes of a patch in the columns, from those of its leaves."""
     within = {(a, b) for a, b in edges if a in patch and b in patch}
     leaves = patches_of(set(patch), within, Q)
@@ -139,17 +141,22 @@ def joined(patch: list[int], edges: set[tuple[int, int]], seed: int, Q: int, sha
     return turned
 
 
-def spring_modes(source: Bytes, N: int, faces: list[list[int]], in_leaves: bool) -> Array:
-    """Section 4, kinds 2 and 3: (modes, vertices)."""
-    seed, P = source.byte(), source.varint()
-    Q, share = (source.varint(), source.byte()) if in_leaves else (P, 0)
-    probe = source.unpack("8h")
-    edges = {
+def edges_of(faces: list[list[int]]) -> Edges:
+    """Section 4, kind 2, step 1."""
+    return {
         (min(a, b), max(a, b))
         for face in faces
         for a, b in zip(face, face[1:] + face[:1], strict=True)
         if a != b
     }
+
+
+def spring_modes(source: Bytes, N: int, faces: list[list[int]], in_leaves: bool) -> Array:
+    """Section 4, kinds 2 and 3: (modes, vertices)."""
+    seed, P = source.byte(), source.varint()
+    Q, share = (source.varint(), source.byte()) if in_leaves else (P, 0)
+    probe = source.unpack("8h")
+    edges = edges_of(faces)
     entries, largest = [], np.zeros((0, 0))
     for number, patch in enumerate(patches_of(set(range(N)), edges, P)):
         n = len(patch)

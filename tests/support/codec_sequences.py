@@ -59,10 +59,34 @@ def small_mesh_of_tube(rng: np.random.Generator) -> MeshSequence:
     return mesh_of_tube(rng, (4, 6), 5)
 
 
+def jointed(
+    rng: np.random.Generator, n_links: int = 4, n_frames: int = 12, welded: bool = False
+) -> MeshSequence:
+    """A chain of rigid links, rough tubes of 12 vertices, that bends at its joints, mm."""
+    faces = lattice_faces(CYLINDER, (3, 4))
+    times = np.arange(n_frames)[:, None] / n_frames
+    rates, starts = rng.uniform(0.5, 2.0, size=(2, n_links))
+    angles = np.cumsum(np.sin(2 * np.pi * rates * times + starts), axis=1)
+    along = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    joints = np.cumsum(np.concatenate([np.zeros((n_frames, 1, 2)), 9.0 * along], axis=1), axis=1)
+    links = []
+    for i in range(n_links):
+        u, v, w = rng.normal(scale=2.0, size=(3, 12)) + np.array([[4.0], [0.0], [0.0]])
+        c, s = along[:, i, :1], along[:, i, 1:]
+        x, y = c * u - s * v + joints[:, i, :1], s * u + c * v + joints[:, i, 1:]
+        links.append(np.stack([x, y, np.broadcast_to(w, x.shape)], axis=-1))
+    parts = [faces + 12 * i for i in range(n_links)]
+    if welded:
+        parts += [np.array([[12 * i, 12 * i + 11, 12 * i + 12]]) for i in range(n_links - 1)]
+    vertices = np.concatenate(links, axis=1).astype(np.float32)
+    return mesh_sequence(vertices, np.concatenate(parts), unit="mm")
+
+
 # The larger mesh is decoded so often only by `make soak`.
 KINDS = [
     lattice_sequence,
     small_mesh_of_tube,
+    jointed,
     pytest.param(mesh_of_tube, marks=pytest.mark.soak),
 ]
 

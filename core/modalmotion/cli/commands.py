@@ -18,7 +18,7 @@ COMMANDS: Final = {
     "compare-models": ("model_commands", "Compare two models, on the same labelled sequences."),
     "compile-codec": (
         "codec_commands",
-        "Compile the codec for this machine, once.",
+        "Compile the codec and kernels of large meshes, once for this machine.",
     ),
     "decide": (
         "model_commands",

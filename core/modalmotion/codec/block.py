@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -18,6 +18,7 @@ from modalmotion.codec.bits.matrix import code_matrix
 from modalmotion.codec.bits.mixed_matrix import code_mixed_matrix
 from modalmotion.codec.bits.varint import read_varints, unzigzag, write_varint, zigzag
 from modalmotion.codec.modes.modes_section import OrthonormalModes
+from modalmotion.codec.parts.parts import MOST_PARTS, N_FUNCTIONS, Parts, code_labels
 from modalmotion.codec.quantiser import Quantiser
 from modalmotion.codec.temporal import (
     CLOSED_FORM,
@@ -54,6 +55,10 @@ class Block:
     origin : (3,) int64, quanta
     width : int
         Quanta of one step of the corrections; 0 without corrections.
+    parts : Parts, optional
+        What moves as one.
+    maps : (components, 4 x parts) int64
+        What each component does to each part, beside its coefficients.
     mixed : bool
         Whether the matrices are coded one by one, in fewer bits and more time.
     """
@@ -66,6 +71,8 @@ class Block:
     exponent: int
     origin: Ints
     width: int = 0
+    parts: Parts | None = None
+    maps: Ints = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
     mixed: bool = False
 
     def time_basis(self) -> TimeBasis:
@@ -74,17 +81,39 @@ class Block:
             return closed_form_basis(self.kind, self.n_frames)
         return restore_basis(self.kind, self.basis, self.n_frames, self.quantiser)
 
-    def scaled(self, modes: OrthonormalModes) -> Floats:
-        """Positions about the origin in quanta, before rounding, (frames, 3, vertices)."""
-        rows = modes.synthesise(self.quantiser.restore(self.coefficients))
+    def scaled(self, modes: OrthonormalModes, where: Ints | None = None) -> Floats:
+        """Positions about the origin in quanta, before rounding, (frames, 3, vertices).
+
+        Of some vertices only if they are stated.
+        """
+        numbers = self.quantiser.restore(self.coefficients)
+        rows = modes.synthesise(numbers, where)
+        if self.parts is not None:
+            shape = rows[:3] if where is None else self._shape_around(modes, numbers, where)
+            functions = self.parts.functions(shape / np.sqrt(self.n_frames))
+            added = self.parts.spread(self.quantiser.restore(self.maps), functions)
+            rows[3:] += added if where is None else added[:, where]
         return self.time_basis().superpose(rows)
+
+    def _shape_around(self, modes: OrthonormalModes, numbers: Floats, where: Ints) -> Floats:
+        """Shape of the parts that hold some vertices, (3, vertices); zero elsewhere."""
+        assert self.parts is not None  # noqa: S101 - for the type checker
+        asked = np.zeros(sum(map(len, self.parts.pieces)), dtype=bool)
+        asked[where] = True
+        for part in self.parts.members:
+            asked[part] = asked[part].any()
+        around = np.flatnonzero(asked)
+        shape = np.zeros((3, len(asked)))
+        shape[:, around] = modes.synthesise(numbers[:3], around)
+        return shape
 
 
 def positions_of(block: Block, whole: Ints, dtype: np.dtype[np.floating]) -> FloatArray:
     """Whole quanta about the origin as coordinates, (frames, vertices, 3) in the length unit."""
     total = (whole + block.origin[:, None]).transpose(0, 2, 1).astype(np.float64)
     with np.errstate(over="ignore"):
-        positions: FloatArray = np.ascontiguousarray(np.ldexp(total, block.exponent), dtype=dtype)
+        np.ldexp(total, block.exponent, out=total)
+        positions: FloatArray = np.ascontiguousarray(total, dtype=dtype)
     return positions
 
 
@@ -105,9 +134,12 @@ def write_block(
     writer = Writer()
     n_values = positions.size
     code = code_mixed_matrix if block.mixed else code_matrix
+    if block.parts is not None:
+        code_labels(writer, len(block.parts.pieces), block.parts.count, block.parts.labels)
     if block.basis.shape[0]:
         code(writer, block.basis.shape, block.basis)
     code(writer, block.coefficients.shape, block.coefficients)
+    code(writer, block.maps.shape, block.maps)
     code_guards(writer, n_values, guards)
     if corrections is not None:
         code_corrections(writer, corrections.shape, corrections)
@@ -116,7 +148,10 @@ def write_block(
     signed = (block.exponent, *block.origin.tolist())
     sizes = (block.width, *block.coefficients.shape, len(block.basis))
     head += b"".join(write_varint(n) for n in (*map(zigzag, signed), *sizes))
-    return digest(positions) + head + bytes([block.mixed]) + writer.finish()
+    head += bytes([block.mixed])
+    if block.parts is not None:
+        head += write_varint(block.parts.largest) + write_varint(block.parts.count)
+    return digest(positions) + head + writer.finish()
 
 
 def read_block(
@@ -125,31 +160,39 @@ def read_block(
     n_vertices: int,
     modes: OrthonormalModes,
     dtype: np.dtype[np.floating],
+    where: Ints | None = None,
 ) -> FloatArray:
-    """Decode a block.
+    """Decode a block, or some of its vertices; the hash is one of all, and compared with all.
 
     Raises
     ------
     MalformedFileError
         If the bytes are not a block, or the positions are not those that were encoded.
     """
-    block, position = _read_head(data, n_frames, n_vertices)
+    block, position = _read_head(data, n_frames, n_vertices, modes)
     reader = Reader(data[position:])
     code = code_mixed_matrix if block.mixed else code_matrix
-    basis = block.basis
+    basis, parts = block.basis, block.parts
+    if parts is not None:
+        parts = replace(parts, labels=code_labels(reader, len(parts.pieces), parts.count, None))
     if len(basis):
         basis = code(reader, basis.shape, None)
     coefficients = code(reader, block.coefficients.shape, None)
+    maps = code(reader, block.maps.shape, None)
     guards = code_guards(reader, 3 * n_frames * n_vertices, None)
-    block = replace(block, basis=basis, coefficients=coefficients)
-    scaled = block.scaled(modes)
+    block = replace(block, basis=basis, coefficients=coefficients, parts=parts, maps=maps)
+    scaled = block.scaled(modes, where)
+    shape = n_frames, 3, n_vertices
+    if where is not None:
+        guards = guards.within(shape, where)
     if not (np.abs(scaled) < MOST_QUANTA).all():
         raise damaged("Decoded positions lie beyond what the stream's quantum can count.")
     whole = guards.round(scaled)
     if block.width:
-        whole += block.width * code_corrections(reader, whole.shape, None)
+        corrections = code_corrections(reader, shape, None)
+        whole += block.width * (corrections if where is None else corrections[:, :, where])
     positions = positions_of(block, whole, dtype)
-    if digest(positions) != data[:HASH_BYTES]:
+    if where is None and digest(positions) != data[:HASH_BYTES]:
         raise MalformedFileError(
             "The decoded vertices are not those that were encoded.",
             remedy="The stream is damaged, or this machine computes its modes differently: "
@@ -164,9 +207,23 @@ def digest(positions: FloatArray) -> bytes:
     return hashlib.sha256(np.ascontiguousarray(plain).data).digest()[:HASH_BYTES]
 
 
-def _read_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int]:
+def _read_head(
+    data: bytes, n_frames: int, n_vertices: int, modes: OrthonormalModes
+) -> tuple[Block, int]:
     with parsing(_NONSENSE):
-        return _parse_head(data, n_frames, n_vertices)
+        block, position = _parse_head(data, n_frames, n_vertices)
+        if block.kind != Temporal.PARTS:
+            return block, position
+        (largest, count), position = read_varints(data, position, 2)
+        # As many vertices as numbers for each component: more no encoder writes.
+        if not (largest and 0 < count <= MOST_PARTS and N_FUNCTIONS * count <= n_vertices):
+            raise ValueError
+        pieces = modes.pieces(min(largest, n_vertices))
+        if pieces is None:
+            raise ValueError
+    labels = np.zeros(len(pieces), dtype=np.int64)
+    maps = np.zeros((len(block.basis), N_FUNCTIONS * count), dtype=np.int64)
+    return replace(block, parts=Parts(largest, pieces, labels, count), maps=maps), position
 
 
 def _parse_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int]:
@@ -204,7 +261,7 @@ def _parse_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int
             exponent,
             origin,
             width,
-            bool(mixed),
+            mixed=bool(mixed),
         ),
         position + 1,
     )

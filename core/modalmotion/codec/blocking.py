@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.block import Block
+from modalmotion.codec.modes.modes_section import OrthonormalModes
+from modalmotion.codec.parts.articulated import Articulated, find_parts
 from modalmotion.codec.quantiser import (
     Quantiser,
     fit_quantiser,
@@ -24,12 +24,10 @@ from modalmotion.codec.temporal import (
     learned_components,
     restore_basis,
 )
+from modalmotion.codec.trial import PRICE, Trial, leading, rough_bits
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-PRICE: Final = 0.13
-"""Squared steps that a bit is worth: the slope of distortion over rate of a fine quantiser."""
 
 
 @dataclass(eq=False)
@@ -40,11 +38,18 @@ class ModalBlock:
     ----------
     amplitudes : (frames, 3, modes) float64, quanta
         About the origin; the modes are orthonormal.
+    offsets : (frames, 3, vertices) float64, quanta, optional
+        What they are the coefficients of.
+    modes : OrthonormalModes, optional
+        Together with the offsets: to look for parts that move as one.
     """
 
     amplitudes: Floats
+    offsets: Floats | None = None
+    modes: OrthonormalModes | None = None
     _projected: dict[Temporal, Floats] = field(default_factory=dict)
     _components: dict[Temporal, Floats] = field(default_factory=dict)
+    _articulated: list[Articulated | None] = field(default_factory=list)
 
     def projected(self, kind: Temporal) -> Floats:
         """Coefficients of a basis in closed form, (3 x components, modes), slow ones first."""
@@ -59,52 +64,14 @@ class ModalBlock:
             self._components[kind] = basis_numbers(learned_components(self.amplitudes, kind))
         return self._components[kind]
 
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """A block at some step, and the error it makes.
-
-    Parameters
-    ----------
-    kind : Temporal
-    quantiser : Quantiser
-    basis : (components, frames x directions) int64
-    coefficients : (rows, modes) int64
-    squared_error : float, quanta squared
-        Summed over frames and vertices.
-    """
-
-    kind: Temporal
-    quantiser: Quantiser
-    basis: Ints
-    coefficients: Ints
-    squared_error: float
-
-    @property
-    def largest(self) -> int:
-        """Largest magnitude of all numbers."""
-        parts = (self.basis, self.coefficients)
-        return max(max(-int(n.min(initial=0)), int(n.max(initial=0))) for n in parts)
-
-    def block(
-        self,
-        n_frames: int,
-        exponent: int,
-        origin: Ints,
-        width: int = 0,
-    ) -> Block:
-        """Make the block, without modes that no coefficient uses."""
-        n_modes = max(1, last_used(self.coefficients.any(axis=0)))
-        return Block(
-            self.kind,
-            n_frames,
-            self.quantiser,
-            self.basis,
-            self.coefficients[:, :n_modes],
-            exponent,
-            origin,
-            width,
-        )
+    def articulated(self, step: float) -> Articulated | None:
+        """Parts that move as one, found at the first step asked for; None where there are none."""
+        if not self._articulated:
+            found = None
+            if self.offsets is not None and self.modes is not None:
+                found = find_parts(self.amplitudes, self.offsets, self.modes, step)
+            self._articulated.append(found)
+        return self._articulated[0]
 
 
 def attempt(
@@ -132,6 +99,9 @@ def attempt(
     """
     # As the stream holds it.
     step = float(np.float32(step))
+    if kind == Temporal.PARTS:
+        parts = motion.articulated(step)
+        return None if parts is None else parts.attempt(step, price, alike)
     if kind in CLOSED_FORM:
         exact = motion.projected(kind)
         if not is_countable(exact, step):
@@ -156,7 +126,7 @@ def _attempt_learned(
         return None
     exact_basis = exact_basis[: int(np.count_nonzero(np.abs(exact_basis).max(axis=1) > step / 2))]
     basis = quantise(exact_basis, step, price)
-    basis = basis[: _leading(basis.any(axis=1))]
+    basis = basis[: leading(basis.any(axis=1))]
     for last in (False, True):
         exact_basis = exact_basis[: len(basis)]
         quantiser = fit_quantiser(exact_basis, basis, step)
@@ -169,7 +139,7 @@ def _attempt_learned(
             break
         restored = Quantiser(step, (0, 0, 0)).restore(numbers[3:])
         gain = (exact[3:] ** 2 - (exact[3:] - restored) ** 2).sum(axis=1).reshape(-1, each)
-        bits = _rough_bits(numbers[3:]).reshape(-1, each).sum(axis=1) + _rough_bits(basis)
+        bits = rough_bits(numbers[3:]).reshape(-1, each).sum(axis=1) + rough_bits(basis)
         worth = np.cumsum(gain.sum(axis=1) / step**2 - price * bits)
         n_worth = int(np.argmax(worth)) + 1 if worth.max() > 0 else 0
         if n_worth == len(basis):
@@ -185,18 +155,3 @@ def _attempt_learned(
     rows = together.restore(numbers)
     error = ((motion.amplitudes - time_basis.superpose(rows)) ** 2).sum()
     return Trial(kind, together, basis, numbers, float(error))
-
-
-def _leading(used: Any) -> int:
-    """Count the rows before the first that is all zero."""
-    return len(used) if used.all() else int(np.argmin(used))
-
-
-def _rough_bits(numbers: Ints) -> Floats:
-    """Bits of each row, roughly: where its values are, their signs and magnitudes."""
-    n = numbers.shape[1]
-    occupied = np.count_nonzero(numbers, axis=1)
-    share = np.maximum(occupied, 1) / n
-    where = occupied * (np.log2(1.0 / share) + 1.4 * (1.0 - share))
-    bits: Floats = where + occupied + 1.6 * np.log2(np.maximum(np.abs(numbers), 1)).sum(axis=1)
-    return bits

@@ -24,12 +24,12 @@ LARGEST_BLOCK: Final = 2**26
 """Coordinates of the largest block, unless a single frame has more."""
 
 MAGIC: Final = b"MMSQ"
-VERSION: Final = 7
+VERSION: Final = 8
 
-# Version 4 knew fewer modes. Version 2 differs in one number of the header: its largest error is of
-# one coordinate. No flipped bit turns one version into another.
+# Version 7 knew no parts, version 4 fewer modes. Version 2 differs in one number of the header:
+# its largest error is of one coordinate. No flipped bit turns one version into another.
 _OF_COORDINATES: Final = 2
-_VERSIONS: Final = (_OF_COORDINATES, 4, VERSION)
+_VERSIONS: Final = (_OF_COORDINATES, 4, 7, VERSION)
 
 _NONSENSE: Final = "The header of the stream makes no sense."
 _UNITS: Final = (None, *MM_PER_UNIT)

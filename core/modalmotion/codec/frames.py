@@ -12,12 +12,13 @@ from modalmotion.codec.bits.entropy import LARGEST_MAGNITUDE
 from modalmotion.codec.bits.guard import Guards, find_guards
 from modalmotion.codec.bits.mixed_matrix import count_questions
 from modalmotion.codec.block import MOST_QUANTA, Block, positions_of, write_block
-from modalmotion.codec.blocking import ModalBlock, Trial, attempt
+from modalmotion.codec.blocking import ModalBlock, attempt
 from modalmotion.codec.measure import measure
 from modalmotion.codec.search import coarsest, least
 from modalmotion.codec.target import Effort, Measure, Target
 from modalmotion.codec.temporal import Temporal
 from modalmotion.codec.transforms import Choice
+from modalmotion.codec.trial import Trial
 from modalmotion.mesh.checks import FloatArray
 from modalmotion.progress import ShareReport, part_of, silent
 
@@ -66,7 +67,7 @@ class EncodedBlock:
     def tightened(self, most: int) -> EncodedBlock:
         """Write the same in fewer bytes and more time, for at most so many answers."""
         mixed = replace(self.block, mixed=True)
-        if count_questions(mixed.basis) + count_questions(mixed.coefficients) > most:
+        if sum(map(count_questions, (mixed.basis, mixed.coefficients, mixed.maps))) > most:
             return self
         data = write_block(mixed, self.guards, self.corrections, self.positions)
         return self if len(data) >= len(self.data) else replace(self, data=data, block=mixed)
@@ -128,7 +129,7 @@ def _prepare(vertices: FloatArray, choice: Choice, target: Target) -> _Frames | 
     offsets = np.ascontiguousarray(scaled - origin[:, None])
     n_frames, _, n_vertices = offsets.shape
     amplitudes = choice.modes.analyse(offsets.reshape(-1, n_vertices))
-    motion = ModalBlock(amplitudes.reshape(n_frames, 3, n_vertices))
+    motion = ModalBlock(amplitudes.reshape(n_frames, 3, n_vertices), offsets, choice.modes)
     return _Frames(vertices, exponent, origin, offsets, motion)
 
 
@@ -141,6 +142,8 @@ def _at_rms(
     start = FIRST_STEP[Measure.RMS] * error
     best: EncodedBlock | None = None
     for number, kind in enumerate(choice.kinds, start=1):
+        if kind == Temporal.PARTS and not _is_promising(frames.motion, start):
+            continue
         share = 1.0
         for _ in range(MOST_SHARES):
             trial = coarsest(frames.motion, kind, allowed * share, start)
@@ -174,6 +177,8 @@ def _at_max_error(
     most = {Effort.BALANCED: 5, Effort.THOROUGH: 9}.get(choice.effort, 1)
     ratio = 1.2 if choice.effort == Effort.THOROUGH else 1.35
     for number, kind in enumerate(choice.kinds, start=1):
+        if kind == Temporal.PARTS and not _is_promising(frames.motion, start):
+            continue
 
         def size(step: float, kind: Temporal = kind) -> int:
             trial = attempt(frames.motion, kind, step)
@@ -189,6 +194,13 @@ def _at_max_error(
         blocks.clear()
         report(number / len(choice.kinds))
     return best
+
+
+def _is_promising(motion: ModalBlock, step: float) -> bool:
+    """Whether parts that move as one cost less than the motion as a whole, at one step."""
+    parts = attempt(motion, Temporal.PARTS, step)
+    whole = None if parts is None else attempt(motion, Temporal.TRAJECTORY, step)
+    return parts is not None and (whole is None or parts.cost < whole.cost)
 
 
 def _shorter(best: EncodedBlock | None, block: EncodedBlock) -> EncodedBlock:

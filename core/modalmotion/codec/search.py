@@ -8,8 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.codec.blocking import PRICE, ModalBlock, Trial, attempt
+from modalmotion.codec.blocking import ModalBlock, attempt
 from modalmotion.codec.temporal import Temporal
+from modalmotion.codec.trial import PRICE, Trial
 
 Floats = NDArray[np.float64]
 

@@ -24,6 +24,7 @@ class Temporal(IntEnum):
     FOURIER = 1
     KLT = 2
     TRAJECTORY = 3
+    PARTS = 4
 
     @property
     def rows_each(self) -> int:
@@ -33,7 +34,7 @@ class Temporal(IntEnum):
     @property
     def directions(self) -> int:
         """Directions that a learned component holds: all three at once, or one for each alike."""
-        return 3 if self == Temporal.TRAJECTORY else 1
+        return 3 if self in (Temporal.TRAJECTORY, Temporal.PARTS) else 1
 
 
 CLOSED_FORM: Final = (Temporal.DCT, Temporal.FOURIER)

@@ -68,6 +68,8 @@ def choose(sequence: MeshSequence, effort: Effort) -> Choice:
         kinds = (Temporal.DCT, Temporal.TRAJECTORY)
     else:
         kinds = (Temporal.DCT, Temporal.KLT, Temporal.TRAJECTORY)
+    if not on_lattice and not is_quick:
+        kinds = (*kinds, Temporal.PARTS)
     if _is_cycle(sequence) and not (is_quick and not on_lattice):
         kinds = (Temporal.FOURIER, *(k for k in kinds if not is_quick))
     return Choice(modes, kinds, effort, name)

@@ -122,6 +122,8 @@ class Facts:
 
     def changed(self, other: Facts) -> tuple[str, ...]:
         """Names of the facts in which two differ."""
+        if self == other:
+            return ()
         return tuple(name for name in NAMES if getattr(self, name) != getattr(other, name))
 
     def over(self, other: Facts) -> Facts:

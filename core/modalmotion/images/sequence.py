@@ -69,6 +69,12 @@ class ImageSequence(FrozenArrays):
         """Number of frames."""
         return len(self.frames)
 
+    @property
+    def finest(self) -> float:
+        """Least distance between neighbouring samples, mm."""
+        parts = (part for frame in self.frames if frame is not None for part in parts_of(frame))
+        return min(min(part.spacing) for part in parts)
+
     @cached_property
     def id(self) -> str:
         """Digest (sha256, hex) of samples, places and times: the same for the same content."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any, Final, TypeVar
 
 import numpy as np
@@ -120,7 +121,10 @@ def require_vertices(vertices: Any, name: str = "vertices") -> FloatArray:
         )
     dtype = np.float32 if array.dtype == np.float32 else np.float64
     array = np.ascontiguousarray(array, dtype=dtype)
-    for frame, positions in enumerate(array):
+    with np.errstate(invalid="ignore"):
+        # Neither is finite where one number is not.
+        low, high = float(array.min()), float(array.max())
+    for frame, positions in enumerate(() if isfinite(low) and isfinite(high) else array):
         if not np.isfinite(positions).all():
             bad = np.argwhere(~np.isfinite(positions))
             vertex, axis = (int(i) for i in bad[0])
@@ -132,12 +136,11 @@ def require_vertices(vertices: Any, name: str = "vertices") -> FloatArray:
                 vertex=vertex,
                 details={"array": name, "count": len(bad)},
             )
-    _require_size(array, name)
+    _require_size(array, name, low, high)
     return kept(array, vertices)
 
 
-def _require_size(array: FloatArray, name: str) -> None:
-    low, high = float(array.min()), float(array.max())
+def _require_size(array: FloatArray, name: str, low: float, high: float) -> None:
     largest = max(-low, high)
     if largest == 0.0 or SMALLEST <= largest <= LARGEST:
         return

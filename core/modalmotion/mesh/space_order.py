@@ -36,9 +36,27 @@ def space_order(positions: NDArray[np.float64]) -> NDArray[np.int64]:
     """
     if not len(positions):
         return np.zeros(0, dtype=np.int64)
+    return np.argsort(space_codes(positions, _BITS), kind="stable")
+
+
+def space_codes(positions: NDArray[np.float64], n_bits: int) -> NDArray[np.uint64]:
+    """Places along a Morton curve.
+
+    Parameters
+    ----------
+    positions : (n, 3) float64
+        Finite; at least one.
+    n_bits : int
+        Of each axis, up to 21.
+
+    Returns
+    -------
+    (n,) uint64
+        Below 2^(3 n_bits).
+    """
     low = positions.min(axis=0)
     span = float((positions.max(axis=0) - low).max()) or 1.0
-    steps = ((positions - low) * ((2**_BITS - 1) / span)).astype(np.uint64)
+    steps = ((positions - low) * ((2**n_bits - 1) / span)).astype(np.uint64)
     code = np.zeros(len(positions), dtype=np.uint64)
     for axis in range(3):
         bits = np.ascontiguousarray(steps[:, axis])
@@ -46,4 +64,4 @@ def space_order(positions: NDArray[np.float64]) -> NDArray[np.int64]:
             bits |= bits << np.uint64(shift)
             bits &= np.uint64(mask)
         code |= bits << np.uint64(axis)
-    return np.argsort(code, kind="stable")
+    return code

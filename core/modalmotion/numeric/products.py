@@ -10,6 +10,7 @@ they are few, and thousands of rows long.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -55,6 +56,7 @@ def product(
     return out
 
 
+@lru_cache(maxsize=256)
 def tile(m: int, n: int, k: int) -> tuple[int, int, int]:
     """Rows, columns and depth of the tiles of an m x n product of depth k.
 

@@ -46,4 +46,6 @@ def root_mean_square(values: NDArray[np.float64]) -> float:
     largest = float(np.abs(values).max(initial=0.0))
     if largest == 0.0:
         return 0.0
-    return largest * float(np.sqrt(((values / largest) ** 2).mean()))
+    shares = values / largest
+    shares *= shares
+    return largest * float(np.sqrt(np.add.reduce(shares, axis=None) / shares.size))

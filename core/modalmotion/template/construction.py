@@ -113,7 +113,10 @@ def make_template(
     if notes:
         faces = first[faces]
         _require_left(faces)
-    surface, corner, scale = _normalised(start, faces)
+    # The nodes of a lattice and the points of a curve are in an order that says something.
+    stated = sequence.topology
+    is_mesh = sequence.grid is None and (stated is None or stated.n_axes == 2)
+    surface, corner, scale = _normalised(start, faces, in_any_order=is_mesh)
     places = {
         name: (place - corner) / scale
         for name, place in resolve_places(own_landmarks, start).items()
@@ -121,7 +124,7 @@ def make_template(
     isolated = np.zeros(0, dtype=np.int64)
     if len(faces):
         is_isolated = np.zeros(len(start), dtype=np.bool_)
-        is_isolated[surface.connectivity.isolated] = True
+        is_isolated[surface.isolated] = True
         isolated = np.flatnonzero(is_isolated[first])
     if len(sequence.faces):
         notes += notes_on_mesh(surface, isolated)
@@ -164,8 +167,11 @@ def make_template(
     lengths: tuple[float, ...] = ()
     placed: Landmarks | None = None
     if coordinates is not None:
-        values = _carried_over(coordinates.values[first], start, isolated)
-        lengths = axis_lengths(surface, coordinates.topology, sequence.grid, values)
+        values = _carried_over(surface.of_mesh(coordinates.values)[first], start, isolated)
+        if surface.order is None:
+            lengths = axis_lengths(surface, coordinates.topology, sequence.grid, values)
+        else:
+            lengths = axis_lengths(surface, coordinates.topology, None, coordinates.values)
         notes += coordinates.notes
         if coordinates.landmarks is not None:
             placed = coordinates.landmarks.placed(corner, scale)
@@ -300,7 +306,7 @@ def _require_left(faces: NDArray[np.int64]) -> None:
 
 
 def _normalised(
-    start: NDArray[np.float64], faces: NDArray[np.int64]
+    start: NDArray[np.float64], faces: NDArray[np.int64], *, in_any_order: bool
 ) -> tuple[Surface, NDArray[np.float64], float]:
     """Bring the surface near the origin and near size 1: position = scale * result + corner.
 
@@ -315,7 +321,8 @@ def _normalised(
     vertices = np.where(used[:, None], start, corner) - corner
     largest = float(np.abs(vertices).max(initial=0.0))
     scale = power_of_two(largest)
-    return surface_of(vertices / scale, faces), corner, scale
+    surface = surface_of(vertices / scale, faces, in_any_order=in_any_order)
+    return surface, corner, scale
 
 
 def _carried_over(

@@ -32,14 +32,10 @@ def axis_lengths(
     if topology.n_axes == 1 and grid is None:
         return (float(step_lengths(surface.vertices, topology).sum()),)
     if topology.n_axes == 2 and surface.area > 0:
-        areas = face_areas(surface.vertices, surface.faces)
-        first, second = (
-            _from_gradients(surface, areas, coordinates[:, axis], ends == CLOSED)
-            for axis, ends in enumerate(topology.ends)
-        )
+        first = _from_gradients(surface, coordinates[:, 0], topology.ends[0] == CLOSED)
         if End.POLE in topology.ends[0]:
             return first, surface.area / first if first > 0 else 0.0
-        return first, second
+        return first, _from_gradients(surface, coordinates[:, 1], topology.ends[1] == CLOSED)
     if grid is None:
         return (0.0,) * topology.n_axes
     return tuple(
@@ -48,12 +44,11 @@ def axis_lengths(
     )
 
 
-def _from_gradients(
-    surface: Surface,
-    areas: NDArray[np.float64],
-    coordinate: NDArray[np.float64],
-    closed: bool,
-) -> float:
+def _from_gradients(surface: Surface, coordinate: NDArray[np.float64], closed: bool) -> float:
+    if surface.sides is not None:
+        mean = surface.sides.mean_gradient(surface.vertices, coordinate, closed=closed)
+        return 1.0 / mean if mean > 0 else 0.0
+    areas = face_areas(surface.vertices, surface.faces)
     values = corner_steps(coordinate, surface.faces) if closed else coordinate
     gradients = face_gradients(surface.vertices, surface.faces, values)
     mean = float((areas * np.linalg.norm(gradients, axis=1)).sum() / areas.sum())

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from modalmotion.errors import TopologyError
-from modalmotion.mesh import oriented_faces
 from modalmotion.mesh.areas import corners_of
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
 from modalmotion.template.coordinates.cup import FAINT_AXIS, axis_strength, is_flat
@@ -114,11 +113,15 @@ def _is_shallow(surface: Surface) -> bool:
 
     An opening spans the length of its vector area, which all surfaces that fill it share.
     """
-    wound = oriented_faces(surface.faces, len(surface.vertices))
+    wound = surface.wound_faces
     if wound is None:
         return False
-    a, b, c = corners_of(surface.vertices, wound)
-    span = float(np.linalg.norm(np.cross(b - a, c - a).sum(axis=0))) / 2.0
+    if surface.sides is not None and wound is surface.faces:
+        twice = surface.sides.vector_area(surface.vertices)
+    else:
+        a, b, c = corners_of(surface.vertices, wound)
+        twice = np.cross(b - a, c - a).sum(axis=0)
+    span = float(np.linalg.norm(twice)) / 2.0
     return surface.area < 2.0 * span * (1.0 - _HEMISPHERE)
 
 

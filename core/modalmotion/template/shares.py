@@ -38,9 +38,9 @@ def shares_of(
     if weights == Weights.UNIFORM:
         counted = np.ones(n, dtype=np.bool_)
         if len(surface.faces):
-            counted[surface.connectivity.isolated] = False
+            counted[surface.isolated] = False
         return np.where(counted, 1.0 / counted.sum(), 0.0)
-    areas = surface.areas
+    areas = surface.of_mesh(surface.areas)
     if is_curve and topology is not None:
         areas = curve_weights(surface.vertices, topology)
     elif not len(surface.faces):

@@ -74,8 +74,15 @@ class Deformable:
         rim = np.zeros(self.template.n_vertices, dtype=np.bool_)
         if self.template.topology == OPEN_CURVE:
             rim[[0, -1]] = True
-        if self.cells.shape[1] == 3:
-            sides = np.sort(self.cells[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-            sides, counts = np.unique(sides, axis=0, return_counts=True)
-            rim[sides[counts == 1]] = True
+        rim[self.rim_sides] = True
         return rim
+
+    @cached_property
+    def rim_sides(self) -> NDArray[np.int64]:
+        """Sides of triangles without a neighbour, (sides, 2); none of a curve."""
+        if self.cells.shape[1] != 3:
+            return np.zeros((0, 2), dtype=np.int64)
+        sides = np.sort(self.cells[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        sides, counts = np.unique(sides, axis=0, return_counts=True)
+        open_sides: NDArray[np.int64] = sides[counts == 1]
+        return open_sides

@@ -57,7 +57,11 @@ def shape_in(
     InputError
         If there are too few points, or the landmarks that the topology needs are missing.
     """
+    # The middle of the points of an end is where it is, if nobody says it better.
     places = {
+        part.end: part.points.mean(axis=0) for part in frame if part.end is not None and len(part)
+    }
+    places |= {
         name: part.points[i]
         for part in frame
         for i, name in enumerate(part.places or ())

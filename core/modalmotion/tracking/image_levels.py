@@ -35,6 +35,9 @@ _FIRST: Final = 0.6
 _LEAST_AGREED: Final = 0.55
 _LEAST_CONTRAST: Final = 0.8
 
+# Of the contrast: how far a frame's levels may be from those of the reference.
+_APART: Final = 0.1
+
 # Normal deviation over the median one.
 _PER_MEDIAN: Final = 1.4826
 
@@ -142,6 +145,19 @@ def renewed(sight: Sight, view: View) -> Sight:
     if (inside - outside) * (sight.levels.inside - sight.levels.outside) <= 0:
         return sight
     return replace(sight, levels=Levels(inside, outside, spread), slope=slope)
+
+
+def as_bright(sight: Sight, view: View) -> Sight:
+    """Find the levels of another frame: contrast agents and gain change from frame to frame.
+
+    Each frame begins anew with the levels of the reference, and leaves them by `_APART` of the
+    contrast at most, so that nothing drifts.
+    """
+    own, found = sight.levels, renewed(sight, view).levels
+    most = _APART * abs(own.inside - own.outside)
+    inside = own.inside + float(np.clip(found.inside - own.inside, -most, most))
+    outside = own.outside + float(np.clip(found.outside - own.outside, -most, most))
+    return replace(sight, levels=Levels(inside, outside, own.spread))
 
 
 def _spread(view: View) -> float:

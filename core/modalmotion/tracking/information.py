@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
+from modalmotion.mesh.areas import face_normals
+from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.numeric.products import product
 from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.deformable import Deformable
@@ -68,7 +70,9 @@ def information(
     residuals, weights, feet = [np.zeros((0, 3))], [np.zeros(0)], []
     own = total = 0.0
     for part in frame:
-        if part.is_landmark:
+        if part.end is not None:
+            _add_end(surface, x, part, part.end, noise, A, b)
+        elif part.is_landmark:
             _add_landmarks(surface, x, part, noise, A, b)
         elif len(part):
             r, w, corners, variance = _add_points(surface, x, part, noise, A, b)
@@ -115,17 +119,78 @@ def _add_points(
     if part.normals is None and surface.cells.shape[1] == 3:
         # Across a ridge the force turns with the point, and does not jump from side to side.
         ridge = (found.shares.min(axis=1) <= 0.0) & ~at_rim & (found.distances > 0.0)
+        lift = bulge(found, x, surface.cells, noise.own(part.sd))
+        lift[ridge] *= np.sign(along[ridge, 0])
         normals[ridge, 0] = gap[ridge] / found.distances[ridge, None]
-        along[ridge, 0] = size[ridge] = found.distances[ridge]
+        along[ridge, 0] = found.distances[ridge]
+        along[:, 0] -= lift
+        size = np.abs(along[:, 0])
     kept = ~on_rim
     weights = np.zeros(len(part))
     weights[kept] = robust_weights(size[kept], noise.total)
     counted = weights if part.weights is None else weights * part.weights
     variance = noise.variances(part.sd, float(counted.sum()))
     strength = counted / variance
-    # Q = n n' of each point: A += phi phi' (x) Q, b += phi (x) Q (y - x).
+    _accumulate(surface, found, normals, along, strength, A, b)
+    return (normals * along[:, :, None]).sum(axis=1), weights, found.corners, variance
+
+
+def bulge(
+    found: Matches,
+    x: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    variance: NDArray[np.float64] | float,
+) -> NDArray[np.float64]:
+    """Height that noise lifts points off a curved surface by, in the mean, (n,).
+
+    Parameters
+    ----------
+    found : Matches
+        Of each point on the surface.
+    x : (vertices, 3) float64, length unit
+    cells : (triangles, 3) int64
+    variance : float or (n,) float64, length unit squared
+        Of the noise in each direction.
+
+    Notes
+    -----
+    Moved along a surface of the curvatures k1, k2 by e1, e2, a point lies (k1 e1^2 + k2 e2^2) / 2
+    beside it, on the outside of what is round: s^2 (k1 + k2) / 2 in the mean. k1 + k2 is the
+    divergence of the normals, on a triangle sum n_i . grad phi_i. It holds for noise smaller than
+    the radius; no more than half a deviation is taken.
+    """
+    corners = x[cells]
+    N = face_normals(x, cells)
+    size = (N * N).sum(axis=1)
+    normals = vertex_normals(x, cells)
+    # 2 A grad phi_i = N / |N| x (the side opposite i), |N| = 2 A.
+    total = np.zeros(len(cells))
+    for i in range(3):
+        side = corners[:, (i + 2) % 3] - corners[:, (i + 1) % 3]
+        total += (normals[cells[:, i]] * np.cross(N, side)).sum(axis=1)
+    divergence = total / np.where(size > 0, size, 1.0)
+    areas = np.sqrt(size)
+    near = np.bincount(cells.ravel(), np.repeat(areas, 3), minlength=len(x))
+    sums = np.bincount(cells.ravel(), np.repeat(areas * divergence, 3), minlength=len(x))
+    curvature = sums / np.where(near > 0, near, 1.0)
+    most = 0.5 * np.sqrt(variance)
+    heights = (found.shares * curvature[found.corners]).sum(axis=1) * variance / 2.0
+    lifted: NDArray[np.float64] = np.clip(heights, -most, most)
+    return lifted
+
+
+def _accumulate(
+    surface: Deformable,
+    found: Matches,
+    normals: NDArray[np.float64],
+    along: NDArray[np.float64],
+    strength: NDArray[np.float64],
+    A: NDArray[np.float64],
+    b: NDArray[np.float64],
+) -> None:
+    """Add Q = n n' of each point: A += phi phi' (x) Q, b += phi (x) Q (y - x)."""
     m = len(surface)
-    for start in range(0, len(part), _ROWS_AT_ONCE):
+    for start in range(0, len(strength), _ROWS_AT_ONCE):
         rows = slice(start, start + _ROWS_AT_ONCE)
         phi = (found.shares[rows, :, None] * surface.shapes[found.corners[rows]]).sum(axis=1)
         n, s = normals[rows], strength[rows]
@@ -142,7 +207,46 @@ def _add_points(
             if i != j:
                 A[j, i] += block
         b += sums[:, 6 * m :]
-    return (normals * along[:, :, None]).sum(axis=1), weights, found.corners, variance
+
+
+def _add_end(
+    surface: Deformable,
+    x: NDArray[np.float64],
+    part: Observation,
+    end: str,
+    noise: Noise,
+    A: NDArray[np.float64],
+    b: NDArray[np.float64],
+) -> None:
+    """Add points that the rim of an end passes through: their distance counts across the rim.
+
+    Of an end without an opening their middle is a landmark.
+    """
+    if not len(part):
+        return
+    sides = rim_at(surface, end)
+    if not len(sides):
+        middle = Observation(part.points.mean(axis=0)[None], places=(end,))
+        _add_landmarks(surface, x, middle, noise, A, b)
+        return
+    found = closest_points(part.points, x, sides)
+    gap = part.points - found.feet
+    along = (found.normals * gap[:, None]).sum(axis=-1)
+    weights = robust_weights(found.distances, noise.total)
+    counted = weights if part.weights is None else weights * part.weights
+    _accumulate(surface, found, found.normals, along, counted / noise.variances(part.sd, 1.0), A, b)
+
+
+def rim_at(surface: Deformable, end: str) -> NDArray[np.int64]:
+    """Sides of triangles along the opening at an end of the axis, (sides, 2); none without one."""
+    template = surface.template
+    if surface.cells.shape[1] != 3 or not template.coordinates.shape[1]:
+        return np.zeros((0, 2), dtype=np.int64)
+    s = template.coordinates[:, 0]
+    at_end = np.abs(s - (0.0 if end == "apex" else 1.0)) < _NEAR_END
+    sides = surface.rim_sides
+    kept: NDArray[np.int64] = sides[at_end[sides].all(axis=1)]
+    return kept
 
 
 def _profile_feet(part: Observation, x: NDArray[np.float64]) -> Matches | None:

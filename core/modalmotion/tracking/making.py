@@ -21,6 +21,7 @@ from modalmotion.numeric.kinds import truth, whole
 from modalmotion.progress import Progress
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.doubts import doubts_of_ends, landmarks_in
 from modalmotion.tracking.first_shape import shape_in
 from modalmotion.tracking.folding import require_unfolded, require_volume
 from modalmotion.tracking.image_frames import frames_of_images
@@ -154,7 +155,7 @@ def track(
     at = None if times is None else require_times(times, n_frames)
     phases = phases_of(at, n_frames, period, is_closed=is_closed)
     first = _require_reference(reference, n_frames)
-    frames = with_landmarks(seen, landmarks, first)
+    frames = with_landmarks(seen, landmarks, first, None if shown is None else shown.stated_sd)
     unseen = tuple(k for k, frame in enumerate(seen) if not any(map(len, frame)))
     if first in unseen and start is None:
         first = next(k for k in range(n_frames) if k not in unseen)
@@ -250,6 +251,9 @@ def track(
     if shown is not None and images is not None:
         result = with_images(result, images, shown)
         notes = (*shown.notes, *notes)
+    else:
+        is_guessed = start is None and topology is None and not landmarks_in(frames)
+        notes = (*notes, *doubts_of_ends(result, frames, is_guessed=is_guessed))
     return replace(result, notes=(*notes, *notes_on(result)))
 
 

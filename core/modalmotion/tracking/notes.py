@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from modalmotion.tracking.doubts import doubts_on
 from modalmotion.tracking.result import Track
 
 # Below this share of the surface under points, what is said of it is said by the prior.
@@ -42,4 +43,5 @@ def notes_on(result: Track) -> list[str]:
             f"Of {len(result.modes)} modes the data leave the tangential part of {undetermined} "
             "undetermined."
         )
+    notes += doubts_on(result)
     return notes

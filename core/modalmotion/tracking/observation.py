@@ -36,7 +36,8 @@ class Observation(FrozenArrays):
 
     Points say that the surface passes through them somewhere, and a distance along it means
     nothing. Points of a profile, with `normals`, say how far it lies along a fixed direction only.
-    Landmarks, with `places`, say where one place of the surface is, along it too.
+    Landmarks, with `places`, say where one place of the surface is, along it too. Points of an end,
+    with `end`, say that the rim of an opening passes through them somewhere.
 
     Parameters
     ----------
@@ -54,6 +55,8 @@ class Observation(FrozenArrays):
         and not from the closest place of the surface.
     shares : (n, 3) float64, optional
         Of each of these vertices in the start; they add up to 1.
+    end : {"apex", "base"}, optional
+        Of the surface, that all points are at: those of a valve are at the base.
     """
 
     points: NDArray[np.float64]
@@ -63,9 +66,10 @@ class Observation(FrozenArrays):
     places: tuple[Place, ...] | None = None
     feet: NDArray[np.int64] | None = None
     shares: NDArray[np.float64] | None = None
+    end: str | None = None
 
     def __post_init__(self) -> None:
-        points = np.array(self.points, dtype=np.float64)
+        points = _numbers(self.points)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ShapeError(
                 f"The points of an observation have the shape {points.shape}, not (n, 3).",
@@ -104,6 +108,12 @@ class Observation(FrozenArrays):
                 f"{len(self.places)} places were named for {n} landmarks.",
                 remedy="Name one place of the surface for each point.",
             )
+        if self.end is not None and (self.end not in NAMED_PLACES or self.places is not None):
+            raise ParameterError(
+                f"Points are at the end {self.end!r:.40} of a surface"
+                f"{'' if self.places is None else ', and at places of their own'}.",
+                remedy="Name the end apex or base, or give places.",
+            )
         if self.feet is not None or self.shares is not None:
             starts = (self.feet, self.shares, self.normals)
             own = tuple(None if part is None else part.shape for part in starts)
@@ -122,8 +132,8 @@ class Observation(FrozenArrays):
 
     @property
     def is_landmark(self) -> bool:
-        """Whether each row belongs to one place of the surface."""
-        return self.places is not None
+        """Whether each row belongs to one place of the surface, or to an end of it."""
+        return self.places is not None or self.end is not None
 
 
 Frame: TypeAlias = tuple[Observation, ...]
@@ -184,7 +194,7 @@ def _frame_of(item: Any) -> Frame:
         return tuple(item)
     if isinstance(item, tuple) and len(item) == 2:
         return (of_surface(*item),)
-    points = np.asarray(item, dtype=np.float64)
+    points = _numbers(item)
     return () if points.size == 0 else (Observation(points),)
 
 
@@ -216,6 +226,22 @@ def of_surface(vertices: Any, faces: Any) -> Observation:
     if not used.any():
         return Observation(x)
     return Observation(x[used], weights=weights[used] / weights[used].mean())
+
+
+def _numbers(points: Any) -> NDArray[np.float64]:
+    """Copy points as real numbers."""
+    cause: Exception | None = None
+    try:
+        rows = np.array(points)
+        if not np.iscomplexobj(rows):
+            numbers: NDArray[np.float64] = rows.astype(np.float64)
+            return numbers
+    except (TypeError, ValueError) as error:
+        cause = error
+    raise ParameterError(
+        "The points are not rows of real numbers.",
+        remedy="Give one row x, y, z for each point.",
+    ) from cause
 
 
 def _require_finite(points: NDArray[np.float64]) -> None:

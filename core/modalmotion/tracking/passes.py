@@ -15,8 +15,10 @@ from modalmotion.tracking.observation import Frame
 from modalmotion.tracking.prior import Prior, most_likely_prior
 from modalmotion.tracking.settling import Settled, settle
 
-# Of the size: no prior and no noise is narrower.
+# Of the size: no prior is narrower. No noise is either: one point that fits exactly would weigh as
+# many digits more than the prior as there are.
 LEAST: Final = 1e-9
+_LEAST_NOISE: Final = 1e-6
 
 # Of the size: what points may be off the start by at first.
 _FIRST_NOISE: Final = 0.02
@@ -146,7 +148,7 @@ def evidence(
         for own in kept
     ]
     noise = noise_of(left, n_values, surface.template.topology.n_axes)
-    return found, replace(noise, sd=max(noise.sd, least))
+    return found, replace(noise, sd=max(noise.sd, _LEAST_NOISE * surface.size))
 
 
 def energy(surface: Deformable, amplitudes: NDArray[np.float64], prior: Prior) -> float:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import InputError, MalformedFileError, ParameterError, ShapeError
 from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
 from modalmotion.formats.frames.archive import opened
+from modalmotion.formats.frames.frame import NOTHING_TO_TRACK
 from modalmotion.formats.frames.listing import list_frames, notes_on_numbers
 from modalmotion.formats.frames.names import (
     FRAME_SUFFIXES,
@@ -47,6 +48,9 @@ _GUIDE_POINTS: Final = "GPFile"
 _GUIDE_COLUMNS: Final = 7
 _VALVES: Final = ("MITRAL_VALVE", "AORTA_VALVE")
 _APEX: Final = "APEX_POINT"
+
+# The surface whose rim the valves are at; of others they are near the middle of the opening.
+_WITH_VALVES: Final = "LV_ENDOCARDIAL"
 
 USUAL_CONTOURS: Final = ("LV_ENDOCARDIAL",)
 """Parts of the names of typed contours that are read where nobody says which."""
@@ -183,7 +187,7 @@ def _of_bytes(
         raise MalformedFileError(unknown_format(data).message, remedy=_REMEDY)
     raise MalformedFileError(
         f"The file is {kind.upper()}, which holds a sequence of one mesh.",
-        remedy=f"Its vertices correspond: it needs no tracking. {_REMEDY}",
+        remedy=f"{NOTHING_TO_TRACK} {_REMEDY}",
     )
 
 
@@ -221,7 +225,12 @@ def _of_files(
             notes += file.notes
     at = None if times is None else np.array(times, dtype=np.float64)
     return Recorded(
-        tuple((frame.points,) for frame in frames), landmarks, at, unit, notes, coordinates
+        tuple((frame.points, *frame.ends) for frame in frames),
+        landmarks,
+        at,
+        unit,
+        notes,
+        coordinates,
     )
 
 
@@ -289,6 +298,7 @@ class _FrameFile:
 
     points: Observation
     landmarks: Mapping[str, Floats] = field(default_factory=dict)
+    ends: tuple[Observation, ...] = ()
     states: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -298,7 +308,7 @@ class _FrameFile:
 
 def _frame(name: str, data: bytes, contours: Sequence[str], parser: Parser) -> _FrameFile:
     if Path(name).name.startswith(_GUIDE_POINTS):
-        return _FrameFile(*_guide_points(data, contours))
+        return _guide_points(data, contours)
     if name.lower().endswith(CLOUD_SUFFIXES):
         points = _cloud(data)
         parser.limits.require("vertices", len(points))
@@ -337,11 +347,10 @@ def _cloud(data: bytes) -> NDArray[np.float64]:
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
-def _guide_points(
-    data: bytes, contours: Sequence[str]
-) -> tuple[Observation, dict[str, NDArray[np.float64]]]:
-    """Read typed contour points; valves are the base, and the apex point the apex."""
+def _guide_points(data: bytes, contours: Sequence[str]) -> _FrameFile:
+    """Read typed contour points; valves are at the base, and the apex point is the apex."""
     parts: dict[str, list[list[float]]] = {}
+    valves: dict[bytes, list[list[float]]] = {}
     for number, line in enumerate(lines_of(data), 1):
         words = line.split(b"\t")
         if number == 1 and words[0] == b"x":
@@ -355,7 +364,10 @@ def _guide_points(
                 f"Line {number} is not x, y, z, type, slice, weight and frame: {line[:40]!r}.",
                 remedy="Send the guide point files as biv-me writes them.",
             )
-        parts.setdefault(words[3].decode(errors="replace"), []).append(row)
+        name = words[3].decode(errors="replace")
+        parts.setdefault(name, []).append(row)
+        if name in _VALVES:
+            valves.setdefault(words[4], []).append(row)
     chosen = [name for name in parts if any(kind in name for kind in contours)]
     if parts and not chosen:
         raise ParameterError(
@@ -363,12 +375,30 @@ def _guide_points(
             remedy=f"Name parts of these: {', '.join(sorted(parts))}.",
         )
     landmarks = {}
-    valves = _rows(parts, _VALVES)
-    if len(valves):
-        landmarks["base"] = valves.mean(axis=0)
     if _APEX in parts:
         landmarks["apex"] = np.array(parts[_APEX]).mean(axis=0)
-    return Observation(_rows(parts, chosen)), landmarks
+    ends: tuple[Observation, ...] = ()
+    if valves and all(_WITH_VALVES in name for name in chosen):
+        rim = np.concatenate([_farthest(np.array(rows)) for rows in valves.values()])
+        ends = (Observation(rim, end="base"),)
+    elif valves:
+        landmarks["base"] = np.concatenate([np.array(rows) for rows in valves.values()]).mean(
+            axis=0
+        )
+    return _FrameFile(Observation(_rows(parts, chosen)), landmarks, ends)
+
+
+def _farthest(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Take the two points of one slice that are farthest apart, of several.
+
+    A plane meets the rim of the opening twice. Where it shows both valves, the points between lie
+    at their junction, within the opening.
+    """
+    if len(points) <= 2:
+        return points
+    apart = np.linalg.norm(points[:, None] - points, axis=2)
+    pair: NDArray[np.float64] = points[list(divmod(int(apart.argmax()), len(points)))]
+    return pair
 
 
 def _rows(parts: Mapping[str, list[list[float]]], names: Iterable[str]) -> NDArray[np.float64]:
@@ -389,9 +419,10 @@ def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
     except MalformedFileError as error:
         error.remedy = (
             "Write it with numpy.savez: points (n, 3) and offsets (frames + 1,), the first row of "
-            "each frame, and the end; or points (frames, n, 3). A sequence of one mesh needs no "
-            "tracking."
+            f"each frame, and the end; or points (frames, n, 3). {NOTHING_TO_TRACK}"
         )
+        if "vertices" in cast("list[str]", error.details.get("arrays", [])):
+            error.remedy = NOTHING_TO_TRACK
         raise
     clouds = _clouds_in(arrays, limits)
     frames = tuple(_cloud_of(cloud, k) for k, cloud in enumerate(clouds))

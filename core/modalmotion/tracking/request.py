@@ -60,15 +60,21 @@ def phases_of(
 
 
 def with_landmarks(
-    frames: tuple[Frame, ...], landmarks: Mapping[str, Any] | None, reference: int
+    frames: tuple[Frame, ...],
+    landmarks: Mapping[str, Any] | None,
+    reference: int,
+    sd: float | None = None,
 ) -> tuple[Frame, ...]:
-    """Add stated landmarks to the frames that they are known in."""
+    """Add stated landmarks to the frames that they are known in.
+
+    `sd` is the deviation of those that state none, length unit; None is that of the points.
+    """
     if not landmarks:
         return frames
     full = list(frames)
     box = _box(frames)
     for name, value in landmarks.items():
-        sd = value.sd if isinstance(value, Proposed) else None
+        own_sd = value.sd if isinstance(value, Proposed) else sd
         own = value.places if isinstance(value, Proposed) else value
         places = np.asarray(own, dtype=np.float64)
         if name not in NAMED_PLACES:
@@ -91,7 +97,7 @@ def with_landmarks(
         for k, place in enumerate(places):
             if np.isfinite(place).all():
                 _require_near(name, k, place, box)
-                full[k] = (*full[k], Observation(place[None], sd=sd, places=(name,)))
+                full[k] = (*full[k], Observation(place[None], sd=own_sd, places=(name,)))
     return tuple(full)
 
 

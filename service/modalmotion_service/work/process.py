@@ -19,7 +19,6 @@ import threading
 import time
 from multiprocessing import forkserver
 from multiprocessing.connection import wait as wait_for_any
-from pathlib import Path
 from typing import Any, Final
 
 from modalmotion_service.work.allocation import keep_freed_memory
@@ -43,6 +42,8 @@ _KEPT_BYTES: Final = 8 << 20
 _NICENESS: Final = 5
 
 _PREFIX: Final = 8
+# Of an answer at a time: most are whole in the first piece.
+_FIRST_PIECE: Final = 1 << 16
 _PIECE: Final = 1 << 20
 
 # One at a time: whoever finds that the fork server does not answer ends it for the next.
@@ -92,6 +93,7 @@ class WorkerProcess:
         self._most_clock = math.inf
         ours, theirs = socket.socketpair()
         self._socket = ours
+        self._polls: dict[tuple[int, bool], select.poll] = {}
         self._process: Any = None
         # The process that forks its parsers.
         self._forks = 0
@@ -168,10 +170,7 @@ class WorkerProcess:
         """Give the process that forks its parsers, and the one parser that lives."""
         if not self._forks:
             return []
-        try:
-            children = Path(f"/proc/{self._forks}/task/{self._forks}/children").read_text()
-        except OSError:
-            children = ""
+        children = _told(self._forks, f"task/{self._forks}/children")
         return [self._forks, *map(int, children.split())]
 
     def _spent(self) -> float:
@@ -191,29 +190,41 @@ class WorkerProcess:
                 raise ProcessLostError("it ended while it was sent a task") from error
 
     def _receive(self, deadline: float, *, wakes: bool = True) -> bytes:
-        length = int.from_bytes(self._exactly(_PREFIX, deadline, wakes=wakes), "little")
-        return self._exactly(length, deadline, wakes=wakes)
-
-    def _exactly(self, length: int, deadline: float, *, wakes: bool) -> bytes:
         data = bytearray()
+        while len(data) < _PREFIX:
+            data += self._piece(_FIRST_PIECE, deadline, wakes=wakes)
+        length = _PREFIX + int.from_bytes(data[:_PREFIX], "little")
         while len(data) < length:
+            data += self._piece(min(_PIECE, length - len(data)), deadline, wakes=wakes)
+        if len(data) > length:
+            # It would be taken for the answer to the next question.
+            raise ProcessLostError("it said more than it was asked")
+        return bytes(memoryview(data)[_PREFIX:])
+
+    def _piece(self, most: int, deadline: float, *, wakes: bool) -> bytes:
+        """Wait for the next bytes of an answer."""
+        while True:
             self._wait(select.POLLIN, deadline, wakes=wakes)
             try:
-                piece = self._socket.recv(min(_PIECE, length - len(data)))
+                piece = self._socket.recv(most)
             except BlockingIOError:
                 continue
             except OSError as error:
                 raise ProcessLostError("its connection broke") from error
             if not piece:
                 raise ProcessLostError("it ended")
-            data += piece
-        return bytes(data)
+            return piece
+
+    def _poll(self, event: int, *, wakes: bool) -> select.poll:
+        if (event, wakes) not in self._polls:
+            self._polls[event, wakes] = poll = select.poll()
+            poll.register(self._socket, event)
+            if wakes:
+                poll.register(self._waker, select.POLLIN)
+        return self._polls[event, wakes]
 
     def _wait(self, event: int, deadline: float, *, wakes: bool) -> None:
-        poll = select.poll()
-        poll.register(self._socket, event)
-        if wakes:
-            poll.register(self._waker, select.POLLIN)
+        poll = self._poll(event, wakes=wakes)
         was_stopped = False
         next_look = _LOOK_SECONDS
         while (left := deadline - time.monotonic()) > 0:
@@ -233,13 +244,23 @@ class WorkerProcess:
         raise DeadlineError
 
 
+def _told(pid: int, name: str) -> bytes:
+    """Give what the system tells of a process, as proc(5) has it; nothing of one that is gone."""
+    try:
+        # As one call each: this is done for every task.
+        file = os.open(f"/proc/{pid}/{name}", os.O_RDONLY)
+        try:
+            return os.read(file, 4096)
+        finally:
+            os.close(file)
+    except OSError:
+        return b""
+
+
 def _spent_by_children(pid: int) -> float:
     """Processor time of the children of a process that have ended, in s."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return 0.0
-    return (int(fields[13]) + int(fields[14])) / os.sysconf("SC_CLK_TCK")
+    fields = _told(pid, "stat").rpartition(b")")[2].split()
+    return (int(fields[13]) + int(fields[14])) / os.sysconf("SC_CLK_TCK") if fields else 0.0
 
 
 def _processor_clock(pid: int) -> float:
@@ -278,11 +299,7 @@ def _begun(theirs: socket.socket, memory_bytes: int, is_batch: bool) -> Any:
 
 def _is_stopped(pid: int | None) -> bool:
     """Tell whether a signal has stopped a process, as proc(5) shows it."""
-    try:
-        stat = Path(f"/proc/{pid}/stat").read_text()
-    except OSError:
-        return False
-    return stat.rpartition(")")[2].split()[0] == "T"
+    return pid is not None and _told(pid, "stat").rpartition(b")")[2].split()[:1] == [b"T"]
 
 
 def _end_fork_server() -> None:
@@ -318,8 +335,10 @@ def _work(ours: socket.socket, memory_bytes: int, is_batch: bool) -> None:
 
 
 def _answer(ours: socket.socket, data: bytes) -> None:
-    ours.sendall(len(data).to_bytes(_PREFIX, "little"))
-    ours.sendall(data)
+    # Whoever waits wakes up for each piece.
+    ours.sendall(len(data).to_bytes(_PREFIX, "little") + data[:_FIRST_PIECE])
+    if rest := memoryview(data)[_FIRST_PIECE:]:
+        ours.sendall(rest)
 
 
 def _end_with_parent() -> None:

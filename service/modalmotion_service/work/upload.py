@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from modalmotion.errors import InputError, LimitError
 from modalmotion.formats import Reading, ReadOptions, read_sequence
-from modalmotion.formats.frames.frame import TRACK
+from modalmotion.formats.frames.frame import SIGNATURE, TRACK
 from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence
 from modalmotion.progress import Progress
 from modalmotion.tracking.reading import Recorded, read_observed
 from modalmotion_service.work.parsing import parser_for
 from modalmotion_service.work.part import Part
+
+# Commands that remedies name, as their doors are called here.
+_DOORS: Final = {TRACK: "POST /v1/tracks", SIGNATURE: "POST /v1/sequences"}
 
 
 @dataclass(frozen=True)
@@ -75,8 +79,7 @@ class Upload:
         try:
             return read_sequence(data, self.options, parser=parser, progress=progress)
         except InputError as error:
-            # As this door is called here.
-            error.remedy = error.remedy.replace(TRACK, "POST /v1/tracks")
+            _name_doors(error)
             raise
 
     def observed(
@@ -101,13 +104,17 @@ class Upload:
             If it is not understood, or beyond a limit.
         """
         parser = parser_for(self.options.limits)
-        return read_observed(
-            self.data(),
-            contours=contours,
-            coordinates=coordinates,
-            parser=parser,
-            progress=progress,
-        )
+        try:
+            return read_observed(
+                self.data(),
+                contours=contours,
+                coordinates=coordinates,
+                parser=parser,
+                progress=progress,
+            )
+        except InputError as error:
+            _name_doors(error)
+            raise
 
     def images(self, progress: Progress | None = None) -> ImageSequence:
         """Read it as images, in a worker.
@@ -129,3 +136,8 @@ class Upload:
             if error.limit == "decompressed_bytes":
                 error.limit = "image_bytes"
             raise
+
+
+def _name_doors(error: InputError) -> None:
+    for command, door in _DOORS.items():
+        error.remedy = error.remedy.replace(command, door)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from codec_sequences import jointed
 
+from modalmotion.codec import Effort
 from modalmotion.codec.blocking import ModalBlock, attempt
 from modalmotion.codec.quantiser import MOST_STEPS, is_countable, quantise
 from modalmotion.codec.search import coarsest
 from modalmotion.codec.temporal import Temporal
+from modalmotion.codec.transforms import choose
 
 
 def test_numbers_are_whole_as_long_as_they_count_as_countable(rng: np.random.Generator) -> None:
@@ -25,7 +28,11 @@ def test_numbers_are_whole_as_long_as_they_count_as_countable(rng: np.random.Gen
 def test_a_step_too_fine_for_whole_numbers_is_not_tried(
     kind: Temporal, rng: np.random.Generator
 ) -> None:
-    motion = ModalBlock(1e9 * rng.normal(size=(6, 3, 12)))
+    sequence = jointed(rng)
+    offsets = 1e9 * sequence.vertices.transpose(0, 2, 1).astype(np.float64)
+    modes = choose(sequence, Effort.BALANCED).modes
+    amplitudes = modes.analyse(offsets.reshape(-1, sequence.n_vertices)).reshape(offsets.shape)
+    motion = ModalBlock(amplitudes, offsets, modes)
     assert attempt(motion, kind, 1e-12) is None
     # Whatever it is sent after, the search ends with a step that counts, or none.
     trial = coarsest(motion, kind, 1e-30, 1e-3)

@@ -106,3 +106,21 @@ def test_quantiles_against_counting(seed: int, n: int, has_ties: bool) -> None:
         # At most one in twenty is above it, and more are above anything smaller.
         assert 20 * (row > value).sum() <= n
         assert all(20 * (row > smaller).sum() > n for smaller in row[row < value])
+
+
+@pytest.mark.parametrize("n", [512, 519, 3300])
+def test_quantiles_of_long_rows_are_those_of_sorted_ones(n: int) -> None:
+    rng = np.random.default_rng(n)
+    values = rng.chisquare(3, size=(4, n))
+    # The sample sees only the largest, or none of them.
+    misleading = np.where(np.arange(n) % 8 == 0, 2.0 + rng.random((4, n)), rng.random((4, n)))
+    for rows in (
+        values,
+        np.round(values),
+        np.zeros((2, n)),
+        np.sort(values),
+        misleading,
+        -misleading,
+    ):
+        expected = np.sort(rows, axis=1)[:, n - 1 - n // 20]
+        assert exceeded_by_a_twentieth(rows).tolist() == expected.tolist()

@@ -50,6 +50,7 @@ ENDS = {"apex": [-1.0, -2.0, -3.0], "base": [1.0, 2.0, 3.0]}
         (lambda: [np.eye(3)[:2]] * 3, {}, "has 2 points", "surface as start"),
         (lambda: [None] * 3, {}, "Nothing was observed in any frame", "at least one frame"),
         (list, {}, "Nothing was observed in any frame", "at least one frame"),
+        (lambda: [x + 1j for x in clouds()], {}, "not rows of real numbers", "one row x, y, z"),
         (
             lambda: [clouds()[0], None, []],
             {},
@@ -207,6 +208,7 @@ def test_torsion_of_a_round_surface_is_not_seen_and_that_is_said() -> None:
     assert rms_distance(x[2], found.sequence.vertices[2], found.template.faces) < 0.6
     assert np.linalg.norm(error, axis=1).mean() > 2.0
     assert any("twist and sliding are not measured" in note for note in found.notes)
+    assert any("so round about the axis (-0.00, 0.00, 1.00)" in note for note in found.notes)
     across, along = np.median(found.deviations[2], axis=0)
     assert along > 2.0 * across
 

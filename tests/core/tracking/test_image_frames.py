@@ -194,3 +194,24 @@ def test_what_images_cannot_do_without_is_named(volumes: ImageSequence) -> None:
         of_one(volumes.frames[0], landmarks={k: x * [-1, -1, 1] for k, x in LANDMARKS.items()})
     with pytest.raises(ShapeError, match="missing"):
         track(replace(volumes, frames=(None, *volumes.frames)), landmarks=LANDMARKS)
+
+
+def test_another_brightness_of_a_frame_hardly_moves_edges(
+    tracked: Track, volumes: ImageSequence
+) -> None:
+    first, second, third = volumes.frames
+    assert isinstance(second, Volume)
+    brighter = Volume(1.08 * second.values, second.affine)
+    result = track([first, brighter, third], landmarks=MARKS)
+    # With the levels of the reference it would be a tenth.
+    assert tracked.volumes is not None
+    assert result.volumes == pytest.approx(tracked.volumes, rel=0.03)
+
+
+def test_landmarks_are_as_exact_as_stated_however_noisy_edges_are() -> None:
+    noisy = [volume(RADIUS, Look(noise=30.0), seed=k) for k in range(2)]
+    base = np.array([BASE, BASE - 8.0 * AXES[:, 2]])
+    result = track(noisy, landmarks={"apex": LANDMARKS["apex"], "base": base})
+    rings = result.sequence.vertices.reshape(2, 32, 64, 3)[:, -1].mean(axis=1)
+    # With the deviation of an edge it would be more than half of the way.
+    assert np.linalg.norm(rings - base, axis=1).max() < 2.5

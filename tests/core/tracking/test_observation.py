@@ -50,6 +50,8 @@ def test_directions_become_unit_vectors_and_arrays_stay_as_they_are() -> None:
         (lambda: Observation(POINTS, weights=np.array([1.0, -1.0, 0.0, 0.0])), ParameterError),
         (lambda: Observation(POINTS, normals=np.zeros((4, 3))), ParameterError),
         (lambda: Observation(POINTS, places=("apex",)), ShapeError),
+        (lambda: Observation(POINTS, end="middle"), ParameterError),
+        (lambda: Observation(POINTS, end="base", places=(0, 1, 2, 3)), ParameterError),
         (lambda: of_surface(SQUARE, [[0, 1, 7]]), ShapeError),
         (lambda: of_surface(SQUARE[:, :2], TRIANGLES), ShapeError),
     ],

@@ -117,13 +117,25 @@ def test_guide_points_are_contours_with_landmarks(tmp_path: Path) -> None:
     (tmp_path / "SliceInfoFile.txt").write_text("image.dcm\tsliceID:\t1")
     found = read_observed(tmp_path)
     assert found.frames[1][0].points.tolist() == [[1.0, 2.0, 1.0]]
-    assert found.landmarks["base"].tolist() == [[0, 0, 9], [0, 0, 9]]
+    assert found.frames[1][1].points.tolist() == [[0, 0, 9]]
+    assert found.frames[1][1].end == "base"
     assert found.landmarks["apex"][0].tolist() == [0, 0, -9]
     assert np.isnan(found.landmarks["apex"][1]).all()
     outer = read_observed(tmp_path, contours=["LV_EPICARDIAL"])
     assert outer.frames[0][0].points.tolist() == [[4.0, 5.0, 6.0]]
+    assert outer.landmarks["base"].tolist() == [[0, 0, 9], [0, 0, 9]]
     with pytest.raises(ParameterError, match="SAX_LV_ENDOCARDIAL"):
         read_observed(tmp_path, contours=["AORTA_WALL"])
+
+
+def test_valve_points_between_those_farthest_apart_are_no_rim(tmp_path: Path) -> None:
+    rows = [HEADING, "1\t2\t0\tSAX_LV_ENDOCARDIAL\t2\t1.0\t0"]
+    places = [(-9, "MITRAL_VALVE"), (2, "MITRAL_VALVE"), (3, "AORTA_VALVE"), (12, "AORTA_VALVE")]
+    rows += [f"{x}\t0\t0\t{kind}\t8\t1.0\t0" for x, kind in places]
+    rows += [f"0\t{y}\t0\tMITRAL_VALVE\t9\t1.0\t0" for y in (-8, 8)]
+    (tmp_path / "GPFile_000.txt").write_text("\n".join(rows))
+    (frame,) = read_observed(tmp_path).frames
+    assert sorted(frame[1].points[:, 0].tolist()) == [-9, 0, 0, 12]
 
 
 def test_what_cannot_be_read_names_frame_and_file(tmp_path: Path) -> None:

@@ -19,6 +19,8 @@ from services import served
 from modalmotion.facts import Facts
 from modalmotion.formats import write_npz
 from modalmotion.formats.ply.ply import write_ply
+from modalmotion.mesh.hdf5 import sequence_to_hdf5
+from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.store import track_from_hdf5, track_to_hdf5
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tracking.reading import read_observed
@@ -282,3 +284,20 @@ def test_what_has_no_one_mesh_is_sent_here_by_the_door_of_sequences(client: Test
             assert answer.status_code in (400, 422), kind
             assert "POST /v1/tracks" in answer.json()["remedy"], (kind, answer.text)
     assert client.post(HERE, content=bodies["other faces"], params=FEW).status_code == 201
+
+
+def test_a_sequence_of_one_mesh_is_sent_to_the_door_of_sequences(client: TestClient) -> None:
+    ball = breathing_spheroid(3)
+    moved = mesh_sequence(ball.vertices + 0.01 * np.arange(3)[:, None, None], ball.faces, unit="mm")
+    bodies = {"npz": write_npz(moved), "hdf5": sequence_to_hdf5(moved)}
+    for kind, body in bodies.items():
+        problem = client.post(HERE, content=body).json()
+        assert "it is for POST /v1/sequences." in problem["remedy"], (kind, problem)
+        assert "modalmotion signature" not in problem["remedy"]
+        assert client.post("/v1/sequences", content=body).status_code in (200, 201), kind
+    # An archive of anything else is told how to write points too.
+    other = io.BytesIO()
+    np.savez(other, places=POINTS)
+    remedy = client.post(HERE, content=other.getvalue()).json()["remedy"]
+    assert "points (frames, n, 3)" in remedy
+    assert "POST /v1/sequences" in remedy

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import multiprocessing
 import os
 import random
 import signal
+import socket
+import threading
 import time
 from collections import Counter
 from concurrent.futures import Future, wait
@@ -21,6 +24,7 @@ from worker_tasks import hang, short, slow_mark
 from modalmotion.errors import LimitError
 from modalmotion_service.errors import ClusterError, NoWorkerError, WorkerDiedError
 from modalmotion_service.work.pool import WorkerPool
+from modalmotion_service.work.process import ProcessLostError, WorkerProcess, _answer
 
 MEMORY = 3_000_000_000
 N_WORKERS = 3
@@ -178,3 +182,27 @@ def test_a_task_of_a_stopped_worker_is_done_by_another_one(tmp_path: Path) -> No
             time.sleep(0.01)
         kill(victims(pool, "workers"), signal.SIGSTOP)
         assert task.result(timeout=60) == "done"
+
+
+def test_a_process_that_says_more_than_it_is_asked_is_not_believed() -> None:
+    ours, theirs = socket.socketpair()
+    waker, wake = os.pipe()
+    process = WorkerProcess.__new__(WorkerProcess)
+    process._socket, process._waker, process._polls = ours, waker, {}
+    process._process, process._forks, process._most_clock = None, 0, math.inf
+    ours.setblocking(False)
+    long = bytes(300_000)
+    answers = [b"", b"one", long]
+    for answer in answers:
+        sender = threading.Thread(target=_answer, args=(theirs, answer))
+        sender.start()
+        assert process._receive(time.monotonic() + 5.0) == answer
+        sender.join()
+    # What it adds would be taken for the answer to the next question.
+    theirs.sendall((3).to_bytes(8, "little") + b"one" + (3).to_bytes(8, "little") + b"two")
+    with pytest.raises(ProcessLostError, match="more than it was asked"):
+        process._receive(time.monotonic() + 5.0)
+    for one in (ours, theirs):
+        one.close()
+    os.close(waker)
+    os.close(wake)

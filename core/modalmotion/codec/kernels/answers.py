@@ -14,7 +14,6 @@ from modalmotion.codec.bits.mixing import (
     WIDEST_NUMBER,
 )
 from modalmotion.codec.kernels.coding import code_bits, code_odds, fail
-from modalmotion.codec.kernels.compiled import kernel
 from modalmotion.codec.machine.layout import (
     CAPACITY,
     CONTEXTS,
@@ -26,6 +25,7 @@ from modalmotion.codec.machine.layout import (
     TABLE,
     WEIGHTS,
 )
+from modalmotion.numeric.machine.compiled import kernel
 
 _LOGARITHMS: Final = np.array(LOGARITHMS, dtype=np.int64)
 _CHANCES: Final = np.array(CHANCES, dtype=np.int64)

@@ -6,7 +6,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.codec.kernels.compiled import kernel
 from modalmotion.codec.machine.layout import (
     BIT,
     DAMAGED,
@@ -24,6 +23,7 @@ from modalmotion.codec.machine.layout import (
     STATUS,
     WORD,
 )
+from modalmotion.numeric.machine.compiled import kernel
 
 _PRECISION: Final = np.uint64(24)
 _WORD: Final = np.uint64(32)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from modalmotion.codec.kernels.compiled import kernel
 from modalmotion.codec.machine.layout import PARAMETERS
+from modalmotion.numeric.machine.compiled import kernel
 
 _VERTICES: Final = PARAMETERS
 _LARGEST: Final = PARAMETERS + 1

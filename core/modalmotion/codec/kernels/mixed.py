@@ -8,8 +8,8 @@ from modalmotion.codec.bits.matrix import LARGEST_SEEN
 from modalmotion.codec.bits.mixed_matrix import N_STEPS, ROWS_ABOVE, WIDEST
 from modalmotion.codec.kernels.answers import ask, code_number, set_context
 from modalmotion.codec.kernels.coding import code_bits
-from modalmotion.codec.kernels.compiled import kernel
 from modalmotion.codec.machine.layout import PARAMETERS, READS, STATUS
+from modalmotion.numeric.machine.compiled import kernel
 
 _ROWS: Final = PARAMETERS
 _COLUMNS: Final = PARAMETERS + 1

@@ -8,7 +8,6 @@ import numpy as np
 
 from modalmotion.codec.connectivity.numbering import LOGARITHMS, MOST_TRUSTED, RELATED_BACK
 from modalmotion.codec.connectivity.rings import NOWHERE
-from modalmotion.codec.kernels.compiled import kernel
 from modalmotion.codec.kernels.ring_walks import degree, neighbour, place_in
 from modalmotion.codec.kernels.steps import (
     ENDS_WIDTH,
@@ -31,6 +30,7 @@ from modalmotion.codec.machine.places import (
     TAG_TAKEN,
     TRUST,
 )
+from modalmotion.numeric.machine.compiled import kernel
 
 _LOGARITHMS: Final = np.array(LOGARITHMS, dtype=np.int64)
 PROPOSED_NODE, FIRST_SOURCE, LAST_SOURCE, N_SOURCES, TOTAL = range(5)

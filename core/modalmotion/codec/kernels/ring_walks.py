@@ -6,7 +6,6 @@ from typing import Any, Final
 
 from modalmotion.codec.connectivity.rings import MOST_LOOKS, NOWHERE
 from modalmotion.codec.kernels.answers import place_of
-from modalmotion.codec.kernels.compiled import kernel
 from modalmotion.codec.machine.places import (
     AFTER,
     AROUND,
@@ -31,6 +30,7 @@ from modalmotion.codec.machine.places import (
     VERTICES,
     WAY,
 )
+from modalmotion.numeric.machine.compiled import kernel
 
 _SCANNED: Final = 16
 

@@ -15,7 +15,6 @@ from modalmotion.codec.connectivity.numbering import (
 )
 from modalmotion.codec.connectivity.rings import NOWHERE
 from modalmotion.codec.kernels.answers import place_of
-from modalmotion.codec.kernels.compiled import kernel
 from modalmotion.codec.kernels.ring_walks import (
     degree,
     follow,
@@ -43,6 +42,7 @@ from modalmotion.codec.machine.places import (
     VERTICES,
     WAY,
 )
+from modalmotion.numeric.machine.compiled import kernel
 
 NODE: Final = 0
 ORIGIN: Final = 1

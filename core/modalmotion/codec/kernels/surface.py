@@ -8,7 +8,6 @@ from modalmotion.codec.connectivity.numbering import FAR, N_PROPOSED
 from modalmotion.codec.connectivity.rings import NOWHERE
 from modalmotion.codec.connectivity.walk import GIVEN_UP
 from modalmotion.codec.kernels.answers import place_of
-from modalmotion.codec.kernels.compiled import kernel
 from modalmotion.codec.kernels.ring_walks import degree, make_rings
 from modalmotion.codec.kernels.steps import LAST_DISTANCES, NODE, ORIGIN, OUTCOME
 from modalmotion.codec.kernels.triangles import code_corner, earlier_ahead, end_of, first_pivot
@@ -35,6 +34,7 @@ from modalmotion.codec.machine.places import (
     VERTICES,
     WALK_ONLY,
 )
+from modalmotion.numeric.machine.compiled import kernel
 
 
 @kernel

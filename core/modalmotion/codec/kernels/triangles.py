@@ -7,7 +7,6 @@ from typing import Any, Final
 from modalmotion.codec.connectivity.walk import AHEAD, BEHIND, GIVEN_UP, NEW, OLDER
 from modalmotion.codec.kernels.answers import ask, code_number, place_of, set_context
 from modalmotion.codec.kernels.coding import fail
-from modalmotion.codec.kernels.compiled import kernel
 from modalmotion.codec.machine.layout import NO_VERTEX, READS
 from modalmotion.codec.machine.places import (
     AT_ROLE,
@@ -32,6 +31,7 @@ from modalmotion.codec.machine.places import (
     VERTICES,
 )
 from modalmotion.codec.machine.places import OLDER as OLDER_THAN
+from modalmotion.numeric.machine.compiled import kernel
 
 _OLDER_QUESTION: Final = 12
 _SIX_CODES: Final = (1 << 42) - 1

@@ -14,7 +14,6 @@ from modalmotion.codec.connectivity.numbering import (
 from modalmotion.codec.connectivity.rings import NOWHERE
 from modalmotion.codec.kernels.answers import ask, code_number, set_context
 from modalmotion.codec.kernels.coding import code_bits, fail
-from modalmotion.codec.kernels.compiled import kernel
 from modalmotion.codec.kernels.proposals import (
     FIRST_SOURCE,
     N_SOURCES,
@@ -47,6 +46,7 @@ from modalmotion.codec.machine.places import (
     SOURCES,
     VERTICES,
 )
+from modalmotion.numeric.machine.compiled import kernel
 
 _LONE, _HERE, _DISTANCE, _FAR, _RANK = 13, 14, 18, 19, 20
 _CHOSEN: Final = 64

@@ -9,8 +9,8 @@ import numpy as np
 from modalmotion.codec.bits.entropy import ESCAPE, N_CLASSES, N_SYMBOLS
 from modalmotion.codec.bits.matrix import LARGEST_SEEN, LEFT, N_CONTEXTS, WINDOWS
 from modalmotion.codec.kernels.coding import code_bits, code_symbol
-from modalmotion.codec.kernels.compiled import kernel
 from modalmotion.codec.machine.layout import PARAMETERS, READS, STATUS
+from modalmotion.numeric.machine.compiled import kernel
 
 _ROWS: Final = PARAMETERS
 _COLUMNS: Final = PARAMETERS + 1

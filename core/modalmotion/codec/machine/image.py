@@ -1,40 +1,14 @@
-"""Machine code in a file: found, checked, mapped into memory.
-
-An image is code without addresses, which calls nothing outside of itself: neither numba nor any
-other library is needed to run it, and mapping it takes a millisecond. Compiling takes a minute,
-so it is done once, by `modalmotion compile-codec`, and kept in a folder that may be read-only.
-"""
+"""The compiled codec: the name of its file, and what is mapped of it."""
 
 from __future__ import annotations
 
-import ctypes
-import hashlib
-import json
-import logging
-import mmap
-import os
-import platform
-import sys
-import sysconfig
 import threading
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import numpy as np
+from modalmotion.numeric.machine.image import Image as Image
+from modalmotion.numeric.machine.image import digest_of, find_image
 
-from modalmotion.errors import MalformedFileError
-
-VARIABLE: Final = "MODALMOTION_KERNELS"
-"""Environment variable: the folder of the images, or `off`."""
-
-OFF: Final = "off"
-_MAGIC: Final = b"MMKERNEL"
-_HEAD: Final = 44
-"""Bytes of the magic, the hash of all behind it, and the length of the table of entries."""
-
-_PAGE: Final = 4096
 _CODEC: Final = Path(__file__).parents[1]
 # What the code is made from: the kernels, and the modules whose constants they share.
 _SOURCES: Final = (
@@ -48,85 +22,15 @@ _SOURCES: Final = (
     "connectivity/rings.py",
     "connectivity/walk.py",
 )
+_SLOWER: Final = "The codec is not compiled, and slow. Once: modalmotion compile-codec"
 
-_log = logging.getLogger(__name__)
 _lock = threading.Lock()
-
-Address = int
-Entry = Callable[[Address, Address, Address, Address], int]
-
-
-@dataclass(frozen=True, eq=False)
-class Image:
-    """Mapped code and its entries."""
-
-    entries: dict[str, Entry]
-    # Keeps the pages where they are.
-    pages: mmap.mmap = field(repr=False)
-
-
-def is_served() -> bool:
-    """Tell whether code for this machine can be made: x86-64 with the calls of Unix."""
-    return platform.machine() in ("x86_64", "AMD64") and sys.platform in ("linux", "darwin")
-
-
-def folders() -> list[Path]:
-    """Folders to look for images in; the first that can be written to takes a new one."""
-    stated = os.environ.get(VARIABLE)
-    if stated:
-        return [] if stated == OFF else [Path(stated)]
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return [Path(sysconfig.get_path("data"), "share", "modalmotion"), cache / "modalmotion"]
+_mapped: list[Image | None] = []
 
 
 def file_name() -> str:
     """Name of the image of these sources."""
-    digest = hashlib.sha256()
-    for pattern in _SOURCES:
-        # In half the time of Path.glob, which counts in the first decode of a process.
-        folder, _, stem = pattern.partition("/")
-        start, _, end = stem.partition("*")
-        paths = (p for p in (_CODEC / folder).iterdir() if p.name.startswith(start))
-        for path in sorted(p for p in paths if p.name.endswith(end)):
-            digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return f"kernels-{digest.hexdigest()[:20]}.bin"
-
-
-def pack(code: bytes, entries: dict[str, int]) -> bytes:
-    """Make the bytes of an image.
-
-    Parameters
-    ----------
-    code : bytes
-    entries : dict of int
-        Where each entry begins in the code.
-    """
-    head = json.dumps(entries).encode()
-    start = -(-(_HEAD + len(head)) // _PAGE) * _PAGE
-    rest = len(head).to_bytes(4, "little") + head + bytes(start - _HEAD - len(head)) + code
-    return _MAGIC + hashlib.sha256(rest).digest() + rest
-
-
-def map_image(path: Path) -> Image:
-    """Map an image.
-
-    Raises
-    ------
-    MalformedFileError
-        If the file is not a whole image.
-    """
-    with path.open("rb") as file:
-        pages = mmap.mmap(file.fileno(), 0, mmap.MAP_PRIVATE, mmap.PROT_READ | mmap.PROT_EXEC)
-    if pages[:8] != _MAGIC or hashlib.sha256(pages[40:]).digest() != pages[8:40]:
-        raise _corrupt(path)
-    end = _HEAD + int.from_bytes(pages[40:_HEAD], "little")
-    entries = json.loads(pages[_HEAD:end])
-    start = -(-end // _PAGE) * _PAGE
-    base = _address(pages) + start
-    make = ctypes.CFUNCTYPE(
-        ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, *[ctypes.c_void_p] * 4
-    )
-    return Image({name: _entry(make(base + at)) for name, at in entries.items()}, pages)
+    return f"kernels-{digest_of(_CODEC, _SOURCES)}.bin"
 
 
 def image() -> Image | None:
@@ -136,7 +40,7 @@ def image() -> Image | None:
     """
     with _lock:
         if not _mapped:
-            _mapped.append(_find())
+            _mapped.append(find_image(file_name(), _SLOWER))
         return _mapped[0]
 
 
@@ -144,45 +48,3 @@ def forget() -> None:
     """Look again at the next call, as after compiling."""
     with _lock:
         _mapped.clear()
-
-
-_mapped: list[Image | None] = []
-
-
-def _find() -> Image | None:
-    where = folders()
-    if not where:
-        return None
-    name = file_name()
-    for folder in where:
-        try:
-            return map_image(folder / name)
-        except FileNotFoundError:
-            continue
-        except (OSError, ValueError, MalformedFileError) as error:
-            _log.warning("The compiled codec cannot be used: %s", error)
-            return None
-    if is_served():
-        _log.warning("The codec is not compiled, and slow. Once: modalmotion compile-codec")
-    return None
-
-
-def _entry(function: Any) -> Entry:
-    def call(memory: Address, words: Address, bits: Address, tables: Address) -> int:
-        # Numba returns a status of its own, and the value by address.
-        value, raised = ctypes.c_int64(), ctypes.c_void_p()
-        function(ctypes.byref(value), ctypes.byref(raised), memory, words, bits, tables)
-        return value.value
-
-    return call
-
-
-def _address(pages: mmap.mmap) -> int:
-    return int(np.frombuffer(pages, dtype=np.uint8).ctypes.data)
-
-
-def _corrupt(path: Path) -> MalformedFileError:
-    return MalformedFileError(
-        f"{path} does not hold the compiled codec.",
-        remedy="Delete it, then: modalmotion compile-codec.",
-    )

@@ -14,6 +14,15 @@ from modalmotion.mesh.checks import FloatArray
 TRACK: Final = "`modalmotion track`"
 """What takes frames that do not correspond, as remedies name it; a service has its own name."""
 
+SIGNATURE: Final = "`modalmotion signature`"
+"""What takes a sequence of one mesh, as remedies name it; a service has its own name."""
+
+NOTHING_TO_TRACK: Final = (
+    "The vertices of a sequence of one mesh correspond, so that it needs no tracking: it is for "
+    f"{SIGNATURE}."
+)
+"""Remedy where such a sequence came to be tracked."""
+
 ONE_MESH: Final = (
     "Send one mesh that moves, with the same vertices and faces in every frame; or track the "
     f"frames as they are: {TRACK}."

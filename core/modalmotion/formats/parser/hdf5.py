@@ -7,6 +7,7 @@ from typing import Any, Final
 from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, StoreError
+from modalmotion.formats.frames.frame import NOTHING_TO_TRACK
 from modalmotion.formats.parser.answer import Parsed
 from modalmotion.formats.vtk.vtkhdf import parse_vtkhdf
 from modalmotion.formats.vtk.vtkhdf_clouds import parse_vtkhdf_clouds
@@ -40,7 +41,8 @@ def parse_clouds(data: bytes, limits: ReadLimits) -> Parsed:
         if "VTKHDF" in file:
             return parse_vtkhdf_clouds(file, limits)
     raise MalformedFileError(
-        "The HDF5 file holds no group 'VTKHDF'.", remedy="Send VTKHDF PolyData, or npz."
+        "The HDF5 file holds no group 'VTKHDF'.",
+        remedy=f"Send VTKHDF PolyData, or npz. {NOTHING_TO_TRACK}",
     )
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
-from modalmotion.mesh import oriented_faces
 from modalmotion.modes.topology import CLOSED, Topology
 from modalmotion.numeric.products import along, second_moments, weighted_sum
 from modalmotion.template.surface import Surface
@@ -55,8 +54,7 @@ def principal_axes(surface: Surface) -> tuple[NDArray[np.float64], NDArray[np.fl
         One in each row.
     """
     offsets, areas = surface.offsets, surface.areas
-    covariance = second_moments(areas, offsets, offsets) / surface.area
-    variances, columns = np.linalg.eigh(covariance)
+    variances, columns = np.linalg.eigh(surface.covariance)
     directions = columns.T[::-1].copy()
     for direction in directions:
         if (areas * along(offsets, direction) ** 3).sum() > 0:
@@ -192,9 +190,13 @@ def degree(surface: Surface, coordinates: NDArray[np.float64], topology: Topolog
     1 where every place has its own pair of coordinates; less where theta turns back on itself
     or the axis meets the surface outside the poles.
     """
-    faces = oriented_faces(surface.faces, len(surface.vertices))
+    faces = surface.wound_faces
     if faces is None:
         return 0.0
+    if surface.sides is not None and faces is surface.faces:
+        s, t = coordinates.T
+        first, second = (ends == CLOSED for ends in topology.ends)
+        return abs(surface.sides.covered(s, t, closed=(first, second)))
     x, y = (
         corner_steps(column, faces) if ends == CLOSED else column[faces] - column[faces][:, :1]
         for column, ends in zip(coordinates.T, topology.ends, strict=True)

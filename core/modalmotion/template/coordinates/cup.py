@@ -162,8 +162,8 @@ def _cap_of(surface: Surface, opening: Opening) -> tuple[float, float]:
 
 def is_flat(surface: Surface) -> bool:
     """Whether the surface is a sheet: hardly thicker than nothing in one direction."""
-    variances, _ = principal_axes(surface)
-    return bool(variances[2] < _FLAT**2 * variances[0])
+    smallest, _, largest = np.maximum(np.linalg.eigh(surface.covariance)[0], 0.0)
+    return bool(smallest < _FLAT**2 * largest)
 
 
 def _torsion(surface: Surface) -> NDArray[np.float64] | None:

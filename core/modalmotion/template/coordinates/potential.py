@@ -7,6 +7,7 @@ import scipy
 from numpy.typing import NDArray
 
 from modalmotion.mesh import cotangent_laplacian, graph_laplacian, solve_positive_definite
+from modalmotion.mesh.half_matrix import HalfMatrix, solve_half
 from modalmotion.template.surface import Surface
 
 # Springs this weak join vertices that no triangle with area joins.
@@ -37,7 +38,6 @@ def potential(
     (vertices,) float64, or None
         None where the triangles are too thin for a solution. Isolated vertices get zero.
     """
-    stiffness = _stiffness(surface)
     n = len(surface.vertices)
     u = np.zeros(n)
     u[held] = values
@@ -50,13 +50,12 @@ def potential(
         # taken off afterwards.
         free = free[1:]
     if len(free):
-        right = sources[free] - (stiffness @ u)[free]
-        try:
-            u[free] = solve_positive_definite(
-                scipy.sparse.csc_array(stiffness[free][:, free]), right, surface.vertices[free]
-            )
-        except RuntimeError:
+        found = _solved_at_once(surface, sources, u, free)
+        if found is None:
+            found = _solved(surface, sources, u, free)
+        if found is None:
             return None
+        u[free] = found
     if not np.isfinite(u).all():
         return None
     if not len(held):
@@ -64,11 +63,49 @@ def potential(
     return u
 
 
-def _stiffness(surface: Surface) -> scipy.sparse.csc_array:
-    stiffness = cotangent_laplacian(surface.vertices, surface.faces)
+def _solved_at_once(
+    surface: Surface,
+    sources: NDArray[np.float64],
+    u: NDArray[np.float64],
+    free: NDArray[np.int64],
+) -> NDArray[np.float64] | None:
+    """Solve on a large mesh by compiled kernels, if these are there and it converges."""
+    if surface.sides is None or surface.weights is None or not _has_area_everywhere(surface):
+        return None
+    stiffness = HalfMatrix.of(surface.sides, surface.weights)
+    right = sources[free]
+    if u.any():
+        right -= stiffness.times(u)[free]
+    number = np.full(len(u), len(free), dtype=np.uint32)
+    number[free] = np.arange(len(free))
+    return solve_half(stiffness.free(number, len(free)), right)
+
+
+def _solved(
+    surface: Surface,
+    sources: NDArray[np.float64],
+    u: NDArray[np.float64],
+    free: NDArray[np.int64],
+) -> NDArray[np.float64] | None:
+    stiffness = _stiffness(surface)
+    right = sources[free] - (stiffness @ u)[free]
+    try:
+        return solve_positive_definite(
+            scipy.sparse.csc_array(stiffness[free][:, free]), right, surface.vertices[free]
+        )
+    except RuntimeError:
+        return None
+
+
+def _has_area_everywhere(surface: Surface) -> bool:
     used = np.ones(len(surface.vertices), dtype=np.bool_)
     used[surface.connectivity.isolated] = False
-    if (surface.areas[used] > 0).all():
+    return bool((surface.areas[used] > 0).all())
+
+
+def _stiffness(surface: Surface) -> scipy.sparse.csc_array:
+    stiffness = cotangent_laplacian(surface.vertices, surface.faces)
+    if _has_area_everywhere(surface):
         return stiffness
     diagonal = stiffness.diagonal()
     springs = graph_laplacian(surface.connectivity.edges, len(surface.vertices))

@@ -16,18 +16,20 @@ from modalmotion.codec.kernels import build
 from modalmotion.codec.kernels.build import compile_kernels
 from modalmotion.codec.machine import image as images
 from modalmotion.errors import ModalMotionError, ParameterError
+from modalmotion.numeric.machine import building
+from modalmotion.numeric.machine import image as machine
 
 
 @pytest.fixture
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Images are looked for in an empty folder."""
     monkeypatch.setattr(images, "_mapped", [])
-    monkeypatch.setenv(images.VARIABLE, str(tmp_path))
+    monkeypatch.setenv(machine.VARIABLE, str(tmp_path))
     return tmp_path
 
 
 def kept() -> Path:
-    return next(p for f in images.folders() if (p := f / images.file_name()).exists())
+    return next(p for f in machine.folders() if (p := f / images.file_name()).exists())
 
 
 @compiled
@@ -36,7 +38,7 @@ def test_an_image_serves_from_a_folder_that_may_be_read_only(
 ) -> None:
     shutil.copy(kept(), tmp_path)
     monkeypatch.setattr(images, "_mapped", [])
-    monkeypatch.setenv(images.VARIABLE, str(tmp_path))
+    monkeypatch.setenv(machine.VARIABLE, str(tmp_path))
     tmp_path.chmod(0o555)
     found = images.image()
     assert found is not None
@@ -58,7 +60,7 @@ def test_a_damaged_image_is_not_run(
     data[place] ^= 1
     (tmp_path / images.file_name()).write_bytes(data)
     monkeypatch.setattr(images, "_mapped", [])
-    monkeypatch.setenv(images.VARIABLE, str(tmp_path))
+    monkeypatch.setenv(machine.VARIABLE, str(tmp_path))
     sequence = lattice_sequence(rng)
     with caplog.at_level(logging.WARNING):
         decoded = decode(encode(sequence, rms=0.3).data)
@@ -69,7 +71,7 @@ def test_a_damaged_image_is_not_run(
 def test_the_pure_form_answers_with_one_line_of_log(
     elsewhere: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(images, "is_served", lambda: True)
+    monkeypatch.setattr(machine, "is_served", lambda: True)
     with caplog.at_level(logging.WARNING):
         assert images.image() is None
         assert images.image() is None
@@ -80,7 +82,7 @@ def test_the_pure_form_answers_with_one_line_of_log(
 def test_off_is_silent(
     elsewhere: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(images.VARIABLE, images.OFF)
+    monkeypatch.setenv(machine.VARIABLE, machine.OFF)
     assert images.image() is None
     assert not caplog.records
     with pytest.raises(ParameterError, match="No folder"):
@@ -90,14 +92,14 @@ def test_off_is_silent(
 def test_other_machines_are_told_that_nothing_is_to_be_done(
     elsewhere: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(build, "is_served", lambda: False)
+    monkeypatch.setattr(building, "is_served", lambda: False)
     with pytest.raises(ParameterError, match="x86-64"):
         compile_kernels()
 
 
 def test_code_that_names_others_is_refused() -> None:
     with pytest.raises(ModalMotionError, match="outside of itself"):
-        build._resolve(
+        building._resolve(
             bytearray(8), b"\0" * 8 + b"\x02" + b"\0" * 15,
             {"offset": 0, "size": 24, "each": 24}, 0, [("floor", None)],
         )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Parts of a mesh that move as one."""

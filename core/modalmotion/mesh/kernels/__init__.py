@@ -1,0 +1,1 @@
+"""Sources of the kernels of large meshes, which numba compiles: see `numeric.machine`."""

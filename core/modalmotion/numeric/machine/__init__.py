@@ -1,0 +1,1 @@
+"""Machine code of kernels: compiled once, kept in files, mapped and called."""
