@@ -28,8 +28,17 @@ _TIMES: Final = ("time", "list")
 _PLAIN: Final = ("domain", "space", "none", "???", "scalar", "stub")
 
 _MM: Final = {
-    "": 1.0, "mm": 1.0, "millimeter": 1.0, "millimeters": 1.0, "cm": 10.0, "m": 1e3,
-    "meter": 1e3, "um": 1e-3, "\u00b5m": 1e-3, "micrometer": 1e-3, "nm": 1e-6,
+    "": 1.0,
+    "mm": 1.0,
+    "millimeter": 1.0,
+    "millimeters": 1.0,
+    "cm": 10.0,
+    "m": 1e3,
+    "meter": 1e3,
+    "um": 1e-3,
+    "\u00b5m": 1e-3,
+    "micrometer": 1e-3,
+    "nm": 1e-6,
 }
 
 _ENCODINGS: Final = ("raw", "gzip", "gz", "bzip2", "bz2", "ascii", "text", "txt")
