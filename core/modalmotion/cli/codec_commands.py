@@ -78,6 +78,8 @@ def encode(
 @output_option("File to write: .npz, .vtkhdf or .raw (float32).", *_WRITERS)
 @click.option("--first", type=int, help="First frame.")
 @click.option("--stop", type=int, help="Frame after the last.")
+@click.option("--first-vertex", type=int, help="First vertex.")
+@click.option("--stop-vertex", type=int, help="Vertex after the last.")
 @click.option(
     "--threads",
     "n_threads",
@@ -92,24 +94,35 @@ def decode(
     output: Path,
     first: int | None,
     stop: int | None,
+    first_vertex: int | None,
+    stop_vertex: int | None,
     n_threads: int,
     as_json: bool,
 ) -> None:
-    """Decode a compressed STREAM, or some of its frames."""
+    """Decode a compressed STREAM, or some of its frames and vertices.
+
+    Of some vertices come the triangles between them.
+    """
     from modalmotion.codec import decode as expand
     from modalmotion.codec import inspect
 
     write = _WRITERS[output.suffix.lower()]
     data = stream.read_bytes()
-    frames = None
-    if first is not None or stop is not None:
-        n_frames = inspect(data).n_frames
-        frames = range(first or 0, n_frames if stop is None else stop)
-    sequence = expand(data, frames=frames, n_threads=n_threads)
+    header = inspect(data)
+    frames = _span(first, stop, header.n_frames)
+    vertices = _span(first_vertex, stop_vertex, header.n_vertices)
+    sequence = expand(data, frames=frames, vertices=vertices, n_threads=n_threads)
     write_atomic(output, write(sequence))
     found = {"n_frames": sequence.n_frames, "n_vertices": sequence.n_vertices}
     said = f"{sequence.n_frames} frames of {sequence.n_vertices} vertices"
     tell({**found, "unit": sequence.unit}, [said], output, as_json=as_json)
+
+
+def _span(first: int | None, stop: int | None, n: int) -> range | None:
+    """Make the range between two ends; None without either."""
+    if first is None and stop is None:
+        return None
+    return range(first or 0, n if stop is None else stop)
 
 
 @click.command(epilog=example("compile-codec"))

@@ -37,7 +37,12 @@ class CodecCalls(Calls):
         return self._awaited(call, compressed_of)
 
     def decode(
-        self, source: Source, *, frames: range | None = None, progress: Progress | None = None
+        self,
+        source: Source,
+        *,
+        frames: range | None = None,
+        vertices: range | None = None,
+        progress: Progress | None = None,
     ) -> MeshSequence:
         """Decode a stream.
 
@@ -46,9 +51,13 @@ class CodecCalls(Calls):
         source : path or bytes
         frames : range, optional
             Without gaps; all frames by default.
+        vertices : range, optional
+            Without gaps; all vertices by default, else those with the triangles between them.
         progress : callable, optional
             Called with the bytes sent so far and those to send in all.
         """
         ends = {} if frames is None else {"first": frames.start, "stop": frames.stop}
+        if vertices is not None:
+            ends |= {"first_vertex": vertices.start, "stop_vertex": vertices.stop}
         call = Call("POST", "/v1/decode", ends, NPZ, body_of(source), is_repeatable=True)
         return self._sent(call, sequence_of, progress)

@@ -81,20 +81,39 @@ class Block:
             return closed_form_basis(self.kind, self.n_frames)
         return restore_basis(self.kind, self.basis, self.n_frames, self.quantiser)
 
-    def scaled(self, modes: OrthonormalModes) -> Floats:
-        """Positions about the origin in quanta, before rounding, (frames, 3, vertices)."""
-        rows = modes.synthesise(self.quantiser.restore(self.coefficients))
+    def scaled(self, modes: OrthonormalModes, where: Ints | None = None) -> Floats:
+        """Positions about the origin in quanta, before rounding, (frames, 3, vertices).
+
+        Of some vertices only if they are stated.
+        """
+        numbers = self.quantiser.restore(self.coefficients)
+        rows = modes.synthesise(numbers, where)
         if self.parts is not None:
-            functions = self.parts.functions(rows[:3] / np.sqrt(self.n_frames))
-            rows[3:] += self.parts.spread(self.quantiser.restore(self.maps), functions)
+            shape = rows[:3] if where is None else self._shape_around(modes, numbers, where)
+            functions = self.parts.functions(shape / np.sqrt(self.n_frames))
+            added = self.parts.spread(self.quantiser.restore(self.maps), functions)
+            rows[3:] += added if where is None else added[:, where]
         return self.time_basis().superpose(rows)
+
+    def _shape_around(self, modes: OrthonormalModes, numbers: Floats, where: Ints) -> Floats:
+        """Shape of the parts that hold some vertices, (3, vertices); zero elsewhere."""
+        assert self.parts is not None  # noqa: S101 - for the type checker
+        asked = np.zeros(sum(map(len, self.parts.pieces)), dtype=bool)
+        asked[where] = True
+        for part in self.parts.members:
+            asked[part] = asked[part].any()
+        around = np.flatnonzero(asked)
+        shape = np.zeros((3, len(asked)))
+        shape[:, around] = modes.synthesise(numbers[:3], around)
+        return shape
 
 
 def positions_of(block: Block, whole: Ints, dtype: np.dtype[np.floating]) -> FloatArray:
     """Whole quanta about the origin as coordinates, (frames, vertices, 3) in the length unit."""
     total = (whole + block.origin[:, None]).transpose(0, 2, 1).astype(np.float64)
     with np.errstate(over="ignore"):
-        positions: FloatArray = np.ascontiguousarray(np.ldexp(total, block.exponent), dtype=dtype)
+        np.ldexp(total, block.exponent, out=total)
+        positions: FloatArray = np.ascontiguousarray(total, dtype=dtype)
     return positions
 
 
@@ -141,8 +160,9 @@ def read_block(
     n_vertices: int,
     modes: OrthonormalModes,
     dtype: np.dtype[np.floating],
+    where: Ints | None = None,
 ) -> FloatArray:
-    """Decode a block.
+    """Decode a block, or some of its vertices; the hash is one of all, and compared with all.
 
     Raises
     ------
@@ -161,14 +181,18 @@ def read_block(
     maps = code(reader, block.maps.shape, None)
     guards = code_guards(reader, 3 * n_frames * n_vertices, None)
     block = replace(block, basis=basis, coefficients=coefficients, parts=parts, maps=maps)
-    scaled = block.scaled(modes)
+    scaled = block.scaled(modes, where)
+    shape = n_frames, 3, n_vertices
+    if where is not None:
+        guards = guards.within(shape, where)
     if not (np.abs(scaled) < MOST_QUANTA).all():
         raise damaged("Decoded positions lie beyond what the stream's quantum can count.")
     whole = guards.round(scaled)
     if block.width:
-        whole += block.width * code_corrections(reader, whole.shape, None)
+        corrections = code_corrections(reader, shape, None)
+        whole += block.width * (corrections if where is None else corrections[:, :, where])
     positions = positions_of(block, whole, dtype)
-    if digest(positions) != data[:HASH_BYTES]:
+    if where is None and digest(positions) != data[:HASH_BYTES]:
         raise MalformedFileError(
             "The decoded vertices are not those that were encoded.",
             remedy="The stream is damaged, or this machine computes its modes differently: "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,11 @@ def decode(
     data: bytes,
     *,
     frames: range | None = None,
+    vertices: range | NDArray[np.int64] | None = None,
     limits: ReadLimits = DECODE_LIMITS,
     n_threads: int = 1,
 ) -> MeshSequence:
-    """Decode a stream, or some of its frames.
+    """Decode a stream, or some of its frames and vertices.
 
     Parameters
     ----------
@@ -37,6 +39,11 @@ def decode(
         A stream that `encode` wrote.
     frames : range, optional
         Frames to decode, in steps of 1; only the blocks that hold them are read.
+    vertices : range or (n,) int, optional
+        Numbers of the vertices to decode, each once, in any order; only what they need is solved
+        for and computed. The sequence has these vertices in this order, the triangles between
+        them, and no lattice. Whether the vertices are those that were encoded is known of all
+        together only: of some the checksums of the bytes speak, and the probe of the modes.
     limits : ReadLimits, optional
         Largest sequence to accept, compared with the sizes that the stream declares.
     n_threads : int, optional
@@ -50,7 +57,7 @@ def decode(
     LimitError
         If the stream declares more than the limits accept.
     ParameterError
-        If the stream does not have these frames, or there is no thread.
+        If the stream does not have these frames or vertices, or there is no thread.
     """
     if whole("n_threads", n_threads) < 1:
         raise ParameterError(f"There are {n_threads} threads.", remedy="Use n_threads=1 or more.")
@@ -62,14 +69,47 @@ def decode(
             f"stream of {header.n_frames}.",
             remedy=f"Ask for a range within 0 to {header.n_frames}, in steps of 1.",
         )
+    where = None if vertices is None else _require_vertices(vertices, header.n_vertices)
     faces, position = _read_faces(data, position, header)
     parts = [
         positions[max(0, span.start - first) : span.stop - first]
-        for first, positions in _blocks(data, position, header, faces, span, n_threads)
+        for first, positions in _blocks(data, position, header, faces, span, where, n_threads)
     ]
+    if where is not None:
+        header = replace(header, grid=None, topology=None)
+        faces = _faces_between(faces, where, header.n_vertices)
     times = None if header.times is None else header.times[span.start : span.stop]
     positions: FloatArray = np.concatenate(parts)  # type: ignore[assignment]
     return _sequence(header, positions, faces, times)
+
+
+def _require_vertices(vertices: range | NDArray[np.int64], n_vertices: int) -> NDArray[np.int64]:
+    """Numbers of vertices that a stream has, each once."""
+    ends = (vertices[0], vertices[-1]) if isinstance(vertices, range) and vertices else (0, 0)
+    # A range may be longer than memory.
+    where = np.asarray(vertices if max(ends) < n_vertices else ())
+    if (
+        where.ndim != 1
+        or not len(where)
+        or not np.issubdtype(where.dtype, np.integer)
+        or not 0 <= int(where.min()) <= int(where.max()) < n_vertices
+        or len(np.unique(where)) < len(where)
+    ):
+        raise ParameterError(
+            f"These vertices are not some of the {n_vertices} of the stream, each once.",
+            remedy=f"Ask for different whole numbers from 0 to {n_vertices - 1}.",
+        )
+    return where.astype(np.int64)
+
+
+def _faces_between(
+    faces: NDArray[np.int64], where: NDArray[np.int64], n_vertices: int
+) -> NDArray[np.int64]:
+    """Triangles all of whose corners are there, by their places."""
+    place = np.full(n_vertices, -1, dtype=np.int64)
+    place[where] = np.arange(len(where))
+    there = place[faces]
+    return there[(there >= 0).all(axis=1)]
 
 
 def inspect(data: bytes, *, limits: ReadLimits = DECODE_LIMITS) -> Header:
@@ -102,11 +142,15 @@ def _blocks(
     header: Header,
     faces: NDArray[np.int64],
     span: range,
+    where: NDArray[np.int64] | None,
     n_threads: int,
 ) -> Iterator[tuple[int, FloatArray]]:
     """First frame and positions of each block that overlaps a span of frames."""
     stored = header.modes == STORED
-    modes = None if stored else read_modes(header.modes, header.n_vertices, faces, n_threads)
+    modes = None
+    if not stored:
+        whole = where is None
+        modes = read_modes(header.modes, header.n_vertices, faces, n_threads, whole=whole)
     first = 0
     for n_frames in header.block_frames:
         if first >= span.stop or first + n_frames <= span.start:
@@ -115,9 +159,10 @@ def _blocks(
             section, position = read_section(data, position)
             size = n_frames, header.n_vertices
             if modes is None:
-                yield first, restore_positions(section, *size, header.dtype)
+                positions = restore_positions(section, *size, header.dtype)
+                yield first, positions if where is None else positions[:, where]
             else:
-                yield first, read_block(section, *size, modes, header.dtype)
+                yield first, read_block(section, *size, modes, header.dtype, where)
         first += n_frames
     if position != len(data):
         raise damaged(f"{len(data) - position} bytes follow the end of the stream.")

@@ -36,9 +36,11 @@ class Quantiser:
         """sign(q) (|q| - shift) step."""
         magnitude = np.abs(numbers)
         table = np.array([0, *self.shifts], dtype=np.float64) * SHIFT_UNIT
-        values: Floats = np.sign(numbers) * (
-            (magnitude - table[np.minimum(magnitude, 3)]) * self.step
-        )
+        # In place: the memory of each array that is new counts in the first decode of a process.
+        values: Floats = table[np.minimum(magnitude, 3)]
+        np.subtract(magnitude, values, out=values)
+        values *= self.step
+        values *= np.sign(numbers, out=magnitude)
         return values
 
 

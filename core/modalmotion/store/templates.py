@@ -60,12 +60,12 @@ class TemplateStore(SequenceStore):
             If there is none.
         """
         self._open_index()
-        if not is_id(template_id) or not self._folder.template(template_id).is_file():
+        if not is_id(template_id) or not (path := self._folder.template(template_id)).is_file():
             raise NotFoundError(
                 f"There is no template {str(template_id)[:12]!r}.",
                 remedy="Use the id returned when it was made, or make it.",
             )
-        return self._folder.template(template_id)
+        return path
 
     def templates(self) -> tuple[str, ...]:
         """Ids of all templates, sorted."""

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
+from modalmotion.mesh.areas import face_normals
+from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.numeric.products import product
 from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.deformable import Deformable
@@ -117,8 +119,12 @@ def _add_points(
     if part.normals is None and surface.cells.shape[1] == 3:
         # Across a ridge the force turns with the point, and does not jump from side to side.
         ridge = (found.shares.min(axis=1) <= 0.0) & ~at_rim & (found.distances > 0.0)
+        lift = bulge(found, x, surface.cells, noise.own(part.sd))
+        lift[ridge] *= np.sign(along[ridge, 0])
         normals[ridge, 0] = gap[ridge] / found.distances[ridge, None]
-        along[ridge, 0] = size[ridge] = found.distances[ridge]
+        along[ridge, 0] = found.distances[ridge]
+        along[:, 0] -= lift
+        size = np.abs(along[:, 0])
     kept = ~on_rim
     weights = np.zeros(len(part))
     weights[kept] = robust_weights(size[kept], noise.total)
@@ -127,6 +133,50 @@ def _add_points(
     strength = counted / variance
     _accumulate(surface, found, normals, along, strength, A, b)
     return (normals * along[:, :, None]).sum(axis=1), weights, found.corners, variance
+
+
+def bulge(
+    found: Matches,
+    x: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    variance: NDArray[np.float64] | float,
+) -> NDArray[np.float64]:
+    """Height that noise lifts points off a curved surface by, in the mean, (n,).
+
+    Parameters
+    ----------
+    found : Matches
+        Of each point on the surface.
+    x : (vertices, 3) float64, length unit
+    cells : (triangles, 3) int64
+    variance : float or (n,) float64, length unit squared
+        Of the noise in each direction.
+
+    Notes
+    -----
+    Moved along a surface of the curvatures k1, k2 by e1, e2, a point lies (k1 e1^2 + k2 e2^2) / 2
+    beside it, on the outside of what is round: s^2 (k1 + k2) / 2 in the mean. k1 + k2 is the
+    divergence of the normals, on a triangle sum n_i . grad phi_i. It holds for noise smaller than
+    the radius; no more than half a deviation is taken.
+    """
+    corners = x[cells]
+    N = face_normals(x, cells)
+    size = (N * N).sum(axis=1)
+    normals = vertex_normals(x, cells)
+    # 2 A grad phi_i = N / |N| x (the side opposite i), |N| = 2 A.
+    total = np.zeros(len(cells))
+    for i in range(3):
+        side = corners[:, (i + 2) % 3] - corners[:, (i + 1) % 3]
+        total += (normals[cells[:, i]] * np.cross(N, side)).sum(axis=1)
+    divergence = total / np.where(size > 0, size, 1.0)
+    areas = np.sqrt(size)
+    near = np.bincount(cells.ravel(), np.repeat(areas, 3), minlength=len(x))
+    sums = np.bincount(cells.ravel(), np.repeat(areas * divergence, 3), minlength=len(x))
+    curvature = sums / np.where(near > 0, near, 1.0)
+    most = 0.5 * np.sqrt(variance)
+    heights = (found.shares * curvature[found.corners]).sum(axis=1) * variance / 2.0
+    lifted: NDArray[np.float64] = np.clip(heights, -most, most)
+    return lifted
 
 
 def _accumulate(

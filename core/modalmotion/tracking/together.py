@@ -19,6 +19,9 @@ from modalmotion.tracking.passes import LEAST, Pass
 from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.time_chain import chain_precision, joined, most_likely_h0
 
+# Fewer squares than these say next to nothing of a variance.
+_LEAST_NU: Final = 4.0
+
 # Prior variances over that of a frame whose surface is known.
 _PINNED: Final = 1e8
 
@@ -102,9 +105,44 @@ def together(
         information(surface, a[k], frame, noises[k].longer(lasting))
         for k, frame in enumerate(frames)
     ]
-    matrices, vectors = _stacked(slow, stiffness, pinned)
-    _, covariances = joined(matrices, vectors, stiffness, Q)
+    # What nothing shows is as large as the prior says, whose scale is not exactly known.
+    wide = stiffness / doubt_of_scale(surface, here, prior)
+    matrices, vectors = _stacked(slow, wide, pinned)
+    _, covariances = joined(matrices, vectors, wide, Q)
     return Together(a, seen, last, covariances, driven)
+
+
+def doubt_of_scale(surface: Deformable, here: Pass, prior: Prior) -> float:
+    """Give the variance of an amplitude that nothing shows, over that of the prior, 1 or more.
+
+    Parameters
+    ----------
+    surface : Deformable
+    here : Pass
+        Amplitudes that the prior's scale was found from.
+    prior : Prior
+
+    Notes
+    -----
+    The scale is a mean of squares u of amplitudes over their variances, over frames, each mode and
+    direction counted by the share s that the data have set. Amplitudes of a mode are alike in all
+    frames, and few of them are large, so the variance of that mean is taken from how they differ,
+    sum s^2 (u - mean)^2 / (sum s)^2, and is that of nu = 2 mean^2 / variance squares. Then an
+    amplitude has Student's distribution of nu, of the variance nu / (nu - 2).
+    """
+    moves = surface.wavenumbers > 0
+    variances = prior.variances(surface.wavenumbers)[moves, None]
+    kept = [own for own in here.frames if own is not None]
+    squares = np.mean([own.amplitudes[moves] ** 2 / variances for own in kept], axis=0).ravel()
+    left = np.mean([np.diag(own.covariance).reshape(-1, 3)[moves] for own in kept], axis=0)
+    shares = np.clip(1.0 - left / variances, 0.0, 1.0).ravel()
+    total = float(shares.sum())
+    mean = float((shares * squares).sum()) / total if total > 0 else 0.0
+    if not mean > 0:
+        return 1.0
+    spread = float((shares**2 * (squares - mean) ** 2).sum()) / total**2
+    nu = max(2.0 * mean**2 / max(spread, 1e-300), _LEAST_NU)
+    return nu / (nu - 2.0)
 
 
 def _stacked(

@@ -28,6 +28,8 @@ _STAMPS: Final = (
 _NO_CREDENTIALS: Final = frozenset(
     {"NoCredentialsError", "PartialCredentialsError", "CredentialRetrievalError", "ProfileNotFound"}
 )
+# What fsspec imports for a scheme, of those that the extra has.
+_PACKAGES: Final = {"s3": "s3fs", **dict.fromkeys(WEB, "aiohttp")}
 # Requests under way at once, where each file is looked at by itself.
 _TOGETHER: Final = 16
 
@@ -123,21 +125,33 @@ def system_of(file: RemoteFile) -> tuple[Any, str]:
         # What was listed before is looked at again: files come, change and go.
         system, path = fsspec.core.url_to_fs(file.url, use_listings_cache=False)
     except ImportError as error:
-        scheme = urlsplit(file.url).scheme
-        remedy = f"Install what fsspec needs for {scheme}, or copy the files to s3:// or here."
-        if scheme in ("s3", *WEB):
-            remedy = "Install it: pip install 'modalmotion[remote]'."
-        raise MissingExtraError(
-            f"'{file.shown}' cannot be reached: a package for {scheme} is not installed.",
-            remedy=remedy,
-            details={"extra": "remote"},
-        ) from error
+        raise _missing(file) from error
     except ValueError as error:
         raise ParameterError(
             f"'{file.shown}' cannot be reached: nothing here knows {urlsplit(file.url).scheme}.",
             remedy="Name s3://bucket/name, https://host/name or the like.",
         ) from error
     return system, path.rstrip("/")
+
+
+def _missing(file: RemoteFile) -> MissingExtraError:
+    """Make the error for a file system whose package is not installed."""
+    scheme = urlsplit(file.url).scheme.lower()
+    package = _PACKAGES.get(scheme)
+    if package is None:
+        what = f"a package for {scheme}"
+        remedy = f"Install what fsspec needs for {scheme}, or copy the files to s3:// or here."
+    else:
+        what = f"{package}, the package for {scheme},"
+        remedy = (
+            f"Install it: pip install {package}; or what http, https and s3 need together: "
+            "pip install 'modalmotion[remote]'."
+        )
+    return MissingExtraError(
+        f"'{file.shown}' cannot be reached: {what} is not installed.",
+        remedy=remedy,
+        details={"extra": "remote", "package": package},
+    )
 
 
 class PassingError(MalformedFileError):

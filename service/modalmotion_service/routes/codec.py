@@ -63,12 +63,17 @@ async def decode(
     preference: PreferenceDependency,
     accept: Annotated[str, Header(description=f"{NPZ}, {VTKHDF} or {RAW} (float32).")] = NPZ,
 ) -> Response:
-    """Decode a stream, or some of its frames; nothing is stored."""
+    """Decode a stream, or some of its frames and vertices; nothing is stored."""
     with file:
         media_type = best_type(accept, (NPZ, VTKHDF, RAW))
         if (query.first is None) != (query.stop is None):
             raise ParameterError(
                 "The range of frames has only one end.", remedy="Give first and stop."
+            )
+        if (query.first_vertex is None) != (query.stop_vertex is None):
+            raise ParameterError(
+                "The range of vertices has only one end.",
+                remedy="Give first_vertex and stop_vertex.",
             )
         request = {"query": query, "media_type": media_type}
         return await reply_or_job(state, preference, "decoding", request, file)

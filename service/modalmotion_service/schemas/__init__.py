@@ -1,5 +1,6 @@
 """Requests and answers, as pydantic models."""
 
+from modalmotion_service.schemas.distances import DistanceAnswer
 from modalmotion_service.schemas.facts import FactsAnswer
 from modalmotion_service.schemas.features import FeaturesAnswer, FeaturesRequest
 from modalmotion_service.schemas.fields import (
@@ -41,7 +42,6 @@ from modalmotion_service.schemas.sequences import (
     UploadQuery,
 )
 from modalmotion_service.schemas.signatures import (
-    DistanceAnswer,
     FrameErrors,
     Label,
     ManySignatures,

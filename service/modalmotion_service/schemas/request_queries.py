@@ -23,12 +23,16 @@ class EncodeQuery(ReadingQuery, EncodingTarget):
 
 
 class DecodeQuery(BaseModel):
-    """Which frames of a stream to decode."""
+    """Which frames and vertices of a stream to decode."""
 
     model_config = ConfigDict(extra="forbid")
 
     first: int | None = Field(None, ge=0, description="First frame; the stream's own by default.")
     stop: int | None = Field(None, ge=1, description="Frame after the last.")
+    first_vertex: int | None = Field(
+        None, ge=0, description="First vertex; of some vertices come the triangles between them."
+    )
+    stop_vertex: int | None = Field(None, ge=1, description="Vertex after the last.")
 
 
 class DistanceQuery(SignatureQuery):

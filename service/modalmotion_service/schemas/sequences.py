@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cached_property
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -60,11 +62,10 @@ class ReadingQuery(FactsQuery):
     dtype: Literal["float32", "float64"] = Field("float32", description="Of raw numbers.")
     animation: str | None = Field(None, max_length=200, description="Of GLB: by its name.")
 
-    def options(self, limits: ReadLimits, facts: Facts = NO_FACTS) -> ReadOptions:
-        """Translate to the reader's options; facts of the query override `facts`."""
+    @cached_property
+    def _options(self) -> ReadOptions:
         return ReadOptions(
             format=self.format,
-            limits=limits,
             unit=self.unit,
             times=None if self.times is None else tuple(parse_times(self.times)),
             frame_interval=self.frame_interval,
@@ -73,8 +74,16 @@ class ReadingQuery(FactsQuery):
             n_vertices=self.n_vertices,
             dtype=self.dtype,
             animation=self.animation,
-            facts=self.facts().over(facts),
+            facts=self.facts(),
         )
+
+    def options(self, limits: ReadLimits, facts: Facts = NO_FACTS) -> ReadOptions:
+        """Translate to the reader's options; facts of the query override `facts`.
+
+        Once but for limits and facts: requests share what they repeat.
+        """
+        options = self._options
+        return replace(options, limits=limits, facts=options.facts.over(facts))
 
 
 class UploadQuery(ReadingQuery):

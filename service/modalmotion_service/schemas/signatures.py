@@ -1,7 +1,8 @@
-"""Signatures and distances."""
+"""Signatures."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, FailFast, Field
@@ -120,8 +121,8 @@ class SignatureQuery(BaseModel):
         None, description="Id of a template to use in place of one of the sequence's own."
     )
 
-    def parameters(self) -> SignatureParameters:
-        """Translate to the library's parameters."""
+    @cached_property
+    def _parameters(self) -> SignatureParameters:
         values = {name: getattr(self, name) for name in SignatureQuery.model_fields}
         values["grid"] = parse_grid(self.grid)
         values["landmarks"] = GivenLandmarks(
@@ -130,6 +131,10 @@ class SignatureQuery(BaseModel):
             theta_zero=parse_place(values.pop("theta_zero")),
         )
         return SignatureParameters(**values)
+
+    def parameters(self) -> SignatureParameters:
+        """Translate to the library's parameters; once, for requests share what they repeat."""
+        return self._parameters
 
 
 class ManySignatures(JsonBody, SignatureQuery):
@@ -332,17 +337,3 @@ class SignatureAnswer(BaseModel):
             provenance=signature.provenance,
             file=file,
         )
-
-
-class DistanceAnswer(BaseModel):
-    """Distance of one sequence's signature from another's."""
-
-    distance: float = Field(description="|a - b| / |b| in the frame of the body, by phase.")
-    uses_theta_zero: bool = Field(
-        description="False where the zero of theta is not determined: magnitudes of pairs are "
-        "compared then."
-    )
-    by_errors: float | None = Field(
-        description="Distance that the stated deviations of both would make by themselves, RMS: "
-        "one no larger than it shows no difference. Null where neither has deviations."
-    )

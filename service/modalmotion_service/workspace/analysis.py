@@ -448,11 +448,17 @@ class Analysis:
             return output, await work
 
     async def decoded(
-        self, stream: Path, limits: ReadLimits, frames: range | None, media_type: str
+        self,
+        stream: Path,
+        limits: ReadLimits,
+        frames: range | None,
+        vertices: range | None,
+        media_type: str,
     ) -> Path:
         """Decode a stream to a file that the caller removes."""
         with self._output() as output, stage("decode"):
-            await self.work(codec.decode_upload, stream, limits, frames, media_type, output)
+            what = stream, limits, frames, vertices
+            await self.work(codec.decode_upload, *what, media_type, output)
         return output
 
     async def _with_sequence(

@@ -143,8 +143,12 @@ def make_replies(
         frames = None
         if query.first is not None and query.stop is not None:
             frames = range(query.first, query.stop)
+        vertices = None
+        if query.first_vertex is not None and query.stop_vertex is not None:
+            vertices = range(query.first_vertex, query.stop_vertex)
         stream, limits = spool.at(request["file"]), settings.read_limits
-        return Reply(await analysis.decoded(stream, limits, frames, media_type), media_type)
+        path = await analysis.decoded(stream, limits, frames, vertices, media_type)
+        return Reply(path, media_type)
 
     async def encoding(request: Request, report: Report) -> Reply:
         target = query_of(request, EncodingTarget, "target")

@@ -243,6 +243,8 @@ def test_streams_hold_their_bound(remote: Client, sequence: mm.MeshSequence) -> 
     assert sent.max_error <= 0.5
     some = remote.decode(sent.data, frames=range(3, 6))
     assert np.array_equal(some.vertices, decoded.vertices[3:6])
+    some = remote.decode(sent.data, vertices=range(2, 9))
+    assert np.array_equal(some.vertices, decoded.vertices[:, 2:9])
     kept = remote.encoded(remote.upload(sequence).id, max_error=0.5)
     assert kept.data == sent.data
 

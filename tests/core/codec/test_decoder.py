@@ -167,7 +167,7 @@ def test_a_decoder_that_computes_differently_is_refused(
 
     data = encode(lattice_sequence(rng), rms=0.3).data
     scaled = Block.scaled
-    monkeypatch.setattr(Block, "scaled", lambda block, modes: scaled(block, modes) + 0.5)
+    monkeypatch.setattr(Block, "scaled", lambda block, modes, _: scaled(block, modes) + 0.5)
     with pytest.raises(MalformedFileError, match="not those that were encoded"):
         decode(data)
 
@@ -276,3 +276,80 @@ print(sorted(name for name in set(sys.modules) - before if name.startswith(("sci
         [sys.executable, "-c", code, *map(str, paths)], capture_output=True, text=True, check=True
     )
     assert done.stdout == "[]\n"
+
+
+@pytest.mark.parametrize("asked", [{"rms": 0.1}, {"max_error": 0.05}, {"rms": 1e-12}])
+@pytest.mark.parametrize("effort", ["realtime", "balanced"])
+@pytest.mark.parametrize("make", [lattice_sequence, small_mesh_of_tube, jointed])
+def test_some_vertices_are_those_of_the_whole(
+    make: Make, effort: str, asked: dict[str, float], rng: np.random.Generator
+) -> None:
+    sequence = make(rng)
+    data = encode(sequence, effort=effort, **asked).data  # type: ignore[arg-type]
+    whole = decode(data)
+    n = whole.n_vertices
+    for where in (range(3, n // 2), rng.permutation(n)[: n // 2], range(n - 1, -1, -1), [1]):
+        some = decode(data, vertices=np.array(where) if isinstance(where, list) else where)
+        assert some.vertices.tobytes() == whole.vertices[:, np.array(where)].tobytes()
+        place = {int(v): i for i, v in enumerate(where)}
+        corners = [face for face in whole.faces.tolist() if all(v in place for v in face)]
+        assert some.faces.tolist() == [[place[v] for v in face] for face in corners]
+        assert some.grid is None
+    some = decode(data, vertices=range(2, 5), frames=range(1, 3))
+    assert np.array_equal(some.vertices, whole.vertices[1:3, 2:5])
+
+
+def test_some_vertices_are_rounded_as_all_are(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from modalmotion.codec import frames
+
+    # So many stand half-way that guards decide over some of those asked for.
+    monkeypatch.setattr(frames, "_uncertainty", lambda *_: 5e-3)
+    data = encode(mesh_of_tube(rng), rms=0.1).data
+    whole = decode(data)
+    where = rng.permutation(96)[:40]
+    assert np.array_equal(decode(data, vertices=where).vertices, whole.vertices[:, where])
+
+
+def test_patches_that_some_vertices_do_not_need_are_not_solved_for(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(codec_choice, "CUTS", dict.fromkeys(Effort, Cut(12, 12)))
+    data = encode(mesh_of_tube(rng), rms=0.1).data
+    solved = []
+    solve = joined._eigenvectors
+
+    def noted(*problem: Any) -> Any:
+        solved.append(len(problem[0]))
+        return solve(*problem)
+
+    monkeypatch.setattr(joined, "_eigenvectors", noted)
+    decode(data)
+    n_all = len(solved)
+    solved.clear()
+    decode(data, vertices=range(1))
+    # The one that is compared with the encoder's, and the one that holds the vertex.
+    assert len(solved) <= 2 < 8 <= n_all
+
+
+@pytest.mark.parametrize(
+    "vertices",
+    [
+        range(0),
+        range(97),
+        range(-1, 3),
+        range(10**30),
+        np.array([1, 1]),
+        np.array([0.5]),
+        np.array([[1]]),
+        np.array([96]),
+        np.array([], dtype=np.int64),
+    ],
+)
+def test_vertices_that_a_stream_does_not_have_are_refused(
+    vertices: Any, rng: np.random.Generator
+) -> None:
+    data = encode(lattice_sequence(rng), rms=0.3).data
+    with pytest.raises(ParameterError, match="not some of the 96"):
+        decode(data, vertices=vertices)

@@ -184,7 +184,7 @@ def test_decoding_does_not_hang_on_last_bits(
     original = decode(data).vertices
     scaled = Block.scaled
 
-    def elsewhere(block: Block, modes: object) -> NDArray[np.float64]:
+    def elsewhere(block: Block, modes: object, *_: object) -> NDArray[np.float64]:
         exact: NDArray[np.float64] = scaled(block, modes)  # type: ignore[arg-type]
         last_bits: NDArray[np.float64] = rng.uniform(-5e-7, 5e-7, size=exact.shape)
         return exact + last_bits

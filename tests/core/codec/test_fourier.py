@@ -7,6 +7,8 @@ import pytest
 import scipy
 
 from modalmotion.codec import fourier
+from modalmotion.codec.modes import lattice_modes
+from modalmotion.modes.topology import CUP
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 8, 13, 30])
@@ -28,3 +30,14 @@ def test_transforms_are_those_of_scipy(n: int, axis: int, rng: np.random.Generat
     assert abs((turned**2).sum() / (x**2).sum() - 1.0) < 1e-13
     assert np.abs(fourier.turn_back(turned, axis) - x).max() < 1e-13
     assert np.array_equal(x, kept)
+
+
+def test_rows_of_a_lattice_are_transformed_each_by_itself(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    modes = lattice_modes.LatticeModes(CUP, (6, 8), (1, 1))
+    coefficients = rng.standard_normal((7, 30))
+    whole = modes.synthesise(coefficients)
+    for at_once in (1, 100, 3 * 48):
+        monkeypatch.setattr(lattice_modes, "_AT_ONCE", at_once)
+        assert (modes.synthesise(coefficients) == whole).all()

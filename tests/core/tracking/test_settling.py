@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from clouds import breathing_spheroid, rim_of, sampled
 
+from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import SPHERE
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation
 from modalmotion.tracking.closest import closest_points
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.driven import driven_path
-from modalmotion.tracking.information import information
+from modalmotion.tracking.information import bulge, information
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.settling import settle
@@ -35,9 +40,11 @@ def test_force_is_the_slope_of_the_cost(rng: np.random.Generator) -> None:
     surface = Deformable.of(CLOSED_TEMPLATE, 7)
     cloud = frame_at(1, 300, rng)[0]
     a, step = 0.5 * rng.normal(size=(7, 3)), 1e-5 * rng.normal(size=(7, 3))
-    found = information(surface, a, (cloud,), NOISE)
+    # Noise of its own lifts points off a round surface, which is taken off.
+    noise = replace(NOISE, sd=1e-3)
+    found = information(surface, a, (cloud,), noise)
     force = found.vector - found.matrix @ a.ravel()
-    variance = float(NOISE.variances(None, float(found.weights.sum())))
+    variance = float(noise.variances(None, float(found.weights.sum())))
     # Weights held: half the squared distances, before and after.
     squares = [
         closest_points(cloud.points, surface.positions(a + s), surface.cells).distances ** 2
@@ -45,6 +52,25 @@ def test_force_is_the_slope_of_the_cost(rng: np.random.Generator) -> None:
     ]
     rise = float((found.weights * (squares[1] - squares[0])).sum()) / 2.0 / variance
     assert 2.0 * force @ step.ravel() == pytest.approx(-rise, rel=1e-2)
+
+
+def test_noise_lifts_points_off_what_is_round_and_not_off_what_is_flat(
+    rng: np.random.Generator,
+) -> None:
+    ball = standard_surface(Lattice(SPHERE, (20, 32)))
+    for radii, lifted in (((10.0, 10.0, 10.0), 1.0 / 10.0), ((2e3, 2e3, 2e3), 0.0)):
+        x = ball.vertices[0] * np.array(radii)
+        points = sampled(x, ball.faces, 8000, rng, noise=1.0)
+        found = closest_points(points, x, ball.faces)
+        heights = ((points - found.feet) * found.normals[:, 0]).sum(axis=1)
+        outward = np.sign((found.normals[:, 0] * found.feet).sum())
+        stated = outward * bulge(found, x, ball.faces, 1.0)
+        assert stated.mean() == pytest.approx(lifted, abs=0.01)
+        assert outward * heights.mean() == pytest.approx(lifted, abs=0.04)
+    # Noise as large as the radius: no more than half a deviation.
+    x = ball.vertices[0].astype(np.float64)
+    found = closest_points(x * 1.1, x, ball.faces)
+    assert np.abs(bulge(found, x, ball.faces, 4.0)).max() == pytest.approx(1.0)
 
 
 def test_the_equilibrium_balances_data_and_prior(rng: np.random.Generator) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import import_module
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
@@ -256,10 +257,25 @@ def test_missing_credentials_are_named_with_where_they_are_looked_for(
 
 
 def test_what_no_package_reaches_names_the_command(tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setitem(sys.modules, "s3fs", None)
-    with pytest.raises(MissingExtraError, match="a package for s3") as caught:
-        listed(RemoteFile("s3://bucket/scans"))
-    assert "pip install 'modalmotion[remote]'" in caught.value.remedy
+    for package in ("s3fs", "aiohttp", "gcsfs"):
+        monkeypatch.setitem(sys.modules, package, None)
+    # What was imported before, with the package.
+    monkeypatch.delitem(sys.modules, "fsspec.implementations.http", raising=False)
+    for scheme in ("s3", "http", "https", "gs"):
+        monkeypatch.delitem(import_module("fsspec.registry")._registry, scheme, raising=False)
+    for url, package in (
+        ("s3://bucket/scans", "s3fs"),
+        ("https://host/a.npz?X-Signature=word", "aiohttp"),
+        ("http://host/a.npz", "aiohttp"),
+    ):
+        with pytest.raises(MissingExtraError, match=f"{package}, the package for") as caught:
+            listed(RemoteFile(url))
+        assert f"pip install {package};" in caught.value.remedy
+        assert "pip install 'modalmotion[remote]'" in caught.value.remedy
+        assert "word" not in f"{caught.value.message}{caught.value.remedy}"
+    with pytest.raises(MissingExtraError, match="a package for gs is not") as caught:
+        listed(RemoteFile("gs://bucket/scans"))
+    assert "what fsspec needs for gs" in caught.value.remedy
     monkeypatch.setitem(sys.modules, "fsspec", None)
     with pytest.raises(MissingExtraError, match="package fsspec"):
         listed(RemoteFile("s3://bucket/scans"))

@@ -11,6 +11,8 @@ from fastapi.testclient import TestClient
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from modalmotion.facts import Facts
+from modalmotion.limits import ReadLimits
 from modalmotion_service.app import create_app
 from modalmotion_service.http import problems
 from modalmotion_service.http.query import read_once
@@ -76,3 +78,15 @@ def test_it_is_described_as_fastapi_describes_it() -> None:
     )
     assert accept.keys() == other.keys()
     assert accept["schema"].keys() == other["schema"].keys()
+
+
+def test_what_a_query_means_is_worked_out_once_and_not_for_other_facts() -> None:
+    query = TemplateQuery.model_validate({"modes": "4", "apex": "3", "period": "0.8"})
+    assert query.parameters() is query.parameters()
+    assert (query.parameters().modes, query.parameters().landmarks.apex) == (4, 3)
+    limits = ReadLimits(frames=7)
+    options = query.options(limits, Facts(modality="US", period=0.5))
+    assert (options.limits, options.facts) == (limits, Facts(modality="US", period=0.8))
+    assert query.options(limits).facts == Facts(period=0.8)
+    # Two that say the same are equal, whichever was used.
+    assert query == TemplateQuery.model_validate({"modes": "4", "apex": "3", "period": "0.8"})

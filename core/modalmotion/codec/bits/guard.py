@@ -43,6 +43,22 @@ class Guards:
         flat[self.places] = np.floor(scaled.reshape(-1)[self.places]).astype(np.int64) + self.up
         return whole
 
+    def within(self, shape: tuple[int, int, int], where: Ints) -> Guards:
+        """Those of some vertices, in the order of these.
+
+        Parameters
+        ----------
+        shape : (int, int, int)
+            Frames, directions, and vertices of all.
+        where : (n,) int64
+        """
+        place = np.full(shape[2], -1, dtype=np.int64)
+        place[where] = np.arange(len(where))
+        vertex = place[self.places % shape[2]]
+        there = vertex >= 0
+        row = self.places[there] // shape[2]
+        return Guards(row * len(where) + vertex[there], self.up[there])
+
 
 def find_guards(scaled: Floats, uncertainty: float) -> Guards:
     """List what two computations could round differently.

@@ -24,12 +24,17 @@ from modalmotion.modes.order import require_shape
 from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 LATTICE: Final = 1
 """First byte of the section of these modes."""
 
 ENDS: Final = (OPEN, CLOSED, POLE_OPEN, POLE_POLE)
 """Ends of an axis by their code in a stream."""
+
+
+# Numbers of the rows that are transformed together.
+_AT_ONCE: Final = 2**14
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,15 +81,25 @@ class LatticeModes:
             array = self._along(array, axis, inverse=False)
         return array.reshape(len(values), -1)[:, self.order]
 
-    def synthesise(self, coefficients: Floats) -> Floats:
-        """Coefficients to values at the nodes, (rows, first modes) to (rows, nodes)."""
+    def synthesise(self, coefficients: Floats, where: Ints | None = None) -> Floats:
+        """Coefficients to values, (rows, first modes) to (rows, nodes), or some of these."""
         n_rows, n_modes = coefficients.shape
-        flat = np.zeros((n_rows, int(np.prod(self.shape))))
-        flat[:, self.order[:n_modes]] = coefficients
-        array = flat.reshape(-1, *self.shape)
-        for axis in reversed(self._axes()):
-            array = self._along(array, axis, inverse=True)
-        return array.reshape(n_rows, -1)
+        n_nodes = prod(self.shape)
+        n_values = n_nodes if where is None else len(where)
+        values, places = np.empty((n_rows, n_values)), self.order[:n_modes]
+        # A few rows at once: what stands between the steps stays in the cache, and in memory that
+        # the process has already.
+        n_at_once = max(1, _AT_ONCE // n_nodes)
+        for start in range(0, n_rows, n_at_once):
+            rows = slice(start, start + n_at_once)
+            flat = np.zeros((len(values[rows]), n_nodes))
+            flat[:, places] = coefficients[rows]
+            array = flat.reshape(-1, *self.shape)
+            for axis in reversed(self._axes()):
+                array = self._along(array, axis, inverse=True)
+            found = array.reshape(-1, n_nodes)
+            values[rows] = found if where is None else found[:, where]
+        return values
 
     @property
     def shaken(self) -> None:

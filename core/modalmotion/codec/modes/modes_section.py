@@ -26,8 +26,11 @@ class OrthonormalModes(Protocol):
     def analyse(self, values: Floats) -> Floats:
         """Values to coefficients, (rows, vertices) to (rows, modes)."""
 
-    def synthesise(self, coefficients: Floats) -> Floats:
-        """Coefficients of the first modes to values, (rows, modes) to (rows, vertices)."""
+    def synthesise(self, coefficients: Floats, where: Ints | None = None) -> Floats:
+        """Coefficients of the first modes to values, (rows, modes) to (rows, vertices).
+
+        At some vertices only if they are stated; what they do not need is not solved for.
+        """
 
     @property
     def shaken(self) -> OrthonormalModes | None:
@@ -40,8 +43,10 @@ class OrthonormalModes(Protocol):
         """Write which modes these are, and a probe of those that are solved for."""
 
 
-def read_modes(data: bytes, n_vertices: int, faces: Ints, n_threads: int = 1) -> OrthonormalModes:
-    """Make the modes that a stream names, with so many threads.
+def read_modes(
+    data: bytes, n_vertices: int, faces: Ints, n_threads: int = 1, *, whole: bool = True
+) -> OrthonormalModes:
+    """Make the modes that a stream names, with so many threads; not all at once unless whole.
 
     Raises
     ------
@@ -54,7 +59,7 @@ def read_modes(data: bytes, n_vertices: int, faces: Ints, n_threads: int = 1) ->
         if data[0] == LATTICE:
             return read_lattice_modes(data, n_vertices)
         if data[0] in (SPRINGS, JOINED):
-            return read_patch_modes(data, n_vertices, faces, n_threads)
+            return read_patch_modes(data, n_vertices, faces, n_threads, whole=whole)
         if data[0] == PAIRS:
             return read_pair_modes(data, n_vertices, faces)
     raise damaged(_UNKNOWN)

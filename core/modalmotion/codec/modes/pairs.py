@@ -118,8 +118,8 @@ class PairModes:
         parts.append(np.sqrt(self.roots)[:, None] * means)
         return np.concatenate(parts[::-1]).T
 
-    def synthesise(self, coefficients: Floats) -> Floats:
-        """Coefficients to values, (rows, first modes) to (rows, vertices)."""
+    def synthesise(self, coefficients: Floats, where: Ints | None = None) -> Floats:
+        """Coefficients to values, (rows, first modes) to (rows, vertices), or some of these."""
         n_rows, n_modes = coefficients.shape
         n = len(self.levels[0].parent) if self.levels else len(self.roots)
         full = np.zeros((n, n_rows))
@@ -134,7 +134,7 @@ class PairModes:
             of_a, of_b = level.shares
             means[level.a] -= of_a * difference
             means[level.b] += of_b * difference
-        return np.ascontiguousarray(means.T)
+        return np.ascontiguousarray((means if where is None else means[where]).T)
 
     def pieces(self, largest: int) -> None:
         """None: they have no pieces."""

@@ -10,6 +10,7 @@ encoder and decoder compare a probe of the basis.
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -101,12 +102,28 @@ class PatchModes:
         return patches_of(self.edges, self.n_vertices, self.cut.patch)
 
     @cached_property
-    def bases(self) -> list[PatchBasis]:
-        """Modes of each patch, for unit stiffness and mass."""
+    def _places(self) -> tuple[Ints, Ints]:
+        """Patch of each vertex, and its place in it."""
         owner, where = np.empty((2, self.n_vertices), dtype=np.int64)
         for number, patch in enumerate(self.patches):
             owner[patch] = number
             where[patch] = np.arange(len(patch))
+        return owner, where
+
+    @cached_property
+    def _solved(self) -> dict[int, PatchBasis]:
+        """Modes of the patches that were asked for."""
+        return {}
+
+    def bases(self, numbers: Sequence[int]) -> list[PatchBasis]:
+        """Modes of some patches, for unit stiffness and mass; solved for once."""
+        left = [number for number in numbers if number not in self._solved]
+        if left:
+            self._solved.update(zip(left, self._solve(left), strict=True))
+        return [self._solved[number] for number in numbers]
+
+    def _solve(self, numbers: Sequence[int]) -> list[PatchBasis]:
+        owner, where = self._places
         inside = owner[self.edges[:, 0]] == owner[self.edges[:, 1]]
         edges = self.edges[inside]
         order = np.argsort(owner[edges[:, 0]], kind="stable")
@@ -119,7 +136,7 @@ class PatchModes:
             parts = patches_of(edges, self.n_vertices, self.cut.leaf)
         for part in parts:
             leaves[int(owner[part[0]])].append(where[part])
-        several = sum(len(part) > 1 for part in leaves) > 1
+        several = sum(len(leaves[number]) > 1 for number in numbers) > 1
 
         def solved(number: int, each: Each = map) -> PatchBasis:
             patch = self.patches[number]
@@ -129,7 +146,6 @@ class PatchModes:
             n_joined = self.cut.n_joined(len(patch), len(leaves[number]))
             return solve_patch(leaves[number], springs, signs, n_joined, self.errors, each)
 
-        numbers = range(len(self.patches))
         if self.n_threads == 1:
             return list(map(solved, numbers))
         with ThreadPoolExecutor(self.n_threads) as pool:
@@ -146,21 +162,33 @@ class PatchModes:
         """Values at the vertices to coefficients, (rows, vertices) to (rows, modes)."""
         parts = [
             basis.analyse(values[:, patch])
-            for patch, basis in zip(self.patches, self.bases, strict=True)
+            for patch, basis in zip(self.patches, self._all, strict=True)
         ]
         return np.concatenate(parts, axis=1)[:, self.order]
 
-    def synthesise(self, coefficients: Floats) -> Floats:
-        """Coefficients to values, (rows, first modes) to (rows, vertices)."""
+    def synthesise(self, coefficients: Floats, where: Ints | None = None) -> Floats:
+        """Coefficients to values, (rows, first modes) to (rows, vertices), or some of these."""
         n_rows, n_modes = coefficients.shape
         flat = np.zeros((n_rows, self.n_vertices))
         flat[:, self.order[:n_modes]] = coefficients
-        values = np.empty((n_rows, self.n_vertices))
-        start = 0
-        for patch, basis in zip(self.patches, self.bases, strict=True):
-            values[:, patch] = basis.synthesise(flat[:, start : start + len(patch)])
-            start += len(patch)
+        starts = np.cumsum([0, *map(len, self.patches)]).tolist()
+        if where is None:
+            values = np.empty((n_rows, self.n_vertices))
+            for number, (patch, basis) in enumerate(zip(self.patches, self._all, strict=True)):
+                values[:, patch] = basis.synthesise(flat[:, starts[number] : starts[number + 1]])
+            return values
+        owner, place = self._places
+        values = np.empty((n_rows, len(where)))
+        needed = np.unique(owner[where]).tolist()
+        for number, basis in zip(needed, self.bases(needed), strict=True):
+            there = owner[where] == number
+            part = basis.synthesise(flat[:, starts[number] : starts[number + 1]])
+            values[:, there] = part[:, place[where[there]]]
         return values
+
+    @property
+    def _all(self) -> list[PatchBasis]:
+        return self.bases(range(len(self.patches)))
 
     @cached_property
     def shaken(self) -> PatchModes:
@@ -173,7 +201,7 @@ class PatchModes:
 
     def probe(self) -> Ints:
         """Look at a few entries of the basis, (8,) int64, in 1/4096."""
-        basis = self.bases[int(np.argmax([len(patch) for patch in self.patches]))]
+        (basis,) = self.bases([int(np.argmax([len(patch) for patch in self.patches]))])
         places = np.arange(PROBES)
         chosen = np.zeros((PROBES, basis.n))
         chosen[places, (places * basis.n) // PROBES] = 1.0
@@ -192,8 +220,10 @@ class PatchModes:
         return head + struct.pack(f"<{PROBES}h", *self.probe().tolist())
 
 
-def read_patch_modes(data: bytes, n_vertices: int, faces: Ints, n_threads: int = 1) -> PatchModes:
-    """Solve for the modes that `PatchModes.write` wrote.
+def read_patch_modes(
+    data: bytes, n_vertices: int, faces: Ints, n_threads: int = 1, *, whole: bool = True
+) -> PatchModes:
+    """Solve for the modes that `PatchModes.write` wrote, or of one patch first to compare them.
 
     Raises
     ------
@@ -221,6 +251,8 @@ def read_patch_modes(data: bytes, n_vertices: int, faces: Ints, n_threads: int =
             limit="spring_modes",
         )
     modes = PatchModes(edges_of(faces), n_vertices, cut, data[1], n_threads=n_threads)
+    if whole:
+        modes.bases(range(len(modes.patches)))
     if np.abs(modes.probe() - probe).max() > 1:
         raise MalformedFileError(
             "This machine solves for other spring modes than the encoder did.",

@@ -143,12 +143,65 @@ def turn_over(
 
 
 @kernel
+def image_rows(
+    n: int,
+    start: Any,
+    column: Any,
+    value: Any,
+    diagonal: Any,
+    p_start: Any,
+    p_group: Any,
+    p_value: Any,
+    place: Any,
+    a_start: Any,
+    a_group: Any,
+    a_value: Any,
+    room: int,
+) -> int:
+    """Give A P; `place`, (groups,), comes as zeros; -1 where there is too little room."""
+    at = 0
+    for i in range(n):
+        row = at
+        a_start[i] = row
+        for e in range(np.int64(start[i]) - 1, np.int64(start[i + 1])):
+            # First the diagonal, then the others.
+            is_own = e < start[i]
+            j = i if is_own else column[e]
+            entry = diagonal[i] if is_own else value[e]
+            for k in range(p_start[j], p_start[j + 1]):
+                h = p_group[k]
+                # One more than the place, so that 0 is none.
+                known: Any = np.int64(place[h])
+                if known <= row:
+                    if at == room:
+                        return -1
+                    a_group[at] = h
+                    a_value[at] = 0.0
+                    at += 1
+                    place[h] = at
+                    known = at
+                a_value[known - 1] += entry * p_value[k]
+    a_start[n] = at
+    return at
+
+
+@kernel
 def coarser(
-    n_groups: int, start: Any, column: Any, value: Any, diagonal: Any,
-    p_start: Any, p_group: Any, p_value: Any, t_start: Any, t_row: Any, t_value: Any,
-    place: Any, first: Any, end: Any, weight: Any, coarse_diagonal: Any, room: int,
-) -> int:  # fmt: skip
-    """Give P^T A P; `place`, (groups,), comes as zeros; -1 where there is too little room."""
+    n_groups: int,
+    t_start: Any,
+    t_row: Any,
+    t_value: Any,
+    a_start: Any,
+    a_group: Any,
+    a_value: Any,
+    place: Any,
+    first: Any,
+    end: Any,
+    weight: Any,
+    diagonal: Any,
+    room: int,
+) -> int:
+    """Give P^T (A P); `place`, (groups,), comes as zeros; -1 where there is too little room."""
     at = 0
     for g in range(n_groups):
         row = at
@@ -156,27 +209,21 @@ def coarser(
         total = 0.0
         for r in range(t_start[g], t_start[g + 1]):
             i, share = t_row[r], t_value[r]
-            for e in range(np.int64(start[i]) - 1, np.int64(start[i + 1])):
-                # First the diagonal, then the others.
-                is_own = e < start[i]
-                j = i if is_own else column[e]
-                entry = share * (diagonal[i] if is_own else value[e])
-                for k in range(p_start[j], p_start[j + 1]):
-                    h = p_group[k]
-                    if h > g:
-                        # One more than the place, so that 0 is none.
-                        known: Any = np.int64(place[h])
-                        if known <= row:
-                            if at == room:
-                                return -1
-                            end[at] = h
-                            weight[at] = 0.0
-                            at += 1
-                            place[h] = at
-                            known = at
-                        weight[known - 1] += entry * p_value[k]
-                    elif h == g:
-                        total += entry * p_value[k]
-        coarse_diagonal[g] = total
+            for k in range(a_start[i], a_start[i + 1]):
+                h = a_group[k]
+                if h > g:
+                    known: Any = np.int64(place[h])
+                    if known <= row:
+                        if at == room:
+                            return -1
+                        end[at] = h
+                        weight[at] = 0.0
+                        at += 1
+                        place[h] = at
+                        known = at
+                    weight[known - 1] += share * a_value[k]
+                elif h == g:
+                    total += share * a_value[k]
+        diagonal[g] = total
     first[n_groups] = at
     return at

@@ -18,6 +18,7 @@ from modalmotion.mesh.kernels.cycle import (
 from modalmotion.mesh.kernels.levels import (
     coarser,
     group_unknowns,
+    image_rows,
     smooth_groups,
     turn_over,
     whole_rows,
@@ -105,8 +106,8 @@ def _turn_over(
     return 0
 
 
-def _coarser(
-    n_groups: int,
+def _image_rows(
+    n: int,
     start: Any,
     column: Any,
     value: Any,
@@ -114,18 +115,14 @@ def _coarser(
     p_start: Any,
     p_group: Any,
     p_value: Any,
-    t_start: Any,
-    t_row: Any,
-    t_value: Any,
     place: Any,
-    first: Any,
-    end: Any,
-    weight: Any,
-    coarse_diagonal: Any,
+    a_start: Any,
+    a_group: Any,
+    a_value: Any,
     room: int,
 ) -> int:
-    return coarser(
-        n_groups,
+    return image_rows(
+        n,
         carray(start, _ANY),
         carray(column, _ANY),
         carray(value, _ANY),
@@ -133,14 +130,42 @@ def _coarser(
         carray(p_start, _ANY),
         carray(p_group, _ANY),
         carray(p_value, _ANY),
+        carray(place, _ANY),
+        carray(a_start, _ANY),
+        carray(a_group, _ANY),
+        carray(a_value, _ANY),
+        room,
+    )
+
+
+def _coarser(
+    n_groups: int,
+    t_start: Any,
+    t_row: Any,
+    t_value: Any,
+    a_start: Any,
+    a_group: Any,
+    a_value: Any,
+    place: Any,
+    first: Any,
+    end: Any,
+    weight: Any,
+    diagonal: Any,
+    room: int,
+) -> int:
+    return coarser(
+        n_groups,
         carray(t_start, _ANY),
         carray(t_row, _ANY),
         carray(t_value, _ANY),
+        carray(a_start, _ANY),
+        carray(a_group, _ANY),
+        carray(a_value, _ANY),
         carray(place, _ANY),
         carray(first, _ANY),
         carray(end, _ANY),
         carray(weight, _ANY),
-        carray(coarse_diagonal, _ANY),
+        carray(diagonal, _ANY),
         room,
     )
 
@@ -258,7 +283,8 @@ ENTRIES: Final = {
     _group_unknowns: "iUUDDdU",
     _smooth_groups: "iUUDDUdUUD",
     _turn_over: "iiUUDUUD",
-    _coarser: "iUUDDUUDUUDUUUDDi",
+    _image_rows: "iUUDDUUDUUUDi",
+    _coarser: "iUUDUUDUUUDDi",
     _go_down: "iUUFFFFFUUFF",
     _go_up: "iUUFFFFFUUFF",
     _multiply: "iUUDDDDD",

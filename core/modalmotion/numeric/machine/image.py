@@ -68,12 +68,14 @@ def digest_of(root: Path, sources: Sequence[str]) -> str:
     """Digest of the sources of kernels: paths below a folder, in whose names * may stand."""
     digest = hashlib.sha256()
     for pattern in sources:
-        # In half the time of Path.glob, which counts in the first decode of a process.
-        folder, _, stem = pattern.partition("/")
-        start, _, end = stem.partition("*")
-        paths = (p for p in (root / folder).iterdir() if p.name.startswith(start))
-        for path in sorted(p for p in paths if p.name.endswith(end)):
-            digest.update(path.name.encode() + b"\0" + path.read_bytes())
+        # In a third of the time of Path.glob, which counts in the first decode of a process.
+        name, _, stem = pattern.partition("/")
+        start, star, end = stem.partition("*")
+        folder = f"{root}/{name}"
+        names = os.listdir(folder) if star else [stem]  # noqa: PTH208
+        for file in sorted(n for n in names if n.startswith(start) and n.endswith(end)):
+            with open(f"{folder}/{file}", "rb", buffering=0) as source:  # noqa: PTH123
+                digest.update(file.encode() + b"\0" + source.readall())
     return digest.hexdigest()[:20]
 
 

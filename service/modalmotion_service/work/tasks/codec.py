@@ -30,10 +30,15 @@ def encode_kept(
 
 
 def decode_upload(
-    upload: Path, limits: ReadLimits, frames: range | None, media_type: str, output: Path
+    upload: Path,
+    limits: ReadLimits,
+    frames: range | None,
+    vertices: range | None,
+    media_type: str,
+    output: Path,
 ) -> None:
     """Decode a compressed stream and write its sequence: npz, VTKHDF or raw float32."""
-    sequence = decode(upload.read_bytes(), frames=frames, limits=limits)
+    sequence = decode(upload.read_bytes(), frames=frames, vertices=vertices, limits=limits)
     write = {NPZ: write_npz, VTKHDF: write_vtkhdf, RAW: write_raw}[media_type]
     write_whole(output, write(sequence))
 
