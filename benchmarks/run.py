@@ -23,6 +23,7 @@ MODULES = (
     "classification_domain",
     "classification_invariance",
     "classification_cohorts",
+    "classification_few",
     "start",
     "load",
     "replicas",

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modalmotion.mesh.sequence import MM_PER_UNIT
+from modalmotion.modes.topology import CUP, SPHERE
+from modalmotion.tracking.observation import Frame
 from modalmotion.tracking.result import Track, normals_of
 
 # Of the RMS radius: points farther than that from the surface show none, or several.
@@ -23,6 +27,14 @@ _OTHER_SIZE: Final = 4.0
 
 # Of the RMS radius: no surface is there and back again by so much between two frames.
 _JUMP: Final = 2.0
+
+# RMS radii that nobody records in the unit that is stated, mm.
+_SMALL_MM, _LARGE_MM = 0.1, 1e5
+
+_GUESSED: Final = (
+    "Nobody stated where the surface ends, so it was taken as closed. If it is open, as a "
+    "ventricle is at its base, state the landmarks apex and base: its volumes are off otherwise."
+)
 
 # Percentage points.
 _WIDE_BOUND: Final = 10.0
@@ -53,6 +65,12 @@ def doubts_on(result: Track) -> list[str]:
             f"than a tenth of its radius of {size:.3g}: they may fill a volume, or show several "
             "surfaces."
         )
+    radius = size * MM_PER_UNIT.get(result.sequence.unit or "", np.nan)
+    if not _SMALL_MM <= radius <= _LARGE_MM and np.isfinite(radius):
+        doubts.append(
+            f"The surface has a radius of {radius:.2g} mm in the stated unit "
+            f"{result.sequence.unit}: check it."
+        )
     if result.images is None:
         doubts += _of_points(result)
     doubts += _of_jumps(result, size)
@@ -63,6 +81,66 @@ def doubts_on(result: Track) -> list[str]:
             "volumes need was hardly observed."
         )
     return doubts + _of_turns(result, centre)
+
+
+def doubts_of_ends(result: Track, frames: Sequence[Frame], *, is_guessed: bool) -> list[str]:
+    """Say what is doubtful in where the surface ends, which points on it do not show.
+
+    Parameters
+    ----------
+    result : Track
+    frames : sequence of Frame
+        Of points, with the landmarks that were stated.
+    is_guessed : bool
+        Whether nobody stated a surface, a topology or landmarks.
+    """
+    if is_guessed:
+        return [_GUESSED] if result.template.topology == SPHERE else []
+    if result.template.topology != CUP:
+        return []
+    doubts = []
+    known = [_ends_in(frame) for frame in frames]
+    others = [k for k in range(result.n_frames) if k != result.reference]
+    missing = [k for k in others if "base" not in known[k] and k not in result.unseen]
+    if 2 * len(missing) > len(others) and result.n_frames > 1:
+        doubts.append(
+            f"The base is not stated in {_frames(np.array(missing))} of {result.n_frames}: points "
+            "do not show where an open surface ends, and the ejection fraction may be off by some "
+            "points more than is stated."
+        )
+    swapped = [k for k, ends in enumerate(known) if _is_swapped(frames[k], ends)]
+    if swapped:
+        doubts.append(
+            f"In {_frames(np.array(swapped))} points lie nearer to the landmark base than to apex: "
+            "the base is the middle of the opening, where no wall is. Are the two swapped?"
+        )
+    return doubts
+
+
+def landmarks_in(frames: Sequence[Frame]) -> bool:
+    """Tell whether any frame has a landmark or points of an end."""
+    return any(part.is_landmark for frame in frames for part in frame)
+
+
+def _ends_in(frame: Frame) -> dict[str, NDArray[np.float64]]:
+    """Places of apex and base that a frame states."""
+    ends = {part.end: part.points.mean(axis=0) for part in frame if part.end and len(part)}
+    for part in frame:
+        for place, point in zip(part.places or (), part.points, strict=False):
+            # Of other places the mean of several vertices is that of an opening.
+            name = "base" if isinstance(place, tuple) and len(place) > 2 else place
+            if isinstance(name, str):
+                ends[name] = point
+    return ends
+
+
+def _is_swapped(frame: Frame, ends: Mapping[str, NDArray[np.float64]]) -> bool:
+    points = [part.points for part in frame if not part.is_landmark and len(part)]
+    if not points or not {"apex", "base"} <= ends.keys():
+        return False
+    cloud = np.concatenate(points)
+    apex, base = (np.linalg.norm(cloud - ends[name], axis=1).min() for name in ("apex", "base"))
+    return bool(base < apex)
 
 
 def _of_points(result: Track) -> list[str]:

@@ -6,6 +6,7 @@ import gc
 import logging
 import logging.config
 import os
+from typing import Final
 
 import uvicorn
 from fastapi import FastAPI
@@ -19,8 +20,12 @@ from modalmotion_service.environment import unknown_variables
 from modalmotion_service.http.connections import protocol_with_deadline, room_for_connections
 from modalmotion_service.log_lines import log_config
 from modalmotion_service.settings import Settings
+from modalmotion_service.work.allocation import keep_freed_memory
 from modalmotion_service.work.engine import open_engine
 from modalmotion_service.work.temporary import claim_temporary_folder
+
+# Freed memory that the server keeps: an upload comes in pieces of 256 KiB, each copied twice.
+_KEPT_BYTES: Final = 4 << 20
 
 logger = logging.getLogger(__name__)
 
@@ -94,8 +99,8 @@ def prepare_process(log_level: str) -> None:
 
 def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
     """Serve an application as `run` serves the service's own."""
-    # Modules, classes and routes stay for good: the collector need not walk them.
-    gc.freeze()
+    # Modules, classes and routes stay for good, and the collector need not walk them.
+    keep_freed_memory(_KEPT_BYTES, in_one=True)
     gc.enable()
     connections, at_once = room_for_connections(settings.max_connections)
     uvicorn.run(

@@ -8,8 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from clouds import Floats, breathing_spheroid, sampled
+from clouds import Floats, breathing_spheroid, rim_of, sampled
 
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP
+from modalmotion.template import make_template
 from modalmotion.tracking import track
 from modalmotion.tracking.doubts import doubts_on
 
@@ -49,6 +54,36 @@ def test_what_is_doubtful_is_said(
 ) -> None:
     notes = " ".join(track(observed(), modes=7, **more).notes)
     assert re.search(said, notes)
+
+
+CUP_SHAPE = standard_surface(Lattice(CUP, (12, 20)))
+CUP_FRAMES = [
+    CUP_SHAPE.vertices[0] * np.array([25.0 * f, 22.0 * f, 40.0]) for f in (1.0, 0.9, 0.8, 0.9)
+]
+S = make_template(mesh_sequence(CUP_FRAMES[0][None], CUP_SHAPE.faces)).coordinates[:, 0]
+RIM = rim_of(CUP_SHAPE.faces, S)
+APEX = [tuple(x[S.argmin()]) for x in CUP_FRAMES]
+BASE = [tuple(x[RIM].mean(axis=0)) for x in CUP_FRAMES]
+
+
+@pytest.mark.parametrize(
+    ("landmarks", "unit", "said"),
+    [
+        ({}, None, "Nobody stated where the surface ends"),
+        ({"apex": APEX[0], "base": BASE[0]}, None, "base is not stated in 3 frames, frame 1"),
+        ({"apex": BASE, "base": APEX}, None, "swapped"),
+        ({"apex": APEX, "base": BASE}, "um", "mm in the stated unit um"),
+    ],
+)
+def test_what_is_doubtful_in_the_ends_of_a_surface_is_said(
+    landmarks: dict[str, Any], unit: str | None, said: str
+) -> None:
+    rng = np.random.default_rng(4)
+    clouds = [sampled(x, CUP_SHAPE.faces, 120, rng, 0.3) for x in CUP_FRAMES]
+    notes = track(clouds, landmarks=landmarks, modes=7, unit=unit).notes
+    assert sum(said in note for note in notes) == 1
+    usual = track(clouds, landmarks={"apex": APEX, "base": BASE}, modes=7, unit="mm").notes
+    assert not any(word in " ".join(usual) for word in ("Nobody", "not stated", "swapped", "check"))
 
 
 def test_an_oval_ball_that_is_well_seen_leaves_no_doubt() -> None:

@@ -3,6 +3,8 @@ from __future__ import annotations
 import ctypes
 import gc
 import resource
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -65,3 +67,36 @@ def test_a_worker_gives_large_blocks_back(pool: WorkerPool) -> None:
 
 def test_a_worker_does_not_walk_what_it_began_with(pool: WorkerPool) -> None:
     assert pool.submit(frozen).result(timeout=30) > 10_000
+
+
+_OF_A_SERVER = """
+import resource, threading
+from modalmotion_service.work.allocation import keep_freed_memory
+
+def receive(n_times):
+    for _ in range(n_times):
+        pieces = [bytearray(1 << 18) for _ in range(4)]
+        del pieces
+
+def faults():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+
+keep_freed_memory(4 << 20, in_one=True)
+receive(3)
+before = faults()
+receive(50)
+# What this thread has freed is another's.
+thread = threading.Thread(target=receive, args=(50,))
+thread.start()
+thread.join()
+print(faults() - before)
+"""
+
+
+@pytest.mark.skipif(
+    not hasattr(ctypes.CDLL(None), "mallopt"), reason="this C library has no mallopt"
+)
+def test_threads_of_a_server_share_what_it_keeps() -> None:
+    done = subprocess.run([sys.executable, "-c", _OF_A_SERVER], capture_output=True, check=True)
+    # 19,300 where they are given back each time.
+    assert int(done.stdout) < 300

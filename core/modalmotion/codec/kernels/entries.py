@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from numba import carray
@@ -13,6 +14,8 @@ from modalmotion.codec.kernels.pairing import pair_nodes
 from modalmotion.codec.kernels.surface import code_surface
 from modalmotion.codec.kernels.waves import code_waves
 from modalmotion.codec.machine.layout import N_BITS, N_STATE, N_WORDS, PARAMETERS, SIZE, STATUS
+
+Entry = Callable[[Any, Any, Any, Any], int]
 
 
 def symbols(memory: Any, words: Any, bits: Any, tables: Any) -> int:  # noqa: ARG001
@@ -38,40 +41,39 @@ def waves(memory: Any, words: Any, bits: Any, tables: Any) -> int:
     return int(w[STATUS])
 
 
-def mixed(memory: Any, words: Any, bits: Any, tables: Any) -> int:  # noqa: ARG001
-    """Code a matrix by answers."""
-    state = carray(memory, N_STATE)
-    w = carray(memory, state[SIZE])
-    stream = carray(words, max(1, state[N_WORDS]))
-    plain = carray(bits, max(1, state[N_BITS]))
-    code_mixed(w, stream, plain)
-    return int(w[STATUS])
+def _of_answers(name: str, code: Callable[[Any, Any, Any], None]) -> Entry:
+    """Make the entry of a kernel that codes answers and plain bits."""
+
+    def entry(memory: Any, words: Any, bits: Any, tables: Any) -> int:  # noqa: ARG001
+        state = carray(memory, N_STATE)
+        w = carray(memory, state[SIZE])
+        stream = carray(words, max(1, state[N_WORDS]))
+        plain = carray(bits, max(1, state[N_BITS]))
+        code(w, stream, plain)
+        return int(w[STATUS])
+
+    entry.__name__ = name
+    return entry
 
 
-def surface(memory: Any, words: Any, bits: Any, tables: Any) -> int:  # noqa: ARG001
-    """Code triangles and the order of the vertices."""
-    state = carray(memory, N_STATE)
-    w = carray(memory, state[SIZE])
-    stream = carray(words, max(1, state[N_WORDS]))
-    plain = carray(bits, max(1, state[N_BITS]))
-    code_surface(w, stream, plain)
-    return int(w[STATUS])
+def _of_memory(name: str, work: Callable[[Any], None]) -> Entry:
+    """Make the entry of a kernel that codes nothing."""
+
+    def entry(memory: Any, words: Any, bits: Any, tables: Any) -> int:  # noqa: ARG001
+        state = carray(memory, N_STATE)
+        w = carray(memory, state[SIZE])
+        work(w)
+        return int(w[STATUS])
+
+    entry.__name__ = name
+    return entry
 
 
-def halve(memory: Any, words: Any, bits: Any, tables: Any) -> int:  # noqa: ARG001
-    """Halve the parts of a mesh into patches."""
-    state = carray(memory, N_STATE)
-    w = carray(memory, state[SIZE])
-    halve_parts(w)
-    return int(w[STATUS])
-
-
-def pair(memory: Any, words: Any, bits: Any, tables: Any) -> int:  # noqa: ARG001
-    """Pair the nodes of a graph."""
-    state = carray(memory, N_STATE)
-    w = carray(memory, state[SIZE])
-    pair_nodes(w)
-    return int(w[STATUS])
-
-
-ENTRIES = (symbols, waves, mixed, surface, halve, pair)
+ENTRIES = (
+    symbols,
+    waves,
+    _of_answers("mixed", code_mixed),
+    _of_answers("surface", code_surface),
+    _of_memory("halve", halve_parts),
+    _of_memory("pair", pair_nodes),
+)
