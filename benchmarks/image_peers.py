@@ -16,7 +16,7 @@ from modalmotion.simulate import Phantom
 from modalmotion.simulate.anatomy import Anatomy
 from modalmotion.tracking import track
 from modalmotion.tracking.closest import closest_points
-from modalmotion.tracking.label_maps import from_labels
+from modalmotion.tracking.label_maps import Labelled, from_labels
 
 Floats: TypeAlias = NDArray[np.float64]
 Peer = Callable[[Phantom], tuple[float, float]]
@@ -27,8 +27,8 @@ _N_STEPS: Final = 100
 _N_SPLINE_STEPS: Final = 20
 
 
-def labels_row(table: Table, phantom: Phantom, voxel: float = 1.5) -> None:
-    """Track a label map of the phantom's own surface, with no landmark."""
+def labelled(phantom: Phantom, voxel: float) -> Labelled:
+    """Segment the phantom's own surface in voxels of so many mm, and propose its ends."""
     anatomy = Anatomy(phantom.truth, np.random.default_rng(0))
     x = phantom.truth.vertices.astype(np.float64)
     low = x.min(axis=(0, 1)) - 8.0
@@ -39,7 +39,13 @@ def labels_row(table: Table, phantom: Phantom, voxel: float = 1.5) -> None:
     for k in range(phantom.truth.n_frames):
         inside = anatomy.lattice.at(anatomy.at(k).cavity[:, None], points)[:, 0] < 0
         frames.append(Volume(3.0 * inside.reshape(shape), affine))
-    made = from_labels(ImageSequence(tuple(frames), phantom.images.times), (3,))
+    return from_labels(ImageSequence(tuple(frames), phantom.images.times), (3,))
+
+
+def labels_row(table: Table, phantom: Phantom, voxel: float = 1.5) -> None:
+    """Track a label map of the phantom's own surface, with no landmark."""
+    made = labelled(phantom, voxel)
+    x = phantom.truth.vertices.astype(np.float64)
     start = time.process_time()
     result = track(made.images, landmarks=made.landmarks)
     seconds = (time.process_time() - start) / result.n_frames

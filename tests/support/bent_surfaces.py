@@ -31,8 +31,15 @@ def bent_beat(
     label: str, angle: float, rng: np.random.Generator, n_frames: int = 12
 ) -> MeshSequence:
     """A sausage, bent by an angle (radians), that contracts by a fifth or by a tenth."""
-    points, faces = ball()
     share = {"strong": 0.2, "weak": 0.1}[label] * rng.uniform(0.85, 1.15)
+    return contracting(share, angle, rng, n_frames)
+
+
+def contracting(
+    share: float, angle: float, rng: np.random.Generator, n_frames: int = 12
+) -> MeshSequence:
+    """A sausage, bent by an angle (radians), that contracts by a share of its radius."""
+    points, faces = ball()
     beat = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(n_frames) / n_frames)
     size = rng.uniform(0.9, 1.1)
     frames = []

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
@@ -17,9 +18,20 @@ Floats = NDArray[np.float64]
 # Brightness of the labelled cavity; outside is 0.
 _INSIDE: Final = 100.0
 
-# Deviation of a proposal, in voxels: of an opening seen between labels, and of an end.
+# Deviation of a proposal, in voxels: of an opening seen between labels, of one that is a cut
+# (on simulated ventricles 0.2 along the axis and 0.7 across), and of an end.
 _OPENING: Final = 1.0
+_CUT_OFF: Final = 0.5
 _END: Final = 2.0
+
+# Of half a voxel: what lies so near to the plane of a cut is its border. Tangent of the most that a
+# cut is aslant to the axis; places on the border that are looked at.
+_CUT: Final = 3.0
+_MOST_ASLANT: Final = 0.8
+_MOST_BORDER: Final = 6000
+
+# Voxels below the highest one: a section there is whole.
+_SECTION: Final = (6.0, 3.0)
 
 # Fewer voxels have no axis.
 _FEWEST: Final = 30
@@ -90,7 +102,7 @@ def from_labels(images: ImageSequence, labels: Sequence[int], wall: Sequence[int
         frames.append(Volume(values, frame.affine))
     marks = {
         "apex": Proposed(apices, _END * spacing),
-        "base": Proposed(bases, (_OPENING if wall else _END) * spacing),
+        "base": Proposed(bases, (_OPENING if wall else _CUT_OFF) * spacing),
     }
     note = "Apex and base were proposed from the labels."
     made = ImageSequence(tuple(frames), images.times, images.period, (*images.notes, note))
@@ -122,12 +134,49 @@ def _ends(
     else:
         turn = axis @ before > 0
     axis = axis if turn else -axis
+    flat = _flat_end(cavity, A, axis, half)
+    base = _middle_of_cut(points, flat, axis, half)
     z = (points - middle) @ axis
-    top = points[z > z.max() - 3.0 * half]
-    base = top.mean(axis=0)
-    base = base + (float(z.max()) + half - float((base - middle) @ axis)) * axis
     height = float(z.min() - (base - middle) @ axis) - half
     return _near_axis(points, base, axis, height, half), base, axis
+
+
+def _flat_end(cavity: NDArray[np.bool_], A: Floats, axis: Floats, half: float) -> Floats:
+    """Direction across the plane in which a cavity ends, which may be aslant to its long axis.
+
+    Of planes that touch the cavity from above it is the one that most of its border is near to.
+    """
+    inner = scipy.ndimage.binary_erosion(cavity, border_value=0)
+    border = np.argwhere(cavity & ~inner) @ A[:, :3].T
+    border = border[:: max(1, len(border) // _MOST_BORDER)]
+    best, reach = axis, _MOST_ASLANT
+    for _ in range(3):
+        u = np.cross(best, np.eye(3)[np.abs(best).argmin()])
+        u /= np.linalg.norm(u)
+        steps = np.linspace(-reach, reach, 9)
+        tried = best + np.array([[a, b] for a in steps for b in steps]) @ [u, np.cross(best, u)]
+        tried /= np.linalg.norm(tried, axis=1, keepdims=True)
+        heights = border @ tried.T
+        near = (heights > heights.max(axis=0) - _CUT * half).sum(axis=0)
+        # Of directions alike their mean.
+        best = tried[near >= 0.98 * near.max()].mean(axis=0)
+        best /= np.linalg.norm(best)
+        reach /= 4.0
+    return best
+
+
+def _middle_of_cut(points: Floats, flat: Floats, axis: Floats, half: float) -> Floats:
+    """Place the middle of an opening that is nearly flat: over a whole section, at its height.
+
+    Its mean height is that of the section and what lies above, over the section's size.
+    """
+    z = points @ flat
+    low, high = (float(z.max()) - 2.0 * voxels * half for voxels in _SECTION)
+    section = points[(z > low) & (z <= high)]
+    above = (z > high).sum() / max(len(section), 1) * (high - low)
+    middle = section.mean(axis=0)
+    place: Floats = middle + (high + above - float(middle @ flat)) / float(flat @ axis) * axis
+    return place
 
 
 def _near_axis(points: Floats, base: Floats, axis: Floats, height: float, half: float) -> Floats:

@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 _N_DRAWS: Final = 300
 
 # Power of the likelihood: losses of cases left out from one another's fits are not independent.
+# Below as many groups it falls with the root of their number: of many choices one or another
+# predicts a few cases well by luck.
 _POWER: Final = 0.5
+_GROUPS_OF_FULL_POWER: Final = 64
 
 
 def choice_weights(
@@ -46,7 +49,8 @@ def choice_weights(
     np.add.at(of_groups.T, place, losses.T)
     rng = np.random.default_rng(seed)
     draws = rng.dirichlet(np.ones(len(counts)), _N_DRAWS) * len(counts)
-    logs = np.log(prior) - _POWER * draws @ of_groups.T
+    power = _POWER * min(1.0, (len(counts) / _GROUPS_OF_FULL_POWER) ** 0.5)
+    logs = np.log(prior) - power * draws @ of_groups.T
     shares = np.exp(logs - logs.max(axis=1, keepdims=True))
     weights: NDArray[np.float64] = (shares / shares.sum(axis=1, keepdims=True)).mean(axis=0)
     return weights

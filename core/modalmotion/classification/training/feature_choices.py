@@ -27,7 +27,7 @@ _CLOSED: Final = 2.5
 _PRIOR: Final = 0.7
 
 # Prior of the volume over that of all others together.
-_PRIOR_OF_VOLUME: Final = 10.0
+_PRIOR_OF_VOLUME: Final = 20.0
 
 
 def feature_choices(

@@ -61,7 +61,8 @@ def _of(dataset: Any, limits: ReadLimits) -> Parsed:
         )
     rows, columns = int(dataset.Rows), int(dataset.Columns)
     require_size((rows, columns), int(dataset.get("BitsAllocated") or 16) // 8 or 1, limits)
-    if int(dataset.get("SamplesPerPixel") or 1) != 1:
+    shade = str(dataset.get("PhotometricInterpretation") or "")
+    if int(dataset.get("SamplesPerPixel") or 1) != 1 or shade == "PALETTE COLOR":
         raise MalformedFileError("The pixels of the DICOM file are colours.", remedy=_REMEDY)
     if dataset.file_meta.TransferSyntaxUID.is_compressed:
         raise MalformedFileError(
@@ -71,8 +72,13 @@ def _of(dataset: Any, limits: ReadLimits) -> Parsed:
     slope = float(dataset.get("RescaleSlope", 1) or 1)
     intercept = float(dataset.get("RescaleIntercept", 0) or 0)
     # Pixels run along the row first: index i goes down the rows, j along a row.
-    pixels = scaled(np.asarray(dataset.pixel_array), slope, intercept)
-    along, down = _vector(orientation, 6)[:3], _vector(orientation, 6)[3:]
+    pixels = np.asarray(dataset.pixel_array)
+    if shade == "MONOCHROME1":
+        # The least is white: turned, so that slices of one series are alike.
+        is_signed = bool(dataset.get("PixelRepresentation"))
+        pixels = ~pixels if is_signed else 2 ** int(dataset.BitsStored) - 1 - pixels
+    pixels = scaled(pixels, slope, intercept)
+    along, down = (_direction(row) for row in _vector(orientation, 6).reshape(2, 3))
     step_down, step_along = _vector(spacing, 2)
     across = np.cross(along, down)
     thickness = float(dataset.get("SliceThickness") or 0) or 1.0
@@ -98,6 +104,12 @@ def _vector(values: Any, n: int) -> NDArray[np.float64]:
     if len(found) != n or not np.isfinite(found).all():
         raise MalformedFileError("The DICOM file does not say where it lies.", remedy=_REMEDY)
     return found
+
+
+def _direction(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Take the direction alone: the length of a step is stated elsewhere."""
+    unit: NDArray[np.float64] = vector / max(float(np.linalg.norm(vector)), 1e-300)
+    return unit
 
 
 def _number(value: Any) -> float | None:

@@ -9,7 +9,14 @@ import numpy as np
 
 from modalmotion.errors import InputError, MalformedFileError
 from modalmotion.formats.parser.answer import Parsed
-from modalmotion.formats.volumes.stack import BROKEN, inflated, parsed, regular, require_size
+from modalmotion.formats.volumes.stack import (
+    BROKEN,
+    inflated,
+    parsed,
+    regular,
+    require_size,
+    scaled,
+)
 from modalmotion.limits import ReadLimits
 
 _TYPES: Final = {
@@ -19,6 +26,8 @@ _TYPES: Final = {
     "MET_USHORT": "u2",
     "MET_INT": "i4",
     "MET_UINT": "u4",
+    "MET_LONG": "i4",
+    "MET_ULONG": "u4",
     "MET_LONG_LONG": "i8",
     "MET_ULONG_LONG": "u8",
     "MET_FLOAT": "f4",
@@ -48,6 +57,16 @@ def _parse(data: bytes, limits: ReadLimits) -> Parsed:
     keys, start = _header(data)
     if keys.get("ElementDataFile") != "LOCAL":
         raise MalformedFileError("The samples lie in another file.", remedy=_REMEDY)
+    if keys.get("BinaryData", "True").lower() not in ("true", "1"):
+        raise MalformedFileError(
+            "The samples of the MetaImage file are words.",
+            remedy="Write it with BinaryData = True.",
+        )
+    if keys["ElementType"] not in _TYPES:
+        raise MalformedFileError(
+            "The samples of the MetaImage file are no single numbers of a known type.",
+            remedy=f"Write one of these: {', '.join(_TYPES)}.",
+        )
     size = [int(word) for word in keys["DimSize"].split()]
     n = len(size)
     if n not in (3, 4) or int(keys.get("ElementNumberOfChannels", "1")) != 1:
@@ -74,6 +93,9 @@ def _parse(data: bytes, limits: ReadLimits) -> Parsed:
     affine = np.column_stack([axes, origin[:3]])
     frames = np.moveaxis(values, 3, 0) if n == 4 else values[None]
     limits.require("frames", len(frames))
+    slope = _numbers(keys, ("ElementToIntensityFunctionSlope",), [1.0])[0]
+    intercept = _numbers(keys, ("ElementToIntensityFunctionOffset",), [0.0])[0]
+    frames = scaled(frames, slope, intercept)
     interval = spacing[3] if n == 4 else 0.0
     return parsed(frames, affine, regular(interval, len(frames)))
 

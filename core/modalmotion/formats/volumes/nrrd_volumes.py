@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from typing import Any, Final
 
 import numpy as np
@@ -22,6 +23,26 @@ _SPACES: Final = {
     "left-anterior-superior": (1, -1, 1),
     "las": (1, -1, 1),
 }
+# Kinds of axes that are time, or say nothing of what they are.
+_TIMES: Final = ("time", "list")
+_PLAIN: Final = ("domain", "space", "none", "???", "scalar", "stub")
+
+_MM: Final = {
+    "": 1.0,
+    "mm": 1.0,
+    "millimeter": 1.0,
+    "millimeters": 1.0,
+    "cm": 10.0,
+    "m": 1e3,
+    "meter": 1e3,
+    "um": 1e-3,
+    "\u00b5m": 1e-3,
+    "micrometer": 1e-3,
+    "nm": 1e-6,
+}
+
+_ENCODINGS: Final = ("raw", "gzip", "gz", "bzip2", "bz2", "ascii", "text", "txt")
+
 _REMEDY: Final = "Write it as one .nrrd with its data inside, of a volume or a Slicer sequence."
 
 
@@ -42,6 +63,11 @@ def parse_nrrd(data: bytes, limits: ReadLimits) -> Parsed:
             header = nrrd.read_header(stream)
             if "data file" in header or "datafile" in header:
                 raise MalformedFileError("The samples lie in another file.", remedy=_REMEDY)
+            if str(header["encoding"]).lower() not in _ENCODINGS:
+                raise MalformedFileError(
+                    "The samples of the NRRD file are encoded in a way that is not read.",
+                    remedy="Write it with encoding: raw, or gzip.",
+                )
             sizes = [int(n) for n in header["sizes"]]
             require_size(sizes, 8 if header["type"] == "double" else 4, limits)
             if header["encoding"] in ("gzip", "gz", "bzip2", "bz2"):
@@ -61,27 +87,60 @@ def _of(header: Any, values: NDArray[Any], limits: ReadLimits) -> Parsed:
             f"The NRRD file has {values.ndim} axes, not space and time.", remedy=_REMEDY
         )
     notes: list[str] = []
+    kinds = [str(kind).lower() for kind in header.get("kinds", ["???"] * values.ndim)]
     directions = header.get("space directions")
     spacings = np.asarray(header.get("spacings", np.full(values.ndim, np.nan)), dtype=np.float64)
+    space = str(header.get("space", "")).lower()
+    interval = None
     if directions is not None:
-        rows = np.asarray(directions, dtype=np.float64).reshape(-1, 3)
+        rows = np.array([_row(row) for row in directions])
+        if rows.shape[1] == 4:
+            # Time as a fourth direction: an axis along it alone.
+            along = np.abs(rows[:, 3]) > 0
+            interval = float(rows[along, 3][0]) if along.any() else None
+            rows[along] = np.nan
         spatial = [k for k in range(values.ndim) if np.isfinite(rows[k]).all()]
-        steps = rows[spatial].T
+        steps = rows[spatial, :3].T
+        units = header.get("space units")
     else:
-        spatial = list(range(values.ndim))[-3:]
+        lying = [k for k in range(values.ndim) if kinds[k] not in _TIMES]
+        spatial = (lying if len(lying) == 3 else list(range(values.ndim)))[-3:]
         steps = np.diag(np.where(np.isfinite(spacings[spatial]), spacings[spatial], 1.0))
+        units = [header["units"][k] for k in spatial] if "units" in header else None
     if len(spatial) != 3:
         raise MalformedFileError("The NRRD file has not three axes in space.", remedy=_REMEDY)
-    space = str(header.get("space", "")).lower()
+    other = [k for k in range(values.ndim) if k not in spatial]
+    for k in other:
+        if kinds[k] not in (*_TIMES, *_PLAIN) and values.shape[k] > 1:
+            raise MalformedFileError(
+                f"Axis {k} of the NRRD file holds the parts of colours or vectors, not time.",
+                remedy="Write one number for each voxel, and time as an axis of the kind list.",
+            )
+    space = space.removesuffix("-time")
     if space not in _SPACES:
         notes.append("The NRRD file names no space that is known; its coordinates count as LPS.")
     signs = np.diag(_SPACES.get(space, (1, 1, 1))).astype(np.float64)
-    origin = np.asarray(header.get("space origin", np.zeros(3)), dtype=np.float64)
-    affine = signs @ np.column_stack([steps, origin])
-    other = [k for k in range(values.ndim) if k not in spatial]
+    origin = np.asarray(header.get("space origin", np.zeros(3)), dtype=np.float64)[:3]
+    affine = signs @ np.diag(_scales(units, notes)) @ np.column_stack([steps, origin])
     frames = np.moveaxis(values, other[0], 0) if other else values[None]
     limits.require("frames", len(frames))
+    if interval is not None:
+        return parsed(frames, affine, regular(interval, len(frames)), notes)
     return parsed(frames, affine, _times(header, other, spacings, len(frames)), notes)
+
+
+def _row(direction: Any) -> list[float]:
+    """Step along one axis; none is NaN."""
+    return [math.nan] * 3 if direction is None else [float(value) for value in direction]
+
+
+def _scales(units: Any, notes: list[str]) -> list[float]:
+    """Read mm for each unit of the three directions."""
+    words = [str(unit).strip().lower() for unit in units][:3] if units is not None else [""] * 3
+    if len(words) < 3 or not set(words) <= set(_MM):
+        notes.append("The NRRD file's unit of length is unknown; its coordinates count as mm.")
+        return [1.0] * 3
+    return [_MM[word] for word in words]
 
 
 def _times(header: Any, other: list[int], spacings: NDArray[np.float64], n: int) -> Any:

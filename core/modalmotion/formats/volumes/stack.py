@@ -96,13 +96,20 @@ def inflated(data: bytes, limits: ReadLimits, wbits: int) -> bytes:
         If it is damaged.
     """
     most = min(limits.decompressed_bytes, limits.unfolded_bytes)
-    unpack = zlib.decompressobj(wbits)
+    parts: list[bytes] = []
+    left = most + 1
     try:
-        plain = unpack.decompress(data, most + 1)
+        # Parallel writers leave several members of gzip behind one another.
+        while left and (not parts or data[:2] == b"\x1f\x8b"):
+            unpack = zlib.decompressobj(wbits)
+            parts.append(unpack.decompress(data, left))
+            left -= len(parts[-1])
+            data = unpack.unused_data
     except zlib.error:
         raise MalformedFileError(
             "The compressed part of the image is damaged.", remedy="Write the file again."
         ) from None
+    plain = b"".join(parts)
     if len(plain) > most:
         raise LimitError(
             f"The image unfolds to more than {most} bytes.",

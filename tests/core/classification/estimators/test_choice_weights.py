@@ -40,6 +40,20 @@ def test_cases_of_one_subject_speak_as_one(rng: np.random.Generator) -> None:
     assert together[2] > apart[2]
 
 
+def test_few_groups_say_less_than_their_number() -> None:
+    """The same gain in all: eight groups are believed less than an eighth of sixty-four."""
+
+    def lead(n: int) -> float:
+        losses = np.stack([np.full(n, 0.5), np.full(n, 0.5 + 4.0 / n)])
+        weights = choice_weights(losses, np.array([0.5, 0.5]), np.arange(n), 0)
+        return float(np.log(weights[0] / weights[1]))
+
+    # Losses that differ by 4 in all, at a power of 1/2 from 64 groups on.
+    assert lead(64) == pytest.approx(2.0)
+    assert lead(640) == pytest.approx(2.0)
+    assert lead(16) == pytest.approx(1.0)
+
+
 def test_the_weights_are_the_same_each_time(rng: np.random.Generator) -> None:
     losses = losses_of(rng, 20)
     first, again = (choice_weights(losses, EVEN, np.arange(20), 5) for _ in range(2))

@@ -56,8 +56,13 @@ def turned_at_random(case: TrainingCase, rng: np.random.Generator) -> TrainingCa
     assert sequence.grid is not None
     rows, columns = sequence.grid
     cells = sequence.vertices.astype(np.float64).reshape(-1, rows, columns, 3)
-    steps = rng.integers(0, columns, size=len(cells))
-    turned = [np.roll(frame, step, axis=1) for frame, step in zip(cells, steps, strict=True)]
+    # By a sixth of a turn at most, which leaves a mean shape that is narrower.
+    most = columns // 6
+    steps = rng.integers(-most, most + 1, size=(len(cells), rows))
+    turned = [
+        [np.roll(ring, step, axis=0) for ring, step in zip(frame, by_ring, strict=True)]
+        for frame, by_ring in zip(cells, steps, strict=True)
+    ]
     vertices = np.array(turned).reshape(sequence.vertices.shape)
     return replace(case, motion=replace(sequence, vertices=vertices))
 
@@ -101,8 +106,8 @@ def test_offsets_are_read_where_points_follow_nothing() -> None:
     model = train(cases, "sliding", QUICK)
     assert model.signature_parameters.kind == SignatureKind.OFFSET
     assert any("model reads offset" in note for note in model.card.notes)
-    assert model.card.accuracy is not None
-    assert model.card.accuracy >= 0.75
+    assert model.card.auc is not None
+    assert model.card.auc >= 0.7
 
 
 @pytest.mark.thorough
