@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from modalmotion.classification import TrainingCase, TrainingOptions, classify, evaluate, train
 from modalmotion.classification.estimators.estimator import MotionClassifier
-from modalmotion.classification.features import axis_features
+from modalmotion.classification.features import MotionFeatures, axis_features
 from modalmotion.classification.measures.reliability import calibration_curve, calibration_error
 from modalmotion.classification.training.domain_fit import fit_domain
 from modalmotion.classification.training.fold_fit import fit_rows
@@ -186,10 +186,10 @@ def _costs(cohort: list[_Recorded], folds: Sequence[Any], mini: tuple[Any, float
     signature = cohort[int(folds[0][1][0])].signatures[7]
 
     def ours() -> Array:
-        found = model.read(signature)
-        return model.probabilities(
-            found.values[[model.distance(model.domain.reader.read(signature).kinds).argmin()]]
-        )
+        known: dict[tuple[object, ...], MotionFeatures] = {}
+        seen = model.domain.reader.read(signature, known)
+        found = model.read(signature, known)
+        return model.probabilities(found.values[[model.distance(seen.kinds).argmin()]])
 
     calls = {
         "MiniRocket": lambda: mini[0].predict(_trajectories(signature)[None]),

@@ -22,6 +22,7 @@ MODULES = (
     "classification",
     "classification_domain",
     "classification_invariance",
+    "classification_forms",
     "classification_cohorts",
     "classification_few",
     "start",

@@ -7,6 +7,7 @@ Where vertices lie on the surface does not matter: rotation and drift are the su
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -32,15 +33,16 @@ from modalmotion.template.loose_vertices import nearest_in_use
 _FLAT: Final = 0.1
 
 # Lines that a rotation is fitted to, and how often: the third turn moves nothing by 0.1 degrees.
-_N_TURNING: Final = 256
+_N_TURNING: Final = 512
 _N_TURNS: Final = 2
 
 # Of the mean square radius: draws a rotation that the shape hardly determines to that of the
 # vertices.
 _PULL: Final = 1e-2
 
-# Consecutive multiples of it fall apart evenly: some of the lines, from everywhere.
-_GOLDEN: Final = 0.6180339887498949
+# Consecutive multiples of it fall apart evenly: some of the lines, from everywhere. Multiples of
+# the golden ratio would all lie at one side where points follow a spiral, which goes round by it.
+_SPREAD: Final = math.sqrt(2.0) - 1.0
 
 
 @shown()
@@ -241,10 +243,10 @@ def _turned(
 
     A small turn w moves the surface by n . (w x r) along its normals; least squares, from the
     vertices' own rotation on, which stays where the shape determines none, as about the axis of
-    a round one.
+    a round one. What all lines have in common, as where a surface narrows, is no turn.
     """
     lines = reference.lines
-    places = np.modf(np.arange(len(lines.vertices)) * _GOLDEN)[0]
+    places = np.modf(np.arange(len(lines.vertices)) * _SPREAD)[0]
     some = lines.some(np.sort(np.argsort(places, kind="stable")[:_N_TURNING]))
     w = weights[some.vertices]
     r = some.starts - reference.centroid
@@ -252,6 +254,7 @@ def _turned(
     pull = _PULL * float(w @ (r**2).sum(axis=1))
     if pull == 0.0:
         return matrices
+    slopes -= w @ slopes / w.sum()
     A = (slopes * w[:, None]).T @ slopes + pull * np.eye(3)
     for _ in range(_N_TURNS):
         heights = some.heights(x @ matrices + reference.centroid)

@@ -48,18 +48,20 @@ class ModeSet(FrozenArrays):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, ModeSet):
             return NotImplemented
-        return self is other or (
-            self.topology == other.topology
-            and np.array_equal(self.wavenumbers, other.wavenumbers)
-            and np.array_equal(self.is_sine, other.is_sine)
-        )
+        return self is other or (self._hash == other._hash and self._content == other._content)
 
     def __hash__(self) -> int:
         return self._hash
 
     @cached_property
     def _hash(self) -> int:
-        return hash((self.topology, self.wavenumbers.tobytes(), self.is_sine.tobytes()))
+        return hash(self._content)
+
+    @cached_property
+    def _content(self) -> tuple[Topology, tuple[int, ...], bytes, bytes]:
+        # Arrays are compared a hundred times as slowly, and modes are the keys of caches.
+        p, is_sine = self.wavenumbers, self.is_sine
+        return self.topology, p.shape, p.astype(np.int64).tobytes(), is_sine.tobytes()
 
     @cached_property
     def labels(self) -> tuple[ModeLabel, ...]:

@@ -193,6 +193,7 @@ def resolve_template(
         landmarks=parameters.landmarks,
         closed_form=parameters.closed_form,
         merge_vertices=parameters.merge_vertices,
+        by_rows=parameters.kind != SignatureKind.OFFSET,
     )
 
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import lattice_faces
-from modalmotion.mesh.curves import curve_weights
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
@@ -40,8 +39,15 @@ from modalmotion.template.notes import (
     places_wanted,
 )
 from modalmotion.template.recognition import recognise, require_fit
+from modalmotion.template.shares import shares_of
 from modalmotion.template.surface import Surface, surface_of
-from modalmotion.template.template import Template, Weights, landmarks_read, template_id
+from modalmotion.template.template import (
+    Template,
+    Weights,
+    is_placed_by_shape,
+    landmarks_read,
+    template_id,
+)
 
 # Below this degree too many places share the same natural coordinates.
 _FOLDED = 0.8
@@ -63,6 +69,7 @@ def make_template(
     landmarks: GivenLandmarks | None = None,
     closed_form: bool = True,
     merge_vertices: bool = True,
+    by_rows: bool = True,
 ) -> Template:
     """Make the template of a sequence from one of its own frames.
 
@@ -81,6 +88,9 @@ def make_template(
     merge_vertices : bool
         Whether vertices of triangles that coincide in every frame are one vertex of the surface;
         False leaves each by itself.
+    by_rows : bool
+        Whether the rows and columns of a lattice are its coordinates; False takes those of the
+        surface between its nodes, where it has an axis.
 
     Raises
     ------
@@ -119,7 +129,10 @@ def make_template(
     if len(sequence.faces):
         notes += notes_on_mesh(surface, isolated)
     topology, reason = _decide(sequence, surface, closed_form, notes)
-    coordinates = None if topology is None else _coordinates(sequence, topology, surface, places)
+    coordinates = None
+    if topology is not None:
+        of_surface = not by_rows and is_placed_by_shape(sequence)
+        coordinates = _coordinates(sequence, topology, surface, places, of_surface=of_surface)
     if (
         coordinates is not None
         and topology is not None
@@ -140,7 +153,7 @@ def make_template(
     require_used(own_landmarks, topology, is_lattice=sequence.grid is not None)
     if reason and topology is None:
         notes.append(f"{reason} The modes are those of springs along the edges of this mesh.")
-    shares = _shares(surface, sequence, topology, weights, notes, first)
+    shares = shares_of(surface, sequence, topology, weights, notes, first)
     id_ = template_id(
         sequence,
         reference=reference,
@@ -148,6 +161,7 @@ def make_template(
         landmarks=own_landmarks,
         closed_form=closed_form,
         merge_vertices=merge_vertices,
+        by_rows=by_rows,
     )
     values = np.zeros((len(start), 0))
     lengths: tuple[float, ...] = ()
@@ -253,10 +267,19 @@ def _coordinates(
     topology: Topology,
     surface: Surface,
     places: dict[str, NDArray[np.float64]],
+    *,
+    of_surface: bool,
 ) -> Coordinates | None:
     if sequence.grid is not None:
         values = Lattice(topology, sequence.grid).natural_coordinates
-        return Coordinates(topology, values, lattice_landmarks(surface, topology, values))
+        landmarks = lattice_landmarks(surface, topology, values)
+        if not of_surface or landmarks is None:
+            return Coordinates(topology, values, landmarks)
+        # The lattice still says where theta is 0 and, of a cylinder, which end is which.
+        zero = landmarks.origin + landmarks.theta_zero * np.sqrt(surface.area)
+        places = {"theta_zero": zero}
+        if topology == CYLINDER:
+            places["base"] = landmarks.base
     if topology.n_axes == 1:
         return curve_coordinates(surface.vertices, topology, places)
     return _MAKERS[topology](surface, places)
@@ -300,39 +323,6 @@ def _normalised(
     scale = power_of_two(largest)
     surface = surface_of(vertices / scale, faces, in_any_order=in_any_order)
     return surface, corner, scale
-
-
-def _shares(
-    surface: Surface,
-    sequence: MeshSequence,
-    topology: Topology | None,
-    weights: Weights,
-    notes: list[str],
-    first: NDArray[np.int64],
-) -> NDArray[np.float64]:
-    n = sequence.n_vertices
-    is_curve = topology is not None and topology.n_axes == 1
-    if weights == Weights.UNIFORM:
-        counted = np.ones(n, dtype=np.bool_)
-        if len(surface.faces):
-            counted[surface.isolated] = False
-        return np.where(counted, 1.0 / counted.sum(), 0.0)
-    areas = surface.of_mesh(surface.areas)
-    if is_curve and topology is not None:
-        areas = curve_weights(surface.vertices, topology)
-    elif not len(surface.faces):
-        notes.append("There are no areas to weigh by; all vertices count alike.")
-        return np.full(n, 1.0 / n)
-    total = float(areas.sum())
-    if not total > 0:
-        notes.append("The surface has no area; all vertices count alike.")
-        return np.full(n, 1.0 / n)
-    # What stands for others has their weight too.
-    weightless = int((areas[first] == 0).sum())
-    if weightless:
-        notes.append(f"{weightless} vertices belong to no area and have no weight in the fit.")
-    shares: NDArray[np.float64] = areas / total
-    return shares
 
 
 def _carried_over(

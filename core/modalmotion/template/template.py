@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.sequence import MeshSequence, Reference
-from modalmotion.modes.topology import Topology
+from modalmotion.modes.topology import CUP, CYLINDER, Topology
 from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks, landmarks_in
@@ -116,6 +116,7 @@ def template_id(
     landmarks: GivenLandmarks | None = None,
     closed_form: bool = True,
     merge_vertices: bool = True,
+    by_rows: bool = True,
 ) -> str:
     """Identity of the template that `make_template` would make of the same arguments.
 
@@ -136,6 +137,8 @@ def template_id(
         "closed_form": closed_form,
         "n_vertices": len(start),
     }
+    if not by_rows and is_placed_by_shape(sequence):
+        header["by_rows"] = False
     digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     digest.update(np.ascontiguousarray(sequence.faces.astype("<i8")).data)
     digest.update(np.ascontiguousarray(start).data)
@@ -143,6 +146,12 @@ def template_id(
     if merge_vertices and is_merged(first):
         digest.update(first.astype("<i8").data)
     return digest.hexdigest()
+
+
+def is_placed_by_shape(sequence: MeshSequence) -> bool:
+    """Whether a lattice has, beside rows and columns, coordinates that its surface gives."""
+    has_cells = sequence.grid is not None and len(sequence.grid) == 2 and min(sequence.grid) > 2
+    return has_cells and sequence.topology in (CUP, CYLINDER)
 
 
 def is_merged(representatives: NDArray[np.int64]) -> bool:

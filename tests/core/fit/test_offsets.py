@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from modalmotion.errors import TopologyError
 from modalmotion.fit.offsets import offset_reference
+from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference, mesh_sequence
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topology import CUP, CYLINDER, Topology
 from modalmotion.signature.making import (
     ModalSignature,
     SignatureKind,
@@ -21,8 +22,8 @@ from modalmotion.signature.making import (
     modal_signature,
 )
 from modalmotion.signature.reconstruction import reconstruct
-from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
-from modalmotion.template import make_template
+from modalmotion.simulate import Acquisition, Spacing, VentricleParameters, simulate_ventricle
+from modalmotion.template import GivenLandmarks, make_template
 from modalmotion.template.loose_vertices import shapes_of
 
 OFFSET = SignatureParameters(kind=SignatureKind.OFFSET)
@@ -150,6 +151,55 @@ def test_a_mesh_and_a_lattice_of_one_ventricle_have_nearly_the_same_offsets() ->
     assert np.linalg.norm(a - b) / np.linalg.norm(b) < 0.05
 
 
+def test_the_order_of_the_vertices_hardly_matters() -> None:
+    # Points follow a spiral, and some of them say how the surface turns: these from all sides.
+    rng = np.random.default_rng(11)
+    mesh = simulate_ventricle(
+        VARIED, n_vertices=2000, acquisition=Acquisition(n_frames=4), rng=np.random.default_rng(5)
+    )
+    order = rng.permutation(mesh.n_vertices)
+    place = np.argsort(order)
+    other = replace(mesh, vertices=mesh.vertices[:, order], faces=place[mesh.faces])
+    a, b = fitted(mesh, modes=16), fitted(other, modes=16)
+    assert apart(a, b) < 0.01
+    turns = a.rotations.matrices.transpose(0, 2, 1) @ b.rotations.matrices
+    assert np.degrees(Rotation.from_matrix(turns).magnitude()).max() < 0.3
+
+
+@pytest.mark.parametrize("topology", [CUP, CYLINDER])
+def test_a_lattice_has_the_offsets_of_the_triangles_between_its_nodes(topology: Topology) -> None:
+    lattice = replace(BEAT, topology=topology)
+    triangles = mesh_sequence(
+        BEAT.vertices, lattice_faces(topology, GRID), topology=topology, unit="mm", times=BEAT.times
+    )
+    a = fitted(lattice)
+    assert a.landmarks is not None
+    # Its columns say where theta is zero, and its rows which end is which.
+    zero, base = a.landmarks.origin + 10.0 * a.landmarks.theta_zero, a.landmarks.base
+    given = GivenLandmarks(
+        theta_zero=tuple(zero.tolist()), base=tuple(base.tolist()) if topology == CYLINDER else None
+    )
+    b = fitted(triangles, landmarks=given)
+    np.testing.assert_allclose(a.amplitudes, b.amplitudes, atol=1e-9)
+    # Material points are where their rows and columns are.
+    assert make_template(lattice).id != make_template(lattice, by_rows=False).id
+
+
+def test_where_the_rows_of_a_lattice_lie_hardly_matters() -> None:
+    beats = [
+        simulate_ventricle(
+            VARIED,
+            grid=GRID,
+            spacing=spacing,
+            acquisition=Acquisition(n_frames=5),
+            rng=np.random.default_rng(5),
+        )
+        for spacing in Spacing
+    ]
+    assert apart(*(fitted(beat) for beat in beats)) < 0.03
+    assert apart(*(modal_signature(beat, SignatureParameters()) for beat in beats)) > 0.05
+
+
 @pytest.mark.parametrize("scale", [1e-150, 1e-3, 1e150])
 def test_offsets_grow_with_the_unit(scale: float) -> None:
     scaled = replace(MESH_BEAT, vertices=MESH_BEAT.vertices * scale)
@@ -173,7 +223,7 @@ def test_vertices_in_no_triangle_and_doubled_ones_change_nothing() -> None:
 
 def test_reconstruction_moves_the_reference_along_its_normals() -> None:
     signature = fitted(BEAT)
-    template = make_template(BEAT)
+    template = make_template(BEAT, by_rows=False)
     directions, centre = offset_reference(template, template.vertices)
     # Rotation and drift taken out again.
     surface = reconstruct(signature, BEAT) - centre - signature.translations[:, None]

@@ -50,7 +50,7 @@ def test_points_that_slide_are_read_by_offsets() -> None:
     sliding = [replace(one, facts=replace(one.facts, tracking="offset")) for one in BEATS]
     norm = train_norm(sliding, "contours")
     assert norm.readable.parameters.kind == "offset"
-    own = beat(50, MotionClass.HYPOKINESIA)
+    own = beat(52, MotionClass.HYPOKINESIA)
     own = replace(own, facts=replace(own.facts, tracking="offset"))
     assert norm.deviation(own, level=0.1).p <= 0.2
 

@@ -79,6 +79,11 @@ _OF_CLOSING: Final = Flag(
     "frames of the cycle are missing: from one frame to the next, or from the last to the first, "
     "it moves farther than any training case does. Send one whole cycle",
 )
+_RARELY_SO_LARGE: Final = Flag(
+    TOO_LARGE,
+    "training cases of about its size and shape hardly ever move so much, and usually several "
+    "times less. Check the scale of the displacements",
+)
 _OF_TURNS: Final = Flag(
     SEVERAL,
     "it repeats itself: the recording holds several cycles, and a training case one. Cut out one "
@@ -120,6 +125,8 @@ def flags_of(domain: Domain, judgement: Judgement, sights: Sights) -> tuple[Flag
             flags.append(_OF_TWINS[gains.index(max(gains))])
     if beyond["place"]:
         flags.append(_of_place(domain, sights.places[0]))
+    elif not flags and domain.is_too_large(sights.places[0]):
+        flags.append(_RARELY_SO_LARGE)
     if not flags and beyond["kind"]:
         words = (
             f"the motion is unlike any that the model was trained on (distance {scores[0]:.2f} "

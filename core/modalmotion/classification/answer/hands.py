@@ -176,10 +176,11 @@ def read_hands(signature: ModalSignature, model: Model) -> Hands:
 def _read(signature: ModalSignature, model: Model) -> Reading:
     """Read the features in the reading that is nearest to what the model knows."""
     domain = model.domain
-    seen = domain.reader.read(signature)
+    known: dict[tuple[object, ...], MotionFeatures] = {}
+    seen = domain.reader.read(signature, known)
     sights = _sights(signature, seen, domain)
     judgement = domain.judge(sights)
-    features = model.read(signature)
+    features = model.read(signature, known)
     nearest = int(judgement.readings[0])
     return Reading(
         signature=signature,

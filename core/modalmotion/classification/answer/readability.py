@@ -10,6 +10,7 @@ from modalmotion.classification.features import has_volume
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.model.shipped import OFFSET_MODEL
 from modalmotion.modes.order import common_count
+from modalmotion.modes.topology import CYLINDER
 from modalmotion.signature.making import ModalSignature
 
 _OR_STATE: Final = ", or state tracking=material if its points follow the tissue"
@@ -28,11 +29,13 @@ def unreadable(signature: ModalSignature, model: Model) -> Flag | None:
             f"kind={readable.parameters.kind}{_OR_STATE if model.name == OFFSET_MODEL else ''}",
         )
     if signature.surface not in readable.topologies:
+        remedy = "State the topology if it is wrong"
+        if readable.closes_apices and signature.surface == CYLINDER.name:
+            remedy = "Fit it with topology=cup, as a cup of which the apex was cut off"
         return Flag(
             OUT_OF_DOMAIN,
             f"the model reads signatures of the topology "
-            f"{' or '.join(readable.topologies)}, this one's is {signature.surface}. State the "
-            "topology if it is wrong",
+            f"{' or '.join(readable.topologies)}, this one's is {signature.surface}. {remedy}",
         )
     if modes.connectivity_id != readable.connectivity_id:
         return Flag(

@@ -16,8 +16,8 @@ _PRECISION: Final = 1e-6
 
 def softmax(scores: NDArray[np.float64]) -> NDArray[np.float64]:
     """Shares exp(s) / sum exp(s) along the last axis, without overflow."""
-    shares: NDArray[np.float64] = np.exp(scores - scores.max(axis=-1, keepdims=True))
-    shares /= shares.sum(axis=-1, keepdims=True)
+    shares: NDArray[np.float64] = np.exp(scores - np.maximum.reduce(scores, axis=-1, keepdims=True))
+    shares /= np.add.reduce(shares, axis=-1, keepdims=True)
     return shares
 
 

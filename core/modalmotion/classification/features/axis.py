@@ -60,11 +60,14 @@ class _Layout(NamedTuple):
         Changes of sign in each reading against the first.
     deforming : (n,) int64
         Modes that do not translate the whole.
+    gathered : (n,) int64
+        Cosines, sines and unpaired modes, one after another.
     """
 
     columns: tuple[Column, ...]
     signs: Vectors
     deforming: NDArray[np.int64]
+    gathered: NDArray[np.int64]
 
 
 def axis_features(
@@ -136,7 +139,7 @@ def axis_features(
     share = cycle_share(signature)
     count = max(n_signed, n_sized)
     spectrum = harmonics(share, b.reshape(n, -1), count).reshape(count, n_modes, 3)
-    signed, x, y = _read(spectrum, parts, _radial_line(b, parts))
+    signed, x, y = _read(spectrum[:, layout.gathered], parts, _radial_line(b, parts))
     values = _values(signed, x, y, n_signed, n_sized, walls)
     deformation = b[:, layout.deforming].reshape(n, -1)
     return MotionFeatures(
@@ -179,12 +182,13 @@ def _radial_line(b: Vectors, parts: Parts) -> complex:
 
 
 def _read(spectrum: Spectrum, parts: Parts, gauge: complex) -> tuple[Spectrum, Spectrum, Spectrum]:
-    """Harmonics of the parts with a sign, and of both components of those without."""
-    c, s, flat = (
-        spectrum[:, indices].transpose(2, 0, 1)
-        for indices in (parts.cosines, parts.sines, parts.unpaired)
-    )
-    n_rings = len(parts.first)
+    """Harmonics of the parts with a sign, and of both components of those without.
+
+    Of the harmonics of the layout's `gathered` modes.
+    """
+    by_direction, n_pairs = spectrum.transpose(2, 0, 1), len(parts.cosines)
+    c, s = by_direction[..., :n_pairs], by_direction[..., n_pairs : 2 * n_pairs]
+    flat, n_rings = by_direction[..., 2 * n_pairs :], len(parts.first)
     # (w(c) - i w(s)) / 2 = ((c1 + s2) + i (c2 - s1)) / 2, turned by the gauge where p' = 1.
     x, y = (c[0] + s[1]) / 2, (c[1] - s[0]) / 2
     g, k = gauge.real, gauge.imag
@@ -224,6 +228,7 @@ def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
         columns=_columns(parts, n_signed, n_sized, walls),
         signs=np.stack([_signs(parts, reading, n_signed, n_sized, walls) for reading in READINGS]),
         deforming=np.flatnonzero(modes.wavenumbers.any(axis=1)),
+        gathered=np.concatenate([parts.cosines, parts.sines, parts.unpaired]),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -93,14 +92,13 @@ def kind_of(
     """
     m = np.maximum(motions, _LEAST_MOTION)[..., None]
     relative = values / (100.0 * m) ** powers
-    logs = np.broadcast_to(np.log(m), (*relative.shape[:-1], 1))
-    kinds: NDArray[np.float64] = np.concatenate([relative, logs], axis=-1)
+    kinds: NDArray[np.float64] = np.empty((*relative.shape[:-1], relative.shape[-1] + 1))
+    kinds[..., :-1] = relative
+    kinds[..., -1:] = np.log(m)
     return kinds
 
 
-@lru_cache(maxsize=64)
 def powers_of(columns: tuple[Column, ...]) -> NDArray[np.float64]:
     """Powers of columns, (features,) float64."""
-    powers = np.array([column.power for column in columns])
-    powers.setflags(write=False)
-    return powers
+    # Not kept by the columns: to find these costs more.
+    return np.array([column.power for column in columns])

@@ -56,10 +56,13 @@ def one_turn(signature: ModalSignature) -> ModalSignature:
     if n < 4:
         return signature
     a = signature.amplitudes[:, 1:].reshape(n, -1)
-    limit = _REPEATED * float(np.ptp(a, axis=0).max(initial=0.0))
     gap, first, last = (
-        np.abs(a[i] - a[j]).max(initial=0.0) for i, j in ((-1, 0), (1, 0), (-1, -2))
+        float(np.maximum.reduce(np.abs(a[i] - a[j]), initial=0.0))
+        for i, j in ((-1, 0), (1, 0), (-1, -2))
     )
+    if not gap < min(first, last):
+        return signature
+    limit = _REPEATED * float((np.maximum.reduce(a) - np.minimum.reduce(a)).max(initial=0.0))
     if not gap < limit < min(first, last):
         return signature
     times = None if signature.times is None else signature.times[:-1]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.classification.features import FeatureReader
 from modalmotion.classification.features.course import MEASURES
 from modalmotion.classification.features.twins import TWINS
+from modalmotion.classification.model.motion_scale import MotionScale
 from modalmotion.representation import shown
 
 CHECKS: Final = ("kind", "place", *TWINS, "gap", "leap", "turns")
@@ -200,6 +201,16 @@ class Domain:
             gains=nearest[:, None] ** 2 - np.stack(twins, axis=1) ** 2,
             hand=own[:, 0] ** 2 - turned[:, 0] ** 2,
         )
+
+    @cached_property
+    def motion_scale(self) -> MotionScale:
+        """How often amounts of motion occur on surfaces of a size and shape."""
+        return MotionScale(self.points / self.scales, float(self.scales[0]))
+
+    def is_too_large(self, place: NDArray[np.float64]) -> bool:
+        """Whether the motion at a place, (3,), would be usual if it were several times smaller."""
+        known = np.isfinite(self.limits[CHECKS.index("place")])
+        return bool(known and self.motion_scale.exceeds(np.nan_to_num(place / self.scales)))
 
     def nearby(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Places of the training cases that are nearest in size and shape, (cases, 5, 3)."""

@@ -26,10 +26,10 @@ from modalmotion.classification.model.cross_validation import CrossValidation
 from modalmotion.classification.model.decision import Decision
 from modalmotion.classification.model.domain import ARRAYS, Domain
 from modalmotion.classification.model.member import Member
-from modalmotion.modes.topology import Topology
+from modalmotion.modes.topology import CUP, CYLINDER, Topology
 from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.representation import shown
-from modalmotion.signature.making import ModalSignature, SignatureParameters
+from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 
 
 @shown()
@@ -61,11 +61,23 @@ class Readable:
         surface : str
             Topology of the signature that the sequence has with `parameters`.
         stated : Topology, str or None
-            As the sequence states it: that is never set aside.
+            As the sequence states it. That is set aside for an apex that was cut off alone: see
+            `closes_apices`.
         """
-        if surface in self.topologies or len(self.topologies) > 1 or stated is not None:
+        if surface in self.topologies or len(self.topologies) > 1:
+            return None
+        if stated is not None and not (self.closes_apices and surface == CYLINDER.name):
             return None
         return replace(self.parameters, topology=self.topologies[0])
+
+    @property
+    def closes_apices(self) -> bool:
+        """Whether it takes cylinders as cups of which the apex was cut off.
+
+        Of offsets on cups, which do not depend on where the surface ends.
+        """
+        is_offset = self.parameters.kind == SignatureKind.OFFSET
+        return is_offset and self.topologies == (CUP.name,)
 
 
 @shown("name", "classes", "readable.topologies", "readable.n_modes", "id")
@@ -146,10 +158,19 @@ class Model(FrozenArrays):
         volume = {Further.VOLUME, Further.VOLUME_CURVE}
         return any(volume & set(member.reader.further) for member in self.members)
 
-    def read(self, signature: ModalSignature) -> MotionFeatures:
-        """Features of a signature, of all members, one row for each way to read it."""
-        known: dict[tuple[object, ...], MotionFeatures] = {}
+    def read(
+        self,
+        signature: ModalSignature,
+        known: dict[tuple[object, ...], MotionFeatures] | None = None,
+    ) -> MotionFeatures:
+        """Features of a signature, of all members, one row for each way to read it.
+
+        What the domain has read of it, and members read too, is taken from `known`.
+        """
+        known = {} if known is None else known
         parts = [member.reader.read(signature, known) for member in self.members]
+        if len(parts) == 1:
+            return replace(parts[0], columns=self.columns)
         n_readings = max(len(part.values) for part in parts)
         values = [
             np.broadcast_to(part.values, (n_readings, part.values.shape[1])) for part in parts
@@ -165,11 +186,11 @@ class Model(FrozenArrays):
 
     def log_shares(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """Log probabilities up to a constant, (cases, classes), of features (cases, features)."""
+        if len(self.members) == 1:
+            return self.members[0].log_shares(features) / self.temperature
         ends = np.cumsum([len(member.columns) for member in self.members])[:-1]
         parts = np.split(features, ends, axis=1)
         logs = [m.log_shares(part) for m, part in zip(self.members, parts, strict=True)]
-        if len(logs) == 1:
-            return logs[0] / self.temperature
         return pooled(logs, [m.weight for m in self.members]) / self.temperature
 
     def probabilities(self, features: NDArray[np.float64]) -> NDArray[np.float64]:

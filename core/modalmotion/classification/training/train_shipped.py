@@ -21,8 +21,8 @@ from modalmotion.classification.training.cases import TrainingCase
 from modalmotion.classification.training.training import train
 from modalmotion.mesh.lattice_triangles import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CYLINDER
-from modalmotion.signature.making import SignatureKind, modal_signature
+from modalmotion.modes.topology import CUP, CYLINDER
+from modalmotion.signature.making import ModalSignature, SignatureKind, modal_signature
 from modalmotion.simulate import Case, MotionClass, simulate_cohort
 
 TRAINING_SEED: Final = 1994
@@ -93,6 +93,7 @@ OFFSET: Final = Recipe(
     TrainingOptions(
         modes=16,
         kind=SignatureKind.OFFSET,
+        timing="cycle",
         further=False,
         known_share=KNOWN_SHARE,
         seed=TRAINING_SEED,
@@ -152,19 +153,17 @@ def training_cases(recipe: Recipe, n_per_class: int) -> Iterator[TrainingCase]:
     ------
     TrainingCase
     """
-    parameters, seed = recipe.options.signature_parameters, recipe.options.seed
+    seed = recipe.options.seed
     for number, case in enumerate(_cohort(n_per_class, seed, recipe.classes)):
         subject = f"simulated {seed}-{number}"
         for sequence in surfaces_of(case, recipe.most_cut):
-            signature = modal_signature(sequence, parameters)
-            yield TrainingCase(signature, str(case.label), subject)
+            yield TrainingCase(_signature(recipe, sequence), str(case.label), subject)
 
 
 def held_out_cases(recipe: Recipe, n_per_class: int, seed: int) -> Iterator[TrainingCase]:
     """Labelled signatures of a cohort of another seed, each as the cup that it is."""
     for case in _cohort(n_per_class, seed, recipe.classes):
-        signature = modal_signature(case.sequence, recipe.options.signature_parameters)
-        yield TrainingCase(signature, str(case.label))
+        yield TrainingCase(_signature(recipe, case.sequence), str(case.label))
 
 
 def surfaces_of(case: Case, most_cut: float) -> tuple[MeshSequence, ...]:
@@ -212,19 +211,18 @@ def held_out(
         "held_out_by_surface" that of lattices as cups and as cylinders, and of meshes; under
         "not_seen", where the model leaves a class out, how often it gives which answer for it.
     """
-    parameters = recipe.options.signature_parameters
     by_surface: dict[str, list[TrainingCase]] = {}
     unseen: Counter[str] = Counter()
     for case in _cohort(n_per_class, seed, tuple(MotionClass)):
         if case.label not in recipe.classes:
-            answer = classify(modal_signature(case.sequence, parameters), model)
+            answer = classify(_signature(recipe, case.sequence), model)
             unseen[answer.label or "no class"] += 1
             continue
         for sequence in surfaces_of(case, recipe.most_cut):
             name = "meshes"
             if sequence.grid is not None:
                 name = "lattices as cylinders" if sequence.topology == CYLINDER else "lattices"
-            signature = modal_signature(sequence, parameters)
+            signature = _signature(recipe, sequence)
             by_surface.setdefault(name, []).append(TrainingCase(signature, str(case.label)))
     own = [case for name in ("lattices", "meshes") for case in by_surface[name]]
     brief = ("accuracy", "accuracy_interval", "calibration_error", "n_cases")
@@ -255,6 +253,14 @@ def main(arguments: Sequence[str]) -> None:
         path = folder / f"{name}.h5"
         path.write_bytes(model_to_hdf5(model))
         sys.stdout.write(f"{path} {model.id}\n")
+
+
+def _signature(recipe: Recipe, sequence: MeshSequence) -> ModalSignature:
+    """Fit a surface as the recipe's model does: of offsets a cut apex is closed again."""
+    parameters = recipe.options.signature_parameters
+    if parameters.kind == SignatureKind.OFFSET and sequence.topology == CYLINDER:
+        parameters = replace(parameters, topology=CUP.name)
+    return modal_signature(sequence, parameters)
 
 
 def _record(evaluation: Evaluation) -> dict[str, object]:

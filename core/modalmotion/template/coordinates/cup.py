@@ -19,7 +19,7 @@ from modalmotion.template.coordinates.axis import (
 from modalmotion.template.coordinates.potential import potential
 from modalmotion.template.coordinates.value import Coordinates
 from modalmotion.template.landmarks import Landmarks
-from modalmotion.template.surface import Surface, mean_of
+from modalmotion.template.surface import Opening, Surface, mean_of
 
 # s = (1 - u / max u)^(5/8): 1/2 is exact on a flat disk, 3/4 serves a long tube.
 _EXPONENT: Final = 5 / 8
@@ -33,6 +33,10 @@ FAINT_AXIS: Final = 0.02
 # The cap around the apex is where the torsion function is largest; this power of it is the
 # weight that the apex is the centroid of.
 _CAP: Final = 8
+
+
+# Below this angle, rad, from the plane of its rim a cap is taken to be flat.
+_FLAT_CAP: Final = 1e-3
 
 
 def cup_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Coordinates:
@@ -56,14 +60,14 @@ def cup_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) ->
         notes.append("The triangles are too thin to solve on; s is the height along the axis.")
         cap = np.ones_like(surface.areas)
     else:
-        cap = np.clip(u / u.max(), 0.0, 1.0) ** _CAP
+        cap = np.clip(u, 0.0, 1.0) ** _CAP
     apex, roundness = _centre_of_cap(surface, cap)
-    base = places.get("base", mean_of(surface.openings))
+    base = places.get("base", _base(surface))
     origin, axis, strength = _axis(surface, places, base)
     zero, zero_strength = theta_zero(surface, places, origin, axis, lean)
     offsets = surface.vertices - origin
     theta = azimuth(offsets, axis, zero)
-    s = along(offsets, axis) if u is None else (1 - np.clip(u / u.max(), 0.0, 1.0)) ** _EXPONENT
+    s = along(offsets, axis) if u is None else (1 - np.clip(u, 0.0, 1.0)) ** _EXPONENT
     if u is None:
         s = (s - s.min()) / (np.ptp(s) or 1.0)
     if len(surface.openings) > 2:
@@ -93,7 +97,67 @@ def axis_strength(surface: Surface) -> float:
     """How far the base lies from the area centroid, 0 for a flat sheet, 1 for a deep cup."""
     # A hemisphere of the same area has its base at half this radius.
     radius = np.sqrt(surface.area / (2 * np.pi))
-    return min(1.0, float(np.linalg.norm(surface.base - surface.centroid)) / float(radius))
+    return min(1.0, float(np.linalg.norm(_base(surface) - surface.centroid)) / float(radius))
+
+
+def apical_opening(surface: Surface) -> Opening | None:
+    """Give the narrower of two openings that lie at opposite ends: where an apex was cut off."""
+    if len(surface.openings) != 2:
+        return None
+    one, other = surface.openings
+    if (one.centre - surface.centroid) @ (other.centre - surface.centroid) >= 0:
+        return None
+    return other if _radius(surface, one) >= _radius(surface, other) else one
+
+
+def base_openings(surface: Surface) -> tuple[Opening, ...]:
+    """Give the openings of a cup but for that of an apex that was cut off."""
+    cut = apical_opening(surface)
+    return tuple(opening for opening in surface.openings if opening is not cut)
+
+
+def _base(surface: Surface) -> NDArray[np.float64]:
+    return mean_of(base_openings(surface))
+
+
+def _radius(surface: Surface, opening: Opening) -> float:
+    """Mean distance of a rim from its centre: a jagged rim is longer, and no wider."""
+    arms = surface.vertices[opening.vertices] - opening.centre
+    return float(np.linalg.norm(arms, axis=1).mean())
+
+
+def _cap_of(surface: Surface, opening: Opening) -> tuple[float, float]:
+    """Area of the cap that an apex was cut off with, and how far u rises over its rim.
+
+    The cap of the sphere that the wall touches along the rim: of radius r = a / sin w for a rim of
+    radius a that the wall meets at the angle w from its plane, with the area 2 pi r^2 (1 - cos w)
+    and -Laplace u = 1 solved by 2 r^2 log(cos(x / 2)), x from its pole on.
+    """
+    on_rim = np.zeros(len(surface.vertices), dtype=np.bool_)
+    on_rim[opening.vertices] = True
+    faces = surface.faces[on_rim[surface.faces].sum(axis=1) == 2]
+    # The two corners on the rim first.
+    order = np.argsort(~on_rim[faces], axis=1, kind="stable")
+    a, b, c = surface.vertices[np.take_along_axis(faces, order, axis=1)].transpose(1, 0, 2)
+    edges, middles = b - a, (a + b) / 2
+    # Across each edge within its triangle, as long as the edge: their sum is that of a smooth rim.
+    across = middles - c
+    squares = np.maximum(np.einsum("ij,ij->i", edges, edges), 1e-300)
+    across -= (np.einsum("ij,ij->i", across, edges) / squares)[:, None] * edges
+    across *= (np.sqrt(squares) / np.maximum(np.linalg.norm(across, axis=1), 1e-300))[:, None]
+    upward = opening.centre - surface.centroid
+    upward /= max(float(np.linalg.norm(upward)), 1e-300)
+    inward = opening.centre - middles
+    inward -= (inward @ upward)[:, None] * upward
+    inward /= np.maximum(np.linalg.norm(inward, axis=1), 1e-300)[:, None]
+    w = float(np.arctan2((across @ upward).sum(), np.einsum("ij,ij->", across, inward)))
+    radius = _radius(surface, opening)
+    if w < _FLAT_CAP:
+        return np.pi * radius**2, radius**2 / 4
+    # A wall that opens towards its rim says nothing of a cap: half a sphere is the most.
+    w = min(w, np.pi / 2)
+    r = radius / np.sin(w)
+    return 2 * np.pi * r**2 * (1 - np.cos(w)), float(-2 * r**2 * np.log(np.cos(w / 2)))
 
 
 def is_flat(surface: Surface) -> bool:
@@ -103,10 +167,23 @@ def is_flat(surface: Surface) -> bool:
 
 
 def _torsion(surface: Surface) -> NDArray[np.float64] | None:
-    """Solve -Laplace u = 1 with u = 0 on all openings; None where that is impossible."""
-    border = np.concatenate([opening.vertices for opening in surface.openings])
-    u = potential(surface, surface.areas, border, np.zeros(len(border)))
-    return None if u is None or not u.max() > 0 else u
+    """Solve -Laplace u = 1 with u = 0 on the openings of the base, over what it is at the pole.
+
+    None where that is impossible. Through the rim of an apex that is cut off flows what its cap
+    gives rise to.
+    """
+    openings, cut = base_openings(surface), apical_opening(surface)
+    border = np.concatenate([opening.vertices for opening in openings])
+    sources, above = surface.areas, 0.0
+    if cut is not None:
+        area, above = _cap_of(surface, cut)
+        sources = sources.copy()
+        sources[cut.vertices] += area / len(cut.vertices)
+    u = potential(surface, sources, border, np.zeros(len(border)))
+    if u is None or not u.max() > 0:
+        return None
+    highest = float(u.max()) if cut is None else float(u[cut.vertices].mean())
+    return np.asarray(u / max(float(u.max()), highest + above))
 
 
 def _axis(

@@ -73,6 +73,24 @@ def test_cup_on_a_hemisphere() -> None:
     assert turns_between(theta[clear], azimuth[clear]) < 0.003
 
 
+@pytest.mark.parametrize("height", [-0.95, -0.7, -0.4])
+def test_a_cup_whose_apex_is_cut_off_keeps_the_coordinates_of_the_whole(height: float) -> None:
+    points, faces = cup_points(2000, np.random.default_rng(0), 0.0)
+    whole = template_of(points, faces)
+    kept = faces[(points[faces][:, :, 2] > height).all(axis=1)]
+    cut = template_of(points, kept, topology="cup")
+    used = np.unique(kept)
+    s = cut.coordinates[used, 0]
+    assert s.min() > 0.05
+    assert s == pytest.approx(whole.coordinates[used, 0], abs=0.03)
+    assert cut.landmarks is not None
+    assert whole.landmarks is not None
+    assert np.abs(cut.landmarks.axis @ whole.landmarks.axis) == pytest.approx(1.0, abs=1e-3)
+    assert cut.landmarks.base == pytest.approx(whole.landmarks.base, abs=1e-9)
+    # Nothing is said of it: it is open at both ends.
+    assert template_of(points, kept).topology.name == "cylinder"
+
+
 def test_cylinder_on_a_cone() -> None:
     # Harmonic between two rings of a cone: logarithmic in the radius.
     places, faces = tube_points(2500, np.random.default_rng(0))
