@@ -91,7 +91,7 @@ def test_twenty_thousand_damaged_files(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_twenty_thousand_damaged_images(tmp_path: Path) -> None:
-    """Of DICOM, NIfTI, NRRD and MetaImage, in one service; a quarter of an hour of one core."""
+    """Of DICOM, NIfTI, NRRD and MetaImage, in one service: half an hour beside other work."""
     n_sent = send_mutants(tmp_path / "results", -(-20_000 * SOAK // len(IMAGES)), IMAGES)
     print(f"{n_sent} mutants of {len(IMAGES)} images: no 5xx")  # noqa: T201
     assert n_sent >= 20_000

@@ -228,8 +228,9 @@ def test_the_winding_of_triangles_does_not_matter() -> None:
     mixed = BALL.faces.copy()
     turned = rng.random(len(mixed)) < 0.5
     mixed[turned] = mixed[turned][:, ::-1]
-    usual, other = (
+    usual, other, inside_out = (
         track([(x, faces) for x in BALL.vertices[:2]], start=BALL, modes=4, time="open")
-        for faces in (BALL.faces, mixed)
+        for faces in (BALL.faces, mixed, BALL.faces[:, ::-1])
     )
     assert other.sequence.vertices == pytest.approx(usual.sequence.vertices, abs=1e-3)
+    assert inside_out.sequence.vertices == pytest.approx(usual.sequence.vertices, abs=1e-3)
