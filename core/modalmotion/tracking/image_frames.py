@@ -41,9 +41,9 @@ _NEXT: Final = ((18, 8.0), (37, 5.0))
 # Least share of profiles with an edge. In noise alone it is about a tenth.
 _LEAST_FOUND: Final = 0.25
 
-# Of the finest voxel: deviation of a landmark that states none. How noisy an edge is, as in
-# speckle, says nothing of it.
-_STATED: Final = 0.08
+# Of the finest voxel: deviation of a landmark that states none, that of a click on a voxel, which
+# is anywhere within it. How noisy an edge is, as in speckle, says nothing of it.
+_STATED: Final = 12.0**-0.5
 
 
 @dataclass(frozen=True, eq=False)

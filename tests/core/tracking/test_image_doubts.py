@@ -44,7 +44,7 @@ def off(result: Track) -> float:
 
 def doubts(result: Track) -> str:
     """What is noted besides what all tracks say."""
-    usual = ("undetermined", "along the surface it is the prior's")
+    usual = ("undetermined", "along the surface it is the prior's", "so round about the axis")
     return " ".join(n for n in result.notes if not any(part in n for part in usual))
 
 

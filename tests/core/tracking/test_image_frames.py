@@ -213,5 +213,5 @@ def test_landmarks_are_as_exact_as_stated_however_noisy_edges_are() -> None:
     base = np.array([BASE, BASE - 8.0 * AXES[:, 2]])
     result = track(noisy, landmarks={"apex": LANDMARKS["apex"], "base": base})
     rings = result.sequence.vertices.reshape(2, 32, 64, 3)[:, -1].mean(axis=1)
-    # With the deviation of an edge it would be more than half of the way.
-    assert np.linalg.norm(rings - base, axis=1).max() < 2.5
+    # With the deviation of an edge it would be more than half of the way, of 8 mm.
+    assert np.linalg.norm(rings - base, axis=1).max() < 3.5
