@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.numeric.frozen_arrays import FrozenArrays
+from modalmotion.representation import shown
 
 FACTORS: Final = (2.0, 2.5, 3.0, 4.0)
 """By which a motion may be too large."""
@@ -33,6 +34,7 @@ _NOWHERE: Final = 1e-9
 _ROWS: Final = 64
 
 
+@shown("width")
 @dataclass(frozen=True, eq=False)
 class MotionScale(FrozenArrays):
     """How often amounts of motion occur on surfaces of a size and shape.
