@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final, Literal, TypeAlias, cast
@@ -359,8 +360,6 @@ def _modes_needed(
     axes = surface.template.topology.n_axes
     q = 2.0 * prior.power / axes
     m = len(surface)
-    # sum_{j > m} v_j falls as m^(1 - q).
-    needed = int(np.ceil(m * max(1.2, 1.1 * (left / limit) ** (2.0 / (q - 1.0)))))
     points = int(np.median([sum(map(len, frame)) for frame in frames if frame] or [0]))
     most = min(MOST_MODES, points // 3, surface.template.n_vertices // 3)
     if m >= most or attempt == _MOST_TRIES - 1:
@@ -370,7 +369,10 @@ def _modes_needed(
             remedy="Ask for a larger tolerance, or send more points and a finer start.",
             details={"modes": m, "most": most, "reached": left},
         )
-    needed = min(needed, most)
+    # sum_{j > m} v_j falls as m^(1 - q). Logs, for a tolerance may be next to nothing.
+    growth = math.log(1.1) + (math.log(left) - math.log(limit)) * 2.0 / (q - 1.0)
+    growth = min(max(math.log(1.2), growth), math.log(most / m))
+    needed = min(math.ceil(m * math.exp(growth)), most)
     while whole_count(surface.template.topology, needed) > most and needed > m + 1:
         needed -= 1
     return needed

@@ -273,6 +273,9 @@ def test_a_tolerance_takes_as_many_modes_as_it_needs() -> None:
     assert off(more) < off(few)
     with pytest.raises(ToleranceError, match="larger tolerance"):
         track(seen(60), start=START, unit="mm", modes=7, tolerance=1e-6)
+    # Next to nothing: more modes than a number holds would be needed.
+    with pytest.raises(ToleranceError, match="larger tolerance"):
+        track(seen(60), start=START, unit="mm", modes=7, tolerance=5e-324)
     with pytest.raises(ParameterError, match="State the unit"):
         track(frames, start=START, tolerance=0.1)
 
