@@ -164,8 +164,7 @@ def peak_memory(folder: Path, n_cases: int) -> int:
             other = replace(signature, amplitudes=amplitudes, sequence_id=name)
             path.write_bytes(signature_to_hdf5(other))
             case = {"id": name, "label": label, "subject": f"s{number}", "path": str(path)}
-            case["covariates"] = {}
-            file.write(json.dumps(case) + "\n")
+            file.write(json.dumps(case | {"covariates": {}}) + "\n")
     code = (
         "import resource, sys; from pathlib import Path;"
         "from modalmotion_service.work.tasks.training import train_model;"
