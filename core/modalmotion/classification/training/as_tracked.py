@@ -66,7 +66,7 @@ def as_tracked(sequence: MeshSequence, noise: float, rng: np.random.Generator) -
 def _slid(
     sequence: MeshSequence, x: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Move vertices along the surface from apex to base, as much more as the beat has moved them."""
+    """Move vertices from apex to base along the surface, as far as the beat has moved them."""
     template = make_template(sequence, by_rows=False)
     s, theta = template.coordinates.T * np.array([[1.0], [2.0 * np.pi]])
     level, towards, across = rng.normal(0.0, (RIM_LEVEL, RIM_TILT, RIM_TILT))
