@@ -21,7 +21,7 @@ from modalmotion.classification.features import MotionFeatures, axis_features
 from modalmotion.classification.measures.reliability import calibration_curve, calibration_error
 from modalmotion.classification.training.domain_fit import fit_domain
 from modalmotion.classification.training.fold_fit import fit_rows
-from modalmotion.classification.training.table import collect
+from modalmotion.classification.training.collection import collect
 from modalmotion.formats import read_sequence
 from modalmotion.mesh import Cavity, lattice_faces
 from modalmotion.mesh.sequence import MeshSequence
