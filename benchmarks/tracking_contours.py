@@ -5,13 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from measure import Table
 from numpy.typing import NDArray
+from real_data import DATA, recording
 
-from modalmotion.formats import read_npz
 from modalmotion.mesh import cavity_of
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.simulate import simulate_cohort
@@ -34,14 +33,14 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-def real_contours(folder: Path) -> Table:
+def real_contours() -> Table:
     """Contours of real cine images, and the mesh that others fitted to them."""
     table = Table("Real contours, 25 phases, 37 modes", ("figure", "value"))
-    recorded = read_observed(folder / "cine" / "contours")
+    recorded = read_observed(DATA / "cine" / "contours")
     start = time.process_time()
     result = TrackParameters(topology="cup", unit="mm").follow(recorded)
     seconds = time.process_time() - start
-    theirs = read_npz((folder / "heart" / "lv_endocardium.npz").read_bytes()).sequence
+    theirs = recording("heart/lv_endocardium")
     points = [frame[0].points for frame in recorded.frames]
     volumes = _volumes(theirs)
     assert result.volumes is not None
