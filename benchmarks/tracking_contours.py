@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -10,6 +9,7 @@ import numpy as np
 from measure import Table
 from numpy.typing import NDArray
 from real_data import DATA, recording
+from tracking_truth import ejection_fraction, timed
 
 from modalmotion.mesh import cavity_of
 from modalmotion.mesh.sequence import MeshSequence
@@ -37,9 +37,7 @@ def real_contours() -> Table:
     """Contours of real cine images, and the mesh that others fitted to them."""
     table = Table("Real contours, 25 phases, 37 modes", ("figure", "value"))
     recorded = read_observed(DATA / "cine" / "contours")
-    start = time.process_time()
-    result = TrackParameters(topology="cup", unit="mm").follow(recorded)
-    seconds = time.process_time() - start
+    result, seconds = timed(lambda: TrackParameters(topology="cup", unit="mm").follow(recorded))
     theirs = recording("heart/lv_endocardium")
     points = [frame[0].points for frame in recorded.frames]
     volumes = _volumes(theirs)
@@ -113,8 +111,7 @@ class Case:
     @property
     def ejection_fraction(self) -> float:
         """Percent."""
-        v = np.abs(cavity_of(self.faces, self.vertices.shape[1]).volume(self.vertices))
-        return float(100.0 * (1.0 - v.min() / v.max()))
+        return ejection_fraction(self.vertices, self.faces)
 
     def apart(self, result: Track) -> float:
         """Mean distance of the true vertices from the surface, mm."""

@@ -64,8 +64,13 @@ class Truth:
     @property
     def ejection_fraction(self) -> float:
         """Percent."""
-        v = np.abs(cavity_of(self.faces, self.vertices.shape[1]).volume(self.vertices))
-        return float(100.0 * (1.0 - v.min() / v.max()))
+        return ejection_fraction(self.vertices, self.faces)
+
+
+def ejection_fraction(vertices: Floats, faces: Ints) -> float:
+    """Share of the largest volume that is lost, percent."""
+    v = np.abs(cavity_of(faces, vertices.shape[1]).volume(vertices))
+    return float(100.0 * (1.0 - v.min() / v.max()))
 
 
 def sampled(x: Floats, faces: Ints, n: int, rng: np.random.Generator) -> Floats:
