@@ -12,9 +12,9 @@ from contextlib import contextmanager
 def busy_processes(n: int) -> Iterator[None]:
     """Keep the machine busy, without a spare moment.
 
-    They yield a little to who works in turns: a test among twelve equals lasts half an hour.
+    They come second: among twelve equals a test of thousands of turns lasts half an hour.
     """
-    code = "import os; os.nice(5)\nwhile True: pass"
+    code = "import os; os.nice(10)\nwhile True: pass"
     busy = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(n)]
     try:
         yield
