@@ -271,13 +271,13 @@ class Analysis:
             return await self.work(signatures.draw_signature, sequence, signature)
 
     async def template(
-        self, upload: Upload, parameters: SignatureParameters
+        self, upload: Upload, parameters: SignatureParameters, report: StageReport = unheard
     ) -> tuple[TemplateAnswer, bool]:
         """Make and store the template of an upload; tell whether it is new."""
 
-        async def make(_: StageReport) -> tuple[TemplateAnswer, bool]:
+        async def make(tell: StageReport) -> tuple[TemplateAnswer, bool]:
             with self.image() as image, stage("worker"):
-                work = self.work(templates.make_template, upload, parameters, image)
+                work = self.followed(tell, templates.make_template, upload, parameters, image)
                 answer, milliseconds = await work
                 add_milliseconds(milliseconds)
                 with stage("store"):
@@ -286,7 +286,7 @@ class Analysis:
                     )
             return answer, is_new
 
-        return await self._shared_work.join(("template", upload.path), make)
+        return await self._shared_work.join(("template", upload.path), make, report)
 
     async def describe_template(self, template_id: str) -> TemplateAnswer:
         """Describe a stored template."""
