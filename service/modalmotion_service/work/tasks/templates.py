@@ -30,13 +30,13 @@ _MOST_NUMBERS_AS_JSON: Final = 2_000_000
 
 
 def make_template(
-    upload: Upload, parameters: SignatureParameters, image: Path, progress: Path
+    upload: Upload, parameters: SignatureParameters, image: Path, progress: Path | None = None
 ) -> tuple[TemplateAnswer, dict[str, float]]:
     """Make the template of an upload and write its HDF5 image; gives milliseconds by stage too.
 
-    `progress` is a `ProgressFile`.
+    `progress` is a `ProgressFile`, where somebody reads it.
     """
-    watch = Stopwatch(_SHARES, ProgressFile(progress).write)
+    watch = Stopwatch() if progress is None else Stopwatch(_SHARES, ProgressFile(progress).write)
     with watch.stage("read"):
         sequence = upload.read().sequence
     with watch.stage("template") as report:
