@@ -9,14 +9,13 @@ import sys
 import time
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from codec_peers import at_error, is_installed, mean_diagonal, sz3, sz3_file, sz3_read, volumes_of
 from measure import Table, Times, in_words, side_by_side
 
 from modalmotion.codec import decode, encode
-from modalmotion.formats import read_npz
+from modalmotion.mesh.sequence import MeshSequence
 
 SHARE = 0.003
 N_SAMPLES = 5
@@ -50,16 +49,8 @@ print(json.dumps(seconds))
 """
 
 
-def speed(name: str, path: Path) -> Table:
-    """Encode and decode in turn with SZ3 at the same RMS; decode in fresh processes.
-
-    Parameters
-    ----------
-    name : str
-    path : Path
-        Of the sequence, .npz.
-    """
-    sequence = read_npz(path.read_bytes()).sequence
+def speed(name: str, sequence: MeshSequence) -> Table:
+    """Encode and decode in turn with SZ3 at the same RMS; decode in fresh processes."""
     exact = np.ascontiguousarray(sequence.vertices, dtype=np.float32)
     rms = SHARE * mean_diagonal(exact)
     streams = {effort: encode(sequence, rms=rms, effort=effort).data for effort in EFFORTS}

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Indices = NDArray[np.uint32]
 
-# As in `multigrid`, which gives the reasons.
+# `multigrid` says what each means; here sweeps cost less, and some numbers are others.
 _STRONG: Final = 0.08
 _OMEGA: Final = 4.0 / 3.0
 _POWER_STEPS: Final = 8
