@@ -13,7 +13,7 @@ def test_order_does_not_matter_and_nothing_can_be_put() -> None:
     assert one != Named({"a": 1})
     # As any mapping is.
     assert one == {"b": 2, "a": 1}
-    assert {"a": 1} != one
+    assert one != {"a": 1}
     assert one != 1
     with pytest.raises(TypeError):
         one["c"] = 3  # type: ignore[index]
