@@ -346,10 +346,13 @@ def _several_requests(names: list[str]) -> ParameterError:
     )
 
 
+_NAMES: Final = tuple(field.name for field in fields(SignatureParameters))
+
+
 def parameters_as_json(parameters: SignatureParameters) -> dict[str, Any]:
     """Values of a signature's parameters, ready for JSON."""
     # All are plain values; `asdict` would copy them.
-    values = {field.name: getattr(parameters, field.name) for field in fields(parameters)}
+    values = {name: getattr(parameters, name) for name in _NAMES}
     return {**values, "landmarks": parameters.landmarks.as_json()}
 
 

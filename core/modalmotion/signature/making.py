@@ -22,6 +22,7 @@ from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import Topology
 from modalmotion.numerals import counted, numeral
+from modalmotion.progress import ShareReport, silent
 from modalmotion.signature.deviations import deviations_of
 from modalmotion.signature.value import ModalSignature
 from modalmotion.signature.volumes import enclosed_volumes
@@ -87,8 +88,8 @@ def modal_signature(
     parameters = resolve_parameters(sequence, parameters or SignatureParameters())
     original, sequence = sequence, resolve_sequence(sequence, parameters)
     watch = watch or Stopwatch()
-    with watch.stage("template"):
-        own_template = resolve_template(sequence, parameters, template)
+    with watch.stage("template") as report:
+        own_template = resolve_template(sequence, parameters, template, report)
     with watch.stage("fit"):
         fitter = Fitter.of(sequence, own_template, parameters)
         model = select_model(fitter, cache or TemplateCache())
@@ -159,11 +160,15 @@ def resolve_sequence(sequence: MeshSequence, parameters: SignatureParameters) ->
 
 
 def resolve_template(
-    sequence: MeshSequence, parameters: SignatureParameters, template: Template | None = None
+    sequence: MeshSequence,
+    parameters: SignatureParameters,
+    template: Template | None = None,
+    report: ShareReport = silent,
 ) -> Template:
     """Give the template that the parameters ask for: the one they name, or the sequence's own.
 
-    The sequence's facts are not read; `resolve_parameters` has done that before.
+    The sequence's facts are not read; `resolve_parameters` has done that before. `report` is told
+    the share that is done.
 
     Raises
     ------
@@ -189,6 +194,7 @@ def resolve_template(
         closed_form=parameters.closed_form,
         merge_vertices=parameters.merge_vertices,
         by_rows=parameters.kind != SignatureKind.OFFSET,
+        report=report,
     )
 
 
