@@ -87,7 +87,7 @@ def _require_vertices(vertices: range | NDArray[np.int64], n_vertices: int) -> N
     """Numbers of vertices that a stream has, each once."""
     ends = (vertices[0], vertices[-1]) if isinstance(vertices, range) and vertices else (0, 0)
     # A range may be longer than memory.
-    where = np.asarray(vertices if max(ends) < n_vertices else ())
+    where = np.asarray(vertices if all(0 <= end < n_vertices for end in ends) else ())
     if (
         where.ndim != 1
         or not len(where)
