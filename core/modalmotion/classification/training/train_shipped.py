@@ -127,8 +127,8 @@ def shipped_model(recipe: Recipe, n_per_class: int) -> Model:
     cut = ", and as cylinder with the apex cut off by up to a quarter"
     ways = f"as cup{cut if recipe.most_cut else ' and as cylinder'}"
     tracked = (
-        f" And as many others (seed {recipe.tracked_seed}) as tracks leave them: {N_MODES} modes of "
-        f"displacements, fitted to {N_POINTS:,} points with that noise, and a rim that slides."
+        f" And as many others (seed {recipe.tracked_seed}) as tracks leave them: {N_MODES} modes "
+        f"of displacements, fitted to clouds of {N_POINTS:,} points with the same noise."
     )
     card = replace(
         model.card,
