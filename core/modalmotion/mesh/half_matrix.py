@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh.machine import Kernels
 from modalmotion.mesh.sides import Sides
+from modalmotion.progress import ShareReport, share_fallen, silent
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -28,6 +29,7 @@ _MOST_LEVELS: Final = 20
 _MOST_STEPS: Final = 80
 _LOOK_AT: Final = 15
 _FALLEN: Final = 1e-4
+_SET_UP: Final = 0.3
 
 # Of the error, over the solution, both in energy: the largest error is at most a few times that,
 # for on a surface the energy bounds values but for the root of a logarithm.
@@ -92,7 +94,7 @@ class HalfMatrix:
         self.kernels.run("multiply", len(self), *own, x, image, sums)
 
 
-def solve_half(matrix: HalfMatrix, right: Floats) -> Floats | None:
+def solve_half(matrix: HalfMatrix, right: Floats, report: ShareReport = silent) -> Floats | None:
     """Solve a large sparse symmetric positive definite system.
 
     Parameters
@@ -100,6 +102,8 @@ def solve_half(matrix: HalfMatrix, right: Floats) -> Floats | None:
     matrix : HalfMatrix
         Neighbouring unknowns near each other.
     right : (n,) float64
+    report : callable, optional
+        Told the share of the solution that is there.
 
     Returns
     -------
@@ -116,9 +120,10 @@ def solve_half(matrix: HalfMatrix, right: Floats) -> Floats | None:
     cycle = _Cycle.of(matrix)
     if cycle is None:
         return None
+    report(_SET_UP)
     direction, image, sums = np.zeros(n), np.zeros(n), np.zeros(1)
     single = np.empty(n, dtype=np.float32)
-    before, left, largest = 1.0, start, 0.0
+    before, left, largest, done = 1.0, start, 0.0, 0.0
     for number in range(_MOST_STEPS):
         # Near 1, whatever the unit: single precision ends at 1e-38.
         scale = np.sqrt(n) / left
@@ -132,6 +137,8 @@ def solve_half(matrix: HalfMatrix, right: Floats) -> Floats | None:
             return x
         if not now > 0 or (number == _LOOK_AT and now > _FALLEN**2 * largest):
             return None
+        done = max(done, share_fallen(now, largest, _TOLERANCE**2 * largest))
+        report(_SET_UP + (1 - _SET_UP) * done)
         run("redirect", n, now / before, z, float(1.0 / scale), direction)
         before = now
         matrix._multiply(direction, image, sums)

@@ -11,19 +11,20 @@ from modalmotion_service.schemas import ModesQuery, TemplateAnswer
 from modalmotion_service.work.tasks import templates
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.owner_work import OwnerWork
+from modalmotion_service.workspace.shared_work import unheard
 
 
 class TemplateWork(OwnerWork):
     """Makes, describes and draws templates."""
 
     async def template(
-        self, upload: Upload, parameters: SignatureParameters
+        self, upload: Upload, parameters: SignatureParameters, report: StageReport = unheard
     ) -> tuple[TemplateAnswer, bool]:
         """Make and store the template of an upload; tell whether it is new."""
 
-        async def make(_: StageReport) -> tuple[TemplateAnswer, bool]:
+        async def make(tell: StageReport) -> tuple[TemplateAnswer, bool]:
             with self.image() as image, stage("worker"):
-                work = self.work(templates.make_template, upload, parameters, image)
+                work = self.followed(tell, templates.make_template, upload, parameters, image)
                 answer, milliseconds = await work
                 add_milliseconds(milliseconds)
                 with stage("store"):
@@ -32,7 +33,7 @@ class TemplateWork(OwnerWork):
                     )
             return answer, is_new
 
-        return await self._shared_work.join(("template", upload.path), make)
+        return await self._shared_work.join(("template", upload.path), make, report)
 
     async def describe_template(self, template_id: str) -> TemplateAnswer:
         """Describe a stored template."""

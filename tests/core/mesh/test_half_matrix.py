@@ -107,3 +107,13 @@ def test_what_is_not_positive_is_refused() -> None:
         matrix.first, matrix.end, 9 * matrix.weight, matrix.diagonal, matrix.kernels
     )
     assert solve_half(strong, right) is None
+
+
+def test_it_tells_how_far_it_is() -> None:
+    matrix, right = ventricle()
+    told: list[float] = []
+    solve_half(matrix, right, told.append)
+    assert len(told) > 10
+    assert told == sorted(told)
+    assert 0 < told[0] < 0.5
+    assert 0.9 < told[-1] <= 1
