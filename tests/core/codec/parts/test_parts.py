@@ -24,6 +24,7 @@ from modalmotion.codec.parts.parts import N_FUNCTIONS, Parts, code_labels
 from modalmotion.codec.parts.segments import segmented
 from modalmotion.codec.temporal import Temporal
 from modalmotion.codec.transforms import choose
+from modalmotion.codec.trial import Trial
 from modalmotion.errors import MalformedFileError
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CYLINDER
@@ -169,16 +170,18 @@ def test_what_parts_leave_is_coded_in_modes(rng: np.random.Generator) -> None:
 def test_numbers_are_quantised_again_for_less(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    trials = []
+    trials: list[Trial] = []
     once = Articulated._quantised
 
     def noted(*given: Any) -> Any:
-        trials.append(once(*given))
-        return trials[-1]
+        found = once(*given)
+        assert found is not None
+        trials.append(found.trial)
+        return found
 
     monkeypatch.setattr(Articulated, "_quantised", noted)
     trial = attempt(motion_of(jointed(rng)), Temporal.PARTS, 0.05)
-    first, second = (found.trial for found in trials)
+    first, second = trials
     assert trial is second
     assert second.cost < first.cost
     assert second.quantiser.shifts != first.quantiser.shifts
