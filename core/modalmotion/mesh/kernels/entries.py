@@ -53,7 +53,8 @@ def _entry(kernel: Any, letters: str) -> Callable[..., int]:
     call = f"kernel({', '.join(given)})"
     body = f"{call}; return 0" if shape.return_annotation == "None" else f"return {call}"
     made: dict[str, Any] = {"kernel": kernel, "carray": carray}
-    exec(f"def {name}({', '.join(shape.parameters)}): {body}", made)  # noqa: S102 - of names and letters that stand above
+    # Of names and letters that stand above.
+    exec(f"def {name}({', '.join(shape.parameters)}): {body}", made)  # noqa: S102
     entry: Callable[..., int] = made[name]
     return entry
 
