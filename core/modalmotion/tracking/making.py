@@ -41,7 +41,14 @@ from modalmotion.tracking.posterior import (
 from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.quality import quality_of
 from modalmotion.tracking.request import in_mm, in_unit, phases_of, with_landmarks
-from modalmotion.tracking.result import Track, cavity_in, normals_of, volume_gradient
+from modalmotion.tracking.result import (
+    Track,
+    cavity_in,
+    lid_gradient,
+    normals_of,
+    volume_gradient,
+)
+from modalmotion.tracking.shapes import EXACT_FOR_AFFINE, SHAPES
 from modalmotion.tracking.sampled_data import sample_of
 from modalmotion.tracking.together import Together, chain_of, together
 
@@ -177,6 +184,7 @@ def track(
         grid = start.grid if isinstance(start, MeshSequence) else None
     surface = Deformable.of(template, modes)
     _require_size(surface)
+    surface = surface.exact_for_affine()
     prior, noise = first_guess(surface)
     here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=done)
     gap = here.gap
@@ -188,7 +196,7 @@ def track(
         if limit is None or left <= limit:
             break
         n_modes = _modes_needed(surface, left, prior, limit, seen, attempt)
-        surface = Deformable.of(template, n_modes)
+        surface = Deformable.of(template, n_modes).exact_for_affine()
         # What the modes leave now, until the data say so themselves.
         beyond, n_values = prior.beyond(surface.wavenumbers, template.topology.n_axes)
         truncation = min(noise.truncation, limit, beyond**0.5)
@@ -247,6 +255,7 @@ def track(
             "time": time,
             "reference": None if reference is None else int(reference),
             "template_id": template.id,
+            SHAPES: EXACT_FOR_AFFINE,
         },
     )
     if shown is not None and images is not None:
@@ -327,8 +336,11 @@ def _deviations(
         )
         if cavity is not None and of_volumes is not None:
             gradient = surface.shapes.T @ volume_gradient(cavity, x)
+            of_lids = surface.shapes.T @ lid_gradient(cavity, x)
             area = float(face_areas(x, cavity.faces).sum())
-            of_volumes[k] = volume_deviation(gradient, across[k], area, T, noises[k].n_values)
+            of_volumes[k] = volume_deviation(
+                gradient, of_lids, across[k], found.lasting[k], area, T, noises[k].n_values
+            )
     return of_vertices, of_volumes
 
 
