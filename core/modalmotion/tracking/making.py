@@ -20,7 +20,7 @@ from modalmotion.numeric.kinds import truth, whole
 from modalmotion.progress import Progress
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.doubts import doubts_of_ends, landmarks_in
+from modalmotion.tracking.doubts import doubts_of_ends, has_landmarks
 from modalmotion.tracking.first_shape import shape_in
 from modalmotion.tracking.folding import require_unfolded, require_volume
 from modalmotion.tracking.image_frames import frames_of_images
@@ -252,7 +252,7 @@ def track(
         result = with_images(result, images, shown)
         notes = (*shown.notes, *notes)
     else:
-        is_guessed = start is None and topology is None and not landmarks_in(frames)
+        is_guessed = start is None and topology is None and not has_landmarks(frames)
         notes = (*notes, *doubts_of_ends(result, frames, is_guessed=is_guessed))
     return replace(result, notes=(*notes, *notes_on(result)))
 
