@@ -273,6 +273,12 @@ def _add_landmarks(
         sd = part.sd[row] if isinstance(part.sd, np.ndarray) else None
         weight = 1.0 if part.weights is None else float(part.weights[row])
         strength = weight / float(noise.variances(sd, 1.0))
+        if part.normals is not None:
+            n = part.normals[row]
+            for i, j in np.ndindex(3, 3):
+                A[i, j] += strength * n[i] * n[j] * phi[:, None] * phi
+            b += strength * phi[:, None] * (n @ gap) * n
+            continue
         for i in range(3):
             A[i, i] += strength * phi[:, None] * phi
         b += strength * phi[:, None] * gap
