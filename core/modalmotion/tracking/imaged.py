@@ -6,12 +6,14 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalmotion.images import ImageSequence, PlaneSet
 from modalmotion.images.sequence import is_of_labels
-from modalmotion.mesh import face_areas
+from modalmotion.mesh import face_areas, face_normals
 from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.tracking.image_frames import ImageFrames
+from modalmotion.tracking.label_maps import CUT_HEIGHT
 from modalmotion.tracking.papillary import papillary_volume
 from modalmotion.tracking.result import Track
 
@@ -58,11 +60,12 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
     if is_of_labels(first):
         patch = float(np.sqrt(areas.mean() / len(track.modes)))
         localisation = staircase(voxel, patch)
-        # Facets are apart, and their errors independent.
-        common = localisation / np.sqrt(len(track.modes))
+        # The opening ends where voxels do.
+        lids = np.array([_opening(x, track.template.faces) for x in shapes])
+        of_volumes = np.hypot(localisation * areas, CUT_HEIGHT * voxel * lids)
     else:
         localisation = float(np.hypot(_OF_VOXEL * voxel, _OF_NOISE * track.noise.sd))
-        common = localisation
+        of_volumes = localisation * areas
     volumes = np.zeros(len(shapes)) if track.volumes is None else track.volumes
     answer = ImageAnswer(
         found.papillary,
@@ -84,8 +87,13 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
     )
     volume_deviations = track.volume_deviations
     if volume_deviations is not None:
-        volume_deviations = np.hypot(volume_deviations, np.hypot(common, closed) * areas)
+        volume_deviations = np.hypot(volume_deviations, np.hypot(of_volumes, closed * areas))
     return replace(track, deviations=deviations, volume_deviations=volume_deviations, images=answer)
+
+
+def _opening(x: NDArray[np.float64], faces: NDArray[np.int64]) -> float:
+    """Area of a surface's opening, for the vector areas of a closed one add up to nothing."""
+    return float(np.linalg.norm(face_normals(x, faces).sum(axis=0))) / 2.0
 
 
 def staircase(voxel: float, patch: float) -> float:

@@ -22,7 +22,7 @@ _INSIDE: Final = 100.0
 # (across, and along the cut's normal, as on simulated ventricles), and of an end.
 _OPENING: Final = 1.0
 _CUT_OFF: Final = 0.7
-_CUT_HEIGHT: Final = 0.2
+CUT_HEIGHT: Final = 0.2
 _END: Final = 2.0
 
 # Of half a voxel: what lies so near to the plane of a cut is its border. Tangent of the most that a
@@ -103,7 +103,7 @@ def from_labels(images: ImageSequence, labels: Sequence[int], wall: Sequence[int
         frames.append(Volume(values, frame.affine))
     base = Proposed(bases, _OPENING * spacing)
     if not wall:
-        base = Proposed(bases, _CUT_OFF * spacing, cuts, _CUT_HEIGHT * spacing)
+        base = Proposed(bases, _CUT_OFF * spacing, cuts, CUT_HEIGHT * spacing)
     marks = {"apex": Proposed(apices, _END * spacing), "base": base}
     note = "Apex and base were proposed from the labels."
     made = ImageSequence(tuple(frames), images.times, images.period, (*images.notes, note))
