@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, PlaneSet
-from modalmotion.images.sequence import Image, is_of_labels
+from modalmotion.images.sequence import Image
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
 from modalmotion.template import Template, make_template
-from modalmotion.tracking.closing import with_trabeculae
+from modalmotion.tracking.closing import has_trabeculae, with_trabeculae
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.folding import require_unfolded
 from modalmotion.tracking.image_doubts import doubts_of
@@ -145,9 +145,12 @@ def frames_of_images(
         rough = start_shape(CUP, first.points, places)
     else:
         rough = begun(start, first.points, places)
-    shape, sight, found = _reference_shape(
-        rough, image, marks[reference], sight, reference, first.points
-    )
+    here = marks[reference]
+    shape, fitted, found = _reference_shape(rough, image, here, sight, reference, first.points)
+    if has_trabeculae(image, shape, fitted, _SHAPE[1]):
+        sight = replace(sight, has_layers=True)
+        shape, fitted, found = _reference_shape(rough, image, here, sight, reference, first.points)
+    sight = fitted
     done()
     template = make_template(shape)
     surface = Deformable.of(template, modes)
@@ -172,8 +175,7 @@ def frames_of_images(
         done()
     shares = np.array([0.0 if view is None else view.found for view in views])
     closed = np.zeros(len(views))
-    # A segmentation says itself what is within.
-    if template.surface == CUP and not is_of_labels(image):
+    if sight.has_layers:
         views, closed = with_trabeculae(views, looks, surface, shapes, reference)
     frames: list[Frame] = []
     soft = held(soft, template, reference, stated)

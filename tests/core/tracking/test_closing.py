@@ -24,20 +24,26 @@ from modalmotion.images.edges import Levels
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topology import CUP, CYLINDER
 from modalmotion.template import Template, make_template
 from modalmotion.tracking import image_frames, track
-from modalmotion.tracking.closing import missing_muscle, muscle_within, opened, with_trabeculae
+from modalmotion.tracking.closing import (
+    has_trabeculae,
+    missing_muscle,
+    muscle_within,
+    opened,
+    with_trabeculae,
+)
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.image_view import Facets, Sight, View, view_of
 
-SHAPE = (27, 27, 35)
+SHAPE = (40, 40, 52)
 # Height over the middle at which trabeculae end, mm.
 MIDDLING = 8.0
-AFFINE = np.column_stack([3.0 * np.eye(3), MIDDLE - 1.5 * (np.array(SHAPE) - 1)])
+AFFINE = np.column_stack([2.0 * np.eye(3), MIDDLE - (np.array(SHAPE) - 1.0)])
 LOOK = Look(noise=1.0)
 LEVELS = Levels(LOOK.blood, LOOK.wall, 1.0)
-SIGHT = Sight(LEVELS, np.zeros(3), MIDDLE, np.zeros((1, 3))).within(4.0)
+SIGHT = Sight(LEVELS, np.zeros(3), MIDDLE, np.zeros((1, 3)), has_layers=True).within(4.0)
 
 
 def trabeculated(depth: float, share: float, radius: float = RADIUS) -> Volume:
@@ -85,7 +91,7 @@ def mean_of(field: Floats) -> float:
 def test_muscle_is_what_is_dark_wherever_the_edge_is() -> None:
     view = seen(trabeculated(4.0, 0.5))
     own = muscle_within(view, SIGHT, SURFACE)
-    assert mean_of(own) == pytest.approx(2.0, abs=0.3)
+    assert mean_of(own) == pytest.approx(2.0, abs=0.4)
     # An edge that lies half a mm farther in has half a mm of muscle less within it.
     nearer = replace(view, edges=view.edges._replace(offsets=view.edges.offsets - 0.5))
     assert mean_of(muscle_within(nearer, SIGHT, SURFACE)) == pytest.approx(1.5, abs=0.35)
@@ -123,6 +129,15 @@ def test_the_reference_stays_and_missing_frames_are_left_out() -> None:
     assert not none.any()
 
 
+def test_only_layers_all_round_are_trabeculae() -> None:
+    shape = mesh_sequence(TEMPLATE.vertices[None], TEMPLATE.faces, grid=(20, 40), topology="cup")
+    sight = replace(SIGHT, has_layers=False)
+    assert has_trabeculae(trabeculated(4.0, 0.5), shape, sight, 4.0)
+    assert not has_trabeculae(trabeculated(0.0, 0.0), shape, sight, 4.0)
+    tube = standard_surface(Lattice(CYLINDER, (4, 8)))
+    assert not has_trabeculae(trabeculated(4.0, 0.5), tube, sight, 4.0)
+
+
 @pytest.mark.thorough
 def test_a_surface_does_not_follow_trabeculae_inward(monkeypatch: pytest.MonkeyPatch) -> None:
     # Radius 22 to 18: half of 4 mm is muscle, then all of 2.5.
@@ -130,8 +145,9 @@ def test_a_surface_does_not_follow_trabeculae_inward(monkeypatch: pytest.MonkeyP
     marks = {"apex": LANDMARKS["apex"], "base": np.tile(LANDMARKS["base"], (2, 1))}
     result = track(beat, landmarks=marks, modes=18)
     assert result.volumes is not None
-    assert result.volumes[1] == pytest.approx(enclosed(18.0), rel=0.06)
+    off = abs(result.volumes[1] - enclosed(18.0))
+    assert off < 0.1 * enclosed(18.0)
     monkeypatch.setattr(image_frames, "with_trabeculae", lambda views, *_: (views, np.zeros(2)))
     followed = track(beat, landmarks=marks, modes=18)
     assert followed.volumes is not None
-    assert followed.volumes[1] < 0.9 * enclosed(18.0)
+    assert off < 0.6 * (enclosed(18.0) - followed.volumes[1])
