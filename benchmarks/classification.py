@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -14,14 +13,15 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from measure import Table, in_words, side_by_side
 from numpy.typing import NDArray
+from real_data import files_of, is_there
 
 from modalmotion.classification import TrainingCase, TrainingOptions, classify, evaluate, train
 from modalmotion.classification.estimators.estimator import MotionClassifier
 from modalmotion.classification.features import MotionFeatures, axis_features
 from modalmotion.classification.measures.reliability import calibration_curve, calibration_error
+from modalmotion.classification.training.collection import collect
 from modalmotion.classification.training.domain_fit import fit_domain
 from modalmotion.classification.training.fold_fit import fit_rows
-from modalmotion.classification.training.table import collect
 from modalmotion.formats import read_sequence
 from modalmotion.mesh import Cavity, lattice_faces
 from modalmotion.mesh.sequence import MeshSequence
@@ -34,9 +34,6 @@ SEED: Final = 1994
 N_PER_CLASS: Final = 100
 N_PHASES: Final = 32
 MODE_COUNTS: Final = (7, 18, 37)
-DATA: Final = Path(
-    os.environ.get("MODALMOTION_DATA", Path(__file__).parents[1] / ".." / "shared" / "data")
-)
 
 Array = NDArray[np.float64]
 
@@ -54,7 +51,7 @@ def run(folder: Path, n_per_class: int = N_PER_CLASS) -> list[Table]:
     folds = _folds(y)
     peers, mini = _peers(cohort, y, folds)
     tables = [peers, _costs(cohort, folds, mini), _trade(cohort, y, folds, folder)]
-    if (DATA / "tongue").is_dir():
+    if is_there("classification: real recordings", "tongue", "robot", "fox"):
         tables.append(_real())
     return tables
 
@@ -269,7 +266,7 @@ def _real() -> Table:
         "Real and animated recordings", ("what", "cases", "accuracy", "majority", "chance")
     )
     words, asked = [], TrainingOptions().signature_parameters
-    for path in sorted((DATA / "tongue").glob("*.npz")):
+    for path in files_of("tongue"):
         sequence = read_sequence(path).sequence
         words.append(TrainingCase(modal_signature(sequence, asked), path.stem.split("_")[1]))
     right = []
@@ -302,7 +299,7 @@ def _windows(name: str, length: int = 12) -> tuple[list[TrainingCase], list[Trai
     asked = TrainingOptions().signature_parameters
     halves: tuple[list[TrainingCase], list[TrainingCase]] = ([], [])
     names: dict[str, set[str]] = {}
-    for path in sorted((DATA / name).glob("*.npz")):
+    for path in files_of(name):
         sequence = read_sequence(path).sequence
         half = sequence.n_frames // 2
         for cases, first, last in zip(halves, (0, half), (half, sequence.n_frames), strict=True):

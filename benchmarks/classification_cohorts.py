@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from classification import DATA, N_PHASES
+from classification import N_PHASES
 from labelled_cohorts import COHORTS, recordings
 from measure import Table, in_words
 from numpy.typing import NDArray
+from real_data import files_of, is_there
 from scipy.stats import binomtest
 
 from modalmotion.classification import TrainingCase, TrainingOptions, classify, train
@@ -59,7 +60,7 @@ def run(folder: Path, seeds: Sequence[int] = SEEDS) -> list[Table]:
             for seed in seeds:
                 cases = synthetic(name, seed)
                 found.setdefault(name, []).append((cases, _compared(cases, _folds(cases))))
-        if (DATA / "tongue").is_dir():
+        if is_there("classification_cohorts: real recordings", "tongue", "robot", "fox"):
             cases = _tongue()
             found["tongue"] = [(cases, _compared(cases, _one_out(cases)))]
             for name in ("robot", "fox"):
@@ -77,7 +78,7 @@ def synthetic(name: str, seed: int) -> list[TrainingCase]:
 
 
 def _tongue() -> list[TrainingCase]:
-    paths = sorted((DATA / "tongue").glob("*.npz"))
+    paths = files_of("tongue")
     return [TrainingCase(read_sequence(path).sequence, path.stem.split("_")[1]) for path in paths]
 
 
@@ -89,7 +90,7 @@ def _windows(name: str) -> list[TrainingCase]:
     """
     cases: list[tuple[str, TrainingCase]] = []
     names: dict[str, set[str]] = {}
-    for path in sorted((DATA / name).glob("*.npz")):
+    for path in files_of(name):
         sequence = read_sequence(path).sequence
         half = sequence.n_frames // 2
         for k, (first, last) in enumerate(((0, half), (half, sequence.n_frames))):

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 from measure import Table
+from real_data import files_of, is_there
 
 from modalmotion.classification import classify, load_model
 from modalmotion.classification.training.train_shipped import MATERIAL, held_out_cases
@@ -22,7 +23,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"
 
 from altered_beats import ALTERED
 from foreign_motions import FLAGGED, REPORTED, driven_by, figures
-from project import DATA
 
 SEED: Final = 7
 HELD_OUT_SEED: Final = 606
@@ -43,7 +43,7 @@ def run(folder: Path, n: int = N_OF_A_KIND, n_held_out: int = N_HELD_OUT) -> lis
             rng = np.random.default_rng(SEED)
             _add(table, name, rate(draw(rng) for _ in range(n)), is_bound=kinds is FLAGGED)
     for name in ("fox", "robot"):
-        if not (DATA / name).is_dir():
+        if not is_there(f"classification_domain: {name}", name):
             continue
         _add(table, f"{name}, its windows", rate(figures(name)), is_bound=True)
         rng = np.random.default_rng(SEED)
@@ -53,7 +53,10 @@ def run(folder: Path, n: int = N_OF_A_KIND, n_held_out: int = N_HELD_OUT) -> lis
     count, share, flags, classes = held_out
     cells = ("held-out ventricles", str(count), f"{share:.1f} %", flags, classes)
     table.add_at_most(share, MOST_HELD_OUT, *cells)
-    return [table, _altered(n), _real()]
+    tables = [table, _altered(n)]
+    return (
+        [*tables, _real()] if is_there("classification_domain: a real heart", "heart") else tables
+    )
 
 
 def _altered(n: int) -> Table:
@@ -105,7 +108,7 @@ def _add(table: Table, name: str, found: Rate, *, is_bound: bool) -> None:
 def _real() -> Table:
     table = Table("A real heart", ("what", "answer", "distance", "limit", "would be", "at"))
     model = load_model()
-    for path in sorted((DATA / "heart").glob("*.npz")):
+    for path in files_of("heart"):
         signature = modal_signature(read_sequence(path).sequence, model.signature_parameters)
         answer = classify(signature, model)
         said = answer.label or answer.flags[0]

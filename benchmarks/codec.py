@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from collections.abc import Iterator
@@ -13,15 +12,11 @@ import numpy as np
 from codec_peers import at_error, mean_diagonal, peers_of
 from codec_speed import speed
 from measure import Table, in_words
+from real_data import is_there, recording
 
 from modalmotion.codec import Effort, decode, encode
 from modalmotion.codec.measure import measure
-from modalmotion.formats import read_npz
 from modalmotion.mesh.sequence import MeshSequence
-
-DATA = Path(
-    os.environ.get("MODALMOTION_DATA", Path(__file__).parents[1] / ".." / "shared" / "data")
-)
 
 SEQUENCES = (
     "heart/lv_grid_32x64",
@@ -53,13 +48,10 @@ def run(_folder: Path | None = None) -> Iterator[Table]:
 
 def tables(names: tuple[str, ...] = SEQUENCES, effort: Effort = Effort.BALANCED) -> Iterator[Table]:
     """Bits of each sequence beside its peers', then its speed beside SZ3's."""
-    paths = {name: DATA / f"{name}.npz" for name in names}
-    for name, path in paths.items():
-        if path.exists():
-            yield _bits(name, read_npz(path.read_bytes()).sequence, effort)
-        else:
-            print(f"{name}: {path} is not there, skipped")
-    yield from (speed(name, path) for name, path in paths.items() if path.exists())
+    there = [name for name in names if is_there("codec: bits and speed", name)]
+    for name in there:
+        yield _bits(name, recording(name), effort)
+    yield from (speed(name, recording(name)) for name in there)
 
 
 def _bits(name: str, sequence: MeshSequence, effort: Effort) -> Table:

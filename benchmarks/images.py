@@ -15,8 +15,8 @@ import numpy as np
 from image_peers import labelled, peers
 from measure import Table
 from numpy.typing import NDArray
+from real_data import DATA, is_there, recording
 
-from modalmotion.formats import read_npz
 from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.mesh import cavity_of
@@ -27,7 +27,6 @@ from modalmotion.tracking import Track, track
 from modalmotion.tracking.closest import closest_points
 from modalmotion.tracking.reading import read_observed
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 N_CASES, N_FRAMES, N_STATED_FRAMES = 4, 10, 3
 N_STATED = int(os.environ.get("STATED", "20"))
 N_PEER_FRAMES = 3
@@ -59,7 +58,8 @@ KINDS = (
 def run(_folder: Path) -> list[Table]:
     """Measure everything."""
     tables = [beside_others(), phantoms(N_CASES), capture(), stated(N_STATED)]
-    return [*tables, real()] if (DATA / "cine" / "dicom").is_dir() else tables
+    needed = "cine/dicom", "cine/contours", "heart/lv_endocardium"
+    return [*tables, real()] if is_there("images: real cine MRI", *needed) else tables
 
 
 def case(kind: Kind, seed: int, n_frames: int = N_FRAMES) -> Phantom:
@@ -253,7 +253,7 @@ def real() -> Table:
     base = read_observed(DATA / "cine" / "contours", contours=("LV_",)).landmarks["base"]
     marks = {"apex": recorded.landmarks["apex"][0], "base": base}
     result = track(read_images(DATA / "cine" / "dicom"), landmarks=marks)
-    heart = read_npz((DATA / "heart" / "lv_endocardium.npz").read_bytes()).sequence
+    heart = recording("heart/lv_endocardium")
     true = np.abs(
         cavity_of(heart.faces, heart.n_vertices).volume(heart.vertices.astype(np.float64))
     )

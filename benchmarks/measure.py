@@ -75,7 +75,9 @@ class Table:
 
 
 def side_by_side(
-    calls: Mapping[str, Callable[[], object]], n_samples: int = 30
+    calls: Mapping[str, Callable[[], object]],
+    n_samples: int = 30,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Times]:
     """Time calls in turn, again and again, so that each meets the same machine.
 
@@ -84,15 +86,17 @@ def side_by_side(
     calls : mapping of name to call
     n_samples : int
         How many times each is measured; a short call is repeated within a sample.
+    clock : callable
+        Gives seconds; `time.process_time` where the machine is shared.
     """
     repeats = {name: _repeats(call) for name, call in calls.items()}
     samples: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(n_samples):
         for name, call in calls.items():
-            start = time.perf_counter()
+            start = clock()
             for _ in range(repeats[name]):
                 call()
-            samples[name].append((time.perf_counter() - start) / repeats[name])
+            samples[name].append((clock() - start) / repeats[name])
     return {name: Times(tuple(seconds)) for name, seconds in samples.items()}
 
 

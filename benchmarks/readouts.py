@@ -10,17 +10,16 @@ from pathlib import Path
 import numpy as np
 from measure import Table, in_words, side_by_side
 from numpy.typing import NDArray
+from real_data import is_there, recording
 
 from modalmotion.clinical import ClinicalReadouts, clinical_readouts
 from modalmotion.fit.basis import make_basis
-from modalmotion.formats import read_npz
 from modalmotion.mesh import Cavity, cavity_of
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import fitted_on, reconstruct
 from modalmotion.simulate import simulate_cohort, simulate_ventricle
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "heart"
 REAL = (
     ("lv_grid_32x64, cylinder", "lv_grid_32x64", None),
     ("lv_grid_32x64, cup", "lv_grid_32x64", "cup"),
@@ -56,11 +55,9 @@ def real() -> Table:
         ("surface", "amplitudes", "mesh", "modes alone", "affine part first", "stated bound"),
     )
     for name, file, topology in REAL:
-        path = DATA / f"{file}.npz"
-        if not path.is_file():
-            table.add(name, "not there", "", "", "", "")
+        if not is_there(f"readouts: {name}", f"heart/{file}"):
             continue
-        sequence = read_npz(path.read_bytes()).sequence
+        sequence = recording(f"heart/{file}")
         for n_modes in COUNTS:
             found = reading(sequence, SignatureParameters(modes=n_modes, topology=topology))
             values = (found.mesh, found.modes_alone, found.affine_first, found.bound)

@@ -6,6 +6,8 @@ import importlib
 import sys
 from pathlib import Path
 
+from real_data import told
+
 MODULES = (
     "lattice",
     "store",
@@ -45,6 +47,8 @@ def main(names: list[str]) -> int:
             print(table, end="\n\n", flush=True)
             n_missed += table.n_missed
     print(f"plots in {folder.name}/; {n_missed} bounds missed")
+    if skipped := told():
+        print(skipped)
     return n_missed
 
 

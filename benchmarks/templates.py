@@ -12,6 +12,7 @@ import numpy as np
 from displaced import displaced
 from measure import Table, in_words, side_by_side
 from numpy.typing import NDArray
+from real_data import is_there, recording
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import eigsh
 
@@ -27,7 +28,6 @@ from modalmotion.template import Template, choose_modes, make_template
 from modalmotion.template.body_frame import Components, in_body_frame
 
 ROOT = Path(__file__).resolve().parents[1]
-DATA = ROOT.parent / "shared" / "data" / "heart"
 
 COUNTS = {7: 1.40, 18: 0.93, 37: 0.57}
 """Modes, and the RMS in mm that three amplitudes each may leave on the real ventricle."""
@@ -38,9 +38,8 @@ Floats = NDArray[np.float64]
 def run(folder: Path) -> list[Table]:
     """Measure everything; the picture of the coordinates goes into the folder."""
     tables = [errors(), comparability(), making(), fitting()]
-    path = DATA / "lv_endocardium.npz"
-    if path.is_file():
-        picture(_shared("lv_endocardium"), folder / "natural_coordinates.png")
+    if is_there("templates: the picture", "heart/lv_endocardium"):
+        picture(recording("heart/lv_endocardium"), folder / "natural_coordinates.png")
     return tables
 
 
@@ -49,10 +48,9 @@ def errors() -> Table:
     columns = ("surface", "amplitudes", "natural", "own springs", "Laplace-Beltrami", "cylindrical")
     table = Table("RMS left, mm, against frame 0, weighted by area", columns)
     for name in ("lv_endocardium", "epicardium"):
-        if not (DATA / f"{name}.npz").is_file():
-            table.add(name, "not there", "", "", "", "")
+        if not is_there(f"templates: error of the {name}", f"heart/{name}"):
             continue
-        sequence = _shared(name)
+        sequence = recording(f"heart/{name}")
         for n_modes, bound in COUNTS.items():
             left = [
                 _left(sequence, n_modes),
@@ -83,8 +81,8 @@ def comparability() -> Table:
             rng=np.random.default_rng(1),
         )
     }
-    if (DATA / "lv_endocardium.npz").is_file():
-        sequences["lv_endocardium"] = _shared("lv_endocardium")
+    if is_there("templates: triangulations of a real heart", "heart/lv_endocardium"):
+        sequences["lv_endocardium"] = recording("heart/lv_endocardium")
     for name, sequence in sequences.items():
         moving = (sequence.vertices.astype(np.float64), sequence.faces)
         n, rng = sequence.n_vertices, np.random.default_rng(0)
@@ -165,11 +163,6 @@ def picture(sequence: MeshSequence, path: Path) -> None:
     from modalmotion.pictures.template import template_figure
 
     template_figure(make_template(sequence)).savefig(path)
-
-
-def _shared(name: str) -> MeshSequence:
-    with np.load(DATA / f"{name}.npz") as arrays:
-        return mesh_sequence(arrays["vertices"], arrays["faces"], unit="mm")
 
 
 def _left(

@@ -2,42 +2,35 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from measure import Table
 from numpy.typing import NDArray
+from real_data import is_there, recording
 from tracking_contours import real_contours, simulated_contours
+from tracking_peers import HEART, peers
+from tracking_truth import Score, Truth, timed
 
 from modalmotion.classification import classify, load_model
 from modalmotion.classification.model.shipped import OFFSET_MODEL
 from modalmotion.facts import Facts
-from modalmotion.formats import read_npz
-from modalmotion.mesh import cavity_of, face_normals
 from modalmotion.mesh.normal_lines import vertex_normals
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import SPHERE
 from modalmotion.signature.making import SignatureKind, SignatureParameters, modal_signature
 from modalmotion.simulate import simulate_cohort
-from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, of_surface, track
-from modalmotion.tracking.closest import closest_points
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 N_POINTS = 2000
 N_VENTRICLES = 200
-N_PEER = 1000
 N_OF_EACH_CLASS = 10
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Frames = Sequence[Sequence[Observation]]
 
 
@@ -49,111 +42,15 @@ def run(_folder: Path) -> list[Table]:
         stated(N_VENTRICLES),
         classes(N_OF_EACH_CLASS),
     ]
-    if (DATA / "heart" / "lv_endocardium.npz").is_file():
-        tables = [clouds(), remeshed(), real_contours(DATA), peers(), *tables]
+    if is_there("tracking: a real heart", HEART):
+        tables = [clouds(), remeshed(), peers(), *tables]
+        if is_there("tracking: real contours", "cine/contours"):
+            tables.append(real_contours())
     return tables
 
 
-@dataclass(frozen=True)
-class Truth:
-    """A surface that is known in every frame, with the landmarks of its ends."""
-
-    vertices: Floats
-    faces: Ints
-    ends: tuple[tuple[int, ...], ...]
-
-    @staticmethod
-    def of(sequence: MeshSequence) -> Truth:
-        """Take the apex and the middle of each opening as landmarks; none of a closed surface."""
-        template = make_template(sequence)
-        cavity = cavity_of(template.faces, template.n_vertices)
-        ends: list[tuple[int, ...]] = []
-        if cavity.openings:
-            s = template.coordinates[:, 0]
-            rims = [np.unique(edges) for edges in cavity.openings]
-            ends = [(int(s.argmin()),)]
-            ends += [tuple(rim.tolist()) for rim in rims if s[rim].mean() > 0.5]
-        return Truth(sequence.vertices.astype(np.float64), template.faces, tuple(ends))
-
-    def seen(
-        self, n: int, noise: float, rng: np.random.Generator, strays: float = 0.0
-    ) -> list[list[Observation]]:
-        """Random points of each frame, and the landmarks, with noise."""
-        frames = []
-        for x in self.vertices:
-            cloud = sampled(x, self.faces, n, rng) + rng.normal(0.0, noise, (n, 3))
-            k = round(strays * n)
-            cloud[:k] = rng.uniform(cloud.min(axis=0) - 10, cloud.max(axis=0) + 10, (k, 3))
-            frames.append([Observation(cloud)])
-            for end in self.ends:
-                sd = max(noise / len(end) ** 0.5, 0.1)
-                place = x[list(end)].mean(axis=0) + rng.normal(0.0, noise / len(end) ** 0.5, 3)
-                frames[-1].append(Observation(place[None], sd=sd, places=(end,)))
-        return frames
-
-    def start(self) -> MeshSequence:
-        """Return the surface of frame 0."""
-        return mesh_sequence(self.vertices[:1], self.faces, unit="mm")
-
-    @property
-    def ejection_fraction(self) -> float:
-        """Percent."""
-        v = np.abs(cavity_of(self.faces, self.vertices.shape[1]).volume(self.vertices))
-        return float(100.0 * (1.0 - v.min() / v.max()))
-
-
-def sampled(x: Floats, faces: Ints, n: int, rng: np.random.Generator) -> Floats:
-    areas = np.linalg.norm(face_normals(x, faces), axis=1)
-    corners = x[faces[rng.choice(len(faces), n, p=areas / areas.sum())]]
-    points: Floats = (rng.dirichlet(np.ones(3), n)[:, :, None] * corners).sum(axis=1)
-    return points
-
-
-def surface_distance(x: Floats, faces: Ints, y: Floats, others: Ints) -> tuple[float, float]:
-    """Mean distance and 95 % Hausdorff distance of two surfaces, both ways."""
-    rng = np.random.default_rng(0)
-    one = closest_points(sampled(x, faces, 4000, rng), y, others).distances
-    two = closest_points(sampled(y, others, 4000, rng), x, faces).distances
-    hausdorff = max(float(np.quantile(d, 0.95)) for d in (one, two))
-    return float(one.mean() + two.mean()) / 2, hausdorff
-
-
-@dataclass(frozen=True)
-class Score:
-    """Errors of a track against what is known."""
-
-    mean: float
-    hausdorff: float
-    fraction: float
-    vertices: float
-
-    @staticmethod
-    def of(result: Track, truth: Truth) -> Score:
-        """Compare surfaces in every other frame, vertices in all."""
-        faces = result.template.faces
-        found = result.sequence.vertices.astype(np.float64)
-        both = [
-            surface_distance(found[k], faces, truth.vertices[k], truth.faces)
-            for k in range(0, len(found), 2)
-        ]
-        off = np.nan
-        if found.shape == truth.vertices.shape:
-            squares = ((found - truth.vertices) ** 2).sum(axis=2) @ result.template.weights
-            off = float(np.sqrt(squares).mean())
-        fraction = (result.ejection_fraction or 0.0) - truth.ejection_fraction
-        mean, hausdorff = np.mean(both, axis=0)
-        return Score(float(mean), float(hausdorff), fraction, off)
-
-
-def timed(call: Callable[[], Any]) -> tuple[Any, float]:
-    """Return the result of a call and its processor seconds."""
-    start = time.process_time()
-    result = call()
-    return result, time.process_time() - start
-
-
 def clouds() -> Table:
-    truth = Truth.of(_real("heart/lv_endocardium"))
+    truth = Truth.of(recording(HEART))
     table = Table(
         f"Real left ventricle, {N_POINTS:,} points a frame and 3 landmarks, 37 modes",
         ("data", "figure", "value"),
@@ -193,7 +90,7 @@ def clouds() -> Table:
 
 def remeshed() -> Table:
     """Each frame has other vertices and other triangles."""
-    sequence = _real("heart/lv_endocardium")
+    sequence = recording(HEART)
     truth, rng = Truth.of(sequence), np.random.default_rng(1)
     frames = []
     for x, marks in zip(truth.vertices, truth.seen(10, 0.0, rng), strict=True):
@@ -208,82 +105,6 @@ def remeshed() -> Table:
     off = float(np.linalg.norm(found - own) / np.linalg.norm(own))
     table = Table("Remeshed in every frame", ("figure", "value"))
     table.add_at_most(off, 0.05, "offset signature, relative", f"{off:.4f}")
-    return table
-
-
-def peers() -> Table:
-    """One pair of frames, end diastole to end systole: others' best beside ours."""
-    truth = Truth.of(_real("heart/lv_endocardium"))
-    volumes = np.abs(cavity_of(truth.faces, truth.vertices.shape[1]).volume(truth.vertices))
-    pair = Truth(truth.vertices[[0, int(volumes.argmin())]], truth.faces, truth.ends)
-    rng = np.random.default_rng(0)
-    table = Table(
-        f"One pair of frames, {N_PEER:,} points, 1 mm of noise",
-        ("method", "surface mm", "EF off", "vertices mm", "s"),
-    )
-    frames = pair.seen(N_PEER, 1.0, rng)
-    cloud = frames[1][0].points
-
-    def add(name: str, x: Floats, seconds: float) -> None:
-        mean, _ = surface_distance(x, pair.faces, pair.vertices[1], pair.faces)
-        v = np.abs(cavity_of(pair.faces, x.shape[0]).volume(np.stack([pair.vertices[0], x])))
-        off = float(np.sqrt(((x - pair.vertices[1]) ** 2).sum(axis=1).mean()))
-        fraction = 100 * (1 - v[1] / v[0]) - pair.ejection_fraction
-        table.add(name, f"{mean:.3f}", f"{fraction:+.2f}", f"{off:.2f}", f"{seconds:.2f}")
-
-    def ours(points: Sequence[Any], **more: Any) -> tuple[Floats, float]:
-        result, seconds = timed(
-            lambda: track(points, start=pair.start(), unit="mm", time="open", **more)
-        )
-        return result.sequence.vertices[1].astype(np.float64), seconds
-
-    mine, own = ours(frames)
-    add("ours", mine, own)
-    foot, seconds = timed(
-        lambda: cloud[np.linalg.norm(pair.vertices[0][:, None] - cloud, axis=2).argmin(axis=1)]
-    )
-    add("closest point, without a prior", foot, seconds)
-    try:
-        from pycpd import DeformableRegistration
-
-        def register() -> Floats:
-            found = DeformableRegistration(X=cloud, Y=pair.vertices[0], alpha=2, beta=20)
-            return np.asarray(found.register()[0], dtype=np.float64)
-
-        x, seconds = timed(register)
-        add("pycpd", x, seconds)
-        table.add_at_least(
-            seconds / own, 20.0, "pycpd over ours, time", "", "", "", f"{seconds / own:.1f}"
-        )
-    except ModuleNotFoundError:
-        table.add("pycpd", "not there", "", "", "")
-    clean = pair.seen(N_PEER, 0.0, rng)
-    mine, own = ours(clean)
-    add("ours, clean points", mine, own)
-    try:
-        import trimesh
-
-        def amberg() -> Floats:
-            source = trimesh.Trimesh(pair.vertices[0], pair.faces, process=False)
-            target = trimesh.Trimesh(pair.vertices[1], pair.faces, process=False)
-            return np.asarray(trimesh.registration.nricp_amberg(source, target), dtype=np.float64)
-
-        x, seconds = timed(amberg)
-        add("trimesh nricp_amberg, the true mesh", x, seconds)
-        theirs, _ = surface_distance(x, pair.faces, pair.vertices[1], pair.faces)
-        table.add_at_least(
-            seconds / own, 10.0, "nricp_amberg over ours, time", "", "", "", f"{seconds / own:.1f}"
-        )
-        full = [
-            [of_surface(y, pair.faces), Observation(y[pair.faces].mean(axis=1)), *marks[1:]]
-            for y, marks in zip(pair.vertices, clean, strict=True)
-        ]
-        mine, seconds = ours(full, tolerance=theirs)
-        add("ours, the true mesh, tolerance theirs", mine, seconds)
-        mean, _ = surface_distance(mine, pair.faces, pair.vertices[1], pair.faces)
-        table.add_at_most(mean, theirs, "surface beside nricp_amberg's", f"{mean:.3f}", "", "", "")
-    except ModuleNotFoundError:
-        table.add("trimesh nricp_amberg", "not there", "", "", "")
     return table
 
 
@@ -409,7 +230,3 @@ def _beyond() -> Iterator[tuple[str, Truth, np.random.Generator]]:
         phase = np.sin(np.pi * np.arange(len(x)) / len(x))
         dented = x - 4.0 * phase[:, None, None] * bump[:, None] * n
         yield "dent", Truth(dented, full.faces, full.ends), rng
-
-
-def _real(name: str) -> MeshSequence:
-    return read_npz((DATA / f"{name}.npz").read_bytes()).sequence

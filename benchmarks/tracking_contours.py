@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from measure import Table
 from numpy.typing import NDArray
+from real_data import DATA, recording
+from tracking_truth import ejection_fraction, timed
 
-from modalmotion.formats import read_npz
 from modalmotion.mesh import cavity_of
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.simulate import simulate_cohort
@@ -34,14 +33,12 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-def real_contours(folder: Path) -> Table:
+def real_contours() -> Table:
     """Contours of real cine images, and the mesh that others fitted to them."""
     table = Table("Real contours, 25 phases, 37 modes", ("figure", "value"))
-    recorded = read_observed(folder / "cine" / "contours")
-    start = time.process_time()
-    result = TrackParameters(topology="cup", unit="mm").follow(recorded)
-    seconds = time.process_time() - start
-    theirs = read_npz((folder / "heart" / "lv_endocardium.npz").read_bytes()).sequence
+    recorded = read_observed(DATA / "cine" / "contours")
+    result, seconds = timed(lambda: TrackParameters(topology="cup", unit="mm").follow(recorded))
+    theirs = recording("heart/lv_endocardium")
     points = [frame[0].points for frame in recorded.frames]
     volumes = _volumes(theirs)
     assert result.volumes is not None
@@ -114,8 +111,7 @@ class Case:
     @property
     def ejection_fraction(self) -> float:
         """Percent."""
-        v = np.abs(cavity_of(self.faces, self.vertices.shape[1]).volume(self.vertices))
-        return float(100.0 * (1.0 - v.min() / v.max()))
+        return ejection_fraction(self.vertices, self.faces)
 
     def apart(self, result: Track) -> float:
         """Mean distance of the true vertices from the surface, mm."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import tradeoff_figures
 from measure import Table, in_words, side_by_side
+from real_data import is_there, recording
 from tradeoff_bases import BELTRAMI, CLOSED, PCA, ROOT, SPRINGS, Front, fronts, surfaces, ventricle
 from tradeoff_report import Report, write
 from tradeoff_sizes import N_MODES, ORDER, Cost, costs, of_modes, of_types
@@ -22,7 +23,6 @@ from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import signature_to_hdf5
 from modalmotion.template import choose_modes, make_template
 
-DATA = ROOT.parent / "shared" / "data"
 DOCS = ROOT / "docs"
 COUNTS = (4, 7, 18, 37, 61)
 N_VENTRICLES = 20
@@ -34,7 +34,7 @@ Fronts = dict[str, dict[str, Front]]
 
 def run(_folder: Path) -> list[Table]:
     """Measure everything; write docs/tradeoff.md and its figures."""
-    by_surface = {name: fronts(sequence) for name, sequence in surfaces(DATA).items()}
+    by_surface = {name: fronts(sequence) for name, sequence in surfaces().items()}
     by_size = costs()
     report = Report(
         ventricles=ventricles(),
@@ -76,8 +76,9 @@ def ventricles() -> Table:
         ),
     )
     simulated = [ventricle(1200, seed) for seed in range(N_VENTRICLES)]
-    path = DATA / "heart" / "lv_endocardium.npz"
-    real = read_npz(path.read_bytes()).sequence if path.is_file() else None
+    real = None
+    if is_there("tradeoff: a real ventricle", "heart/lv_endocardium"):
+        real = recording("heart/lv_endocardium")
     for k in COUNTS:
         left, off = np.array([_left_and_off(sequence, k) for sequence in simulated]).T
         own = ("not at hand", "not at hand")

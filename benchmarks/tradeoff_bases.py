@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from displaced import displaced
 from numpy.typing import NDArray
+from real_data import is_there, recording
 from templates import beltrami_modes
 
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
@@ -89,7 +90,7 @@ def left_by(shapes: Floats, u: Floats, weights: Floats) -> Floats:
     return left
 
 
-def surfaces(folder: Path) -> dict[str, MeshSequence]:
+def surfaces() -> dict[str, MeshSequence]:
     """One moving surface of each topology, and the real ventricle where it is at hand."""
     sys.path.insert(0, str(ROOT / "tests" / "support"))
     made = importlib.import_module("template_surfaces")
@@ -111,17 +112,12 @@ def surfaces(folder: Path) -> dict[str, MeshSequence]:
     line = made.sheet(np.stack([np.linspace(0, 1, 200), np.full(200, 0.7)], axis=1))
     found["sheet's line (open curve)"] = mesh_sequence(line, topology="open curve", unit="mm")
     for name in ("lv_endocardium", "lv_grid_32x64"):
-        path = folder / "heart" / f"{name}.npz"
-        if path.is_file():
-            with np.load(path) as arrays:
-                grid = (32, 64) if "grid" in arrays else None
-                found[f"real: {name}"] = mesh_sequence(
-                    arrays["vertices"],
-                    None if grid else arrays["faces"],
-                    grid=grid,
-                    topology="cup",
-                    unit="mm",
-                )
+        if is_there(f"tradeoff: real {name}", f"heart/{name}"):
+            one = recording(f"heart/{name}")
+            faces = one.faces if one.grid is None else None
+            found[f"real: {name}"] = mesh_sequence(
+                one.vertices, faces, grid=one.grid, topology="cup", unit="mm"
+            )
     return found
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import json
+import os
 import re
 import subprocess
 import sys
@@ -172,3 +173,32 @@ def test_the_image_holds_everything_it_copies_and_runs_as_nobody_special() -> No
     from modalmotion_service.app import create_app
 
     assert health[1] in create_app().openapi()["paths"]
+
+
+def test_benches_find_real_recordings_in_one_place() -> None:
+    for path in (ROOT / "benchmarks").glob("*.py"):
+        text = path.read_text()
+        assert '"shared"' not in text, path
+        assert "MODALMOTION_DATA" not in text or path.name == "real_data.py", path
+
+
+def test_a_bench_without_its_recordings_says_what_it_skipped(tmp_path: Path) -> None:
+    (tmp_path / "heart").mkdir()
+    (tmp_path / "heart" / "ring.npz").touch()
+    code = (
+        "import real_data as d; print(d.is_there('one', 'heart', 'heart/ring'), end='|');"
+        "print(d.is_there('other', 'heart/lost'), end='|'); print(d.told())"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT / "benchmarks",
+        env={**os.environ, "MODALMOTION_DATA": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    there, absent, told = run.stdout.split("|")
+    assert (there, absent) == ("True", "False")
+    assert "other (heart/lost)" in told
+    assert "one" not in told.splitlines()[1]
+    assert str(tmp_path) in told

@@ -30,6 +30,8 @@ class Stopwatch:
         self._shares = dict(shares or {})
         self._report = report
         self._done = 0.0
+        self.of_stage = 0.0
+        """Share that is done of the stage that is done now, where it says so."""
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Callable[[float], None]]:
@@ -37,9 +39,15 @@ class Stopwatch:
         start = time.perf_counter()
         # One that comes again is counted once.
         begun, share = self._done, self._shares.pop(name, 0.0)
+
+        def tell(inside: float) -> None:
+            self.of_stage = inside
+            self._report(begun + share * inside, name)
+
+        self.of_stage = 0.0
         self._report(begun, name)
         try:
-            yield lambda inside: self._report(begun + share * inside, name)
+            yield tell
         finally:
             spent = 1e3 * (time.perf_counter() - start)
             self.milliseconds[name] = self.milliseconds.get(name, 0.0) + spent

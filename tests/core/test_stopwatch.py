@@ -17,10 +17,11 @@ def test_shares_never_fall_and_end_where_they_add_up() -> None:
     with watch.stage("read") as report:
         for done in (0.5, 1.0):
             report(done)
+            assert watch.of_stage == done
     # One that is not known counts nothing, and one that comes again counts once.
     for name in ("unknown", "fit", "fit"):
         with watch.stage(name):
-            pass
+            assert watch.of_stage == 0.0
     shares = [share for share, _ in told]
     assert all(a <= b for a, b in pairwise(shares))
     assert told[:4] == [(0.0, "read"), (0.25, "read"), (0.5, "read"), (0.5, "")]

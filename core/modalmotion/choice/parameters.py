@@ -20,13 +20,11 @@ from modalmotion.numeric.kinds import one_of, real, truth, whole, whole_numbers
 from modalmotion.representation import shown
 from modalmotion.template import GivenLandmarks, Weights
 from modalmotion.template.body_frame import Components
+from modalmotion.template.frequencies import require_wave_speed
 from modalmotion.template.landmarks import landmarks_in
 
 # Above this a signature is no longer compact, and a typing error is more likely.
 MOST_MODES: Final = 2000
-
-FASTEST_WAVE: Final = 1e100
-"""Largest wave speed, length unit per s."""
 
 USUAL_MODES: Final = 7
 """Default number of modes: a whole set for every topology."""
@@ -187,12 +185,7 @@ class SignatureParameters:
                 "fixed.",
             )
         self._require_kind()
-        # Beyond it the energy, which contains its square, may overflow.
-        if not 0 < self.wave_speed <= FASTEST_WAVE:
-            raise ParameterError(
-                f"The wave speed is {self.wave_speed}.",
-                remedy=f"Use a speed above zero, at most {FASTEST_WAVE:g}.",
-            )
+        require_wave_speed(self.wave_speed)
         for name in ("tolerance", "tolerance_share"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value >= 0):
@@ -353,10 +346,13 @@ def _several_requests(names: list[str]) -> ParameterError:
     )
 
 
+_NAMES: Final = tuple(field.name for field in fields(SignatureParameters))
+
+
 def parameters_as_json(parameters: SignatureParameters) -> dict[str, Any]:
     """Values of a signature's parameters, ready for JSON."""
     # All are plain values; `asdict` would copy them.
-    values = {field.name: getattr(parameters, field.name) for field in fields(parameters)}
+    values = {name: getattr(parameters, name) for name in _NAMES}
     return {**values, "landmarks": parameters.landmarks.as_json()}
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from modalmotion.cli.options import several
+from modalmotion.cli.outputs import OutputFile
 from modalmotion.errors import MalformedFileError, ModalMotionError, ParameterError
 from modalmotion.facts import NO_FACTS, Facts, column_of, facts_in, states_fact
 
@@ -43,6 +44,14 @@ labelled_sources = several(
     ),
 )
 """MANIFEST or FILES, as `sources`, and the options of all of them."""
+
+cases_option = click.option(
+    "--cases",
+    "cases_file",
+    type=OutputFile(".csv"),
+    help="Table to write: probabilities of each case, held out (.csv).",
+)
+"""The table of held-out cases, as `cases_file`."""
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ COMMANDS: Final = {
     "table": ("table_command", "Write amplitudes of the sequence in FILE as CSV."),
     "track": ("track_command", "Track a surface through the frames in IN."),
     "tradeoff": ("tradeoff_command", "Measure what each choice of modes costs and loses."),
-    "train": ("model_commands", "Train a model on labelled sequences."),
+    "train": ("train_command", "Train a model on labelled sequences."),
     "view": ("view_command", "Write a page on which the surface in FILE moves."),
 }
 """Module and help line of each; a command's imports happen when it is called."""

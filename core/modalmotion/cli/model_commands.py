@@ -1,17 +1,17 @@
-"""Commands of models: train, evaluate and classify."""
+"""Commands of models: evaluate, compare, decide, classify and card."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from modalmotion.cli.cases import LabelledSequence, labelled_files, labelled_sources
+from modalmotion.cli.cases import LabelledSequence, cases_option, labelled_files, labelled_sources
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.model_texts import (
     answer_json,
@@ -19,8 +19,10 @@ from modalmotion.cli.model_texts import (
     card_lines,
     comparison_lines,
     evaluation_lines,
+    model_json,
 )
 from modalmotion.cli.options import (
+    coverage_option,
     example,
     json_option,
     list_written,
@@ -34,126 +36,13 @@ if TYPE_CHECKING:
     from modalmotion.classification import Model, TrainingCase
     from modalmotion.classification.training.left_out import LeftOut
 
-_HELP: Final = {
-    "modes": "Modes of the signatures; 3 amplitudes a frame each.",
-    "topology": "cup, sphere, ..., or mesh for spring modes; all cases decide it together by "
-    "default.",
-    "kind": "material: points follow the tissue; offset: they may slide over it; by default what "
-    "all recordings state, and else the better of both.",
-    "harmonics": "Harmonics of each part of the motion.",
-    "timing": "cycle: one turn of a cycle; course: a movement with a beginning and an end.",
-    "pose": "any: recordings may be turned any way; fixed: they share their coordinates.",
-    "estimator": "Turns features into scores; auto chooses by cross-validation.",
-    "class_weights": "balanced: rare classes count as much as frequent ones.",
-    "folds": "Folds of the grouped cross-validation.",
-    "repetitions": "Repetitions of the cross-validation, each with folds of its own.",
-    "card": "full, or quick: without a learning curve.",
-    "fold": "Column of the manifest whose values are the folds, in place of drawn ones.",
-    "groups": "Column of the manifest, such as site, whose cases stay on one side of each split.",
-    "coverage": "Level of the card's class sets.",
-    "walls": "Whether the zero of theta tells walls apart; auto: where every case states it.",
-    "further": "Whether size, rest shape, volume and covariates may be read beside motion.",
-    "known_share": "Share of cases like the training ones that the model accepts as known.",
-    "seed": "Seed of all random numbers.",
-}
-
-_COVERAGE = click.option(
-    "--coverage",
-    default=0.9,
-    show_default=True,
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    help="Probability that the class set holds the true class.",
-)
-
-
-def _training_options(command: Callable[..., None]) -> Callable[..., None]:
-    # Options of the library under their own names; the library checks their ranges.
-    from modalmotion.classification import TrainingOptions
-
-    for name, value in reversed(TrainingOptions().as_json().items()):
-        if name == "on_error":
-            continue
-        command = click.option(
-            f"--{name.replace('_', '-')}",
-            name,
-            type=str if value is None else type(value),
-            default=value,
-            show_default=True,
-            help=_HELP.get(name),
-        )(command)
-    return command
-
-
-_cases_option = click.option(
-    "--cases",
-    "cases_file",
-    type=OutputFile(".csv"),
-    help="Table to write: probabilities of each case, held out (.csv).",
-)
-
-
-@click.command(epilog=example("train cases.csv --name mine -o mine.h5"))
-@labelled_sources
-@click.option("--name", required=True, help="Name of the model: lower-case letters, digits, . _ -")
-@click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
-@plot_option
-@_cases_option
-@json_option
-@_training_options
-def train(
-    sources: tuple[Path, ...],
-    name: str,
-    out: Path,
-    plot: Path | None,
-    cases_file: Path | None,
-    unit: str | None,
-    skip_unreadable: bool,
-    as_json: bool,
-    **options: Any,
-) -> None:
-    """Train a model on labelled sequences.
-
-    MANIFEST is a table (.csv) with the columns path, label and, where it is known, subject:
-    sequences of one subject are never on both sides of a split. Further columns (age, sex, ...)
-    are covariates. In its place you may name files, each in a folder named after its class:
-    normal/*.npz akinesia/*.npz
-    """
-    from modalmotion.classification import TrainingOptions
-    from modalmotion.classification import train as fit
-    from modalmotion.classification.options import OnError
-    from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
-
-    require_model_name(name)
-    on_error = OnError.LEAVE_OUT if skip_unreadable else OnError.RAISE
-    training_options = TrainingOptions.from_json({**options, "on_error": on_error})
-    files = labelled_files(sources, skip_unreadable=skip_unreadable)
-    with _TrainingBar() as bar:
-        cases = [LabelledSequence(file, {"unit": unit}) for file in files]
-        model = fit(cases, name, training_options, bar)
-    write_atomic(out, model_to_hdf5(model))
-    if plot is not None:
-        from modalmotion.pictures.model_card import card_figure
-
-        write_picture(card_figure(model.card, name), plot)
-    said = [card_lines(model.name, model.id, model.card)]
-    if cases_file is not None and model.cross_validation is not None:
-        write_atomic(cases_file, model.cross_validation.as_csv().encode())
-    elif cases_file is not None:
-        said.append("note: without a cross-validation there is no table of held-out cases")
-        cases_file = None
-    tell(_model_answer(model), said, out, plot, cases_file, as_json=as_json)
-
-
-def _model_answer(model: Model) -> dict[str, object]:
-    return {"name": model.name, "id": model.id, "card": model.card.as_json()}
-
 
 @click.command(epilog=example("evaluate mine.h5 others.csv"))
 @click.argument("model", metavar="MODEL")
 @labelled_sources
-@_COVERAGE
+@coverage_option
 @plot_option
-@_cases_option
+@cases_option
 @json_option
 def evaluate(
     model: str,
@@ -200,7 +89,7 @@ def evaluate(
 @click.argument("first", metavar="MODEL")
 @click.argument("second", metavar="OTHER")
 @labelled_sources
-@_COVERAGE
+@coverage_option
 @json_option
 def compare_models(
     first: str,
@@ -286,7 +175,7 @@ def decide(
     result = decided(model_named(model), costs=costs or None, sensitivity=dict(sensitivity) or None)
     write_atomic(out, model_to_hdf5(result))
     said = [card_lines(result.name, result.id, result.card)]
-    tell(_model_answer(result), said, out, as_json=as_json)
+    tell(model_json(result), said, out, as_json=as_json)
 
 
 @click.command(epilog=example("classify beat.npz --model mine.h5"))
@@ -298,7 +187,7 @@ def decide(
     help="Model: the name of a shipped one, or a file. The default reads displacements where the "
     "file states tracking=material, the surface's offsets otherwise.",
 )
-@_COVERAGE
+@coverage_option
 @surface_options
 @plot_option
 @json_option
@@ -379,22 +268,3 @@ def model_named(which: str) -> Model:
 
     path = Path(which)
     return load_model(path if path.is_file() else which)
-
-
-class _TrainingBar:
-    """A bar for the reading of the files and the training."""
-
-    def __init__(self) -> None:
-        self._bar: Any = click.progressbar(length=1000, label="training", file=sys.stderr)
-
-    def __call__(self, share: float, text: str) -> None:
-        self._bar.label = text[:40]
-        # Files are read twice where the first fit of some does not compare with the others'.
-        self._bar.update(max(0, round(1000 * share) - self._bar.pos))
-
-    def __enter__(self) -> _TrainingBar:
-        self._bar.__enter__()
-        return self
-
-    def __exit__(self, *details: Any) -> None:
-        self._bar.__exit__(*details)

@@ -10,7 +10,12 @@ from typing import TYPE_CHECKING, Final
 from modalmotion.numerals import numeral
 
 if TYPE_CHECKING:
-    from modalmotion.classification import Classification, Comparison, Evaluation, ModelCard
+    from modalmotion.classification import Classification, Comparison, Evaluation, Model, ModelCard
+
+
+def model_json(model: Model) -> dict[str, object]:
+    """Values of a model's card as JSON."""
+    return {"name": model.name, "id": model.id, "card": model.card.as_json()}
 
 
 def card_lines(name: str, model_id: str, card: ModelCard) -> str:

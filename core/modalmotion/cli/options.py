@@ -238,3 +238,13 @@ def list_written(*paths: Path | None, as_json: bool = False) -> None:
     for path in paths:
         if path is not None:
             click.echo(f"written: {path}", err=as_json)
+
+
+coverage_option = click.option(
+    "--coverage",
+    default=0.9,
+    show_default=True,
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    help="Probability that the class set holds the true class.",
+)
+"""Level of class sets, as `coverage`."""

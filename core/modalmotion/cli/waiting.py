@@ -20,7 +20,8 @@ _PATIENCE_SECONDS: Final = 1.0
 class Waiting:
     """Times the stages of a command, and names those that last on stderr.
 
-    On a terminal the line shows the seconds go by; elsewhere each stage is named once.
+    On a terminal the line shows the seconds go by, and how far a stage is that says so; elsewhere
+    each stage is named once.
 
     Parameters
     ----------
@@ -64,7 +65,8 @@ class Waiting:
             name, since = stage
             seconds = time.perf_counter() - since
             if is_terminal:
-                line = f"{name} {seconds:.0f} s"
+                done = self.watch.of_stage
+                line = f"{name} {seconds:.0f} s" + (f", {done:.0%}" if done else "")
                 click.echo(f"\r{line:<{width}}", nl=False, err=True)
                 width = max(width, len(line))
             elif seconds >= _PATIENCE_SECONDS:

@@ -5,7 +5,6 @@ from modalmotion.client.answers import (
     CompressedSequence,
     ImagesInfo,
     ModelInfo,
-    Readouts,
     SequenceInfo,
     SignatureArrays,
     TemplateInfo,
@@ -22,6 +21,7 @@ from modalmotion.client.errors import (
 )
 from modalmotion.client.jobs import Job, JobStatus
 from modalmotion.client.many_files import SentResult
+from modalmotion.client.readouts import Readouts
 from modalmotion.client.retries import Retries
 from modalmotion.client.sequence_calls import UNCHANGED
 

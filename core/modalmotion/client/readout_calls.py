@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from modalmotion.client.answers import Readouts, readouts_of
 from modalmotion.client.calls import JSON, PNG, Calls, require_place, save, sequence_path
 from modalmotion.client.connection import Answer, Call
 from modalmotion.client.query import Option
+from modalmotion.client.readouts import Readouts, readouts_of
 
 
 class ReadoutCalls(Calls):

@@ -87,7 +87,7 @@ def _require_vertices(vertices: range | NDArray[np.int64], n_vertices: int) -> N
     """Numbers of vertices that a stream has, each once."""
     ends = (vertices[0], vertices[-1]) if isinstance(vertices, range) and vertices else (0, 0)
     # A range may be longer than memory.
-    where = np.asarray(vertices if max(ends) < n_vertices else ())
+    where = np.asarray(vertices if all(0 <= end < n_vertices for end in ends) else ())
     if (
         where.ndim != 1
         or not len(where)
@@ -95,8 +95,11 @@ def _require_vertices(vertices: range | NDArray[np.int64], n_vertices: int) -> N
         or not 0 <= int(where.min()) <= int(where.max()) < n_vertices
         or len(np.unique(where)) < len(where)
     ):
+        what = "These vertices"
+        if isinstance(vertices, range):
+            what = f"The vertices {vertices.start} to {vertices.stop} in steps of {vertices.step}"
         raise ParameterError(
-            f"These vertices are not some of the {n_vertices} of the stream, each once.",
+            f"{what} are not some of the {n_vertices} of the stream, each once.",
             remedy=f"Ask for different whole numbers from 0 to {n_vertices - 1}.",
         )
     return where.astype(np.int64)

@@ -31,6 +31,10 @@ class Named(Mapping[str, T]):
     def __len__(self) -> int:
         return len(self._values)
 
+    def __eq__(self, other: object) -> bool:
+        # As of any mapping, but without making two dictionaries first.
+        return self._values == other._values if isinstance(other, Named) else super().__eq__(other)
+
     def __hash__(self) -> int:
         return hash(tuple(self._values.items()))
 

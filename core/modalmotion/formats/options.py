@@ -106,8 +106,11 @@ class ReadOptions:
                 result, sequence=replace(result.sequence, times=times), times_from="caller"
             )
         sequence = result.sequence
+        said = self.facts.stated
+        if not said and not sequence.facts.stated:
+            return result
         facts = self.facts.over(sequence.facts)
-        for name in self.facts.stated:
+        for name in said:
             if name in sequence.facts.stated and name in facts.changed(sequence.facts):
                 result = _noted(
                     result,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh.multigrid import has_multigrid, solve_by_multigrid
 from modalmotion.mesh.space_order import space_order
+from modalmotion.progress import ShareReport, silent
 
 LARGE: Final = 50_000
 """Unknowns from which on multigrid is quicker."""
@@ -86,7 +87,10 @@ def _halves(
 
 
 def solve_positive_definite(
-    matrix: scipy.sparse.csc_array, right: NDArray[np.float64], positions: NDArray[np.float64]
+    matrix: scipy.sparse.csc_array,
+    right: NDArray[np.float64],
+    positions: NDArray[np.float64],
+    report: ShareReport = silent,
 ) -> NDArray[np.float64]:
     """Solve a sparse symmetric positive definite system.
 
@@ -96,6 +100,8 @@ def solve_positive_definite(
     right : (n,) or (n, k) float64
     positions : (n, 3) float64
         Place of each unknown; used for the order of elimination only.
+    report : callable, optional
+        Told the share of a large system's solution that is there.
 
     Returns
     -------
@@ -117,7 +123,7 @@ def solve_positive_definite(
         # Each step reads the whole matrix: where its rows lie anywhere it takes four times as long.
         order = space_order(positions)
         permuted, place = _permuted(entries, order)
-        solution = solve_by_multigrid(permuted, right[order])
+        solution = solve_by_multigrid(permuted, right[order], report)
         if solution is not None:
             return solution[place]
         del permuted

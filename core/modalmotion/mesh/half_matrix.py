@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh.machine import Kernels
 from modalmotion.mesh.sides import Sides
+from modalmotion.progress import ShareReport, share_fallen, silent
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Indices = NDArray[np.uint32]
 
-# As in `multigrid`, which gives the reasons.
+# `multigrid` says what each means; here sweeps cost less, and some numbers are others.
 _STRONG: Final = 0.08
 _OMEGA: Final = 4.0 / 3.0
 _POWER_STEPS: Final = 8
@@ -28,6 +29,7 @@ _MOST_LEVELS: Final = 20
 _MOST_STEPS: Final = 80
 _LOOK_AT: Final = 15
 _FALLEN: Final = 1e-4
+_SET_UP: Final = 0.3
 
 # Of the error, over the solution, both in energy: the largest error is at most a few times that,
 # for on a surface the energy bounds values but for the root of a logarithm.
@@ -78,24 +80,21 @@ class HalfMatrix:
         Parameters
         ----------
         number : (n,) uint32
-            In which order; `n_free` says that a row is not kept.
+            Of those that are kept, from 0 in their order; `n_free` of others.
         n_free : int
         """
         first = np.zeros(n_free + 1, dtype=np.uint32)
         end, weight = np.empty_like(self.end), np.empty_like(self.weight)
         own = self.first, self.end, self.weight, number
         n = self.kernels.run("keep_free", len(self), *own, n_free, first, end, weight)
-        kept = np.flatnonzero(number != n_free)
-        diagonal = np.empty(n_free)
-        diagonal[number[kept]] = self.diagonal[kept]
-        return HalfMatrix(first, end[:n], weight[:n], diagonal, self.kernels)
+        return HalfMatrix(first, end[:n], weight[:n], self.diagonal[number != n_free], self.kernels)
 
     def _multiply(self, x: Floats, image: Floats, sums: Floats) -> None:
         own = self.first, self.end, self.weight, self.diagonal
         self.kernels.run("multiply", len(self), *own, x, image, sums)
 
 
-def solve_half(matrix: HalfMatrix, right: Floats) -> Floats | None:
+def solve_half(matrix: HalfMatrix, right: Floats, report: ShareReport = silent) -> Floats | None:
     """Solve a large sparse symmetric positive definite system.
 
     Parameters
@@ -103,6 +102,8 @@ def solve_half(matrix: HalfMatrix, right: Floats) -> Floats | None:
     matrix : HalfMatrix
         Neighbouring unknowns near each other.
     right : (n,) float64
+    report : callable, optional
+        Told the share of the solution that is there.
 
     Returns
     -------
@@ -119,9 +120,10 @@ def solve_half(matrix: HalfMatrix, right: Floats) -> Floats | None:
     cycle = _Cycle.of(matrix)
     if cycle is None:
         return None
+    report(_SET_UP)
     direction, image, sums = np.zeros(n), np.zeros(n), np.zeros(1)
     single = np.empty(n, dtype=np.float32)
-    before, left, largest = 1.0, start, 0.0
+    before, left, largest, done = 1.0, start, 0.0, 0.0
     for number in range(_MOST_STEPS):
         # Near 1, whatever the unit: single precision ends at 1e-38.
         scale = np.sqrt(n) / left
@@ -135,6 +137,8 @@ def solve_half(matrix: HalfMatrix, right: Floats) -> Floats | None:
             return x
         if not now > 0 or (number == _LOOK_AT and now > _FALLEN**2 * largest):
             return None
+        done = max(done, share_fallen(now, largest, _TOLERANCE**2 * largest))
+        report(_SET_UP + (1 - _SET_UP) * done)
         run("redirect", n, now / before, z, float(1.0 / scale), direction)
         before = now
         matrix._multiply(direction, image, sums)

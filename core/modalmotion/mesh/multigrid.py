@@ -16,6 +16,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from modalmotion.progress import ShareReport, share_fallen, silent
+
 Floats = NDArray[np.float64]
 
 # Couplings below this share of the diagonals join no group: with less, thin triangles slow it.
@@ -33,19 +35,26 @@ _MOST_STEPS: Final = 60
 _LOOK_AT: Final = 15
 _FALLEN: Final = 1e-4
 
+# Of the time, until there are levels.
+_SET_UP: Final = 0.3
+
 
 def has_multigrid() -> bool:
     """Whether the extra `large` is there."""
     return find_spec("pyamg") is not None
 
 
-def solve_by_multigrid(matrix: scipy.sparse.csc_array, right: Floats) -> Floats | None:
+def solve_by_multigrid(
+    matrix: scipy.sparse.csc_array, right: Floats, report: ShareReport = silent
+) -> Floats | None:
     """Solve a sparse symmetric positive definite system.
 
     Parameters
     ----------
     matrix : (n, n) scipy.sparse.csc_array of float64
     right : (n,) float64
+    report : callable, optional
+        Told the share of the solution that is there.
 
     Returns
     -------
@@ -64,12 +73,14 @@ def solve_by_multigrid(matrix: scipy.sparse.csc_array, right: Floats) -> Floats 
     x = np.zeros(len(right))
     residual = right.copy()
     direction = np.zeros_like(x)
-    before = 1.0
+    before, done = 1.0, 0.0
     start = float(np.linalg.norm(right))
     for number in range(_MOST_STEPS):
         left = float(np.linalg.norm(residual))
         if left <= _TOLERANCE * start:
             return x
+        done = max(done, share_fallen(left, start, _TOLERANCE * start))
+        report(_SET_UP + (1 - _SET_UP) * done)
         if number == _LOOK_AT and left > _FALLEN * start:
             return None
         z = cycle(residual)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import uuid
 from collections.abc import Sequence
-from html import escape
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,28 +13,31 @@ from numpy.typing import NDArray
 from modalmotion.clinical import ClinicalReadouts
 from modalmotion.exports.table import direction_names
 from modalmotion.norm import Deviation
-from modalmotion.report.codes import ABSENT, CATEGORY, OWN, SYSTEM, UCUM, concept, end_coding
+from modalmotion.report.codes import CATEGORY, OWN, SYSTEM, concept, end_coding
 from modalmotion.report.content import Report
+from modalmotion.report.fhir_elements import (
+    Resource,
+    absent,
+    narrative,
+    quantity,
+    reference,
+    resource,
+    sampled,
+    unstated,
+)
 from modalmotion.report.quantities import Quantity, errors_of, quantities_of
 
 MEDIA_TYPE: Final = "application/fhir+json; fhirVersion=4.0"
-
-_DECIMALS: Final = 17
 
 NOBODY: Final = "Not stated"
 """In the place of a subject's name."""
 NO_PERSON: Final = "No person: computed by the device"
 """In the place of a performer's name."""
 
-# The extension that stands in an element's place.
-_ABSENT_HERE: Final = "http://hl7.org/fhir/StructureDefinition/data-absent-reason"
-
 _NAMESPACE: Final = uuid.uuid5(uuid.NAMESPACE_OID, SYSTEM)
 
 # Shares of the usual step by which frames may be uneven and still count as even.
 _EVEN: Final = 1e-3
-
-Resource = dict[str, Any]
 
 
 def fhir_bundle(report: Report) -> Resource:
@@ -61,7 +63,7 @@ def fhir_bundle(report: Report) -> Resource:
     resources = [
         main,
         *observations,
-        {**_resource(key, "Device", "device"), **_device(report)},
+        {**resource(key, "Device", "device"), **_device(report)},
         _provenance(key, report, [main, *observations]),
     ]
     return {
@@ -78,26 +80,10 @@ def fhir_json(report: Report) -> bytes:
     return json.dumps(fhir_bundle(report), ensure_ascii=False, indent=1, allow_nan=False).encode()
 
 
-def _resource(key: uuid.UUID, kind: str, name: str) -> Resource:
-    return {"resourceType": kind, "id": str(uuid.uuid5(key, name))}
-
-
-def _reference(kind: str, key: uuid.UUID, name: str) -> Resource:
-    return {"reference": f"urn:uuid:{uuid.uuid5(key, name)}", "type": kind}
-
-
-def _narrative(*lines: str) -> Resource:
-    body = "".join(f"<p>{escape(line, quote=False)}</p>" for line in lines)
-    return {
-        "status": "generated",
-        "div": f'<div xmlns="http://www.w3.org/1999/xhtml">{body}</div>',
-    }
-
-
 def _device(report: Report) -> Resource:
     version = report.signature.provenance.get("modalmotion", "unknown")
     return {
-        "text": _narrative(f"modalmotion {version}. {report.intended_use}"),
+        "text": narrative(f"modalmotion {version}. {report.intended_use}"),
         "status": "active",
         "deviceName": [{"name": "modalmotion", "type": "model-name"}],
         "version": [{"value": version}],
@@ -109,8 +95,8 @@ def _diagnostic_report(
     key: uuid.UUID, report: Report, results: Sequence[Resource], said: Sequence[str]
 ) -> Resource:
     return {
-        **_resource(key, "DiagnosticReport", "report"),
-        "text": _narrative(*said, *report.caveats, report.intended_use),
+        **resource(key, "DiagnosticReport", "report"),
+        "text": narrative(*said, *report.caveats, report.intended_use),
         "identifier": [{"system": f"{SYSTEM}:report", "value": report.digest}],
         "status": "preliminary",
         "code": concept("analysis"),
@@ -156,71 +142,38 @@ def _found(report: Report) -> list[Found]:
 
 def _observation(key: uuid.UUID, report: Report, found: Found) -> Resource:
     return {
-        **_resource(key, "Observation", found.name),
-        "text": _narrative(*found.lines),
+        **resource(key, "Observation", found.name),
+        "text": narrative(*found.lines),
         "status": "preliminary",
         "category": [{"coding": [{"system": CATEGORY, "code": "imaging", "display": "Imaging"}]}],
         "code": concept(found.name, report.sequence.facts),
         # Of whom, when and by whom is for the receiver to add: no name or date is known here.
-        "subject": {**_unstated("unknown"), "display": NOBODY},
-        "_effectiveDateTime": _unstated("unknown"),
+        "subject": {**unstated("unknown"), "display": NOBODY},
+        "_effectiveDateTime": unstated("unknown"),
         "issued": report.issued.isoformat(),
-        "performer": [{**_unstated("not-applicable"), "display": NO_PERSON}],
+        "performer": [{**unstated("not-applicable"), "display": NO_PERSON}],
         **found.content,
-        "device": _reference("Device", key, "device"),
+        "device": reference("Device", key, "device"),
     }
-
-
-def _unstated(reason: str) -> Resource:
-    """Say in an element's place why it has no value."""
-    return {"extension": [{"url": _ABSENT_HERE, "valueCode": reason}]}
-
-
-def _quantity(value: float, unit: str, ucum: str) -> Resource:
-    # Validators warn of more decimals; what is smaller is written with an exponent.
-    held = round(float(value), _DECIMALS) if 1e-4 <= abs(value) < 0.1 else float(value)
-    return {"value": held, "unit": unit, "system": UCUM, "code": ucum}
 
 
 def _volumes(report: Report, quantities: Sequence[Quantity]) -> Found:
     components, lines = [], []
     for one in quantities:
         code = concept(one.name, report.sequence.facts)
-        components.append({"code": code, "valueQuantity": _quantity(one.value, one.unit, one.ucum)})
+        components.append({"code": code, "valueQuantity": quantity(one.value, one.unit, one.ucum)})
         for end, value in (("low", one.low), ("high", one.high)):
             text = f"{OWN[one.name]}: {OWN[end].lower()}"
             components.append(
                 {
                     "code": {"coding": [end_coding(one.name, end)], "text": text},
-                    "valueQuantity": _quantity(value, one.unit, one.ucum),
+                    "valueQuantity": quantity(value, one.unit, one.ucum),
                 }
             )
         lines.append(
             f"{OWN[one.name]} {one.value:.1f} {one.unit} ({one.low:.1f} to {one.high:.1f})"
         )
     return Found("volumes", [f"{line}." for line in lines], {"component": components})
-
-
-def _sampled(
-    values: NDArray[np.float64], unit: str, ucum: str, times: NDArray[np.float64] | None
-) -> Resource:
-    """Write rows of numbers as SampledData; the period is in ms, or 1 where times are unknown."""
-    n = len(values)
-    period = 1.0
-    if times is not None and n > 1 and times[-1] > times[0]:
-        period = float(1000.0 * (times[-1] - times[0]) / (n - 1))
-    table = values.reshape(n, -1)
-    return {
-        "origin": {"value": 0.0, "unit": unit, "system": UCUM, "code": ucum},
-        "period": period,
-        "dimensions": table.shape[1],
-        "data": " ".join(_decimal(value) for value in table.ravel().tolist()),
-    }
-
-
-def _decimal(value: float) -> str:
-    """Write a number as SampledData has it, without an exponent."""
-    return np.format_float_positional(value, trim="-")
 
 
 def _length(unit: str | None) -> tuple[str, str]:
@@ -239,7 +192,7 @@ def _amplitudes(report: Report) -> Found:
         "amplitudes",
         [line + text],
         {
-            "valueSampledData": _sampled(signature.amplitudes, unit, ucum, signature.times),
+            "valueSampledData": sampled(signature.amplitudes, unit, ucum, signature.times),
             "note": [{"text": f"Order within a frame: {labels}."}],
         },
     )
@@ -251,7 +204,7 @@ def _volume_curve(readouts: ClinicalReadouts) -> Found:
     return Found(
         "volume_curve",
         [f"Volume in each of {len(volumes)} frames, in {unit}."],
-        {"valueSampledData": _sampled(volumes, unit, ucum, readouts.times)},
+        {"valueSampledData": sampled(volumes, unit, ucum, readouts.times)},
     )
 
 
@@ -259,7 +212,7 @@ def _times(times: NDArray[np.float64]) -> Found:
     return Found(
         "times",
         ["The frames are uneven in time; their times are stated here."],
-        {"valueSampledData": _sampled(1000.0 * times, "ms", "ms", times)},
+        {"valueSampledData": sampled(1000.0 * times, "ms", "ms", times)},
     )
 
 
@@ -274,8 +227,8 @@ def _fit(report: Report) -> Found:
     unit, ucum = _length(report.signature.unit)
     rms, most = errors_of(report)
     components = [
-        {"code": concept("rms_error"), "valueQuantity": _quantity(rms, unit, ucum)},
-        {"code": concept("max_error"), "valueQuantity": _quantity(most, unit, ucum)},
+        {"code": concept("rms_error"), "valueQuantity": quantity(rms, unit, ucum)},
+        {"code": concept("max_error"), "valueQuantity": quantity(most, unit, ucum)},
     ]
     line = f"The modes leave an error of {rms:.3g} {unit} (RMS), at most {most:.3g} {unit}."
     return Found("fit", [line], {"component": components})
@@ -284,12 +237,12 @@ def _fit(report: Report) -> Found:
 def _class(report: Report) -> Found:
     answer = report.classification
     if answer is None:
-        nothing = _absent("not-asked", "No model was asked.")
+        nothing = absent("not-asked", "No model was asked.")
         return Found("class", ["No class was asked for."], nothing)
     components = [
         {
             "code": concept("probability", text=f"Probability of {name}"),
-            "valueQuantity": _quantity(float(p), "1", "1"),
+            "valueQuantity": quantity(float(p), "1", "1"),
         }
         for name, p in zip(answer.classes, answer.probabilities, strict=True)
     ]
@@ -298,7 +251,7 @@ def _class(report: Report) -> Found:
         return Found(
             "class",
             [f"No class of motion: {why}."],
-            {**_absent("unknown", why), "method": _model(answer.model, answer.model_id)},
+            {**absent("unknown", why), "method": _model(answer.model, answer.model_id)},
         )
     line = f"Class of motion: {answer.label} (probability {answer.probability:.3f})."
     value = {"coding": [_own_class(answer.label)], "text": answer.label}
@@ -318,19 +271,15 @@ def _model(name: str, model_id: str) -> Resource:
     return {"text": f"model {name}, id {model_id}"}
 
 
-def _absent(code: str, text: str) -> Resource:
-    return {"dataAbsentReason": {"coding": [{"system": ABSENT, "code": code}], "text": text}}
-
-
 def _deviation(one: Deviation) -> Found:
     components = [
         {
             "code": concept("p", text=f"p-value of {group.name}, corrected"),
-            "valueQuantity": _quantity(group.p, "1", "1"),
+            "valueQuantity": quantity(group.p, "1", "1"),
         }
         for group in one.groups
     ]
-    content: Resource = {"valueQuantity": _quantity(one.p, "1", "1")}
+    content: Resource = {"valueQuantity": quantity(one.p, "1", "1")}
     if components:
         content["component"] = components
     verdict = "Deviates from" if one.deviates else "Lies within"
@@ -349,11 +298,11 @@ def _provenance(key: uuid.UUID, report: Report, targets: Sequence[Resource]) -> 
         entities.append(("norm", report.deviation.norm_id))
     versions = ", ".join(f"{name} {value}" for name, value in signature.provenance.items())
     return {
-        **_resource(key, "Provenance", "provenance"),
-        "text": _narrative(f"Made by {versions}.", *(f"{a} {b}" for a, b in entities)),
+        **resource(key, "Provenance", "provenance"),
+        "text": narrative(f"Made by {versions}.", *(f"{a} {b}" for a, b in entities)),
         "target": [{"reference": f"urn:uuid:{one['id']}"} for one in targets],
         "recorded": report.issued.isoformat(),
-        "agent": [{"who": _reference("Device", key, "device")}],
+        "agent": [{"who": reference("Device", key, "device")}],
         "entity": [
             {
                 "role": "source",

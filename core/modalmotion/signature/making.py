@@ -8,7 +8,6 @@ from functools import lru_cache
 from importlib.metadata import version
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.choice.fitter import Fitter
@@ -23,15 +22,13 @@ from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import Topology
 from modalmotion.numerals import counted, numeral
+from modalmotion.progress import ShareReport, silent
 from modalmotion.signature.deviations import deviations_of
 from modalmotion.signature.value import ModalSignature
 from modalmotion.signature.volumes import enclosed_volumes
 from modalmotion.stopwatch import Stopwatch
-from modalmotion.template import (
-    Template,
-    make_template,
-    require_same_mesh,
-)
+from modalmotion.template import Template, make_template, require_same_mesh
+from modalmotion.template.frequencies import frequencies_of
 
 __all__ = [
     "INTENDED_USE",
@@ -91,8 +88,8 @@ def modal_signature(
     parameters = resolve_parameters(sequence, parameters or SignatureParameters())
     original, sequence = sequence, resolve_sequence(sequence, parameters)
     watch = watch or Stopwatch()
-    with watch.stage("template"):
-        own_template = resolve_template(sequence, parameters, template)
+    with watch.stage("template") as report:
+        own_template = resolve_template(sequence, parameters, template, report)
     with watch.stage("fit"):
         fitter = Fitter.of(sequence, own_template, parameters)
         model = select_model(fitter, cache or TemplateCache())
@@ -101,8 +98,7 @@ def modal_signature(
         # They were taken out before the fit.
         rotations, translations = fitter.offsets.rotations, fitter.offsets.translations
         fit = replace(fit, rotations=rotations, translations=translations)
-    frequencies = modes.frequencies_on(own_template, parameters.wave_speed)
-    _require_frequencies(frequencies, own_template, parameters.wave_speed)
+    frequencies = frequencies_of(modes, own_template, parameters.wave_speed)
     notes = [*_notes_on_sequence(sequence, parameters.reference), *own_template.notes, *model.notes]
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
     if undetermined.size:
@@ -164,11 +160,15 @@ def resolve_sequence(sequence: MeshSequence, parameters: SignatureParameters) ->
 
 
 def resolve_template(
-    sequence: MeshSequence, parameters: SignatureParameters, template: Template | None = None
+    sequence: MeshSequence,
+    parameters: SignatureParameters,
+    template: Template | None = None,
+    report: ShareReport = silent,
 ) -> Template:
     """Give the template that the parameters ask for: the one they name, or the sequence's own.
 
-    The sequence's facts are not read; `resolve_parameters` has done that before.
+    The sequence's facts are not read; `resolve_parameters` has done that before. `report` is told
+    the share that is done.
 
     Raises
     ------
@@ -194,6 +194,7 @@ def resolve_template(
         closed_form=parameters.closed_form,
         merge_vertices=parameters.merge_vertices,
         by_rows=parameters.kind != SignatureKind.OFFSET,
+        report=report,
     )
 
 
@@ -206,18 +207,6 @@ def provenance() -> dict[str, str]:
 def _versions() -> dict[str, str]:
     # Each is read from a file of the installation: 6 ms for all, more than the fit itself.
     return {name: version(name) for name in ("modalmotion", "numpy", "scipy", "h5py")}
-
-
-def _require_frequencies(
-    frequencies: NDArray[np.float64], template: Template, wave_speed: float
-) -> None:
-    if not np.isfinite(frequencies).all():
-        raise ParameterError(
-            f"Waves of {wave_speed:g} length units per s on a surface of the lengths "
-            f"{', '.join(f'{length:.3g}' for length in template.lengths)} have frequencies beyond "
-            "the largest number.",
-            remedy="State lengths in a smaller unit, or a smaller wave speed.",
-        )
 
 
 def _note_on_loose_vertices(fit: Fit, unit: str | None) -> list[str]:

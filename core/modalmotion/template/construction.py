@@ -15,6 +15,7 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
 from modalmotion.numeric.kinds import one_of
 from modalmotion.numeric.scale import power_of_two
+from modalmotion.progress import ShareReport, part_of, silent
 from modalmotion.template.coordinates.axis import degree
 from modalmotion.template.coordinates.cup import cup_coordinates
 from modalmotion.template.coordinates.curve import curve_coordinates
@@ -52,6 +53,9 @@ from modalmotion.template.template import (
 # Below this degree too many places share the same natural coordinates.
 _FOLDED = 0.8
 
+# Of the time on a large mesh, until it is measured, recognised, and has its coordinates.
+_MEASURED, _RECOGNISED, _SOLVED = 0.25, 0.3, 0.8
+
 _MAKERS = {
     CUP: cup_coordinates,
     CYLINDER: cylinder_coordinates,
@@ -70,6 +74,7 @@ def make_template(
     closed_form: bool = True,
     merge_vertices: bool = True,
     by_rows: bool = True,
+    report: ShareReport = silent,
 ) -> Template:
     """Make the template of a sequence from one of its own frames.
 
@@ -91,6 +96,8 @@ def make_template(
     by_rows : bool
         Whether the rows and columns of a lattice are its coordinates; False takes those of the
         surface between its nodes, where it has an axis.
+    report : callable, optional
+        Told the share that is done: a million vertices take seconds.
 
     Raises
     ------
@@ -104,7 +111,7 @@ def make_template(
     weights = one_of("weights", weights, Weights)
     is_stated = sequence.topology is not None or sequence.grid is not None
     if reference == MEAN and not is_stated and closed_form:
-        return _recognised_in_frame_0(sequence, weights, landmarks, merge_vertices)
+        return _recognised_in_frame_0(sequence, weights, landmarks, merge_vertices, report)
     own_landmarks = landmarks_read(sequence, landmarks, closed_form=closed_form)
     start = reference_positions(sequence, reference)
     faces = _faces_of(sequence)
@@ -117,6 +124,7 @@ def make_template(
     stated = sequence.topology
     is_mesh = sequence.grid is None and (stated is None or stated.n_axes == 2)
     surface, corner, scale = _normalised(start, faces, in_any_order=is_mesh)
+    report(_MEASURED)
     places = {
         name: (place - corner) / scale
         for name, place in resolve_places(own_landmarks, start).items()
@@ -130,9 +138,14 @@ def make_template(
         notes += notes_on_mesh(surface, isolated)
     topology, reason = _decide(sequence, surface, closed_form, notes)
     coordinates = None
+    report(_RECOGNISED)
     if topology is not None:
         of_surface = not by_rows and is_placed_by_shape(sequence)
-        coordinates = _coordinates(sequence, topology, surface, places, of_surface=of_surface)
+        solving = part_of(report, _RECOGNISED, _SOLVED)
+        coordinates = _coordinates(
+            sequence, topology, surface, places, solving, of_surface=of_surface
+        )
+    report(_SOLVED)
     if (
         coordinates is not None
         and topology is not None
@@ -197,13 +210,18 @@ def _recognised_in_frame_0(
     weights: Weights,
     landmarks: GivenLandmarks | None,
     merge_vertices: bool,
+    report: ShareReport,
 ) -> Template:
     """Make the template of the mean shape, with the topology of frame 0.
 
     Limbs that swing leave a mean without them, which may be a sphere although no frame is one.
     """
     first = make_template(
-        sequence, weights=weights, landmarks=landmarks, merge_vertices=merge_vertices
+        sequence,
+        weights=weights,
+        landmarks=landmarks,
+        merge_vertices=merge_vertices,
+        report=part_of(report, 0.0, 0.5),
     )
     is_known = first.surface is not None
     of_mean = make_template(
@@ -213,6 +231,7 @@ def _recognised_in_frame_0(
         landmarks=landmarks,
         closed_form=is_known,
         merge_vertices=merge_vertices,
+        report=part_of(report, 0.5, 1.0),
     )
     id_ = template_id(
         sequence,
@@ -267,6 +286,7 @@ def _coordinates(
     topology: Topology,
     surface: Surface,
     places: dict[str, NDArray[np.float64]],
+    report: ShareReport,
     *,
     of_surface: bool,
 ) -> Coordinates | None:
@@ -282,7 +302,7 @@ def _coordinates(
             places["base"] = landmarks.base
     if topology.n_axes == 1:
         return curve_coordinates(surface.vertices, topology, places)
-    return _MAKERS[topology](surface, places)
+    return _MAKERS[topology](surface, places, report)
 
 
 def _faces_of(sequence: MeshSequence) -> NDArray[np.int64]:

@@ -117,7 +117,7 @@ def doubts_of_ends(result: Track, frames: Sequence[Frame], *, is_guessed: bool) 
     return doubts
 
 
-def landmarks_in(frames: Sequence[Frame]) -> bool:
+def has_landmarks(frames: Sequence[Frame]) -> bool:
     """Tell whether any frame has a landmark or points of an end."""
     return any(part.is_landmark for frame in frames for part in frame)
 

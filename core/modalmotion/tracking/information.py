@@ -16,6 +16,7 @@ from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.noise import Noise, robust_weights
 from modalmotion.tracking.observation import Frame, Observation, Place
+from modalmotion.tracking.patches import alike_over
 
 # A foot whose distance is not along the normal is on the rim, and pulls along it: such points say
 # nothing of where the rim is. Least share of the distance along the normal.
@@ -272,7 +273,8 @@ def _add_landmarks(
         gap = part.points[row] - (shares[:, None] * x[vertices]).sum(axis=0)
         sd = part.sd[row] if isinstance(part.sd, np.ndarray) else None
         weight = 1.0 if part.weights is None else float(part.weights[row])
-        strength = weight / float(noise.variances(sd, 1.0))
+        alike = alike_over(surface, vertices, shares, noise.n_values)
+        strength = weight / float(noise.own(sd) + noise.truncation**2 * alike)
         if part.normals is not None:
             n = part.normals[row]
             for i, j in np.ndindex(3, 3):

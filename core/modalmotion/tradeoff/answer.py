@@ -124,8 +124,8 @@ def measure_tradeoff(
     own = resolve_sequence(sequence, parameters)
     if parameters.harmonics is not None:
         require_harmonics(parameters.harmonics, harmonics_of(own.n_frames, own.times))
-    with watch.stage("template"):
-        used = resolve_template(own, resolve_parameters(own, parameters), template)
+    with watch.stage("template") as report:
+        used = resolve_template(own, resolve_parameters(own, parameters), template, report)
     with watch.stage("front"):
         front = measure_front(
             sequence, parameters, most_modes=most_modes, components=components, template=template

@@ -10,18 +10,18 @@ from array import array
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
 
 from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.facts import Facts
-from modalmotion.formats import ReadOptions
 from modalmotion.progress import Progress
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import ResultStore, StagedSignature, write_atomic
 from modalmotion.store.index.cursor import now
 from modalmotion_service.cohort.batch import Item, Refused, Signed, sign_batch
+from modalmotion_service.cohort.job import CohortJob, CohortReport
 from modalmotion_service.cohort.ledger import Done, Ledger, stamp_of, with_landmarks
 from modalmotion_service.cohort.manifest import Entry
 from modalmotion_service.cohort.remote import RemoteFile, Source
@@ -38,59 +38,6 @@ _AHEAD = 2
 # Share of each worker's remaining files in the next batch: batches get smaller towards the end,
 # so that all workers finish at the same time.
 _SHARE = 0.5
-
-
-@dataclass(frozen=True)
-class CohortJob:
-    """Files and options of a run over a cohort.
-
-    Parameters
-    ----------
-    entries : tuple of Entry
-    folder : Path
-        The result store that signatures go to.
-    parameters : SignatureParameters
-    options : ReadOptions
-    template_from : Path or None
-        Sequence whose reference gives one template for all: their vertices must correspond.
-    keep_vertices : bool
-        Whether the store keeps the sequences too.
-    batch : int or None
-        Files in one piece of work; depends on their number by default.
-    max_file_bytes : int
-        Largest file that is fetched from elsewhere.
-    patience_seconds : float
-        How long to wait for a lost scheduler before giving up.
-    """
-
-    entries: tuple[Entry, ...]
-    folder: Path
-    parameters: SignatureParameters = field(default_factory=SignatureParameters)
-    options: ReadOptions = field(default_factory=ReadOptions)
-    template_from: Path | None = None
-    keep_vertices: bool = False
-    batch: int | None = None
-    max_file_bytes: int = 256_000_000
-    patience_seconds: float = 120.0
-
-
-@dataclass(frozen=True)
-class CohortReport:
-    """Outcome of a run over a cohort.
-
-    Parameters
-    ----------
-    n_made, n_known : int
-        Files done now, and those that an earlier run had done.
-    failures : tuple of (Path or RemoteFile, str)
-        File and reason, in the order of the manifest.
-    seconds : float
-    """
-
-    n_made: int
-    n_known: int
-    failures: tuple[tuple[Source, str], ...]
-    seconds: float
 
 
 def sign_cohort(

@@ -56,9 +56,9 @@ def described(model: type[BaseModel]) -> list[dict[str, Any]]:
     return [_parameter(name, "query", schema) for name, schema in schemas.items()]
 
 
-def header(name: str, default: str, description: str) -> dict[str, Any]:
+def header(name: str, default: str, description: str, **limits: int) -> dict[str, Any]:
     """Describe a header that a handler reads by itself, beside parameters so described."""
-    schema = {"type": "string", "description": description, "default": default}
+    schema = {"type": "string", **limits, "description": description, "default": default}
     return _parameter(name, "header", schema)
 
 

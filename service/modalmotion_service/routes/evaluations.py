@@ -22,7 +22,7 @@ from modalmotion_service.schemas.evaluations import (
     EvaluationRequest,
 )
 from modalmotion_service.workspace.evaluations import require_known_classes
-from modalmotion_service.workspace.models import ChosenModel
+from modalmotion_service.workspace.model_versions import ChosenModel
 from modalmotion_service.workspace.state import State
 from modalmotion_service.workspace.training_set import Case, cases_as_json, labelled_cases
 

@@ -40,7 +40,8 @@ from modalmotion_service.schemas.kserve import (
 )
 from modalmotion_service.schemas.request_queries import ClassifyQuery
 from modalmotion_service.work.upload import Upload
-from modalmotion_service.workspace.models import ChosenModel, Models
+from modalmotion_service.workspace.model_versions import ChosenModel
+from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.state import State
 
 router = JudgedRouter(prefix="/v2", tags=["KServe v2"])

@@ -28,7 +28,7 @@ from modalmotion_service.schemas import (
     ModelVersion,
     TrainingRequest,
 )
-from modalmotion_service.workspace.models import ChosenModel, shipped_name
+from modalmotion_service.workspace.model_versions import ChosenModel, shipped_name
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
 from modalmotion_service.workspace.training_set import look_up, write_cases

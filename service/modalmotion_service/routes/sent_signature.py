@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Final
 
 from fastapi import Depends, Request, Response
@@ -12,14 +13,16 @@ from modalmotion_service.http.preferences import Preference
 from modalmotion_service.http.query import described, header, read_once
 from modalmotion_service.routes.parts.deferral import reply_or_job
 from modalmotion_service.routes.parts.dependencies import (
-    FilesDependency,
-    PreferenceDependency,
-    StateDependency,
+    LONGEST_PREFER,
+    get_state,
+    preference_of,
+    receiving,
 )
 from modalmotion_service.routes.parts.openapi_parts import (
     ACCEPTED,
     BINARY,
     MANY_FILES_BODY,
+    PREFER,
     PROBLEMS,
     TEXT,
 )
@@ -36,10 +39,39 @@ router = JudgedRouter(prefix="/v1", tags=["signatures"], responses=PROBLEMS)
 _OF_MANY: Final = (JSON, NDJSON, HDF5, ZIP, CSV)
 
 _PARAMETERS: Final = [
+    header("prefer", "", PREFER, maxLength=LONGEST_PREFER),
     *described(TemplateQuery),
     header("accept", JSON, f"{', '.join(SIGNATURE_TYPES)}; of many {', '.join(_OF_MANY)}."),
 ]
+_receive: Final = receiving(takes_many=True)
+_query_of: Final = read_once(TemplateQuery)
+
 _CONTENT: Final = {**SIGNATURE_CONTENT, NDJSON: TEXT, ZIP: BINARY}
+
+
+@dataclass(frozen=True)
+class _Sent:
+    """All that the call depends on.
+
+    Parameters
+    ----------
+    state : State
+    file : SpoolFile
+    query : TemplateQuery
+    preference : Preference
+    """
+
+    state: State
+    file: SpoolFile
+    query: TemplateQuery
+    preference: Preference
+
+
+async def _sent(request: Request) -> _Sent:
+    # One dependency and not five: what the framework does for each takes as long as what it is for.
+    state = await get_state(request)
+    file = await _receive(request, state)
+    return _Sent(state, file, await _query_of(request), preference_of(request))
 
 
 @router.post(
@@ -48,13 +80,7 @@ _CONTENT: Final = {**SIGNATURE_CONTENT, NDJSON: TEXT, ZIP: BINARY}
     openapi_extra={**MANY_FILES_BODY, "parameters": _PARAMETERS},
     responses={200: {"content": _CONTENT}, **ACCEPTED},
 )
-async def sign_upload(
-    file: FilesDependency,
-    query: Annotated[TemplateQuery, Depends(read_once(TemplateQuery))],
-    state: StateDependency,
-    preference: PreferenceDependency,
-    request: Request,
-) -> Response:
+async def sign_upload(sent: Annotated[_Sent, Depends(_sent)], request: Request) -> Response:
     """Give the modal signature of a sequence that is sent with the request; nothing is stored.
 
     As JSON, the result's HDF5 file, npz, a table, a picture, or the amplitudes alone as
@@ -64,26 +90,22 @@ async def sign_upload(
     order, as JSON, a line of it each, a table with a row each, a zip with an HDF5 file each, or
     one HDF5 file with the trajectories of all, as `modalmotion store export` lays them out.
     """
+    file, state, preference = sent.file, sent.state, sent.preference
     with file:
         if file.parts:
-            return await _sign_many(file, query, state, preference, request)
+            return await _sign_many(sent, request)
         media_type = best_type(request.headers.get("accept", JSON), SIGNATURE_TYPES)
-        body = {"query": query, "media_type": media_type}
+        body = {"query": sent.query, "media_type": media_type}
         return await reply_or_job(
             *(state, preference, "sent-signature", body, file), headers={"Vary": "Accept"}
         )
 
 
-async def _sign_many(
-    file: SpoolFile,
-    query: TemplateQuery,
-    state: State,
-    preference: Preference,
-    request: Request,
-) -> Response:
+async def _sign_many(sent: _Sent, request: Request) -> Response:
     media_type = best_type(request.headers.get("accept", JSON), _OF_MANY)
-    parts = parts_as_json(file.parts)
-    body = {"query": query, "media_type": media_type, "parts": parts}
+    parts = parts_as_json(sent.file.parts)
+    body = {"query": sent.query, "media_type": media_type, "parts": parts}
     return await reply_or_job(
-        *(state, preference, "sent-signatures", body, file), headers={"Vary": "Accept"}
+        *(sent.state, sent.preference, "sent-signatures", body, sent.file),
+        headers={"Vary": "Accept"},
     )

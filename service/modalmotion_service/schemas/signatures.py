@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, FailFast, Field
@@ -154,8 +154,9 @@ class Label(BaseModel):
     part: Literal["cos", "sin", "spring"]
 
     @staticmethod
+    @lru_cache(maxsize=1024)
     def of(label: ModeLabel) -> Label:
-        """Write a label out."""
+        """Write a label out; answers share what they repeat."""
         return Label(wavenumbers=list(label.wavenumbers), part=label.part)
 
 

@@ -27,7 +27,8 @@ from modalmotion_service.work.tasks.batches import RESULTS
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.models import ChosenModel, Models
+from modalmotion_service.workspace.model_versions import ChosenModel
+from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.replies import Reply
 from modalmotion_service.workspace.spool import Spool, SpoolFile, remove_with_beside
 
@@ -81,7 +82,7 @@ class Batches:
             If there is no template of that id.
         """
         parameters = query.parameters()
-        self._analysis.require_template(parameters)
+        self._analysis.template_path(parameters)
         one_type = JSON if media_type in (JSON, NDJSON) else HDF5
 
         async def fit(part: Part) -> bytes:

@@ -12,7 +12,8 @@ from modalmotion.store import ResultStore
 from modalmotion_service.work.tasks import evaluation
 from modalmotion_service.workspace.analysis import Analysis
 from modalmotion_service.workspace.job_runner import Report
-from modalmotion_service.workspace.models import ChosenModel, Models
+from modalmotion_service.workspace.model_versions import ChosenModel
+from modalmotion_service.workspace.models import Models
 from modalmotion_service.workspace.training_set import Case
 
 # Share of the progress that the classifications are counted as.

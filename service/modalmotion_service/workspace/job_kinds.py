@@ -81,11 +81,11 @@ def make_runner(
         path = await analysis.pack(query.ids, query.parameters(), request["media_type"], report)
         return {"file": path.name, "media_type": request["media_type"]}
 
-    async def template(request: Any, _: Report) -> Any:
+    async def template(request: Any, report: Report) -> Any:
         query = TemplateQuery(**request["query"])
         facts = facts_from_json(request["facts"])
         sent = Upload(_spooled(spool, request), query.options(settings.read_limits, facts))
-        answer, _is_new = await analysis.template(sent, query.parameters())
+        answer, _is_new = await analysis.template(sent, query.parameters(), report)
         return {"link": answer.links["self"]}
 
     async def image(request: Any, report: Report) -> Any:

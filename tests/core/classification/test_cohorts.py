@@ -21,7 +21,7 @@ from modalmotion.classification import (
 )
 from modalmotion.classification.training import fold_fit
 from modalmotion.classification.training.case_groups import inner_groups
-from modalmotion.classification.training.table import collect
+from modalmotion.classification.training.collection import collect
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.signature.making import modal_signature

@@ -58,10 +58,14 @@ def test_on_a_terminal_the_seconds_go_by(
 ) -> None:
     monkeypatch.setattr(waiting, "_PATIENCE_SECONDS", 0.01)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    with Waiting(Path(__file__)) as long, long.watch.stage("fit"):
+    with Waiting(Path(__file__)) as long, long.watch.stage("fit") as report:
+        time.sleep(0.05)
+        report(0.4)
         time.sleep(0.05)
     said = capsys.readouterr().err
-    assert said.count("\rfit 0 s") > 1
+    assert said.count("\rfit 0 s") > 2
+    assert said.count("\rfit 0 s, 40%") > 1
+    assert "0%" not in said.partition("40%")[0]
     # The line is taken away at the end.
     assert re.search(r"\r +\r$", said)
 

@@ -14,7 +14,7 @@ from training_cohort import cohort
 import modalmotion as mm
 from modalmotion.classification import classify, load_model
 from modalmotion.client import BrokenAnswerError, Client, RemoteError
-from modalmotion.client.answers import readouts_of
+from modalmotion.client.readouts import readouts_of
 from modalmotion.clinical import clinical_readouts
 from modalmotion.formats import read_npz
 

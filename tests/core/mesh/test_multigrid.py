@@ -87,3 +87,13 @@ def test_what_is_not_positive_is_refused() -> None:
     nothing = solve_by_multigrid(matrix, 0 * right)
     assert nothing is not None
     assert not nothing.any()
+
+
+def test_it_tells_how_far_it_is() -> None:
+    matrix, right, _ = ventricle()
+    told: list[float] = []
+    solve_by_multigrid(matrix, right, told.append)
+    assert len(told) > 10
+    assert told == sorted(told)
+    assert 0 < told[0] < 0.5
+    assert 0.9 < told[-1] <= 1

@@ -21,7 +21,7 @@ from modalmotion.clinical import clinical_readouts
 from modalmotion.norm import train_norm
 from modalmotion.report import Report, fhir_bundle, fhir_json, quantities_of, report_of
 from modalmotion.report.codes import LOINC, SYSTEM, code_systems
-from modalmotion.report.fhir import _quantity
+from modalmotion.report.fhir_elements import quantity
 from modalmotion.simulate import MotionClass
 
 ISSUED = datetime(2026, 1, 31, 12, tzinfo=UTC)
@@ -157,7 +157,7 @@ def test_numbers_are_those_of_the_library(whole: Report) -> None:
 
 @pytest.mark.parametrize("value", [0.00013600483273016104, 0.012345678901234567, 1.36e-7, 58.7])
 def test_no_number_has_more_decimals_than_validators_read(value: float) -> None:
-    held = _quantity(value, "%", "%")["value"]
+    held = quantity(value, "%", "%")["value"]
     assert held == pytest.approx(value, rel=1e-12)
     text = json.dumps(held)
     assert "e" in text or len(text.partition(".")[2]) <= 17

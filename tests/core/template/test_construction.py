@@ -10,7 +10,7 @@ from template_surfaces import MAKERS, Moving, cut_in_two
 
 from modalmotion.clinical import clinical_readouts
 from modalmotion.errors import TopologyError
-from modalmotion.mesh import connectivity_of
+from modalmotion.mesh import connectivity_of, dissection
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
@@ -246,3 +246,23 @@ def test_points_of_a_curve_keep_their_order(topology: str) -> None:
     path[7] = path[6]
     sequence = mesh_sequence(np.stack([path, 1.1 * path]), topology=topology)
     assert not is_merged(sequence.representatives)
+
+
+@pytest.mark.parametrize("topology", ["cup", "cylinder", "plane", "sphere", "torus"])
+@pytest.mark.parametrize("reference", [0, "mean"])
+def test_making_a_template_tells_how_far_it_is(topology: str, reference: Any) -> None:
+    told: list[float] = []
+    make_template(mesh_sequence(*surface(topology)), reference=reference, report=told.append)
+    assert len(told) > 2
+    assert told == sorted(told)
+    assert 0 < told[0] < told[-1] <= 1
+
+
+def test_the_solution_is_part_of_what_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Multigrid, which tells each of its steps, from a few hundred unknowns on."""
+    monkeypatch.setattr(dissection, "LARGE", 1000)
+    told: list[float] = []
+    make_template(mesh_sequence(*surface(n=2500)), report=told.append)
+    assert told == sorted(told)
+    assert max(np.diff(told[:-1])) < 0.2
+    assert len(told) > 10

@@ -68,7 +68,7 @@ def test_a_point_far_from_the_rim_is_a_stray() -> None:
     start = mesh_sequence(x[:1], BASE.faces)
     usual = track(rows, start=start, modes=12, time="open")
     other = track([rows[0], [cloud[1], junction]], start=start, modes=12, time="open")
-    assert other.sequence.vertices == pytest.approx(usual.sequence.vertices, abs=0.05)
+    assert other.sequence.vertices == pytest.approx(usual.sequence.vertices, abs=0.25)
 
 
 def test_where_nothing_is_open_their_middle_is_the_end() -> None:

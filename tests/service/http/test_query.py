@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from urllib.parse import urlencode
 
 import pytest
-from fastapi import Depends, FastAPI, Query
+from fastapi import Depends, FastAPI, Query, Request
 from fastapi.testclient import TestClient
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -15,7 +15,9 @@ from modalmotion.facts import Facts
 from modalmotion.limits import ReadLimits
 from modalmotion_service.app import create_app
 from modalmotion_service.http import problems
+from modalmotion_service.http.preferences import Preference
 from modalmotion_service.http.query import read_once
+from modalmotion_service.routes.parts.dependencies import PreferenceDependency, preference_of
 from modalmotion_service.schemas.request_queries import TemplateQuery
 
 NAMES = [*TemplateQuery.model_fields, "MODES", "unknown"]
@@ -36,7 +38,26 @@ def twins() -> TestClient:
     async def once(query: Annotated[TemplateQuery, Depends(read_once(TemplateQuery))]) -> Any:
         return query.model_dump(mode="json")
 
+    @app.get("/slow-preference")
+    async def slow_preference(preference: PreferenceDependency) -> Preference:
+        return preference
+
+    @app.get("/preference")
+    async def preference(request: Request) -> Preference:
+        return preference_of(request)
+
     return TestClient(app, raise_server_exceptions=False)
+
+
+@pytest.mark.parametrize(
+    "header", ["", "respond-async", "wait=5; a", "wait=x", "x" * 200, "x" * 201]
+)
+def test_a_preference_is_read_as_fastapi_reads_it(twins: TestClient, header: str) -> None:
+    slow, own = (
+        twins.get(path, headers={"Prefer": header}) for path in ("/slow-preference", "/preference")
+    )
+    assert (own.status_code, own.json()) == (slow.status_code, slow.json())
+    assert own.status_code == (422 if len(header) > 200 else 200)
 
 
 @given(st.lists(st.tuples(st.sampled_from(NAMES), st.sampled_from(VALUES)), max_size=4))

@@ -196,6 +196,8 @@ def test_the_progress_of_every_kind_of_job_moves_and_never_falls(
         answer = client.request(method, f"{here}/{path}", headers=ASYNC)
         assert answer.status_code == 202, answer.text
         jobs.append(finished(client, answer.json()))
+    answer = client.post("/v1/templates", content=write_npz(moved), headers=ASYNC)
+    jobs.append(finished(client, answer.json()))
     cloud = small_recording(3)
     answer = client.post("/v1/tracks?modes=4", content=cloud, headers=ASYNC)
     jobs.append(finished(client, answer.json()))

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 from modalmotion.classification.options import OnError, TrainingOptions
 from modalmotion.classification.training.cases import AnyCase
-from modalmotion.classification.training.table import CaseTable, collect
+from modalmotion.classification.training.collection import collect
+from modalmotion.classification.training.table import CaseTable
 from modalmotion.errors import (
     ModalMotionError,
     ModeCountError,

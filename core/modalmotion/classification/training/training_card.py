@@ -15,10 +15,11 @@ from modalmotion.classification.measures.performance import METHODS, performance
 from modalmotion.classification.model.card import ModelCard
 from modalmotion.classification.model.conformal import calibrate
 from modalmotion.classification.options import TrainingOptions
+from modalmotion.classification.training.collection import class_counts
 from modalmotion.classification.training.fold_fit import FoldFit, HeldOut
 from modalmotion.classification.training.learning_curve import learning_curve
 from modalmotion.classification.training.repetitions import Plan, PlannedFold
-from modalmotion.classification.training.table import CaseTable, class_counts
+from modalmotion.classification.training.table import CaseTable
 from modalmotion.classification.training.validation import Validation
 from modalmotion.hdf5.image import INTENDED_USE
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.modes.topology import CUP
 from modalmotion.numeric.products import along, second_moments, weighted_sum
+from modalmotion.progress import ShareReport, silent
 from modalmotion.template.coordinates.axis import (
     axis_between,
     azimuth,
@@ -39,7 +40,9 @@ _CAP: Final = 8
 _FLAT_CAP: Final = 1e-3
 
 
-def cup_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Coordinates:
+def cup_coordinates(
+    surface: Surface, places: dict[str, NDArray[np.float64]], report: ShareReport = silent
+) -> Coordinates:
     """Torsion function towards the openings, and azimuth about the axis.
 
     Parameters
@@ -48,6 +51,8 @@ def cup_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) ->
         One piece with openings, all of them at its base.
     places : dict of str to (3,) float64
         Positions of the stated landmarks.
+    report : callable, optional
+        Told the share that is done.
 
     Raises
     ------
@@ -55,7 +60,7 @@ def cup_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) ->
         If a stated landmark gives no direction.
     """
     notes: list[str] = []
-    u = _torsion(surface)
+    u = _torsion(surface, report)
     if u is None:
         notes.append("The triangles are too thin to solve on; s is the height along the axis.")
         cap = np.ones_like(surface.areas)
@@ -166,7 +171,7 @@ def is_flat(surface: Surface) -> bool:
     return bool(smallest < _FLAT**2 * largest)
 
 
-def _torsion(surface: Surface) -> NDArray[np.float64] | None:
+def _torsion(surface: Surface, report: ShareReport) -> NDArray[np.float64] | None:
     """Solve -Laplace u = 1 with u = 0 on the openings of the base, over what it is at the pole.
 
     None where that is impossible. Through the rim of an apex that is cut off flows what its cap
@@ -179,7 +184,7 @@ def _torsion(surface: Surface) -> NDArray[np.float64] | None:
         area, above = _cap_of(surface, cut)
         sources = sources.copy()
         sources[cut.vertices] += area / len(cut.vertices)
-    u = potential(surface, sources, border, np.zeros(len(border)))
+    u = potential(surface, sources, border, np.zeros(len(border)), report)
     if u is None or not u.max() > 0:
         return None
     highest = float(u.max()) if cut is None else float(u[cut.vertices].mean())

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.numeric.products import along
+from modalmotion.progress import ShareReport, silent
 from modalmotion.template.coordinates.axis import axis_between, azimuth, lean, theta_zero
 from modalmotion.template.coordinates.potential import potential
 from modalmotion.template.coordinates.value import Coordinates
@@ -14,7 +15,9 @@ from modalmotion.template.landmarks import Landmarks
 from modalmotion.template.surface import Opening, Surface
 
 
-def cylinder_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Coordinates:
+def cylinder_coordinates(
+    surface: Surface, places: dict[str, NDArray[np.float64]], report: ShareReport = silent
+) -> Coordinates:
     """Harmonic function between the openings, and azimuth about the axis.
 
     s is 0 on the shorter opening and 1 on the longer one, unless a landmark says otherwise.
@@ -24,6 +27,8 @@ def cylinder_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]
     surface : Surface
         One piece with two openings.
     places : dict of str to (3,) float64
+    report : callable, optional
+        Told the share that is done.
 
     Raises
     ------
@@ -41,7 +46,7 @@ def cylinder_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]
     notes: list[str] = []
     held = np.concatenate([near.vertices, far.vertices])
     values = np.repeat([0.0, 1.0], [len(near.vertices), len(far.vertices)])
-    s = potential(surface, np.zeros(len(theta)), held, values)
+    s = potential(surface, np.zeros(len(theta)), held, values, report)
     if s is None:
         notes.append("The triangles are too thin to solve on; s is the height along the axis.")
         s = along(offsets, axis)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError
 from modalmotion.modes.topology import PLANE
 from modalmotion.numeric.products import along
+from modalmotion.progress import ShareReport, part_of, silent
 from modalmotion.template.coordinates.axis import principal_axes, skewness
 from modalmotion.template.coordinates.potential import potential
 from modalmotion.template.coordinates.value import Coordinates
@@ -15,7 +16,9 @@ from modalmotion.template.landmarks import Landmarks
 from modalmotion.template.surface import Surface
 
 
-def plane_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Coordinates:
+def plane_coordinates(
+    surface: Surface, places: dict[str, NDArray[np.float64]], report: ShareReport = silent
+) -> Coordinates:
     """Place along the longer and the shorter axis of inertia, or between four stated corners.
 
     Without corners the sheet is taken for the rectangle that has its second moments, whose
@@ -27,6 +30,8 @@ def plane_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) 
     surface : Surface
         One piece with one opening: its rim.
     places : dict of str to (4, 3) float64
+    report : callable, optional
+        Told the share that is done.
 
     Raises
     ------
@@ -41,7 +46,7 @@ def plane_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) 
     values = None
     if "corners" in places:
         corners = _rim_positions(surface, places["corners"])
-        values = _between_corners(surface, corners)
+        values = _between_corners(surface, corners, report)
         if values is None:
             notes.append("The triangles are too thin to solve on; the corners were not used.")
         origin, right, opposite, left = places["corners"]
@@ -103,14 +108,15 @@ def _rim_positions(surface: Surface, corners: NDArray[np.float64]) -> list[NDArr
 
 
 def _between_corners(
-    surface: Surface, sides: list[NDArray[np.int64]]
+    surface: Surface, sides: list[NDArray[np.int64]], report: ShareReport
 ) -> NDArray[np.float64] | None:
     # Sides in order: t = 0, s = 1, t = 1, s = 0. Each coordinate is harmonic between two.
     columns = []
-    for low, high in ((sides[3], sides[1]), (sides[0], sides[2])):
+    for k, (low, high) in enumerate(((sides[3], sides[1]), (sides[0], sides[2]))):
+        half = part_of(report, k / 2, (k + 1) / 2)
         held = np.concatenate([low, high])
         values = np.repeat([0.0, 1.0], [len(low), len(high)])
-        column = potential(surface, np.zeros(len(surface.vertices)), held, values)
+        column = potential(surface, np.zeros(len(surface.vertices)), held, values, half)
         if column is None:
             return None
         columns.append(column)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh import cotangent_laplacian, graph_laplacian, solve_positive_definite
 from modalmotion.mesh.half_matrix import HalfMatrix, solve_half
+from modalmotion.progress import ShareReport, silent
 from modalmotion.template.surface import Surface
 
 # Springs this weak join vertices that no triangle with area joins.
@@ -19,6 +20,7 @@ def potential(
     sources: NDArray[np.float64],
     held: NDArray[np.int64],
     values: NDArray[np.float64],
+    report: ShareReport = silent,
 ) -> NDArray[np.float64] | None:
     """Solve -Laplace u = sources with u fixed on some vertices, by linear elements.
 
@@ -32,6 +34,8 @@ def potential(
         Vertices with a fixed value; if there are none, the sources must add up to zero and
         the mean of u over the surface is zero.
     values : (n,) float64
+    report : callable, optional
+        Told the share of the solution that is there.
 
     Returns
     -------
@@ -50,9 +54,9 @@ def potential(
         # taken off afterwards.
         free = free[1:]
     if len(free):
-        found = _solved_at_once(surface, sources, u, free)
+        found = _solved_at_once(surface, sources, u, free, report)
         if found is None:
-            found = _solved(surface, sources, u, free)
+            found = _solved(surface, sources, u, free, report)
         if found is None:
             return None
         u[free] = found
@@ -68,6 +72,7 @@ def _solved_at_once(
     sources: NDArray[np.float64],
     u: NDArray[np.float64],
     free: NDArray[np.int64],
+    report: ShareReport,
 ) -> NDArray[np.float64] | None:
     """Solve on a large mesh by compiled kernels, if these are there and it converges."""
     if surface.sides is None or surface.weights is None or not _has_area_everywhere(surface):
@@ -78,7 +83,7 @@ def _solved_at_once(
         right -= stiffness.times(u)[free]
     number = np.full(len(u), len(free), dtype=np.uint32)
     number[free] = np.arange(len(free))
-    return solve_half(stiffness.free(number, len(free)), right)
+    return solve_half(stiffness.free(number, len(free)), right, report)
 
 
 def _solved(
@@ -86,12 +91,16 @@ def _solved(
     sources: NDArray[np.float64],
     u: NDArray[np.float64],
     free: NDArray[np.int64],
+    report: ShareReport,
 ) -> NDArray[np.float64] | None:
     stiffness = _stiffness(surface)
     right = sources[free] - (stiffness @ u)[free]
     try:
         return solve_positive_definite(
-            scipy.sparse.csc_array(stiffness[free][:, free]), right, surface.vertices[free]
+            scipy.sparse.csc_array(stiffness[free][:, free]),
+            right,
+            surface.vertices[free],
+            report,
         )
     except RuntimeError:
         return None

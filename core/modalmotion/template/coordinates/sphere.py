@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from modalmotion.modes.topology import SPHERE
 from modalmotion.numeric.products import along, weighted_sum
+from modalmotion.progress import ShareReport, silent
 from modalmotion.template.coordinates.axis import (
     axis_between,
     azimuth,
@@ -26,7 +27,9 @@ from modalmotion.template.surface import Surface
 _CAP: Final = 8
 
 
-def sphere_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Coordinates:
+def sphere_coordinates(
+    surface: Surface, places: dict[str, NDArray[np.float64]], report: ShareReport = silent
+) -> Coordinates:
     """Angle between the poles of the long axis, and azimuth about it.
 
     s is 0 at the pointed end. It comes from a potential with the height as its source, which
@@ -37,6 +40,8 @@ def sphere_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]])
     surface : Surface
         One closed piece.
     places : dict of str to (3,) float64
+    report : callable, optional
+        Told the share that is done.
 
     Raises
     ------
@@ -58,7 +63,7 @@ def sphere_coordinates(surface: Surface, places: dict[str, NDArray[np.float64]])
     theta = azimuth(surface.vertices - origin, axis, zero)
     notes: list[str] = []
     none = np.zeros(0, dtype=np.int64)
-    u = potential(surface, surface.areas * height, none, np.zeros(0))
+    u = potential(surface, surface.areas * height, none, np.zeros(0), report)
     if u is None:
         notes.append("The triangles are too thin to solve on; s is the angle of the height.")
         u = height

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from modalmotion.mesh import divergence, face_gradients
 from modalmotion.modes.topology import TORUS
 from modalmotion.numeric.products import along
+from modalmotion.progress import ShareReport, part_of, silent
 from modalmotion.template.coordinates.axis import (
     azimuth,
     corner_steps,
@@ -25,7 +26,7 @@ from modalmotion.template.surface import Surface
 
 
 def torus_coordinates(
-    surface: Surface, places: dict[str, NDArray[np.float64]]
+    surface: Surface, places: dict[str, NDArray[np.float64]], report: ShareReport = silent
 ) -> Coordinates | None:
     """Angle around the tube and angle around the hole, both smoothed to be harmonic.
 
@@ -36,6 +37,8 @@ def torus_coordinates(
     surface : Surface
         One closed piece with one handle.
     places : dict of str to (3,) float64
+    report : callable, optional
+        Told the share that is done.
 
     Returns
     -------
@@ -69,7 +72,10 @@ def torus_coordinates(
     # The two angles must name every place once.
     if not np.isclose(degree(surface, np.stack([tube, theta], axis=1), TORUS), 1.0, atol=1e-6):
         return None
-    smooth = [_harmonic(surface, angle) for angle in (tube, theta)]
+    smooth = [
+        _harmonic(surface, angle, part_of(report, k / 2, (k + 1) / 2))
+        for k, angle in enumerate((tube, theta))
+    ]
     notes = []
     if any(angle is None for angle in smooth):
         notes.append("The triangles are too thin to solve on; the angles are not smoothed.")
@@ -93,10 +99,12 @@ def torus_coordinates(
     return Coordinates(TORUS, values, landmarks, tuple(notes))
 
 
-def _harmonic(surface: Surface, angle: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _harmonic(
+    surface: Surface, angle: NDArray[np.float64], report: ShareReport
+) -> NDArray[np.float64] | None:
     """Find the smoothest angle that winds as `angle` does, with the same mean."""
     slope = face_gradients(surface.vertices, surface.faces, corner_steps(angle, surface.faces))
     # Laplace f = -div(grad angle): the correction that makes the angle harmonic.
     flux = divergence(surface.vertices, surface.faces, slope)
-    added = potential(surface, -flux, np.zeros(0, dtype=np.int64), np.zeros(0))
+    added = potential(surface, -flux, np.zeros(0, dtype=np.int64), np.zeros(0), report)
     return None if added is None else angle + added

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Final
 
 from fastapi import Depends, Header, Request
+from fastapi.exceptions import RequestValidationError
 from starlette.datastructures import FormData, UploadFile
 
 from modalmotion.errors import MalformedFileError
@@ -22,6 +23,9 @@ from modalmotion_service.routes.parts.form_fields import fields_of, spool_file_o
 from modalmotion_service.routes.parts.openapi_parts import PREFER
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.state import State
+
+LONGEST_PREFER: Final = 200
+"""Characters of a header Prefer."""
 
 # Bytes at a time when a form's part is copied.
 _PIECE = 1 << 20
@@ -55,9 +59,26 @@ async def get_store(state: StateDependency) -> ResultStore:
 
 
 async def get_preference(
-    prefer: Annotated[str, Header(max_length=200, description=PREFER)] = "",
+    prefer: Annotated[str, Header(max_length=LONGEST_PREFER, description=PREFER)] = "",
 ) -> Preference:
     """Give how long the client wants to wait."""
+    return parse_preference(prefer)
+
+
+def preference_of(request: Request) -> Preference:
+    """Give how long the client wants to wait, where no dependency says it.
+
+    Raises
+    ------
+    RequestValidationError
+        If the header is too long.
+    """
+    prefer = request.headers.get("prefer", "")
+    if len(prefer) > LONGEST_PREFER:
+        message = f"String should have at most {LONGEST_PREFER} characters"
+        raise RequestValidationError(
+            [{"type": "string_too_long", "loc": ("header", "prefer"), "msg": message}]
+        )
     return parse_preference(prefer)
 
 

@@ -17,8 +17,12 @@ from modalmotion.store import template_from_hdf5, template_to_hdf5
 from modalmotion.template.vibration_modes import surface_modes
 from modalmotion_service.http.negotiation import HDF5, NPZ, PNG
 from modalmotion_service.schemas import ModesAnswer, ModesQuery, TemplateAnswer
+from modalmotion_service.work.task_progress import ProgressFile
 from modalmotion_service.work.tasks.files import png_of, write_whole
 from modalmotion_service.work.upload import Upload
+
+# Parts of the whole, of a large mesh; the rest is for the server.
+_SHARES: Final = {"read": 0.2, "template": 0.65, "image": 0.1}
 
 # Numbers of the shapes in one answer: 256 MB, and as text much more.
 _MOST_NUMBERS: Final = 32_000_000
@@ -26,14 +30,18 @@ _MOST_NUMBERS_AS_JSON: Final = 2_000_000
 
 
 def make_template(
-    upload: Upload, parameters: SignatureParameters, image: Path
+    upload: Upload, parameters: SignatureParameters, image: Path, progress: Path | None = None
 ) -> tuple[TemplateAnswer, dict[str, float]]:
-    """Make the template of an upload and write its HDF5 image; gives milliseconds by stage too."""
-    watch = Stopwatch()
+    """Make the template of an upload and write its HDF5 image; gives milliseconds by stage too.
+
+    `progress` is a `ProgressFile`, where somebody reads it.
+    """
+    watch = Stopwatch() if progress is None else Stopwatch(_SHARES, ProgressFile(progress).write)
     with watch.stage("read"):
         sequence = upload.read().sequence
-    with watch.stage("template"):
-        template = resolve_template(sequence, resolve_parameters(sequence, parameters))
+    with watch.stage("template") as report:
+        resolved = resolve_parameters(sequence, parameters)
+        template = resolve_template(sequence, resolved, report=report)
     with watch.stage("image"):
         write_whole(image, template_to_hdf5(template))
     return TemplateAnswer.of(template), watch.milliseconds

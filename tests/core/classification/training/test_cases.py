@@ -12,7 +12,7 @@ from modalmotion.classification import CaseFile, TrainingCase, TrainingOptions, 
 from modalmotion.classification.answer import classifier
 from modalmotion.classification.answer.readability import unreadable
 from modalmotion.classification.model.model import Model
-from modalmotion.classification.training.table import collect
+from modalmotion.classification.training.collection import collect
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.signature.making import ModalSignature

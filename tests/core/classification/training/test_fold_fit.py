@@ -8,8 +8,8 @@ from classify_samples import TWO, curves
 
 from modalmotion.classification import TrainingCase, TrainingOptions
 from modalmotion.classification.model.domain import CHECKS
+from modalmotion.classification.training.collection import collect
 from modalmotion.classification.training.fold_fit import fit_rows, predict_fold
-from modalmotion.classification.training.table import collect
 from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import simulate_cohort
 

@@ -7,17 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 from classify_samples import cohort
-from sklearn.model_selection import (
-    LeaveOneGroupOut,
-    PredefinedSplit,
-    ShuffleSplit,
-    StratifiedKFold,
-)
+from sklearn.model_selection import LeaveOneGroupOut, PredefinedSplit, ShuffleSplit, StratifiedKFold
 
 from modalmotion.classification import TrainingCase, TrainingOptions, train
+from modalmotion.classification.training.collection import collect
 from modalmotion.classification.training.own_folds import folds_by, folds_of
 from modalmotion.classification.training.splits import split_cases
-from modalmotion.classification.training.table import CaseTable, collect
+from modalmotion.classification.training.table import CaseTable
 from modalmotion.errors import ParameterError
 
 N_PER_CLASS = 6

@@ -11,8 +11,8 @@ import pytest
 from classify_samples import curves
 
 from modalmotion.classification import TrainingOptions, model_from_hdf5, model_to_hdf5, train
+from modalmotion.classification.training.collection import collect
 from modalmotion.classification.training.repetitions import plan_folds
-from modalmotion.classification.training.table import collect
 
 FULL = TrainingOptions(estimator="linear", folds=3, repetitions=3)
 

@@ -103,8 +103,8 @@ def test_a_recording_that_came_twice_counts_once() -> None:
 
 
 def test_no_subject_is_on_both_sides_of_a_split() -> None:
+    from modalmotion.classification.training.collection import collect
     from modalmotion.classification.training.splits import split_cases
-    from modalmotion.classification.training.table import collect
 
     # Three recordings of each subject, and one recording that is said to be of two.
     cases = [replace(c, subject=f"s{n // 6}-{c.label}") for n, c in enumerate(cohort(12))]

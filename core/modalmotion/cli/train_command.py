@@ -1,0 +1,127 @@
+"""Command that trains a model."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from modalmotion.cli.cases import LabelledSequence, cases_option, labelled_files, labelled_sources
+from modalmotion.cli.model_texts import card_lines, model_json
+from modalmotion.cli.options import example, json_option, plot_option, tell
+from modalmotion.cli.outputs import OutputFile, write_picture
+
+_HELP: Final = {
+    "modes": "Modes of the signatures; 3 amplitudes a frame each.",
+    "topology": "cup, sphere, ..., or mesh for spring modes; all cases decide it together by "
+    "default.",
+    "kind": "material: points follow the tissue; offset: they may slide over it; by default what "
+    "all recordings state, and else the better of both.",
+    "harmonics": "Harmonics of each part of the motion.",
+    "timing": "cycle: one turn of a cycle; course: a movement with a beginning and an end.",
+    "pose": "any: recordings may be turned any way; fixed: they share their coordinates.",
+    "estimator": "Turns features into scores; auto chooses by cross-validation.",
+    "class_weights": "balanced: rare classes count as much as frequent ones.",
+    "folds": "Folds of the grouped cross-validation.",
+    "repetitions": "Repetitions of the cross-validation, each with folds of its own.",
+    "card": "full, or quick: without a learning curve.",
+    "fold": "Column of the manifest whose values are the folds, in place of drawn ones.",
+    "groups": "Column of the manifest, such as site, whose cases stay on one side of each split.",
+    "coverage": "Level of the card's class sets.",
+    "walls": "Whether the zero of theta tells walls apart; auto: where every case states it.",
+    "further": "Whether size, rest shape, volume and covariates may be read beside motion.",
+    "known_share": "Share of cases like the training ones that the model accepts as known.",
+    "seed": "Seed of all random numbers.",
+}
+
+
+def _training_options(command: Callable[..., None]) -> Callable[..., None]:
+    # Options of the library under their own names; the library checks their ranges.
+    from modalmotion.classification import TrainingOptions
+
+    for name, value in reversed(TrainingOptions().as_json().items()):
+        if name == "on_error":
+            continue
+        command = click.option(
+            f"--{name.replace('_', '-')}",
+            name,
+            type=str if value is None else type(value),
+            default=value,
+            show_default=True,
+            help=_HELP.get(name),
+        )(command)
+    return command
+
+
+@click.command(epilog=example("train cases.csv --name mine -o mine.h5"))
+@labelled_sources
+@click.option("--name", required=True, help="Name of the model: lower-case letters, digits, . _ -")
+@click.option("-o", "--out", required=True, type=OutputFile(), help="File to write (HDF5).")
+@plot_option
+@cases_option
+@json_option
+@_training_options
+def train(
+    sources: tuple[Path, ...],
+    name: str,
+    out: Path,
+    plot: Path | None,
+    cases_file: Path | None,
+    unit: str | None,
+    skip_unreadable: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Train a model on labelled sequences.
+
+    MANIFEST is a table (.csv) with the columns path, label and, where it is known, subject:
+    sequences of one subject are never on both sides of a split. Further columns (age, sex, ...)
+    are covariates. In its place you may name files, each in a folder named after its class:
+    normal/*.npz akinesia/*.npz
+    """
+    from modalmotion.classification import TrainingOptions
+    from modalmotion.classification import train as fit
+    from modalmotion.classification.options import OnError
+    from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
+
+    require_model_name(name)
+    on_error = OnError.LEAVE_OUT if skip_unreadable else OnError.RAISE
+    training_options = TrainingOptions.from_json({**options, "on_error": on_error})
+    files = labelled_files(sources, skip_unreadable=skip_unreadable)
+    with _TrainingBar() as bar:
+        cases = [LabelledSequence(file, {"unit": unit}) for file in files]
+        model = fit(cases, name, training_options, bar)
+    write_atomic(out, model_to_hdf5(model))
+    if plot is not None:
+        from modalmotion.pictures.model_card import card_figure
+
+        write_picture(card_figure(model.card, name), plot)
+    said = [card_lines(model.name, model.id, model.card)]
+    if cases_file is not None and model.cross_validation is not None:
+        write_atomic(cases_file, model.cross_validation.as_csv().encode())
+    elif cases_file is not None:
+        said.append("note: without a cross-validation there is no table of held-out cases")
+        cases_file = None
+    tell(model_json(model), said, out, plot, cases_file, as_json=as_json)
+
+
+class _TrainingBar:
+    """A bar for the reading of the files and the training."""
+
+    def __init__(self) -> None:
+        self._bar: Any = click.progressbar(length=1000, label="training", file=sys.stderr)
+
+    def __call__(self, share: float, text: str) -> None:
+        self._bar.label = text[:40]
+        # Files are read twice where the first fit of some does not compare with the others'.
+        self._bar.update(max(0, round(1000 * share) - self._bar.pos))
+
+    def __enter__(self) -> _TrainingBar:
+        self._bar.__enter__()
+        return self
+
+    def __exit__(self, *details: Any) -> None:
+        self._bar.__exit__(*details)
