@@ -68,9 +68,13 @@ format: $(VENV)/.dev
 bench: $(VENV)/.bench $(VENV)/.kernels
 	$(BIN)/python benchmarks/run.py $(ONLY)
 
+# All three parts, whatever one of them finds.
 soak: $(VENV)/.dev $(VENV)/.kernels
-	$(LEAN) $(BIN)/python -m pytest $(SPREAD) -m "thorough and not soak"
-	$(BIN)/python -m pytest -m soak
+	@failed=0; \
+	$(LEAN) $(BIN)/python -m pytest $(SPREAD) -m "thorough and not soak" || failed=1; \
+	$(LEAN) $(BIN)/python -m pytest -n 2 --dist loadfile -m "soak and not alone" || failed=1; \
+	$(BIN)/python -m pytest -m "soak and alone" || failed=1; \
+	exit $$failed
 
 # The bundle of the viewer from its sources, in viewer/; needs node and npm.
 viewer:

@@ -402,6 +402,7 @@ def test_killed_workers_cost_no_acknowledged_job(service: RunningService) -> Non
 
 
 @pytest.mark.soak
+@pytest.mark.alone
 def test_three_thousand_kills_of_workers_on_a_busy_machine_cost_no_acknowledged_job(
     service: RunningService, capsys: pytest.CaptureFixture[str]
 ) -> None:

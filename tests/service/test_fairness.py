@@ -110,6 +110,7 @@ def seconds_of(service: RunningService, key: str, n: int) -> list[float]:
 
 
 @pytest.mark.soak
+@pytest.mark.alone
 @pytest.mark.parametrize("n_workers", [1, 2])
 def test_a_small_signature_takes_at_most_twice_its_idle_time_beside_48_costly_ones(
     tmp_path: Path, n_workers: int, capsys: pytest.CaptureFixture[str]

@@ -20,13 +20,11 @@ from modalmotion.numeric.kinds import one_of, real, truth, whole, whole_numbers
 from modalmotion.representation import shown
 from modalmotion.template import GivenLandmarks, Weights
 from modalmotion.template.body_frame import Components
+from modalmotion.template.frequencies import require_wave_speed
 from modalmotion.template.landmarks import landmarks_in
 
 # Above this a signature is no longer compact, and a typing error is more likely.
 MOST_MODES: Final = 2000
-
-FASTEST_WAVE: Final = 1e100
-"""Largest wave speed, length unit per s."""
 
 USUAL_MODES: Final = 7
 """Default number of modes: a whole set for every topology."""
@@ -187,12 +185,7 @@ class SignatureParameters:
                 "fixed.",
             )
         self._require_kind()
-        # Beyond it the energy, which contains its square, may overflow.
-        if not 0 < self.wave_speed <= FASTEST_WAVE:
-            raise ParameterError(
-                f"The wave speed is {self.wave_speed}.",
-                remedy=f"Use a speed above zero, at most {FASTEST_WAVE:g}.",
-            )
+        require_wave_speed(self.wave_speed)
         for name in ("tolerance", "tolerance_share"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value >= 0):

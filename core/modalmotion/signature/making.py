@@ -8,7 +8,6 @@ from functools import lru_cache
 from importlib.metadata import version
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.alignment.reference import reference_positions
 from modalmotion.choice.fitter import Fitter
@@ -28,11 +27,8 @@ from modalmotion.signature.deviations import deviations_of
 from modalmotion.signature.value import ModalSignature
 from modalmotion.signature.volumes import enclosed_volumes
 from modalmotion.stopwatch import Stopwatch
-from modalmotion.template import (
-    Template,
-    make_template,
-    require_same_mesh,
-)
+from modalmotion.template import Template, make_template, require_same_mesh
+from modalmotion.template.frequencies import frequencies_of
 
 __all__ = [
     "INTENDED_USE",
@@ -102,8 +98,7 @@ def modal_signature(
         # They were taken out before the fit.
         rotations, translations = fitter.offsets.rotations, fitter.offsets.translations
         fit = replace(fit, rotations=rotations, translations=translations)
-    frequencies = modes.frequencies_on(own_template, parameters.wave_speed)
-    _require_frequencies(frequencies, own_template, parameters.wave_speed)
+    frequencies = frequencies_of(modes, own_template, parameters.wave_speed)
     notes = [*_notes_on_sequence(sequence, parameters.reference), *own_template.notes, *model.notes]
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
     if undetermined.size:
@@ -212,18 +207,6 @@ def provenance() -> dict[str, str]:
 def _versions() -> dict[str, str]:
     # Each is read from a file of the installation: 6 ms for all, more than the fit itself.
     return {name: version(name) for name in ("modalmotion", "numpy", "scipy", "h5py")}
-
-
-def _require_frequencies(
-    frequencies: NDArray[np.float64], template: Template, wave_speed: float
-) -> None:
-    if not np.isfinite(frequencies).all():
-        raise ParameterError(
-            f"Waves of {wave_speed:g} length units per s on a surface of the lengths "
-            f"{', '.join(f'{length:.3g}' for length in template.lengths)} have frequencies beyond "
-            "the largest number.",
-            remedy="State lengths in a smaller unit, or a smaller wave speed.",
-        )
 
 
 def _note_on_loose_vertices(fit: Fit, unit: str | None) -> list[str]:

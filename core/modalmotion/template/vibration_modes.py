@@ -15,6 +15,7 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.naming import modes_named
 from modalmotion.modes.topology import MESH
 from modalmotion.representation import shown
+from modalmotion.template.frequencies import frequencies_of
 from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.numbered_modes import choose_modes
 from modalmotion.template.template import Template
@@ -85,6 +86,8 @@ def surface_modes(template: Template, n_modes: int, wave_speed: float = 1.0) -> 
     ------
     ModeCountError
         If there are more modes than vertices.
+    ParameterError
+        If no waves have this speed, or a frequency is beyond the largest number.
     """
     choice = choose_modes(template, min(n_modes, template.n_vertices + 1))
     if len(choice.modes) > template.n_vertices:
@@ -145,7 +148,7 @@ def _of_template(
     return VibrationModes(
         MESH if template.surface is None else template.surface.name,
         modes.labels,
-        modes.frequencies_on(template, wave_speed),
+        frequencies_of(modes, template, wave_speed),
         shapes_of(modes, template),
         f"rad/s for waves of {wave_speed:g} length units per s",
         notes,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,16 +13,21 @@ from modalmotion.classification import load_model
 from modalmotion.simulate import MotionClass
 
 BOUND = 0.01
+SHARE_AT_A_LIMIT = 0.02
 
 # Interpolation between noisy frames is not exact; all else differs by rounding, float32's included.
 ROUNDING = dict.fromkeys(EXACT, 1e-5) | {"twice the frames, interpolated": BOUND}
 
 
 def moved(changes: dict[str, Change], noise: float, n: int, seed: int) -> dict[str, list[float]]:
-    """How far a probability moves at most, for each change and recording; classes must stay."""
+    """How far a probability moves at most, for each change and recording; classes must stay.
+
+    A label may be withheld by a flag that lies at its limit, and never becomes another.
+    """
     model = load_model()
     rng = np.random.default_rng(seed)
     found: dict[str, list[float]] = {name: [] for name in changes}
+    n_unsure: Counter[str] = Counter()
     for number in range(n):
         label = list(MotionClass)[number % len(MotionClass)]
         recording = draw_recording(label, rng, noise)
@@ -34,7 +41,10 @@ def moved(changes: dict[str, Change], noise: float, n: int, seed: int) -> dict[s
             apart = np.abs(after.probabilities - before.probabilities)
             found[name].append(float(apart.max()))
             if name not in OTHER_COORDINATES and margin(before.probabilities) > 10 * BOUND:
-                assert after.label == before.label, name
+                assert len({before.label, after.label} - {None}) <= 1, name
+                n_unsure[name] += before.label != after.label
+    # A flag has a limit, and noise carries a few across it.
+    assert max(n_unsure.values(), default=0) <= n * SHARE_AT_A_LIMIT
     return found
 
 

@@ -232,7 +232,7 @@ _NOT_DESCRIBED = {
 @pytest.mark.soak
 def test_every_call_is_answered_as_described_at_length(service: Service) -> None:
     for label in sorted(OPERATIONS, key=last_first):
-        conform(label, service, 150, seed_is_fixed=False)
+        conform(label, service, 75, seed_is_fixed=False)
         cover(label, service, every=1)
     n_sent = sum(sum(tried.values()) for tried in service.statuses.values())
     print(f"{n_sent} requests to {len(OPERATIONS)} calls: all as described")  # noqa: T201

@@ -146,6 +146,7 @@ def membership(tmp_path: Path, n: int, workers: int) -> tuple[np.ndarray, np.nda
 
 
 @pytest.mark.soak
+@pytest.mark.alone
 @pytest.mark.parametrize("workers", [1, 2])
 def test_membership_cannot_be_told_by_time(tmp_path: Path, workers: int) -> None:
     # Of 200 and 200 surfaces the area passes 0.56 by chance once in fifty runs, of twice as many

@@ -98,6 +98,7 @@ def test_a_few_dozen_kills_leave_no_future_unsettled() -> None:
 
 
 @pytest.mark.soak
+@pytest.mark.alone
 @pytest.mark.filterwarnings("ignore:resource_tracker")
 def test_three_thousand_kills_on_a_busy_machine_leave_no_future_unsettled(
     capsys: pytest.CaptureFixture[str],

@@ -28,6 +28,9 @@ COURSE: Final = MEASURES[2:]
 # Neighbours among the training cases that a place is measured from.
 _N_NEIGHBOURS: Final = 5
 
+# Pairs of a case and a training case that are compared at once, 24 bytes each.
+_MOST_PAIRS: Final = 250_000
+
 # Shares of the least motion and smoothness in training that a case must reach; and the highest
 # such limits, for cohorts that all move a great deal.
 _SHARE_OF_LEAST: Final = 0.5
@@ -194,7 +197,7 @@ class Domain:
         # Of a twin the sign of its direction is the opposite.
         own, turned = (self._beside(side * along) for side in (1.0, -1.0))
         leaps = (sights.measures[:, len(PLACE) - 1 :] - self.course[0]) / self.course[1]
-        scores = [nearest[:, None], self._from_places(sights.places)[:, None], -own, leaps]
+        scores = [nearest[:, None], self.distance_from_places(sights.places)[:, None], -own, leaps]
         return Judgement(
             readings=readings,
             scores=np.nan_to_num(np.concatenate(scores, axis=1)),
@@ -232,14 +235,18 @@ class Domain:
         nearest = np.abs(apart).argmin(axis=1)[:, None]
         return np.asarray(np.take_along_axis(apart, nearest, axis=1)[:, 0])
 
-    def _from_places(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distance_from_places(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance from the neighbours among the training cases, (cases,)."""
         n = min(_N_NEIGHBOURS, len(self.points))
         if n == 0:
             return np.zeros(len(places))
-        apart = np.nan_to_num((places[:, None] - self.points) / self.scales)
-        squares = np.einsum("ijk,ijk->ij", apart, apart)
-        return np.asarray(np.sqrt(np.partition(squares, n - 1, axis=1)[:, n - 1]))
+        found = np.empty(len(places))
+        step = max(1, _MOST_PAIRS // len(self.points))
+        for k in range(0, len(places), step):
+            apart = np.nan_to_num((places[k : k + step, None] - self.points) / self.scales)
+            squares = np.einsum("ijk,ijk->ij", apart, apart)
+            found[k : k + step] = np.partition(squares, n - 1, axis=1)[:, n - 1]
+        return np.sqrt(found)
 
 
 ARRAYS: Final = (

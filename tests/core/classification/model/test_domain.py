@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -132,6 +133,21 @@ def test_a_larger_motion_is_of_the_same_kind(
     assert one.shape == other.shape == (1, 4)
     assert np.allclose(one[:, :3], other[:, :3], rtol=1e-9, atol=1e-12)
     assert other[0, 3] - one[0, 3] == pytest.approx(np.log(larger), abs=1e-9)
+
+
+def test_thousands_of_places_are_compared_in_bounded_memory(rng: np.random.Generator) -> None:
+    places = rng.normal(size=(3_000, 3))
+    places[::7, 1] = np.nan
+    domain = replace(load_model().domain, points=rng.normal(size=(3_000, 3)))
+    tracemalloc.start()
+    found = domain.distance_from_places(places)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # All pairs at once are 216 MB.
+    assert peak < 40e6
+    some = [0, 7, 1_234, 2_999]
+    alone = [float(domain.distance_from_places(places[k : k + 1])[0]) for k in some]
+    assert found[some].tolist() == alone
 
 
 def test_no_motion_has_a_kind_that_is_a_number() -> None:
