@@ -110,7 +110,11 @@ class RunningService:
 
         Without those of files: how many others share a library at this moment is no growth.
         """
-        return 1024 * sum(map(_kilobytes, self.processes()))
+        return sum(self.memories().values())
+
+    def memories(self) -> dict[int, int]:
+        """As `memory`, of each process by its number; the server's is the first."""
+        return {pid: 1024 * _kilobytes(pid) for pid in self.processes()}
 
     def cpu_seconds(self) -> dict[str, float]:
         """Processor time so far, of the server and of all it has started."""

@@ -18,20 +18,14 @@ from numpy.typing import NDArray
 from modalmotion.fit.basis import Basis
 from modalmotion.fit.fit import project
 from modalmotion.fit.offsets import offset_reference
-from modalmotion.numeric.products import product, second_moments, weighted_sum
+from modalmotion.numeric.products import product
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.template import Template
+from modalmotion.template.affine_motions import HELD, unit_coordinates
 from modalmotion.template.body_frame import Components, from_local, local_frames, to_local
 
 # Floats of positions held at once.
 _BLOCK: Final = 500_000
-
-# Share of an affine motion's RMS: motions of which the modes hold less are left to the modes,
-# whose amplitudes say too little about them.
-_HELD: Final = 0.5
-
-# Of the longest axis: a surface thinner than this has no extent in that direction.
-_THIN: Final = 1e-6
 
 
 def superposed_positions(
@@ -66,12 +60,12 @@ def superposed_positions(
         return
     is_local = signature.parameters.components != Components.CARTESIAN
     frames = local_frames(template) if is_local else None
-    q = _unit_coordinates(rest, template.weights)
+    q = unit_coordinates(rest, template.weights)
     of_maps = _amplitudes_of_maps(basis, q, frames)
     a = signature.amplitudes.reshape(n_frames, -1)
     # a ~ c D by least squares, over the maps that the amplitudes determine
     U, S, Vt = np.linalg.svd(of_maps, full_matrices=False)
-    seen = S > _HELD
+    seen = S > HELD
     c = a @ (Vt[seen].T / S[seen] @ U[:, seen].T)
     remaining = (a - c @ of_maps).reshape(signature.amplitudes.shape)
     A, axes = c.reshape(n_frames, -1, 3), np.ascontiguousarray(q.T)
@@ -93,17 +87,6 @@ def _superposed(
     f, m, n = coefficients.shape
     by_direction = np.ascontiguousarray(coefficients.transpose(0, 2, 1)).reshape(n * f, m)
     return product(by_direction, rows).reshape(f, n, -1).transpose(0, 2, 1)
-
-
-def _unit_coordinates(
-    rest: NDArray[np.float64], weights: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Coordinates along the principal axes and 1, each with mean square 1 and uncorrelated."""
-    y = rest - weighted_sum(weights, rest)
-    squares, axes = np.linalg.eigh(second_moments(weights, y, y))
-    wide = squares > _THIN**2 * squares[-1]
-    along = product(y, axes[:, wide] / np.sqrt(squares[wide]))
-    return np.concatenate([along, np.ones((len(y), 1))], axis=1)
 
 
 def _amplitudes_of_maps(

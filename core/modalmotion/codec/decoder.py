@@ -48,6 +48,7 @@ def decode(
         Largest sequence to accept, compared with the sizes that the stream declares.
     n_threads : int, optional
         How many patches of a mesh are solved side by side; the bytes are the same with any number.
+        Worth it from some ten thousand vertices on.
 
     Raises
     ------
@@ -95,8 +96,11 @@ def _require_vertices(vertices: range | NDArray[np.int64], n_vertices: int) -> N
         or not 0 <= int(where.min()) <= int(where.max()) < n_vertices
         or len(np.unique(where)) < len(where)
     ):
+        what = "These vertices"
+        if isinstance(vertices, range):
+            what = f"The vertices {vertices.start} to {vertices.stop} in steps of {vertices.step}"
         raise ParameterError(
-            f"These vertices are not some of the {n_vertices} of the stream, each once.",
+            f"{what} are not some of the {n_vertices} of the stream, each once.",
             remedy=f"Ask for different whole numbers from 0 to {n_vertices - 1}.",
         )
     return where.astype(np.int64)

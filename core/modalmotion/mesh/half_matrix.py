@@ -80,17 +80,14 @@ class HalfMatrix:
         Parameters
         ----------
         number : (n,) uint32
-            In which order; `n_free` says that a row is not kept.
+            Of those that are kept, from 0 in their order; `n_free` of others.
         n_free : int
         """
         first = np.zeros(n_free + 1, dtype=np.uint32)
         end, weight = np.empty_like(self.end), np.empty_like(self.weight)
         own = self.first, self.end, self.weight, number
         n = self.kernels.run("keep_free", len(self), *own, n_free, first, end, weight)
-        kept = np.flatnonzero(number != n_free)
-        diagonal = np.empty(n_free)
-        diagonal[number[kept]] = self.diagonal[kept]
-        return HalfMatrix(first, end[:n], weight[:n], diagonal, self.kernels)
+        return HalfMatrix(first, end[:n], weight[:n], self.diagonal[number != n_free], self.kernels)
 
     def _multiply(self, x: Floats, image: Floats, sums: Floats) -> None:
         own = self.first, self.end, self.weight, self.diagonal

@@ -80,6 +80,5 @@ def compile_kernels(folder: Path | None = None) -> Path:
 
 
 def _entries() -> Entries:
-    of_surface = import_module("modalmotion.mesh.kernels.surface_entries").ENTRIES
-    entries: Entries = of_surface | import_module("modalmotion.mesh.kernels.solver_entries").ENTRIES
+    entries: Entries = import_module("modalmotion.mesh.kernels.entries").ENTRIES
     return entries

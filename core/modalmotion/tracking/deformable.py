@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from modalmotion.modes import ModeSet, lowest_modes, whole_count
 from modalmotion.modes.topology import CLOSED, OPEN_CURVE
 from modalmotion.numeric.products import product
 from modalmotion.template import Template
+from modalmotion.template.affine_motions import affine_shapes
 from modalmotion.template.loose_vertices import shapes_of
 
 
@@ -25,7 +26,7 @@ class Deformable:
         Of the reference shape x0.
     modes : ModeSet
     shapes : (vertices, modes) float64
-        Phi.
+        Phi, or what `exact_for_affine` makes of it.
     wavenumbers : (modes,) float64, 1
         |k| on the template's own lengths, times their geometric mean, so that no unit is left.
     """
@@ -43,6 +44,13 @@ class Deformable:
         length = float(np.exp(np.log(np.array(template.lengths)).mean()))
         return Deformable(template, modes, shapes_of(modes, template), k * length)
 
+    def exact_for_affine(self) -> Deformable:
+        """Let what the modes leave of an affine motion go with its amplitudes.
+
+        What is even, as most of a heart's contraction is, then leaves nothing.
+        """
+        return replace(self, shapes=affine_shapes(self.shapes, self.template))
+
     def __len__(self) -> int:
         return len(self.modes)
 
@@ -56,6 +64,15 @@ class Deformable:
         x, w = self.template.vertices, self.template.weights[:, None]
         r = x - (w * x).sum(axis=0)
         return float(np.sqrt((w * r * r).sum()))
+
+    @cached_property
+    def area(self) -> float:
+        """Area of the reference, length unit squared; of a curve its length."""
+        x = self.template.vertices[self.cells]
+        sides = x[:, 1:] - x[:, :1]
+        if self.cells.shape[1] == 2:
+            return float(np.linalg.norm(sides[:, 0], axis=1).sum())
+        return float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()) / 2.0
 
     @cached_property
     def cells(self) -> NDArray[np.int64]:

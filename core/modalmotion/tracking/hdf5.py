@@ -16,7 +16,6 @@ from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
 from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
-from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.template import Template
 from modalmotion.tracking.driven_frames import DrivenFrames
 from modalmotion.tracking.image_answer import ImageAnswer
@@ -25,6 +24,7 @@ from modalmotion.tracking.posterior import uncertainty_of
 from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.result import Track
 from modalmotion.tracking.sampled_data import SampledData
+from modalmotion.tracking.shapes import track_shapes
 
 FORM: Final = Form("track", 2)
 
@@ -228,10 +228,11 @@ def track_in(contents: Contents) -> Track:
         contents.array("is_sine", (m,)).astype(np.bool_),
     )
     covariances = contents.array("covariances", (f, 3 * m, 3 * m))
+    provenance = contents.json("provenance", dict)
     if "across_covariances" in contents.arrays:
         uncertainty = uncertainty_of(
             template,
-            shapes_of(modes, template),
+            track_shapes(modes, template, provenance),
             contents.array("across_covariances", (f, 3 * m, 3 * m)),
             covariances,
             contents.array("truncations", (f,)),
@@ -258,6 +259,6 @@ def track_in(contents: Contents) -> Track:
         driven=_driven(contents, (f, m, 3), estimate),
         data=_data_in(contents, f),
         notes=tuple(contents.json("notes", list)),
-        provenance=contents.json("provenance", dict),
+        provenance=provenance,
         images=None if estimate.get("images") is None else ImageAnswer(**estimate["images"]),
     )

@@ -8,12 +8,10 @@ from dataclasses import replace
 from typing import Any, Final, Literal, TypeAlias, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError, ParameterError, ShapeError, ToleranceError
 from modalmotion.facts import Facts
 from modalmotion.images.sequence import Images, images_in
-from modalmotion.mesh import face_areas
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import whole_count
@@ -32,18 +30,15 @@ from modalmotion.tracking.notes import notes_on
 from modalmotion.tracking.observation import Frame, observed_frames, of_surface
 from modalmotion.tracking.papillary import Papillary
 from modalmotion.tracking.passes import Pass, again, both_ways, energy, evidence, first_guess
-from modalmotion.tracking.posterior import (
-    across_covariance,
-    deviations_at,
-    uncertainty_of,
-    volume_deviation,
-)
+from modalmotion.tracking.posterior import uncertainty_of
 from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.quality import quality_of
 from modalmotion.tracking.request import in_mm, in_unit, phases_of, with_landmarks
-from modalmotion.tracking.result import Track, cavity_in, normals_of, volume_gradient
+from modalmotion.tracking.result import Track, cavity_in
 from modalmotion.tracking.sampled_data import sample_of
-from modalmotion.tracking.together import Together, chain_of, together
+from modalmotion.tracking.shapes import EXACT_FOR_AFFINE, SHAPES
+from modalmotion.tracking.stated_deviations import across_of, stated_deviations
+from modalmotion.tracking.together import chain_of, together
 
 Time: TypeAlias = Literal["cycle", "open"]
 Start: TypeAlias = MeshSequence | Template
@@ -177,6 +172,7 @@ def track(
         grid = start.grid if isinstance(start, MeshSequence) else None
     surface = Deformable.of(template, modes)
     _require_size(surface)
+    surface = surface.exact_for_affine()
     prior, noise = first_guess(surface)
     here = both_ways(surface, frames, first, prior, noise, is_closed=is_closed, done=done)
     gap = here.gap
@@ -188,7 +184,7 @@ def track(
         if limit is None or left <= limit:
             break
         n_modes = _modes_needed(surface, left, prior, limit, seen, attempt)
-        surface = Deformable.of(template, n_modes)
+        surface = Deformable.of(template, n_modes).exact_for_affine()
         # What the modes leave now, until the data say so themselves.
         beyond, n_values = prior.beyond(surface.wavenumbers, template.topology.n_axes)
         truncation = min(noise.truncation, limit, beyond**0.5)
@@ -202,8 +198,10 @@ def track(
     require_unfolded(surface, vertices)
     require_volume(cavity_in(template), vertices)
     truncations = np.array([own.truncation for own in noises])
-    across = _across(found, pinned)
-    deviations, volume_deviations = _deviations(surface, vertices, found, across, noises, pinned)
+    across = across_of(found, pinned)
+    deviations, volume_deviations = stated_deviations(
+        surface, vertices, found, across, noises, pinned
+    )
     if pinned is not None:
         truncations[pinned] = 0.0
     quality = np.array([quality_of(surface, info) for info in found.information])
@@ -247,6 +245,7 @@ def track(
             "time": time,
             "reference": None if reference is None else int(reference),
             "template_id": template.id,
+            SHAPES: EXACT_FOR_AFFINE,
         },
     )
     if shown is not None and images is not None:
@@ -294,42 +293,6 @@ def _counted(progress: Progress | None, n_steps: int, count: int = 0) -> Callabl
             progress(count, n_steps)
 
     return done
-
-
-def _across(found: Together, pinned: int | None) -> NDArray[np.float64]:
-    """Covariances across the surface, (frames, 3 modes, 3 modes); none where it is known."""
-    pairs = zip(found.seen, found.information, strict=True)
-    across = np.stack([across_covariance(seen, info) for seen, info in pairs])
-    if pinned is not None:
-        across[pinned] = 0.0
-    return across
-
-
-def _deviations(
-    surface: Deformable,
-    vertices: NDArray[np.float64],
-    found: Together,
-    across: NDArray[np.float64],
-    noises: Sequence[Noise],
-    pinned: int | None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """Deviations of vertices and of volumes; none where the surface is known."""
-    template = surface.template
-    cavity = cavity_in(template)
-    of_vertices = np.zeros((*vertices.shape[:2], 2))
-    of_volumes = None if cavity is None else np.zeros(len(vertices))
-    for k, x in enumerate(vertices):
-        if k == pinned:
-            continue
-        T = noises[k].truncation
-        of_vertices[k] = deviations_at(
-            surface.shapes, normals_of(template, x), across[k], found.lasting[k], T
-        )
-        if cavity is not None and of_volumes is not None:
-            gradient = surface.shapes.T @ volume_gradient(cavity, x)
-            area = float(face_areas(x, cavity.faces).sum())
-            of_volumes[k] = volume_deviation(gradient, across[k], area, T, noises[k].n_values)
-    return of_vertices, of_volumes
 
 
 def _require_size(surface: Deformable) -> None:

@@ -102,7 +102,9 @@ def uncertainty_of(
 
 def volume_deviation(
     gradient: NDArray[np.float64],
+    of_lids: NDArray[np.float64],
     across: NDArray[np.float64],
+    along: NDArray[np.float64],
     area: float,
     truncation: float,
     n_values: float,
@@ -110,20 +112,25 @@ def volume_deviation(
     """State how far a volume may be off, length unit cubed.
 
     The volume is linear in small changes of the amplitudes. What the modes leave has a mean over
-    the surface of truncation / sqrt(n_values).
+    the surface of truncation / sqrt(n_values). Rims move along the surface where they move their
+    lids: there residuals show nothing of it, and the whole covariance counts.
 
     Parameters
     ----------
     gradient : (modes, 3) float64, length unit squared
         Of the volume by the amplitudes.
-    across : (3 modes, 3 modes) float64, length unit squared
-        As `across_covariance` returns it.
+    of_lids : (modes, 3) float64, length unit squared
+        Of the part of it that the lids of openings move.
+    across, along : (3 modes, 3 modes) float64, length unit squared
+        As for `deviations_at`.
     area : float, length unit squared
     truncation : float, length unit
     n_values : float
     """
     g = gradient.reshape(-1, 1)
+    lid = of_lids.reshape(-1, 1)
     variance = float((g * product(across, g)).sum()) + (area * truncation) ** 2 / n_values
+    variance += max(float((lid * product(along - across, lid)).sum()), 0.0)
     return float(np.sqrt(max(variance, 0.0)))
 
 

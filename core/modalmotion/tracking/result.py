@@ -19,13 +19,13 @@ from modalmotion.modes.topology import PLANE
 from modalmotion.numeric.frozen_arrays import FrozenArrays
 from modalmotion.numeric.products import product
 from modalmotion.representation import shown
-from modalmotion.template.loose_vertices import shapes_of
 from modalmotion.template.template import Template
 from modalmotion.tracking.driven_frames import DrivenFrames
 from modalmotion.tracking.image_answer import ImageAnswer
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.prior import Prior
 from modalmotion.tracking.sampled_data import SampledData
+from modalmotion.tracking.shapes import track_shapes
 
 
 @shown("sequence", "modes", "noise", "prior", "gap", "unseen")
@@ -128,8 +128,8 @@ class Track(FrozenArrays):
 
     @cached_property
     def shapes(self) -> NDArray[np.float64]:
-        """Phi at the vertices, (vertices, modes) float64."""
-        return shapes_of(self.modes, self.template)
+        """What a unit of each amplitude moves the vertices by, (vertices, modes) float64."""
+        return track_shapes(self.modes, self.template, self.provenance)
 
     def driven_vertices(self, snapshot: int) -> NDArray[np.float64]:
         """Positions on the way to the last estimate.
@@ -280,6 +280,28 @@ def volume_gradient(cavity: Cavity, x: NDArray[np.float64]) -> NDArray[np.float6
     for k in range(3):
         b, c = (x[cavity.faces[:, (k + i) % 3]] for i in (1, 2))
         np.add.at(total, cavity.faces[:, k], np.cross(b, c) / 6.0)
+    return total + _of_lids(cavity, x)
+
+
+def lid_gradient(cavity: Cavity, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Differentiate the volume by where the lids of openings are, (vertices, 3) float64.
+
+    As if the wall went along: what is swept by each lid where its rim moves.
+    """
+    total = np.zeros_like(x)
+    for edges in cavity.openings:
+        middle = x[edges[:, 0]].mean(axis=0)
+        start, end = x[edges[:, 0]] - middle, x[edges[:, 1]] - middle
+        # A triangle sweeps its area vector times the mean of what its corners move by.
+        areas = np.cross(end, start) / 6.0
+        np.add.at(total, edges[:, 0], areas)
+        np.add.at(total, edges[:, 1], areas)
+        total[edges[:, 0]] += areas.sum(axis=0) / len(edges)
+    return total
+
+
+def _of_lids(cavity: Cavity, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    total = np.zeros_like(x)
     for edges in cavity.openings:
         start, end = x[edges[:, 0]], x[edges[:, 1]]
         centre = start.mean(axis=0)

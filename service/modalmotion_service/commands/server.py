@@ -24,8 +24,8 @@ from modalmotion_service.work.allocation import keep_freed_memory
 from modalmotion_service.work.engine import open_engine
 from modalmotion_service.work.temporary import claim_temporary_folder
 
-# Freed memory that the server keeps: an upload comes in pieces of 256 KiB, each copied twice.
-_KEPT_BYTES: Final = 4 << 20
+KEPT_BYTES: Final = 4 << 20
+"""Freed memory that the server keeps: an upload comes in pieces of 256 KiB, each copied twice."""
 
 logger = logging.getLogger(__name__)
 
@@ -100,7 +100,7 @@ def prepare_process(log_level: str) -> None:
 def run_app(app: FastAPI, settings: Settings, host: str, port: int) -> None:
     """Serve an application as `run` serves the service's own."""
     # Modules, classes and routes stay for good, and the collector need not walk them.
-    keep_freed_memory(_KEPT_BYTES, in_one=True)
+    keep_freed_memory(KEPT_BYTES, in_one=True)
     gc.enable()
     connections, at_once = room_for_connections(settings.max_connections)
     uvicorn.run(

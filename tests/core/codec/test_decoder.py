@@ -340,7 +340,7 @@ def test_patches_that_some_vertices_do_not_need_are_not_solved_for(
         range(97),
         range(-1, 3),
         range(10**30),
-        range(-(10**30), 3),
+        range(-(10**13), 3),
         np.array([1, 1]),
         np.array([0.5]),
         np.array([[1]]),
@@ -352,5 +352,7 @@ def test_vertices_that_a_stream_does_not_have_are_refused(
     vertices: Any, rng: np.random.Generator
 ) -> None:
     data = encode(lattice_sequence(rng), rms=0.3).data
-    with pytest.raises(ParameterError, match="not some of the 96"):
+    with pytest.raises(ParameterError, match="not some of the 96") as caught:
         decode(data, vertices=vertices)
+    if isinstance(vertices, range):
+        assert f"{vertices.start} to {vertices.stop}" in caught.value.message

@@ -59,6 +59,10 @@ def test_connectivity_is_the_same(rng: np.random.Generator) -> None:
     assert sides.is_wound
     both[5] = both[5, ::-1]
     assert not found(both, 2 * n + 20).is_wound
+    # Both along their edge one way, and both the other.
+    for a, b in ((1, 2), (2, 1)):
+        assert not found(np.array([[a, b, 0], [a, b, 3]]), 4).is_wound
+        assert found(np.array([[a, b, 0], [b, a, 3]]), 4).is_wound
 
 
 def test_a_fan_of_many_triangles_and_a_pinch_are_the_same(rng: np.random.Generator) -> None:

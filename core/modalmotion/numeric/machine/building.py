@@ -108,7 +108,7 @@ def _object(entries: Entries) -> tuple[bytes, dict[str, str]]:
         signature = types.int64(*(kinds[letter] for letter in letters))
         compiled = numba.njit(signature, **options)(entry)
         overload = compiled.overloads[compiled.signatures[0]]
-        names[entry.__name__.removeprefix("_")] = overload.fndesc.llvm_func_name
+        names[entry.__name__] = overload.fndesc.llvm_func_name
         module.link_in(binding.parse_assembly(overload.library.get_llvm_str()))
     module.triple = _TRIPLE
     for function in module.functions:

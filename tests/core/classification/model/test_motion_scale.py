@@ -9,6 +9,9 @@ import pytest
 
 from modalmotion.classification.model.motion_scale import FACTORS, MotionScale
 
+# Narrow ones that move four times as much as others of their shape, far from one another.
+STRONGER = np.array([[math.log(4.0) / 0.25, x, y] for x, y in ((0, -1), (-1, 0.6), (1, 0.6))])
+
 
 def hearts(n: int, rng: np.random.Generator) -> np.ndarray:
     """Half of them narrow and strong, half of them wide and a third as strong."""
@@ -44,14 +47,25 @@ def test_the_evidence_is_that_of_the_densities(rng: np.random.Generator) -> None
     assert MotionScale(points, 0.25).evidence(np.full((1, 3), 99.0)) == pytest.approx([0.0])
 
 
-def test_one_recording_in_two_forms_does_not_vouch_for_itself(rng: np.random.Generator) -> None:
+def test_a_recording_does_not_vouch_for_itself_nor_for_its_other_form(
+    rng: np.random.Generator,
+) -> None:
     points = hearts(500, rng)
-    # Nothing is like the last one but itself, again.
-    points[-1] = [0.0, 4.0, 4.0]
+    points[:6:2] = STRONGER
     once = MotionScale(points, 0.25)
     twice = MotionScale(np.concatenate([points, points + 1e-4]), 0.25)
-    assert once.limit == pytest.approx(twice.limit, abs=0.5)
-    assert once.limit > 3.0
+    assert once.limit > 10.0
+    assert twice.limit == pytest.approx(once.limit, abs=0.5)
+
+
+def test_what_training_cases_do_too_is_not_too_large(rng: np.random.Generator) -> None:
+    points = hearts(500, rng)
+    points[:6:2] = STRONGER
+    known = MotionScale(points, 0.25)
+    place = np.array([math.log(2.0) / 0.25, 0.0, 0.0])
+    assert 0.0 < known.evidence(place[None])[0] < known.limit
+    assert not known.exceeds(place)
+    assert MotionScale(hearts(500, rng), 0.25).exceeds(place)
 
 
 def test_few_training_cases_say_nothing(rng: np.random.Generator) -> None:

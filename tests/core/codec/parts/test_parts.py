@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,10 +19,12 @@ from modalmotion.codec.block import HASH_BYTES, read_block, write_block
 from modalmotion.codec.blocking import ModalBlock, attempt
 from modalmotion.codec.modes.lattice_modes import LatticeModes
 from modalmotion.codec.parts import segments
+from modalmotion.codec.parts.articulated import Articulated
 from modalmotion.codec.parts.parts import N_FUNCTIONS, Parts, code_labels
 from modalmotion.codec.parts.segments import segmented
 from modalmotion.codec.temporal import Temporal
 from modalmotion.codec.transforms import choose
+from modalmotion.codec.trial import Trial
 from modalmotion.errors import MalformedFileError
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CYLINDER
@@ -94,6 +97,40 @@ def test_links_are_found_and_those_that_stay_together_are_one(rng: np.random.Gen
     assert parts.labels.tolist() == [1, 2, 0, 0, 0]
 
 
+def test_merging_is_as_with_maps_that_are_fitted_anew(rng: np.random.Generator) -> None:
+    pieces = [np.arange(6 * i, 6 * i + 6) for i in range(9)]
+    shape = rng.normal(0.0, 10.0, (3, 54))
+    about = np.concatenate([np.ones((1, 54)), shape])
+    # Three motions, and what moves beside them: more of it in some pieces than in others.
+    maps = np.repeat(rng.normal(0.0, 1.0, (3, 5, 4)), 3, axis=0)
+    features = np.concatenate([m @ about[:, p] for m, p in zip(maps, pieces, strict=True)], axis=1)
+    features += rng.normal(0.0, 0.1, (5, 54)) * np.repeat(np.linspace(0.2, 2.0, 9), 6)
+
+    def unexplained(rows: np.ndarray) -> float:
+        x, y = about[:, rows].T, features[:, rows].T
+        return float(((y - x @ np.linalg.lstsq(x, y)[0]) ** 2).sum())
+
+    def growth(a: np.ndarray, b: np.ndarray) -> float:
+        return unexplained(np.concatenate([a, b])) - unexplained(a) - unexplained(b)
+
+    counts = set()
+    for worth in (0.05, 0.2, 0.5, 1.0, 2.0, 1e9):
+        groups = [piece.copy() for piece in pieces]
+        while len(groups) > 1:
+            pairs = [
+                (growth(a, b), i, j) for j, b in enumerate(groups) for i, a in enumerate(groups[:j])
+            ]
+            least, i, j = min(pairs)
+            if least > worth:
+                break
+            groups[i] = np.concatenate([groups[i], groups.pop(j)])
+        owner = segments._merged(pieces, shape, features, worth)
+        expected = {frozenset((group[::6] // 6).tolist()) for group in map(np.sort, groups)}
+        assert {frozenset(np.flatnonzero(owner == k).tolist()) for k in set(owner)} == expected
+        counts.add(len(groups))
+    assert len(counts) > 3
+
+
 def test_an_articulated_motion_takes_a_fifth_less(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -128,6 +165,26 @@ def test_what_parts_leave_is_coded_in_modes(rng: np.random.Generator) -> None:
     error = float(((scaled - offsets_of(bent)) ** 2).sum())
     assert error == pytest.approx(trial.squared_error, rel=1e-6)
     assert np.sqrt(error / 12 / 48) < 0.05
+
+
+def test_numbers_are_quantised_again_for_less(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trials: list[Trial] = []
+    once = Articulated._quantised
+
+    def noted(*given: Any) -> Any:
+        found = once(*given)
+        assert found is not None
+        trials.append(found.trial)
+        return found
+
+    monkeypatch.setattr(Articulated, "_quantised", noted)
+    trial = attempt(motion_of(jointed(rng)), Temporal.PARTS, 0.05)
+    first, second = trials
+    assert trial is second
+    assert second.cost < first.cost
+    assert second.quantiser.shifts != first.quantiser.shifts
 
 
 def test_many_pieces_and_modes_without_connectivity_are_left_alone(

@@ -104,8 +104,8 @@ def test_places_in_nrrd_are_in_mm(lines: tuple[str, ...]) -> None:
     "lines",
     [
         (
-            f"{SPACE}-time",
-            "space directions: (1,0,0,0) (0,2,0,0) (0,0,3,0) (0,0,0,0.1)",
+            "space: right-anterior-superior-time",
+            "space directions: (-1,0,0,0) (0,-2,0,0) (0,0,3,0) (0,0,0,0.1)",
             "space origin: (0,0,0,0)",
         ),
         ("spacings: 1 2 3 0.1", "kinds: domain domain domain time"),
