@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.areas import face_normals
 from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.modes.topology import End
 from modalmotion.numeric.products import product
 from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.deformable import Deformable
@@ -227,7 +228,8 @@ def _add_end(
         return
     sides = rim_at(surface, end)
     if not len(sides):
-        middle = Observation(part.points.mean(axis=0)[None], places=(end,))
+        sd = None if part.sd is None else float(np.sqrt(np.mean(np.square(part.sd))))
+        middle = Observation(part.points.mean(axis=0)[None], sd=sd, places=(end,))
         _add_landmarks(surface, x, middle, noise, A, b)
         return
     found = closest_points(part.points, x, sides)
@@ -241,8 +243,13 @@ def _add_end(
 def rim_at(surface: Deformable, end: str) -> NDArray[np.int64]:
     """Sides of triangles along the opening at an end of the axis, (sides, 2); none without one."""
     template = surface.template
+    none = np.zeros((0, 2), dtype=np.int64)
     if surface.cells.shape[1] != 3 or not template.coordinates.shape[1]:
-        return np.zeros((0, 2), dtype=np.int64)
+        return none
+    # At a pole the rows of a lattice leave a hole that is none.
+    first, last = template.topology.ends[0]
+    if (first if end == "apex" else last) != End.OPEN:
+        return none
     s = template.coordinates[:, 0]
     at_end = np.abs(s - (0.0 if end == "apex" else 1.0)) < _NEAR_END
     sides = surface.rim_sides
@@ -275,6 +282,12 @@ def _add_landmarks(
         weight = 1.0 if part.weights is None else float(part.weights[row])
         alike = alike_over(surface, vertices, shares, noise.n_values)
         strength = weight / float(noise.own(sd) + noise.truncation**2 * alike)
+        if part.normals is not None:
+            n = part.normals[row]
+            for i, j in np.ndindex(3, 3):
+                A[i, j] += strength * n[i] * n[j] * phi[:, None] * phi
+            b += strength * phi[:, None] * (n @ gap) * n
+            continue
         for i in range(3):
             A[i, i] += strength * phi[:, None] * phi
         b += strength * phi[:, None] * gap

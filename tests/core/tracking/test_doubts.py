@@ -37,17 +37,27 @@ def flat() -> list[Floats]:
     return [rng.uniform(-20, 20, (60, 3)) * [1.0, 1.0, 0.05] for _ in range(3)]
 
 
+THIN = mesh_sequence(BALL.vertices * np.array([1.0, 1.0, 0.008]), BALL.faces)
+
+
+def thin() -> list[Floats]:
+    """Give points without noise, so that it is not within noise that they lie in a plane."""
+    rng = np.random.default_rng(3)
+    return [sampled(x, THIN.faces, 120, rng, 0.0) for x in THIN.vertices]
+
+
 @pytest.mark.parametrize(
     ("observed", "more", "said"),
     [
         (filled, {}, "fill a volume"),
         (flat, {}, "lie in a plane or on a line"),
+        (thin, {"start": THIN}, "lie in a plane or on a line"),
         (lambda: with_frame(CLOUDS[2] / 10), {}, "In frame 2 the points spread over 2.*unit"),
         (lambda: with_frame(CLOUDS[2] + [200.0, 0, 0]), {}, "In frame 2 the surface lies 200"),
         (lambda: [x[:5] for x in CLOUDS], {"start": BALL}, "percentage points only"),
         (lambda: [np.zeros((1, 3))] * 4, {"start": BALL}, "percentage points only"),
     ],
-    ids=["filled", "flat", "unit", "elsewhere", "few", "one point"],
+    ids=["filled", "flat", "thin", "unit", "elsewhere", "few", "one point"],
 )
 def test_what_is_doubtful_is_said(
     observed: Callable[[], list[Any]], more: dict[str, Any], said: str

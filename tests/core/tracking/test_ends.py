@@ -13,7 +13,8 @@ from modalmotion.modes.topology import CUP, SPHERE
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, track
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.information import rim_at
+from modalmotion.tracking.information import information, rim_at
+from modalmotion.tracking.noise import Noise
 
 BASE = standard_surface(Lattice(CUP, (12, 20)))
 SHAPE = BASE.vertices[0] * np.array([25.0, 25.0, 40.0])
@@ -81,5 +82,12 @@ def test_where_nothing_is_open_their_middle_is_the_end() -> None:
     ]
     found = track(frames, modes=4, time="open")
     assert found.sequence.topology == SPHERE
-    gap = np.linalg.norm(found.sequence.vertices[0] - [0.0, 0.0, 40.0], axis=1).min()
-    assert gap < 4.0
+    surface, still = Deformable.of(found.template, 4), np.zeros((4, 3))
+    noise = Noise(0.3, 0.0, 1.0)
+    for sd in (None, 2.0):
+        points = Observation(ring, sd=sd, end="base")
+        middle = Observation(ring.mean(axis=0)[None], sd=sd, places=("base",))
+        own, expected = (information(surface, still, (x,), noise) for x in (points, middle))
+        assert own.matrix == pytest.approx(expected.matrix)
+        assert own.vector == pytest.approx(expected.vector)
+        assert np.abs(own.vector).max() > 0

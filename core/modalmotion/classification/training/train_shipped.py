@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from numpy.random import default_rng
+from numpy.random import Generator, default_rng
 
 from modalmotion.classification.answer.classifier import classify
 from modalmotion.classification.evaluation.evaluation import Evaluation, evaluate
@@ -17,6 +17,7 @@ from modalmotion.classification.model.hdf5 import model_to_hdf5
 from modalmotion.classification.model.model import Model
 from modalmotion.classification.model.shipped import DEFAULT_MODEL, OFFSET_MODEL, RULE
 from modalmotion.classification.options import TrainingOptions
+from modalmotion.classification.training.as_tracked import N_MODES, N_POINTS, as_tracked
 from modalmotion.classification.training.cases import TrainingCase
 from modalmotion.classification.training.training import train
 from modalmotion.mesh.lattice_triangles import lattice_faces
@@ -66,6 +67,8 @@ class Recipe:
         For every answer (under "") and for single classes.
     most_cut : float
         Share of its rows that a lattice may lack at the apex as a cylinder.
+    tracked_seed : int or None
+        Of as many further ventricles, which are seen as tracks leave them: see `as_tracked`.
     """
 
     name: str
@@ -73,6 +76,7 @@ class Recipe:
     classes: tuple[MotionClass, ...]
     notes: Mapping[str, tuple[str, ...]]
     most_cut: float = 0.0
+    tracked_seed: int | None = None
 
 
 MATERIAL: Final = Recipe(
@@ -101,6 +105,7 @@ OFFSET: Final = Recipe(
     tuple(one for one in MotionClass if one != MotionClass.REDUCED_TORSION),
     {"": (_NO_PATIENT, _SURFACE_ALONE), MotionClass.NORMAL: (_NO_TWIST,)},
     most_cut=0.25,
+    tracked_seed=31994,
 )
 
 RECIPES: Final = {recipe.name: recipe for recipe in (MATERIAL, OFFSET)}
@@ -121,13 +126,17 @@ def shipped_model(recipe: Recipe, n_per_class: int) -> Model:
     notes[""] = (*notes[""], *model.notes.get("", ()))
     cut = ", and as cylinder with the apex cut off by up to a quarter"
     ways = f"as cup{cut if recipe.most_cut else ' and as cylinder'}"
+    tracked = (
+        f" And as many others (seed {recipe.tracked_seed}) as tracks leave them: {N_MODES} modes "
+        f"of displacements, fitted to clouds of {N_POINTS:,} points with the same noise."
+    )
     card = replace(
         model.card,
         has_seen=(
             f"{n_per_class} simulated left ventricles of each class (seed {seed}): kinematic "
             f"model, severities from mild to severe, lattices ({ways}) and "
             f"triangulations, {FRAMES[0]} to {FRAMES[1]} frames, noise 0.2 to 1.0 mm, half of "
-            "them starting anywhere in the beat."
+            f"them starting anywhere in the beat.{tracked if recipe.tracked_seed else ''}"
         ),
         has_not_seen=(
             "Any patient. Simulated motion is simpler than a patient's, and the classes are kept "
@@ -141,7 +150,8 @@ def shipped_model(recipe: Recipe, n_per_class: int) -> Model:
 def training_cases(recipe: Recipe, n_per_class: int) -> Iterator[TrainingCase]:
     """Labelled signatures of a simulated cohort.
 
-    Each case as a cup and, where it is a lattice, also as the cylinder that some will state.
+    Each case as a cup and, where it is a lattice, also as the cylinder that some will state; then,
+    if the recipe says so, others as tracks leave them.
 
     Parameters
     ----------
@@ -158,6 +168,8 @@ def training_cases(recipe: Recipe, n_per_class: int) -> Iterator[TrainingCase]:
         subject = f"simulated {seed}-{number}"
         for sequence in surfaces_of(case, recipe.most_cut):
             yield TrainingCase(_signature(recipe, sequence), str(case.label), subject)
+    if recipe.tracked_seed is not None:
+        yield from _tracked_cases(recipe, n_per_class, recipe.tracked_seed)
 
 
 def held_out_cases(recipe: Recipe, n_per_class: int, seed: int) -> Iterator[TrainingCase]:
@@ -270,17 +282,40 @@ def _record(evaluation: Evaluation) -> dict[str, object]:
     return record
 
 
+def _tracked_cases(recipe: Recipe, n_per_class: int, seed: int) -> Iterator[TrainingCase]:
+    """Simulate further ventricles without noise, as tracks through noisy clouds leave them."""
+    rng, number = default_rng(seed), 0
+    for noise, any_start in RECORDINGS:
+        for case in _drawn(n_per_class, rng, recipe.classes, 0.0, any_start=any_start):
+            sequence = as_tracked(case.sequence, noise, default_rng([seed, number]))
+            subject = f"tracked {seed}-{number}"
+            yield TrainingCase(_signature(recipe, sequence), str(case.label), subject)
+            number += 1
+
+
 def _cohort(n_per_class: int, seed: int, classes: tuple[MotionClass, ...]) -> Iterator[Case]:
     rng = default_rng(seed)
     for noise, any_start in RECORDINGS:
-        yield from simulate_cohort(
-            -(-n_per_class // len(RECORDINGS)),
-            rng=rng,
-            classes=classes,
-            noise=noise,
-            any_start=any_start,
-            n_frames=FRAMES,
-        )
+        yield from _drawn(n_per_class, rng, classes, noise, any_start=any_start)
+
+
+def _drawn(
+    n_per_class: int,
+    rng: Generator,
+    classes: tuple[MotionClass, ...],
+    noise: float,
+    *,
+    any_start: bool,
+) -> Iterator[Case]:
+    """Draw one kind of recording's share of a cohort."""
+    return simulate_cohort(
+        -(-n_per_class // len(RECORDINGS)),
+        rng=rng,
+        classes=classes,
+        noise=noise,
+        any_start=any_start,
+        n_frames=FRAMES,
+    )
 
 
 if __name__ == "__main__":
