@@ -236,13 +236,44 @@ def _finish(
     whole = guards.round(scaled)
     corrections = None
     if width:
-        left = frames.offsets - whole
-        corrections = np.rint(left / width).astype(np.int64)
-        corrections *= ((left**2).sum(axis=1, keepdims=True) > room**2).astype(np.int64)
+        corrections = fewest_corrections(frames.offsets - whole, width, room)
         whole += width * corrections
     positions = positions_of(block, whole, frames.vertices.dtype)
     data = write_block(block, guards, corrections, positions)
     return EncodedBlock(data, positions, block, guards, corrections)
+
+
+def fewest_corrections(left: Floats, width: int, room: float) -> Ints:
+    """Find steps that bring every vertex back within a distance, of as few coordinates as can be.
+
+    Parameters
+    ----------
+    left : (frames, 3, vertices) float64, quanta
+        Distances that are left of each coordinate.
+    width : int, quanta
+        Of a step; with all three coordinates corrected every vertex is back.
+    room : float, quanta
+
+    Returns
+    -------
+    (frames, 3, vertices) int64
+        Steps to add.
+    """
+    corrections = np.zeros(left.shape, dtype=np.int64)
+    frame, vertex = np.nonzero((left**2).sum(axis=1) > room**2)
+    far = left[frame, :, vertex]
+    steps = np.rint(far / width)
+    gains = far**2 - (far - width * steps) ** 2
+    # The coordinates that gain most first, until the vertex is near enough.
+    order = np.argsort(-gains, axis=1, kind="stable")
+    gained = np.cumsum(np.take_along_axis(gains, order, axis=1), axis=1)
+    squares = (far**2).sum(axis=1, keepdims=True)
+    is_needed = np.ones(far.shape, dtype=np.bool_)
+    is_needed[:, 1:] = squares - gained[:, :-1] > room**2
+    place = np.arange(len(far))[:, None], order
+    steps[place] *= is_needed
+    corrections[frame, :, vertex] = steps
+    return corrections
 
 
 def _least_uncertainty(frames: _Frames, choice: Choice) -> float:

@@ -73,12 +73,21 @@ def coarsest(
 
 
 def least(cost: Callable[[float], int], start: float, ratio: float, most: int) -> float:
-    """Walk from a start in steps of a ratio to where the cost is least.
+    """Walk from a start in steps of a ratio to where the cost is least, then look between steps.
+
+    Parameters
+    ----------
+    cost : callable
+        Keeps what it was asked: the last one, between two steps, may be the least of all.
+    start : float
+    ratio : float
+    most : int
+        Costs that are asked for.
 
     Returns
     -------
     float
-        The best argument tried.
+        The best argument of those a whole number of steps from the start.
     """
     tried = {0: cost(start)}
     best = 0
@@ -88,4 +97,9 @@ def least(cost: Callable[[float], int], start: float, ratio: float, most: int) -
             if tried[best + direction] >= tried[best]:
                 break
             best += direction
+    if len(tried) < most and {best - 1, best + 1} <= tried.keys():
+        low, middle, high = (tried[best + side] for side in (-1, 0, 1))
+        if low + high > 2 * middle:
+            # Where a parabola through the three is least, which is between them.
+            cost(start * ratio ** (best + 0.5 * (low - high) / (low + high - 2 * middle)))
     return float(start * ratio**best)

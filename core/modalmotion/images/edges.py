@@ -20,6 +20,16 @@ OUTER: Final = 4.0
 _LEAST_STEP: Final = 0.4
 _BESIDE: Final = 3.0
 
+# Likeness of what lies next to an edge on its inner side: less is a layer of blood and muscle, and
+# the edge lies in the middle between the layer and the outside. What it is at least, and how many
+# times the noise of one sample it must be below that of blood.
+_LAYER: Final = 0.45
+_DARKEST: Final = -0.2
+_NOISES: Final = 1.8
+
+# No image has more contrast.
+_LABELLED: Final = 1e6
+
 # Per mm: a nearer edge is preferred to one as good farther away.
 _NEARER: Final = 0.03
 
@@ -45,6 +55,17 @@ class Levels:
         """Difference of both sides over the spread within one."""
         return abs(self.inside - self.outside) / max(self.spread, 1e-300)
 
+    @property
+    def layer(self) -> float:
+        """Likeness next to an edge below which a layer of blood and muscle is there.
+
+        Labels have no noise, and no layer.
+        """
+        if self.contrast > _LABELLED:
+            return -np.inf
+        # Noise of one sample, as likeness.
+        return min(_LAYER, 1.0 - _NOISES * 2.0 / max(self.contrast, 1e-300))
+
     def likeness(self, values: Floats, gain: Floats | float = 1.0) -> Floats:
         """How far values are like the inside (1), the outside (-1), or between; NaN is 0.
 
@@ -69,15 +90,24 @@ class Edges(NamedTuple):
     steps : (n,) float64
         Of the mean brightness there, 1 for the whole contrast.
     is_found : (n,) bool
+    inside : (n,) float64
+        Likeness of what lies next to it on its inner side: 1 of blood, less of a layer of muscle
+        and blood.
     """
 
     offsets: Floats
     steps: Floats
     is_found: NDArray[np.bool_]
+    inside: Floats
 
 
 def find_edges(
-    likeness: Floats, step: float, reach: float, extents: Floats, crossing: float
+    likeness: Floats,
+    step: float,
+    reach: float,
+    extents: Floats,
+    crossing: float,
+    layer: float = -np.inf,
 ) -> Edges:
     """Find the edge on each profile: the best split into an inside and an outside.
 
@@ -92,11 +122,15 @@ def find_edges(
     crossing : float
         What a mm of outside on the way from the inside costs, in mm of inside: small where
         structures within the cavity, as papillary muscles, belong to it.
+    layer : float
+        `Levels.layer`.
 
     Notes
     -----
     All up to the edge is inside, OUTER beyond it outside. The place between two samples comes
-    from the area under the profile next to the edge, which noise moves least.
+    from the area under the profile next to the edge, which noise moves least: w (a + b) + x (a - b)
+    is that between levels a and b, x beyond the middle. b is the outside's, -1; a is 1, or where a
+    layer of trabeculae lies next to the edge that layer's.
     """
     n, m = likeness.shape
     a, b = round(INNER / step), round(OUTER / step)
@@ -117,8 +151,14 @@ def find_edges(
     # Area: of a window 2 w around the split a share (1 + mean) / 2 is inside.
     w = np.clip(np.rint((1.5 * extents + 1.0) / step).astype(np.int64), 1, min(a, b))
     wide = _sums(np.clip(likeness, -1.5, 1.5)) * step
-    mean = wide[rows, at + w] - wide[rows, at - w]
-    return Edges(d[k] + mean / 2.0, np.clip(steps, 0.0, 1.0), is_found)
+    area = wide[rows, at + w] - wide[rows, at - w]
+    # Farther half of the window: nearer to the edge lies its blur.
+    half = (w + 1) // 2
+    beside_it = (wide[rows, at - half] - wide[rows, at - w]) / (np.maximum(w - half, 1) * step)
+    is_layer = (beside_it < layer) & (half < w)
+    inside = np.where(is_layer, np.maximum(beside_it, _DARKEST), 1.0)
+    x = (area - w * step * (inside - 1.0)) / (inside + 1.0)
+    return Edges(d[k] + x, np.clip(steps, 0.0, 1.0), is_found, inside)
 
 
 def offsets_of(step: float, reach: float) -> Floats:

@@ -105,6 +105,17 @@ def parts_of(frame: Image) -> tuple[Volume | Plane, ...]:
     return frame.planes if isinstance(frame, PlaneSet) else (frame,)
 
 
+def is_of_labels(image: Image) -> bool:
+    """Whether an image has two values and no others, as a segmentation."""
+    parts = parts_of(image)
+    low = min(float(np.nanmin(part.values)) for part in parts)
+    high = max(float(np.nanmax(part.values)) for part in parts)
+    return all(
+        bool(((part.values == low) | (part.values == high) | np.isnan(part.values)).all())
+        for part in parts
+    )
+
+
 def _add(digest: hashlib._Hash, array: NDArray[Any] | None) -> None:
     """Add an array's type and shape and its elements, in one order of bytes."""
     if array is None:

@@ -33,6 +33,10 @@ _FAR: Final = 34.0
 # of the tip, 0 apex to 1 base, place of the tip from the axis to the wall, and radius, mm.
 _PAPILLARY: Final = ((0.86, 0.34, 0.64, 0.50, 4.5), (0.17, 0.34, 0.62, 0.52, 4.5))
 
+# Trabeculae: share of muscle between them at end diastole, and height at which they end.
+_TRABECULAR: Final = 0.5
+_SMOOTH_ABOVE: Final = 0.8
+
 # Right ventricle: half axes, mm, and its middle from the septum.
 _RIGHT: Final = ((24.0, 34.0, 36.0), 14.0)
 _SEPTUM: Final = 0.5
@@ -83,13 +87,17 @@ class FieldLattice:
 
 @dataclass(frozen=True, eq=False)
 class Tissues:
-    """Signed distances at one moment, each (n,) float64, mm, and texture from 0 to 1."""
+    """Signed distances at one moment, each (n,) float64, mm.
+
+    `muscle` is the share of trabeculae in blood, from 0 to 1.
+    """
 
     cavity: Floats
     wall: Floats
     papillary: Floats
     right: Floats
     atrium: Floats
+    muscle: Floats
 
 
 class Anatomy:
@@ -101,14 +109,18 @@ class Anatomy:
         A cup lattice, as `simulate_ventricle` makes it, mm.
     rng : numpy.random.Generator
         Of the chest's texture.
+    trabeculae : float, mm
+        How deep a layer of trabeculae is at the apex; toward the base it is thinner.
     """
 
-    def __init__(self, truth: MeshSequence, rng: np.random.Generator) -> None:
+    def __init__(
+        self, truth: MeshSequence, rng: np.random.Generator, trabeculae: float = 0.0
+    ) -> None:
         x = truth.vertices.astype(np.float64)
         low, high = x.min(axis=(0, 1)) - _MARGIN, x.max(axis=(0, 1)) + _MARGIN
         shape = tuple(int(np.ceil(n)) + 1 for n in (high - low) / _STEP)
         self.lattice = FieldLattice(low, shape)
-        self._x, self._faces = x, truth.faces
+        self._x, self._faces, self._trabeculae = x, truth.faces, trabeculae
         n, m = truth.grid or (0, 0)
         self._grid = (n, m)
         texture = scipy.ndimage.gaussian_filter(rng.normal(size=shape), _TEXTURE / _STEP).ravel()
@@ -156,7 +168,26 @@ class Anatomy:
         opening = float(np.linalg.norm(ring - base, axis=1).mean())
         # No edge at the valve: blood goes on, as wide as the ring and then wider.
         atrium = np.maximum(-(up + 2.0), aside - opening - 0.3 * np.maximum(up, 0.0))
-        return Tissues(cavity, wall, papillary, right, atrium)
+        muscle = self._muscle(frame, cavity, 1.0 + up / float(np.linalg.norm(base - apex)))
+        return Tissues(cavity, wall, papillary, right, atrium, muscle)
+
+    @property
+    def trabecular_volume(self) -> float:
+        """Of the muscle in trabeculae at end diastole, mm^3."""
+        first = self.at(0)
+        inside = np.clip(0.5 - first.cavity / _STEP, 0.0, 1.0)
+        return float((inside * first.muscle).sum()) * _STEP**3
+
+    def _muscle(self, frame: int, cavity: Floats, heights: Floats) -> Floats:
+        """Share of muscle between trabeculae: it keeps its volume as their layer shrinks."""
+        if self._trabeculae <= 0:
+            return np.zeros(len(cavity))
+        # All of it is compact before it would be more than whole.
+        share = min(1.0, _TRABECULAR * float(self._areas[0] / self._areas[frame]))
+        depth = self._trabeculae * np.clip(1.0 - heights / _SMOOTH_ABOVE, 0.0, 1.0)
+        inner = np.clip(0.5 + (cavity + depth) / _STEP, 0.0, 1.0) * np.minimum(depth / _STEP, 1.0)
+        found: Floats = share * inner * (heights < 1.0)
+        return found
 
     def _distance(self, p: Floats, x: Floats) -> Floats:
         """Signed distance from the closed surface, by the nearest of many places on it."""

@@ -60,6 +60,7 @@ _RANGES: Final = {
     "slice_shift": (0.0, 20.0),
     "bias_field": (0.0, 0.9),
     "coarseness": (0.5, 4.0),
+    "trabeculae": (0.0, 10.0),
 }
 
 # Numbers are stored with the resolution of scanners: brightness 1 is this.
@@ -84,7 +85,7 @@ class Phantom:
     shifts : (planes, 3) float64, mm
         By which each slice shows everything aside from its place; zero where there are none.
     papillary_volume : float, mm^3
-        Of the muscles within the surface, nearly.
+        Of the muscles and trabeculae within the surface at end diastole, nearly.
     """
 
     kind: ImageKind
@@ -112,6 +113,9 @@ class PhantomSettings:
         Whether there are papillary muscles.
     coarseness : float
         By which voxels are larger than usual in each direction.
+    trabeculae : float, mm
+        Depth of a layer of trabeculae at the apex, half muscle at end diastole and nearly all of it
+        at end systole; they are within the surface. It ends at four fifths of the height.
     """
 
     noise: float = 0.05
@@ -119,6 +123,7 @@ class PhantomSettings:
     bias_field: float = 0.0
     papillary: bool = True
     coarseness: float = 1.0
+    trabeculae: float = 0.0
 
     def __post_init__(self) -> None:
         for name, (least, most) in _RANGES.items():
@@ -163,7 +168,7 @@ def simulate_images(
         parameters, acquisition=Acquisition(n_frames=n_frames, pose=pose), rng=rng
     )
     rows = truth.vertices.astype(np.float64).reshape(n_frames, 32, 64, 3)
-    anatomy = Anatomy(truth, rng)
+    anatomy = Anatomy(truth, rng, settings.trabeculae)
     bias = _bias(settings, rows.mean(axis=(0, 1, 2)), rng)
     sight = _Sight(anatomy.lattice, anatomy.texture, _LOOKS[kind], settings, bias)
     spacing = settings.coarseness * np.array(_LOOKS[kind].spacing)
@@ -193,7 +198,8 @@ def simulate_images(
         truth,
         {"apex": rows[:, 0].mean(axis=1), "base": rows[:, -1].mean(axis=1)},
         shifts,
-        anatomy.papillary_volume if settings.papillary else 0.0,
+        (anatomy.papillary_volume if settings.papillary else 0.0)
+        + (anatomy.trabecular_volume if settings.trabeculae > 0 else 0.0),
     )
 
 
@@ -235,15 +241,15 @@ class _Sight:
         least, span, power = look.chest
         p = points.reshape(-1, 3)
         fields = [moment.cavity, moment.wall, moment.papillary, moment.right, moment.atrium]
-        all_at = self.lattice.at(np.stack([*fields, self.texture], axis=1), p)
-        cavity, wall, papillary, right, atrium, texture = all_at.T
+        all_at = self.lattice.at(np.stack([*fields, moment.muscle, self.texture], axis=1), p)
+        cavity, wall, papillary, right, atrium, muscle, texture = all_at.T
         values = least + span * texture**power
         layers = [
             (right - 3.0, look.wall),
             (right, look.blood),
             (wall, look.wall),
             (atrium, look.blood),
-            (cavity, look.blood),
+            (cavity, look.blood + muscle * (look.wall - look.blood)),
             # Within the cavity alone: in the wall the muscle is wall.
             (np.maximum(papillary, cavity), look.wall),
         ]

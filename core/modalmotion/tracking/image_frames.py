@@ -15,6 +15,7 @@ from modalmotion.images.sequence import Image
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
 from modalmotion.template import Template, make_template
+from modalmotion.tracking.closing import has_trabeculae, with_trabeculae
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.folding import require_unfolded
 from modalmotion.tracking.image_doubts import doubts_of
@@ -64,6 +65,8 @@ class ImageFrames:
     notes : tuple of str
     stated_sd : float, mm
         Deviation of landmarks that state none.
+    closed : (frames,) float64, mm
+        Mean muscle of trabeculae that look like the wall, beyond the edges that are seen.
     """
 
     frames: tuple[Frame, ...]
@@ -74,6 +77,7 @@ class ImageFrames:
     found: Floats
     notes: tuple[str, ...]
     stated_sd: float
+    closed: Floats
 
 
 def frames_of_images(
@@ -141,9 +145,12 @@ def frames_of_images(
         rough = start_shape(CUP, first.points, places)
     else:
         rough = begun(start, first.points, places)
-    shape, sight, found = _reference_shape(
-        rough, image, marks[reference], sight, reference, first.points
-    )
+    here = marks[reference]
+    shape, fitted, found = _reference_shape(rough, image, here, sight, reference, first.points)
+    if has_trabeculae(image, shape, fitted, _SHAPE[1]):
+        sight = replace(sight, has_layers=True)
+        shape, fitted, found = _reference_shape(rough, image, here, sight, reference, first.points)
+    sight = fitted
     done()
     template = make_template(shape)
     surface = Deformable.of(template, modes)
@@ -156,14 +163,20 @@ def frames_of_images(
     shapes = np.stack([surface.positions(a) for a in walked])
     near = _NEXT[-1][1]
     views: list[View | None] = []
+    looks: list[Sight] = []
     for k, (own, x) in enumerate(zip(images.frames, shapes, strict=True)):
         look = (sight if k == reference else still).within(near)
         view = None if own is None else view_of(own, facets, x, look, near)
         if own is not None and view is not None and k != reference:
-            view = view_of(own, facets, x, as_bright(look, view), near)
+            look = as_bright(look, view)
+            view = view_of(own, facets, x, look, near)
         views.append(view)
+        looks.append(look)
         done()
     shares = np.array([0.0 if view is None else view.found for view in views])
+    closed = np.zeros(len(views))
+    if sight.has_layers:
+        views, closed = with_trabeculae(views, looks, surface, shapes, reference)
     frames: list[Frame] = []
     soft = held(soft, template, reference, stated)
     for view, share, between in zip(views, shares, soft, strict=True):
@@ -171,7 +184,9 @@ def frames_of_images(
         frames.append((view.observation(), *between) if view is not None and is_seen else ())
     doubts = doubts_of(image, facets, template.vertices, sight, places["apex"], places["base"])
     notes = (*_notes(shares, images, found), *doubts)
-    return ImageFrames(tuple(frames), shape, facets, papillary, sight, shares, notes, stated_sd)
+    return ImageFrames(
+        tuple(frames), shape, facets, papillary, sight, shares, notes, stated_sd, closed
+    )
 
 
 def _reference_shape(

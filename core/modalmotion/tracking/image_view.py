@@ -111,6 +111,8 @@ class Sight:
         See `find_edges`.
     tip : Tip, optional
         Of frames other than the reference.
+    has_layers : bool
+        Whether layers of trabeculae lie next to the edges: see `Levels.layer`.
     """
 
     levels: Levels
@@ -120,6 +122,7 @@ class Sight:
     shift_sd: float = 2.0
     crossing: float = FAR_CROSSING
     tip: Tip | None = None
+    has_layers: bool = False
 
     def within(self, reach: float) -> Sight:
         """Sight for edges up to `reach` mm away."""
@@ -202,7 +205,7 @@ def view_of(image: Image, facets: Facets, x: Floats, sight: Sight, reach: float)
         view = _in_planes(image, facets, x, sight.shifts, reach)
     like = sight.levels.likeness(view.profiles, sight.gain(view.starts)[:, None])
     step = float(view.offsets[1] - view.offsets[0])
-    edges = find_edges(like, step, reach, view.extents, sight.crossing)
+    edges = find_edges(like, step, reach, view.extents, sight.crossing, sight.levels.layer)
     # Most of what an edge is judged by must be in the field of view.
     near = np.abs(view.offsets[None] - edges.offsets[:, None]) < 3.0
     seen = (np.isfinite(view.profiles) | ~near).all(axis=1)
@@ -281,7 +284,7 @@ def _joined(parts: Sequence[View], m: int, offsets: Floats) -> View:
 
 
 def _none(n: int) -> Edges:
-    return Edges(np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.bool_))
+    return Edges(np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.bool_), np.ones(n))
 
 
 def _step(spacing: Sequence[float]) -> float:

@@ -282,6 +282,12 @@ def _add_landmarks(
         weight = 1.0 if part.weights is None else float(part.weights[row])
         alike = alike_over(surface, vertices, shares, noise.n_values)
         strength = weight / float(noise.own(sd) + noise.truncation**2 * alike)
+        if part.normals is not None:
+            n = part.normals[row]
+            for i, j in np.ndindex(3, 3):
+                A[i, j] += strength * n[i] * n[j] * phi[:, None] * phi
+            b += strength * phi[:, None] * (n @ gap) * n
+            continue
         for i in range(3):
             A[i, i] += strength * phi[:, None] * phi
         b += strength * phi[:, None] * gap

@@ -19,9 +19,10 @@ Floats = NDArray[np.float64]
 _INSIDE: Final = 100.0
 
 # Deviation of a proposal, in voxels: of an opening seen between labels, of one that is a cut
-# (on simulated ventricles 0.2 along the axis and 0.7 across), and of an end.
+# (across, and along the cut's normal, as on simulated ventricles), and of an end.
 _OPENING: Final = 1.0
-_CUT_OFF: Final = 0.5
+_CUT_OFF: Final = 0.7
+CUT_HEIGHT: Final = 0.2
 _END: Final = 2.0
 
 # Of half a voxel: what lies so near to the plane of a cut is its border. Tangent of the most that a
@@ -72,7 +73,7 @@ def from_labels(images: ImageSequence, labels: Sequence[int], wall: Sequence[int
     """
     frames: list[Volume | None] = []
     n = images.n_frames
-    apices, bases = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+    apices, bases, cuts = (np.full((n, 3), np.nan) for _ in range(3))
     spacing = 0.0
     axis = None
     for k, frame in enumerate(images.frames):
@@ -94,16 +95,16 @@ def from_labels(images: ImageSequence, labels: Sequence[int], wall: Sequence[int
                 frame=k,
             )
         around = np.isin(frame.values, list(wall))
-        apices[k], bases[k], axis = _ends(frame, cavity, around if wall else None, axis)
+        apices[k], bases[k], axis, cuts[k] = _ends(frame, cavity, around if wall else None, axis)
         spacing = max(spacing, float(max(frame.spacing)))
         values = np.where(cavity, np.float32(_INSIDE), np.float32(0.0))
         if wall:
             values[~cavity & ~around] = np.nan
         frames.append(Volume(values, frame.affine))
-    marks = {
-        "apex": Proposed(apices, _END * spacing),
-        "base": Proposed(bases, (_OPENING if wall else _CUT_OFF) * spacing),
-    }
+    base = Proposed(bases, _OPENING * spacing)
+    if not wall:
+        base = Proposed(bases, _CUT_OFF * spacing, cuts, CUT_HEIGHT * spacing)
+    marks = {"apex": Proposed(apices, _END * spacing), "base": base}
     note = "Apex and base were proposed from the labels."
     made = ImageSequence(tuple(frames), images.times, images.period, (*images.notes, note))
     return Labelled(made, marks)
@@ -111,8 +112,8 @@ def from_labels(images: ImageSequence, labels: Sequence[int], wall: Sequence[int
 
 def _ends(
     volume: Volume, cavity: NDArray[np.bool_], wall: NDArray[np.bool_] | None, before: Floats | None
-) -> tuple[Floats, Floats, Floats]:
-    """Apex, base and the unit vector between them, of one frame."""
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Apex, base, the unit vector between them and that across the base, of one frame."""
     A = volume.affine
     points = np.argwhere(cavity) @ A[:, :3].T + A[:, 3]
     middle = points.mean(axis=0)
@@ -122,7 +123,7 @@ def _ends(
         base: Floats = faces.mean(axis=0)
         axis = (base - middle) / np.linalg.norm(base - middle)
         height = float(((points - base) @ axis).min()) - half
-        return _near_axis(points, base, axis, height, half), base, axis
+        return _near_axis(points, base, axis, height, half), base, axis, axis
     _, vectors = np.linalg.eigh(np.cov((points - middle).T))
     axis = vectors[:, -1]
     z = (points - middle) @ axis
@@ -138,7 +139,7 @@ def _ends(
     base = _middle_of_cut(points, flat, axis, half)
     z = (points - middle) @ axis
     height = float(z.min() - (base - middle) @ axis) - half
-    return _near_axis(points, base, axis, height, half), base, axis
+    return _near_axis(points, base, axis, height, half), base, axis, flat
 
 
 def _flat_end(cavity: NDArray[np.bool_], A: Floats, axis: Floats, half: float) -> Floats:

@@ -27,10 +27,16 @@ class Proposed:
     places : (frames, 3) float64, length unit
         NaN where it is unknown.
     sd : float, length unit
+    normals : (frames, 3) float64, optional
+        Directions along which it is known better.
+    normal_sd : float, length unit
+        Deviation along them.
     """
 
     places: NDArray[np.float64]
     sd: float
+    normals: NDArray[np.float64] | None = None
+    normal_sd: float = 0.0
 
 
 _REMEDY: Final = (

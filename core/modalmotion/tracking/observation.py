@@ -47,7 +47,8 @@ class Observation(FrozenArrays):
     weights : (n,) float64, optional
         Of each row; 1 for all where it is None. Only their ratios matter to points.
     normals : (n, 3) float64, optional
-        Direction in which the distance counts; that of the surface where it is None.
+        Direction in which the distance counts; where it is None that of the surface, and of
+        landmarks every direction.
     places : tuple of str, int or tuple of int, optional
         Of each row of a landmark: see `Place`.
     feet : (n, 3) int64, optional

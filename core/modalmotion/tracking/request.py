@@ -98,6 +98,10 @@ def with_landmarks(
             if np.isfinite(place).all():
                 _require_near(name, k, place, box)
                 full[k] = (*full[k], Observation(place[None], sd=own_sd, places=(name,)))
+                if isinstance(value, Proposed) and value.normals is not None:
+                    across, limit = value.normals[k, None], value.normal_sd
+                    one = Observation(place[None], sd=limit, normals=across, places=(name,))
+                    full[k] = (*full[k], one)
     return tuple(full)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ from scipy import fft
 from modalmotion.codec import Effort, decode, encode, inspect
 from modalmotion.codec.bits.varint import read_varint, write_varint
 from modalmotion.codec.encoder import LONGEST_BLOCK
+from modalmotion.codec.frames import fewest_corrections
+from modalmotion.codec.search import least
 from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes.topology import CUP, CYLINDER, Topology
@@ -228,3 +231,40 @@ def test_a_topology_may_be_stated_without_a_grid(rng: np.random.Generator) -> No
     decoded = decode(encode(sequence, rms=0.2).data)
     assert decoded.topology == sequence.topology
     assert decoded.unit == "cm"
+
+
+def test_corrections_are_the_fewest_that_bring_every_vertex_back(rng: np.random.Generator) -> None:
+    width, room = 115, 100.0
+    left = rng.normal(0.0, 70.0, (3, 3, 400))
+    steps = fewest_corrections(left, width, room)
+    after = left - width * steps
+    assert (np.sqrt((after**2).sum(axis=1)) <= room).all()
+    frame, vertex = np.nonzero((left**2).sum(axis=1) > room**2)
+    assert len(frame) > 300
+    needed = np.zeros((3, 400), dtype=np.int64)
+    for f, v in zip(frame, vertex, strict=True):
+        whole = np.rint(left[f, :, v] / width)
+        # Slowly: the smallest set of coordinates that is enough.
+        needed[f, v] = next(
+            n
+            for n in (1, 2, 3)
+            for chosen in combinations(range(3), n)
+            if np.linalg.norm(left[f, :, v] - width * whole * np.isin(range(3), chosen)) <= room
+        )
+    np.testing.assert_array_equal((steps != 0).sum(axis=1), needed)
+
+
+def test_the_least_cost_is_looked_for_between_steps_too() -> None:
+    asked: list[float] = []
+
+    def cost(step: float) -> int:
+        asked.append(step)
+        return int(1e6 * (1 + np.log(step / 1.3) ** 2))
+
+    assert least(cost, 1.0, 1.35, 5) == pytest.approx(1.35)
+    assert min(asked, key=lambda step: abs(np.log(step / 1.3))) == asked[-1]
+    assert asked[-1] == pytest.approx(1.3, rel=1e-4)
+    asked.clear()
+    # No more than may be asked.
+    least(cost, 1.0, 1.35, 3)
+    assert len(asked) == 3

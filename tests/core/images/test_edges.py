@@ -50,6 +50,26 @@ def test_a_muscle_before_the_edge_is_crossed_only_where_that_is_cheap() -> None:
     assert find_edges(like, STEP, REACH, np.ones(1), 2.0).offsets == pytest.approx([-4.0], abs=0.3)
 
 
+def test_an_edge_beside_a_layer_lies_between_the_layer_and_the_outside() -> None:
+    true = np.linspace(-5.0, 5.0, 41)[:, None]
+    values = 40.0 + 60.0 * np.clip(0.5 - (OFFSETS - true) / 1.5, 0.0, 1.0)
+    values -= 30.0 * np.clip(0.5 - (OFFSETS - true) / 1.5, 0.0, 1.0) * (true - 5.0 < OFFSETS)
+    like = LEVELS.likeness(values)
+    plain, layered = (
+        find_edges(like, STEP, REACH, np.ones(41), 0.35, layer) for layer in (-np.inf, 0.45)
+    )
+    assert plain.offsets.mean() < true.mean() - 0.8
+    assert layered.offsets == pytest.approx(true[:, 0], abs=0.15)
+    assert layered.inside == pytest.approx(0.0, abs=0.1)
+    assert (plain.inside == 1.0).all()
+
+
+def test_neither_noise_nor_labels_have_layers() -> None:
+    assert LEVELS.layer == pytest.approx(0.45)
+    assert Levels(100.0, 40.0, 30.0).layer < 0.0
+    assert Levels(100.0, 0.0, 1e-10).layer == -np.inf
+
+
 def test_either_sign_of_contrast_and_any_gain_are_alike() -> None:
     values = 40.0 + 60.0 * np.clip(0.5 - OFFSETS[None] / 1.5, 0.0, 1.0)
     plain = LEVELS.likeness(values)

@@ -57,6 +57,27 @@ def test_papillary_muscles_are_in_the_pool_and_as_large_as_is_said(ct: Phantom) 
     assert 2000.0 < ct.papillary_volume < 8000.0
 
 
+def test_trabeculae_keep_their_muscle_and_look_like_wall_at_end_systole() -> None:
+    plain = replace(CLEAN, papillary=False, noise=0.0)
+    beat = [
+        simulate_images(
+            "ct",
+            n_frames=3,
+            settings=replace(plain, trabeculae=depth),
+            rng=np.random.default_rng(3),
+        )
+        for depth in (0.0, 6.0)
+    ]
+    missing = []
+    for without, own in zip(beat[0].images.frames, beat[1].images.frames, strict=True):
+        assert isinstance(without, Volume)
+        assert isinstance(own, Volume)
+        missing.append(float((without.values.astype(float) - own.values).sum()) / 550.0 * 1.5**3)
+    assert missing[0] == pytest.approx(beat[1].papillary_volume, rel=0.1)
+    assert missing[0] > 5000.0
+    assert missing == pytest.approx([missing[0]] * 3, rel=0.15)
+
+
 def test_there_is_no_edge_at_the_valve_and_another_chamber_beside(ct: Phantom) -> None:
     frame = ct.images.frames[0]
     assert isinstance(frame, Volume)

@@ -20,7 +20,9 @@ from ellipsoid_images import (
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, Volume
+from modalmotion.images.sequence import is_of_labels
 from modalmotion.tracking import track
+from modalmotion.tracking.imaged import staircase
 from modalmotion.tracking.label_maps import from_labels
 
 
@@ -40,6 +42,37 @@ def test_a_segmentation_is_tracked_with_no_other_statement(wall: tuple[int, ...]
     assert any("proposed" in note for note in result.notes)
 
 
+def left_by_steps(voxel: float, patch: float, rng: np.random.Generator) -> float:
+    """RMS over all directions of a voxelised plane's mean height in a patch, along its normal."""
+    n, m = 8000, 12
+    normals = np.sort(np.abs(rng.normal(size=(n, 3))), axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    slopes = normals[:, :2] / normals[:, 2:]
+    spread = (np.arange(m) + 0.5) / m * patch
+    # Middles of columns, then of the voxel that each ends in.
+    columns = np.floor((spread + voxel * rng.random((n, 2, 1))) / voxel) * voxel
+    first, second = (slopes[:, i, None] * columns[:, i] for i in range(2))
+    heights = voxel * rng.random((n, 1, 1)) + first[:, :, None] + second[:, None, :]
+    steps = (np.floor(heights / voxel) + 0.5) * voxel - heights
+    return float(np.sqrt(np.mean((steps.mean(axis=(1, 2)) * normals[:, 2]) ** 2)))
+
+
+@pytest.mark.parametrize(("voxel", "patch"), [(1.0, 8.0), (1.5, 12.0), (2.0, 12.0), (3.0, 12.0)])
+def test_a_staircase_leaves_what_its_steps_do_not_average_out(voxel: float, patch: float) -> None:
+    left = left_by_steps(voxel, patch, np.random.default_rng(4))
+    assert staircase(voxel, patch) == pytest.approx(left, rel=0.3)
+    assert staircase(voxel, patch) < 0.3 * voxel / np.sqrt(12.0)
+
+
+def test_two_values_are_a_segmentation_and_three_are_none() -> None:
+    whole = labels()
+    values = np.where(whole.values == 3, 7.0, 1.0)
+    assert is_of_labels(Volume(values, whole.affine))
+    assert is_of_labels(Volume(np.where(whole.values == 2, np.nan, values), whole.affine))
+    values[0, 0, 0] = 2.0
+    assert not is_of_labels(Volume(values, whole.affine))
+
+
 @pytest.mark.parametrize("slope", [0.0, 0.3, -0.3])
 def test_the_middle_of_a_cut_aslant_is_found(slope: float) -> None:
     whole = labels()
@@ -52,7 +85,13 @@ def test_the_middle_of_a_cut_aslant_is_found(slope: float) -> None:
     # x^2 / r^2 + (h + s x)^2 / l^2 = 1 is an ellipse about x = -s h / l^2 / (1 / r^2 + s^2 / l^2).
     x = -slope * height / LENGTH**2 / (1.0 / RADIUS**2 + slope**2 / LENGTH**2)
     place = MIDDLE + AXES @ np.array([x, 0.0, height + slope * x])
-    assert made.landmarks["base"].places[0] == pytest.approx(place, abs=1.5)
+    base = made.landmarks["base"]
+    assert base.places[0] == pytest.approx(place, abs=1.5)
+    # Its height over the cut is known better.
+    across = AXES @ np.array([-slope, 0.0, 1.0]) / np.hypot(slope, 1.0)
+    assert base.normals is not None
+    assert base.normals[0] @ across > 0.99
+    assert abs((base.places[0] - place) @ base.normals[0]) < 2.0 * base.normal_sd < base.sd
 
 
 def test_labels_that_are_nowhere_are_named() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Final, Protocol
+from typing import Final, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from modalmotion.codec.machine.layout import (
     MOST_CONTEXTS,
     N_BITS,
     N_CODER,
+    N_KEYS,
     N_QUESTIONS,
     N_STATE,
     N_WORDS,
@@ -38,6 +39,8 @@ from modalmotion.codec.machine.layout import (
 
 Ints = NDArray[np.int64]
 
+_Kind = TypeVar("_Kind", bound=np.generic)
+
 MESSAGES: Final = {
     DAMAGED: "The range coder cannot have written these words.",
     FEW_BITS: "A block holds fewer bits than its values need.",
@@ -51,6 +54,9 @@ FIRST_WEIGHT: Final = 22938
 """Of each context of each question, in 1/65536."""
 
 _MOST_AT_FIRST: Final = 1 << 20
+
+# No plain number is longer.
+_LONGEST_BITS: Final = 64
 
 
 class CoderState(Protocol):
@@ -149,14 +155,21 @@ def call(
             return w
         if status != FULL:
             raise damaged(MESSAGES[status])
+        # More of what was short, and of that alone: the hash table is by far the largest.
+        is_short = False
         if not w[READS]:
-            # Room may have been short in any of them: more of all.
-            coder.words = np.concatenate([coder.words[: coder.state[WORD]], _room(coder.words)])
-            coder.plain = np.concatenate([coder.plain[: coder.state[BIT]], _room(coder.plain)])
-        capacity *= 2
+            if w[WORD] >= w[N_WORDS]:
+                coder.words = _with_room(coder.words[: coder.state[WORD]], len(coder.words))
+                is_short = True
+            if w[BIT] + _LONGEST_BITS > w[N_BITS]:
+                coder.plain = _with_room(coder.plain[: coder.state[BIT]], len(coder.plain))
+                is_short = True
+        if not is_short or 3 * w[N_KEYS] >= 2 * capacity:
+            capacity *= 2
         if tables is not None and started is not None:
             tables[:] = started
 
 
-def _room(array: NDArray[np.generic]) -> NDArray[np.generic]:
-    return np.zeros(max(1024, 2 * len(array)), dtype=array.dtype)
+def _with_room(used: NDArray[_Kind], n: int) -> NDArray[_Kind]:
+    """Give an array with what is used of it, and room for twice as many as there were."""
+    return np.concatenate([used, np.zeros(max(1024, 2 * n), dtype=used.dtype)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from modalmotion.codec.connectivity import faces as codec_faces
 from modalmotion.codec.connectivity.faces import read_faces, write_faces
 from modalmotion.codec.connectivity.numbering import LOGARITHMS as TRUST_LOGARITHMS
 from modalmotion.codec.connectivity.rings import MOST_LOOKS, NOWHERE, Rings
+from modalmotion.codec.machine.image import image
 from modalmotion.errors import MalformedFileError
 from modalmotion.mesh import lattice_faces
 from modalmotion.modes.topology import CYLINDER, TORUS
@@ -201,3 +203,19 @@ def test_damaged_faces_are_refused_or_other_triangles_of_the_same_vertices() -> 
         assert found.shape == faces.shape
         assert found.min() >= 0
         assert found.max() < n
+
+
+@pytest.mark.skipif(image() is None, reason="the kernels are not compiled")
+def test_vertices_in_any_order_take_many_bits_and_no_more_memory(rng: np.random.Generator) -> None:
+    faces = lattice_faces(TORUS, (40, 30))
+    scattered = rng.permutation(1200)[faces]
+    tracemalloc.start()
+    try:
+        data = write_faces(1200, None, scattered, keep_order=False, n_relations=0)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    # Ten bits a vertex, where there was room for a thousand at first.
+    assert len(data) > 1200
+    assert peak < 60e6
+    assert as_set(read_faces(data, len(faces), 1200, None)) == as_set(scattered)

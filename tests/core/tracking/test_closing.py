@@ -1,0 +1,153 @@
+"""Trabeculae that close: their muscle keeps its volume, and lies beyond the edge that is seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ellipsoid_images import (
+    AXES,
+    CUT,
+    LANDMARKS,
+    LENGTH,
+    MIDDLE,
+    RADIUS,
+    Floats,
+    Look,
+    enclosed,
+    volume,
+)
+
+from modalmotion.images import ImageSequence, Volume
+from modalmotion.images.edges import Levels
+from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import CUP, CYLINDER
+from modalmotion.template import Template, make_template
+from modalmotion.tracking import image_frames, track
+from modalmotion.tracking.closing import (
+    has_trabeculae,
+    missing_muscle,
+    muscle_within,
+    opened,
+    with_trabeculae,
+)
+from modalmotion.tracking.deformable import Deformable
+from modalmotion.tracking.image_view import Facets, Sight, View, view_of
+
+SHAPE = (40, 40, 52)
+# Height over the middle at which trabeculae end, mm.
+MIDDLING = 8.0
+AFFINE = np.column_stack([2.0 * np.eye(3), MIDDLE - (np.array(SHAPE) - 1.0)])
+LOOK = Look(noise=1.0)
+LEVELS = Levels(LOOK.blood, LOOK.wall, 1.0)
+SIGHT = Sight(LEVELS, np.zeros(3), MIDDLE, np.zeros((1, 3)), has_layers=True).within(4.0)
+
+
+def trabeculated(depth: float, share: float, radius: float = RADIUS) -> Volume:
+    """A layer so deep within the wall, of which such a share is muscle, below the middle."""
+    whole = volume(radius, LOOK, affine=AFFINE, shape=SHAPE)
+    index = np.stack(np.meshgrid(*map(np.arange, SHAPE), indexing="ij"), axis=-1)
+    local = (index @ AFFINE[:, :3].T + AFFINE[:, 3] - MIDDLE) @ AXES
+    half = np.array([radius, radius, LENGTH])
+    size = np.linalg.norm(local / half, axis=-1)
+    away = (size - 1.0) * size / np.maximum(np.linalg.norm(local / half**2, axis=-1), 1e-9)
+    inside = np.clip(0.5 - away, 0.0, 1.0) * np.clip(0.5 + (away + depth), 0.0, 1.0)
+    below = share * inside * (local[..., 2] < MIDDLING)
+    return Volume(whole.values - below * (LOOK.blood - LOOK.wall), AFFINE)
+
+
+def spheroid() -> Template:
+    """The surface itself, from the tip to the cut."""
+    n, m = 20, 40
+    polar = np.linspace(0.03, np.pi - np.arccos(CUT / LENGTH), n)[:, None]
+    turn = 2.0 * np.pi * np.arange(m) / m
+    axes = (RADIUS * np.cos(turn), RADIUS * np.sin(turn), -LENGTH * np.ones(m))
+    across = (np.sin(polar), np.sin(polar), np.cos(polar))
+    local = np.stack([a * b for a, b in zip(across, axes, strict=True)], axis=-1)
+    x = MIDDLE + local.reshape(-1, 3) @ AXES.T
+    faces = standard_surface(Lattice(CUP, (n, m))).faces
+    return make_template(mesh_sequence(x[None], faces, grid=(n, m), topology="cup"))
+
+
+TEMPLATE = spheroid()
+SURFACE = Deformable.of(TEMPLATE, 18)
+
+
+def seen(image: Volume) -> View:
+    """Edges about the surface."""
+    facets = Facets.of(TEMPLATE.faces, TEMPLATE.vertices, TEMPLATE.weights)
+    return view_of(image, facets, TEMPLATE.vertices, SIGHT, 4.0)
+
+
+def mean_of(field: Floats) -> float:
+    """Mean over the surface where there are trabeculae."""
+    inner = (TEMPLATE.vertices - MIDDLE) @ AXES[:, 2] < MIDDLING - 6.0
+    return float((field * TEMPLATE.weights)[inner].sum() / TEMPLATE.weights[inner].sum())
+
+
+def test_muscle_is_what_is_dark_wherever_the_edge_is() -> None:
+    view = seen(trabeculated(4.0, 0.5))
+    own = muscle_within(view, SIGHT, SURFACE)
+    assert mean_of(own) == pytest.approx(2.0, abs=0.4)
+    # An edge that lies half a mm farther in has half a mm of muscle less within it.
+    nearer = replace(view, edges=view.edges._replace(offsets=view.edges.offsets - 0.5))
+    assert mean_of(muscle_within(nearer, SIGHT, SURFACE)) == pytest.approx(1.5, abs=0.35)
+    assert mean_of(muscle_within(seen(trabeculated(0.0, 0.0)), SIGHT, SURFACE)) == pytest.approx(
+        0.0, abs=0.15
+    )
+
+
+def test_what_is_missing_lies_beyond_the_edge() -> None:
+    first = np.full(TEMPLATE.n_vertices, 1.5)
+    assert missing_muscle(first, first / 0.6, 0.6) == pytest.approx(0.0)
+    assert missing_muscle(first, 0.0 * first, 0.6) == pytest.approx(2.5)
+    # More muscle than there was is none that is missing.
+    assert missing_muscle(first, 4.0 * first, 0.6) == pytest.approx(0.0)
+    view = seen(trabeculated(0.0, 0.0))
+    moved = opened(view, first)
+    assert moved.edges.offsets - view.edges.offsets == pytest.approx(1.5)
+
+
+def test_the_reference_stays_and_missing_frames_are_left_out() -> None:
+    views = [seen(trabeculated(4.0, 0.5)), None, seen(trabeculated(0.0, 0.0))]
+    shapes = np.stack([TEMPLATE.vertices] * 3)
+    (first, missing, last), means = with_trabeculae(views, [SIGHT] * 3, SURFACE, shapes, 0)
+    assert first is views[0]
+    assert missing is None
+    assert last is not None
+    before = views[2]
+    assert before is not None
+    moved = last.edges.offsets - before.edges.offsets
+    assert float(np.quantile(moved, 0.7)) == pytest.approx(2.0, abs=0.5)
+    assert means[2] == pytest.approx(float(np.mean(moved)), abs=0.5)
+    assert not means[:2].any()
+    (_, same), none = with_trabeculae([None, before], [SIGHT] * 2, SURFACE, shapes[:2], 0)
+    assert same is before
+    assert not none.any()
+
+
+def test_only_layers_all_round_are_trabeculae() -> None:
+    shape = mesh_sequence(TEMPLATE.vertices[None], TEMPLATE.faces, grid=(20, 40), topology="cup")
+    sight = replace(SIGHT, has_layers=False)
+    assert has_trabeculae(trabeculated(4.0, 0.5), shape, sight, 4.0)
+    assert not has_trabeculae(trabeculated(0.0, 0.0), shape, sight, 4.0)
+    tube = standard_surface(Lattice(CYLINDER, (4, 8)))
+    assert not has_trabeculae(trabeculated(4.0, 0.5), tube, sight, 4.0)
+
+
+@pytest.mark.thorough
+def test_a_surface_does_not_follow_trabeculae_inward(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Radius 22 to 18: half of 4 mm is muscle, then all of 2.5.
+    beat = ImageSequence((trabeculated(4.0, 0.5), trabeculated(2.5, 1.0, 18.0)))
+    marks = {"apex": LANDMARKS["apex"], "base": np.tile(LANDMARKS["base"], (2, 1))}
+    result = track(beat, landmarks=marks, modes=18)
+    assert result.volumes is not None
+    off = abs(result.volumes[1] - enclosed(18.0))
+    assert off < 0.1 * enclosed(18.0)
+    monkeypatch.setattr(image_frames, "with_trabeculae", lambda views, *_: (views, np.zeros(2)))
+    followed = track(beat, landmarks=marks, modes=18)
+    assert followed.volumes is not None
+    assert off < 0.6 * (enclosed(18.0) - followed.volumes[1])
