@@ -205,7 +205,8 @@ def view_of(image: Image, facets: Facets, x: Floats, sight: Sight, reach: float)
         view = _in_planes(image, facets, x, sight.shifts, reach)
     like = sight.levels.likeness(view.profiles, sight.gain(view.starts)[:, None])
     step = float(view.offsets[1] - view.offsets[0])
-    edges = find_edges(like, step, reach, view.extents, sight.crossing, sight.levels.layer)
+    layer = sight.levels.layer if sight.has_layers else -np.inf
+    edges = find_edges(like, step, reach, view.extents, sight.crossing, layer)
     # Most of what an edge is judged by must be in the field of view.
     near = np.abs(view.offsets[None] - edges.offsets[:, None]) < 3.0
     seen = (np.isfinite(view.profiles) | ~near).all(axis=1)

@@ -100,6 +100,18 @@ def test_muscle_is_what_is_dark_wherever_the_edge_is() -> None:
     )
 
 
+def test_a_layer_is_part_of_the_wall_where_none_is_looked_for() -> None:
+    facets = Facets.of(TEMPLATE.faces, TEMPLATE.vertices, TEMPLATE.weights)
+    image = trabeculated(4.0, 0.5)
+    with_layers = view_of(image, facets, TEMPLATE.vertices, SIGHT, 4.0).edges
+    without = replace(SIGHT, has_layers=False)
+    edges = view_of(image, facets, TEMPLATE.vertices, without, 4.0).edges
+    assert (edges.inside == 1.0).all()
+    is_layer = with_layers.inside < 1.0
+    assert is_layer.mean() > 0.3
+    assert (edges.offsets < with_layers.offsets)[is_layer].mean() > 0.9
+
+
 def test_what_is_missing_lies_beyond_the_edge() -> None:
     first = np.full(TEMPLATE.n_vertices, 1.5)
     assert missing_muscle(first, first / 0.6, 0.6) == pytest.approx(0.0)
