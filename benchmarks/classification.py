@@ -17,7 +17,7 @@ from real_data import files_of, is_there
 
 from modalmotion.classification import TrainingCase, TrainingOptions, classify, evaluate, train
 from modalmotion.classification.estimators.estimator import MotionClassifier
-from modalmotion.classification.features import MotionFeatures, axis_features
+from modalmotion.classification.features import KnownFeatures, axis_features
 from modalmotion.classification.measures.reliability import calibration_curve, calibration_error
 from modalmotion.classification.training.collection import collect
 from modalmotion.classification.training.domain_fit import fit_domain
@@ -183,7 +183,7 @@ def _costs(cohort: list[_Recorded], folds: Sequence[Any], mini: tuple[Any, float
     signature = cohort[int(folds[0][1][0])].signatures[7]
 
     def ours() -> Array:
-        known: dict[tuple[object, ...], MotionFeatures] = {}
+        known = KnownFeatures()
         seen = model.domain.reader.read(signature, known)
         found = model.read(signature, known)
         return model.probabilities(found.values[[model.distance(seen.kinds).argmin()]])

@@ -116,7 +116,8 @@ def _add_points(
     gap = part.points - found.feet
     along = (normals * gap[:, None]).sum(axis=-1)
     size = np.linalg.norm(along, axis=1)
-    at_rim = surface.rim[found.corners].any(axis=1)
+    # Of two triangles as near a foot between them is on neither more than on the other.
+    at_rim = (surface.rim[found.corners] & (found.shares > 0.0)).any(axis=1)
     on_rim = at_rim & (size < _ALONG * found.distances) & (part.feet is None)
     if part.normals is None and surface.cells.shape[1] == 3:
         # Across a ridge the force turns with the point, and does not jump from side to side.

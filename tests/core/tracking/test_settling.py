@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from clouds import breathing_spheroid, rim_of, sampled
 
+from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.standard_surfaces import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import SPHERE
@@ -145,3 +146,25 @@ def test_a_point_beyond_the_rim_does_not_pull_along_it(rng: np.random.Generator)
     beyond = x[RIM] + 4.0 * (x[RIM].mean(axis=0) - x[s.argmin()]) / 80.0
     found = information(surface, np.zeros((7, 3)), (Observation(beyond),), NOISE)
     assert (found.weights == 0).mean() > 0.9
+
+
+def test_of_two_triangles_as_near_as_each_other_either_says_the_same(
+    rng: np.random.Generator,
+) -> None:
+    surface, a = Deformable.of(TEMPLATE, 7), np.zeros((7, 3))
+    x = surface.positions(a)
+    # Outside the side at which a triangle of the rim meets one that is none.
+    of_rim = surface.rim[surface.cells].any(axis=1)
+    sides = np.sort(surface.cells[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 3, 2), axis=2)
+    here, beyond = (set(map(tuple, sides[k].reshape(-1, 2).tolist())) for k in (of_rim, ~of_rim))
+    between = np.array(sorted(here & beyond))
+    out = vertex_normals(x, surface.cells)
+    points = np.concatenate([(x + d * out)[between].mean(axis=1) for d in (-3.0, 3.0)])
+    one, other = (
+        information(surface, a, (Observation(points + noise),), NOISE)
+        for noise in 1e-11 * rng.normal(size=(2, *points.shape))
+    )
+    # Rounding decides which triangle it is.
+    differ = (one.feet != other.feet).any(axis=1)
+    assert (surface.rim[one.feet].any(axis=1) != surface.rim[other.feet].any(axis=1))[differ].any()
+    assert one.residuals == pytest.approx(other.residuals, abs=1e-8)

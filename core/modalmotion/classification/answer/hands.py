@@ -15,7 +15,7 @@ from modalmotion.classification.answer.flags import (
     Flag,
     flags_of,
 )
-from modalmotion.classification.features import READINGS, Column, MotionFeatures
+from modalmotion.classification.features import READINGS, Column, KnownFeatures, MotionFeatures
 from modalmotion.classification.features.course import measures
 from modalmotion.classification.features.hand import (
     hand_of,
@@ -176,7 +176,7 @@ def read_hands(signature: ModalSignature, model: Model) -> Hands:
 def _read(signature: ModalSignature, model: Model) -> Reading:
     """Read the features in the reading that is nearest to what the model knows."""
     domain = model.domain
-    known: dict[tuple[object, ...], MotionFeatures] = {}
+    known = KnownFeatures()
     seen = domain.reader.read(signature, known)
     sights = _sights(signature, seen, domain)
     judgement = domain.judge(sights)

@@ -14,6 +14,7 @@ from modalmotion.classification.features.further import (
 )
 from modalmotion.classification.features.reader import (
     FeatureReader,
+    KnownFeatures,
     MotionTerms,
     motion_of,
     surface_size,
@@ -27,6 +28,7 @@ __all__ = [
     "CovariateColumn",
     "FeatureReader",
     "Further",
+    "KnownFeatures",
     "MotionFeatures",
     "MotionTerms",
     "align",

@@ -15,13 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.features.axis_parts import Parts, parts_of, readable_modes
+from modalmotion.classification.features.centred import CentredMotions
 from modalmotion.classification.features.columns import Column, MotionFeatures
-from modalmotion.classification.features.temporal import (
-    cycle_share,
-    harmonics,
-    one_turn,
-    smooth_share,
-)
 from modalmotion.errors import ParameterError
 from modalmotion.modes import Modes
 from modalmotion.signature.making import ModalSignature
@@ -60,18 +55,28 @@ class _Layout(NamedTuple):
         Changes of sign in each reading against the first.
     deforming : (n,) int64
         Modes that do not translate the whole.
-    gathered : (n,) int64
-        Cosines, sines and unpaired modes, one after another.
+    mixing : (3 modes, parts) complex128
+        Makes parts of harmonics along e1, e2 and e3: those of radial and turning parts before
+        the gauge, those of axial parts, first and second components of parts without a sign.
+    ends : tuple of int
+        Where each of these but the last one ends.
     """
 
     columns: tuple[Column, ...]
     signs: Vectors
     deforming: NDArray[np.int64]
-    gathered: NDArray[np.int64]
+    mixing: Spectrum
+    ends: tuple[int, ...]
 
 
 def axis_features(
-    signature: ModalSignature, n_signed: int = 2, n_sized: int = 1, *, walls: bool = False
+    signature: ModalSignature,
+    n_signed: int = 2,
+    n_sized: int = 1,
+    *,
+    walls: bool = False,
+    n_modes: int = 0,
+    motions: CentredMotions | None = None,
 ) -> MotionFeatures:
     """Read the features of a motion about an axis from its signature.
 
@@ -85,6 +90,10 @@ def axis_features(
     walls : bool
         Whether the zero of theta is a known place on the body: parts without a sign then have
         components towards it and across, so that walls are told apart.
+    n_modes : int
+        First modes that are read; 0 for all.
+    motions : CentredMotions, optional
+        Of the signature, for others to read too.
 
     Returns
     -------
@@ -123,30 +132,21 @@ def axis_features(
     turns e1, e2 and e3; another start angle turns c and s into one another; neither changes a
     feature.
     """
-    modes = readable_modes(signature)
-    signature = one_turn(signature)
+    modes = readable_modes(signature, n_modes)
     parts, layout = parts_of(modes), _layout(modes, n_signed, n_sized, walls)
-    # Percent of the size; the roots are taken apart so that no product overflows.
-    along, around = signature.lengths
-    a = signature.amplitudes / math.sqrt(along)
-    a /= math.sqrt(around)
-    a *= 100.0
-    a -= np.add.reduce(a) / len(a)
-    frame = _body_frame(a, parts, None if not walls else _theta_zero(signature))
-    n, n_modes = len(a), len(modes)
-    # Components along e1, e2 and e3.
-    b = (a.reshape(-1, 3) @ frame).reshape(n, n_modes, 3)
-    share = cycle_share(signature)
+    motion = (motions or CentredMotions(signature)).of_first(len(modes))
+    frame = _body_frame(motion.amplitudes, parts, None if not walls else _theta_zero(signature))
     count = max(n_signed, n_sized)
-    spectrum = harmonics(share, b.reshape(n, -1), count).reshape(count, n_modes, 3)
-    signed, x, y = _read(spectrum[:, layout.gathered], parts, _radial_line(b, parts))
+    # Components along e1, e2 and e3.
+    spectrum = (motion.harmonics(count)[:, : len(modes)] @ frame).reshape(count, -1)
+    gauge = _radial_line(motion.amplitudes, parts, frame)
+    signed, x, y = _read(spectrum @ layout.mixing, layout.ends, gauge)
     values = _values(signed, x, y, n_signed, n_sized, walls)
-    deformation = b[:, layout.deforming].reshape(n, -1)
     return MotionFeatures(
         columns=layout.columns,
         values=values * layout.signs,
-        motion=math.sqrt(np.vdot(deformation, deformation) / n) / 100.0,
-        smooth_share=smooth_share(share, deformation, is_cycle=True),
+        motion=motion.size(layout.deforming),
+        smooth_share=motion.smooth_share(layout.deforming),
     )
 
 
@@ -166,38 +166,47 @@ def _body_frame(a: Vectors, parts: Parts, towards: Vectors | None) -> Vectors:
     return np.array([e1, _cross(e3, e1), e3]).T
 
 
-def _radial_line(b: Vectors, parts: Parts) -> complex:
+def _radial_line(a: Vectors, parts: Parts, frame: Vectors) -> complex:
     """Give the turn about the axis, of modulus 1, that makes radial motion of (0, 1) real."""
     k = parts.first[0]
-    c, s = b[:, parts.cosines[k]], b[:, parts.sines[k]]
-    # (w(c) - i w(s)) / 2 but for the half, of the mode (0, 1).
-    x, y = c[:, 0] + s[:, 1], c[:, 1] - s[:, 0]
+    some = a[:, [parts.cosines[k], parts.sines[k], parts.unpaired[0]]] @ frame
+    c, s, flat = some.transpose(1, 2, 0)
+    # (w(c) - i w(s)) / 2 but for the half, of the mode (0, 1), as x + i y; and the axial part.
+    three = np.array([c[0] + s[1], c[1] - s[0], flat[2]])
+    (xx, xy, x_axial), (_, yy, y_axial), _ = (three @ three.T).tolist()
     # The line in the complex plane along which (0, 1) moves most is the radial one.
-    gauge = cmath.exp(-0.5j * math.atan2(2.0 * (x @ y), x @ x - y @ y))
+    gauge = cmath.exp(-0.5j * math.atan2(2.0 * xy, xx - yy))
     # A ring narrows while the axis shortens: (1, 0) is positive at the apex end.
-    axial = b[:, parts.unpaired[0], 2]
-    if gauge.real * (x @ axial) - gauge.imag * (y @ axial) > 0:
+    if gauge.real * x_axial - gauge.imag * y_axial > 0:
         gauge = -gauge
     return gauge
 
 
-def _read(spectrum: Spectrum, parts: Parts, gauge: complex) -> tuple[Spectrum, Spectrum, Spectrum]:
-    """Harmonics of the parts with a sign, and of both components of those without.
-
-    Of the harmonics of the layout's `gathered` modes.
-    """
-    by_direction, n_pairs = spectrum.transpose(2, 0, 1), len(parts.cosines)
-    c, s = by_direction[..., :n_pairs], by_direction[..., n_pairs : 2 * n_pairs]
-    flat, n_rings = by_direction[..., 2 * n_pairs :], len(parts.first)
-    # (w(c) - i w(s)) / 2 = ((c1 + s2) + i (c2 - s1)) / 2, turned by the gauge where p' = 1.
-    x, y = (c[0] + s[1]) / 2, (c[1] - s[0]) / 2
+def _read(
+    mixed: Spectrum, ends: tuple[int, ...], gauge: complex
+) -> tuple[Spectrum, Spectrum, Spectrum]:
+    """Harmonics of the parts with a sign, and of both components of those without."""
+    rings, turning, signed, real = ends
+    x, y = mixed[:, :rings], mixed[:, rings:turning]
     g, k = gauge.real, gauge.imag
-    x1, y1 = x[:, :n_rings], y[:, :n_rings]
-    signed = np.concatenate([x1 * g - y1 * k, x1 * k + y1 * g, flat[2]], axis=1)
+    with_sign = [x * g - y * k, x * k + y * g, mixed[:, turning:signed]]
+    return np.concatenate(with_sign, axis=1), mixed[:, signed:real], mixed[:, real:]
+
+
+def _mixing(parts: Parts, n_modes: int) -> tuple[Spectrum, tuple[int, ...]]:
+    """Give `mixing` and `ends` of the layout."""
+    one = np.eye(3 * n_modes).reshape(n_modes, 3, -1)
+    # Of each mode the components along e1, e2 and e3, as rows that pick them out.
+    c, s, flat = (one[k].transpose(1, 0, 2) for k in (parts.cosines, parts.sines, parts.unpaired))
+    n_rings = len(parts.first)
+    # (w(c) - i w(s)) / 2 = ((c1 + s2) + i (c2 - s1)) / 2, turned by the gauge where p' = 1;
     # (w(c) + i w(s)) / 2 = ((c1 - s2) + i (c2 + s1)) / 2 and e3.c - i e3.s
-    real = [flat[0], (c[0] - s[1]) / 2, c[2], x[:, n_rings:]]
-    imaginary = [flat[1], (c[1] + s[0]) / 2, -s[2], y[:, n_rings:]]
-    return signed, np.concatenate(real, axis=1), np.concatenate(imaginary, axis=1)
+    x, y = (c[0] + s[1]) / 2, (c[1] - s[0]) / 2
+    real = [flat[0], (c[0] - s[1]) / 2, c[2], x[n_rings:]]
+    imaginary = [flat[1], (c[1] + s[0]) / 2, -s[2], y[n_rings:]]
+    groups = [x[:n_rings], y[:n_rings], flat[2], np.concatenate(real), np.concatenate(imaginary)]
+    ends = np.cumsum([len(group) for group in groups])[:-1].tolist()
+    return np.concatenate(groups).T.astype(np.complex128), tuple(ends)
 
 
 def _values(
@@ -224,11 +233,13 @@ def _by_part(z: Spectrum) -> Vectors:
 @lru_cache(maxsize=64)
 def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
     parts = parts_of(modes)
+    mixing, ends = _mixing(parts, len(modes))
     return _Layout(
         columns=_columns(parts, n_signed, n_sized, walls),
         signs=np.stack([_signs(parts, reading, n_signed, n_sized, walls) for reading in READINGS]),
         deforming=np.flatnonzero(modes.wavenumbers.any(axis=1)),
-        gathered=np.concatenate([parts.cosines, parts.sines, parts.unpaired]),
+        mixing=mixing,
+        ends=ends,
     )
 
 

@@ -74,6 +74,12 @@ def parts_of(modes: Modes) -> Parts:
     )
 
 
+@lru_cache(maxsize=64)
+def first(modes: Modes, n: int) -> Modes:
+    """Return the first modes; `first_modes` of signatures has their amplitudes, too."""
+    return modes if n == len(modes) else modes.take(np.arange(n))
+
+
 def has_axis(signature: ModalSignature) -> bool:
     """Whether `axis_features` can be read: modes and components say so."""
     try:
@@ -83,9 +89,14 @@ def has_axis(signature: ModalSignature) -> bool:
     return True
 
 
-def readable_modes(signature: ModalSignature) -> Modes:
-    """Modes of a signature from which a motion about an axis can be read; see `axis_features`."""
+def readable_modes(signature: ModalSignature, n_modes: int = 0) -> Modes:
+    """Modes of a signature from which a motion about an axis can be read; see `axis_features`.
+
+    The first ones, or all for 0.
+    """
     modes, topology = signature.modes, signature.topology
+    if n_modes:
+        modes = first(modes, n_modes)
     if topology is None:
         raise TopologyError(
             "The motion is given in the spring modes of one mesh, which say nothing of others.",
@@ -114,7 +125,7 @@ def readable_modes(signature: ModalSignature) -> Modes:
     parts = parts_of(modes)
     if not len(parts.unpaired) or not len(parts.first):
         raise ModeCountError(
-            f"{len(signature.modes)} modes are too few to read a motion from.",
+            f"{len(modes)} modes are too few to read a motion from.",
             remedy="Fit 7 modes or more.",
             details={"least": 7},
         )

@@ -7,7 +7,6 @@ body nor the hand of theta is to be found; twist and other motion within the sur
 from __future__ import annotations
 
 import cmath
-import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -16,13 +15,8 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.features.axis import READINGS
 from modalmotion.classification.features.axis_parts import parts_of, readable_modes
+from modalmotion.classification.features.centred import CentredMotions
 from modalmotion.classification.features.columns import Column, MotionFeatures
-from modalmotion.classification.features.temporal import (
-    cycle_share,
-    harmonics,
-    one_turn,
-    smooth_share,
-)
 from modalmotion.modes import Modes
 from modalmotion.signature.making import ModalSignature
 
@@ -37,19 +31,26 @@ class _Layout(NamedTuple):
     cosines, sines : (m,) int64
         Modes (p, p'), p' > 0.
     columns : tuple of Column
-    is_across : (features,) bool
-        Features that a theta of the other hand turns round.
+    signs : (readings, features) float64
+        Changes of sign in each reading against the first: a theta of the other hand turns
+        features across its zero round.
     """
 
     levels: NDArray[np.int64]
     cosines: NDArray[np.int64]
     sines: NDArray[np.int64]
     columns: tuple[Column, ...]
-    is_across: NDArray[np.bool_]
+    signs: NDArray[np.float64]
 
 
 def offset_features(
-    signature: ModalSignature, n_signed: int = 2, n_sized: int = 1, *, walls: bool = False
+    signature: ModalSignature,
+    n_signed: int = 2,
+    n_sized: int = 1,
+    *,
+    walls: bool = False,
+    n_modes: int = 0,
+    motions: CentredMotions | None = None,
 ) -> MotionFeatures:
     """Read the features of offsets about an axis from their signature.
 
@@ -61,6 +62,10 @@ def offset_features(
         Harmonics of the parts with a sign, and of those without.
     walls : bool
         Whether the zero of theta is a known place on the body.
+    n_modes : int
+        First modes that are read; 0 for all.
+    motions : CentredMotions, optional
+        Of the signature, for others to read too.
 
     Returns
     -------
@@ -79,33 +84,24 @@ def offset_features(
     (p, p'), the pairs of p' = 1, 2 and more: their lengths in phase and out of phase with the
     narrowing of (0, 0), or, with walls, their cosines and sines.
     """
-    modes = readable_modes(signature)
-    signature = one_turn(signature)
+    modes = readable_modes(signature, n_modes)
     layout = _layout(modes, n_signed, n_sized, walls)
-    along, around = signature.lengths
-    a = signature.amplitudes[:, :, 0] / math.sqrt(along)
-    a /= math.sqrt(around)
-    a *= 100.0
-    a -= np.add.reduce(a) / len(a)
-    share, count = cycle_share(signature), max(n_signed, n_sized)
-    spectrum = harmonics(share, a, count)
+    motion = (motions or CentredMotions(signature)).of_first(len(modes))
+    spectrum = motion.harmonics(max(n_signed, n_sized))[:, : len(modes), 0]
     # At phase 0 the narrowing, which is the opposite of "radial 0", is at its height.
     clock = cmath.phase(-spectrum[0, layout.levels[0]])
-    spectrum *= np.exp(-1j * clock * np.arange(1, count + 1))[:, None]
-    signed = _by_part(spectrum[:n_signed, layout.levels])
+    spectrum = spectrum * np.exp(-1j * clock * np.arange(1, len(spectrum) + 1))[:, None]
+    signed = _by_part(spectrum[:n_signed, layout.levels]).ravel()
     x, y = (_by_part(spectrum[:n_sized, k]) for k in (layout.cosines, layout.sines))
     sized = np.concatenate([x, y], axis=1) if walls else np.sqrt(np.hypot(x, y))
     # "radial 0 sin 1" is zero by the choice of the clock.
-    values = np.concatenate([np.delete(signed.ravel(), 1), sized.ravel()])
-    readings = np.tile(values, (len(READINGS), 1))
-    for row, reading in zip(readings, READINGS, strict=True):
-        if reading.is_mirrored:
-            row[layout.is_across] *= -1.0
+    values = np.concatenate([signed[:1], signed[2:], sized.ravel()])
+    whole = slice(len(modes))
     return MotionFeatures(
         columns=layout.columns,
-        values=readings,
-        motion=math.sqrt(np.vdot(a, a) / len(a)) / 100.0,
-        smooth_share=smooth_share(share, a, is_cycle=True),
+        values=values * layout.signs,
+        motion=motion.size(whole),
+        smooth_share=motion.smooth_share(whole),
     )
 
 
@@ -137,5 +133,6 @@ def _layout(modes: Modes, n_signed: int, n_sized: int, walls: bool) -> _Layout:
                     power = 1.0 if walls else 0.5
                     columns.append(Column(f"{name}{side} {phase} {h}", (c, s), power))
                     across.append(side == " across zero")
-    is_across = np.array([False] * n_with_sign + across)
-    return _Layout(levels, parts.cosines, parts.sines, tuple(columns), is_across)
+    turned = np.where([False] * n_with_sign + across, -1.0, 1.0)
+    signs = np.stack([turned if reading.is_mirrored else np.abs(turned) for reading in READINGS])
+    return _Layout(levels, parts.cosines, parts.sines, tuple(columns), signs)

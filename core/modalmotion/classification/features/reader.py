@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.features.alignment import align_all
 from modalmotion.classification.features.axis import axis_features
+from modalmotion.classification.features.centred import CentredMotions
 from modalmotion.classification.features.columns import Column, MotionFeatures
 from modalmotion.classification.features.further import (
     CovariateColumn,
@@ -59,6 +60,26 @@ _OF_MOTION: Final = (
 )
 
 _NOTHING: Final = MotionFeatures((), np.zeros((1, 0)), 0.0, 1.0)
+
+
+class KnownFeatures:
+    """What readers have read of the motion of one signature, for other readers of it.
+
+    Attributes
+    ----------
+    features : dict
+        Features of the motion, by all that they depend on.
+    """
+
+    def __init__(self) -> None:
+        self.features: dict[tuple[object, ...], MotionFeatures] = {}
+        self._motions: CentredMotions | None = None
+
+    def motions_of(self, signature: ModalSignature) -> CentredMotions:
+        """Centred motion of the signature, which is always the same one."""
+        if self._motions is None:
+            self._motions = CentredMotions(signature)
+        return self._motions
 
 
 @shown()
@@ -127,7 +148,7 @@ class FeatureReader:
     def read(
         self,
         signature: ModalSignature,
-        known: dict[tuple[object, ...], MotionFeatures] | None = None,
+        known: KnownFeatures | None = None,
     ) -> MotionFeatures:
         """Features of one sequence, one row for each way to read it.
 
@@ -135,19 +156,20 @@ class FeatureReader:
         ----------
         signature : ModalSignature
             Of at least two frames.
-        known : dict, optional
-            Features of its motion that other readers have read, and this one leaves for others.
+        known : KnownFeatures, optional
+            Of its motion: what other readers have read, and this one leaves for others.
         """
-        if self.n_modes:
-            signature = first_modes(signature, self.n_modes)
+        known = KnownFeatures() if known is None else known
         features = _NOTHING
         if self.reads_motion:
             key = (*(getattr(self, name) for name in _OF_MOTION), id(self.typical))
-            features = (known or {}).get(key) or self._motion(signature)
-            if known is not None:
-                known[key] = features
+            found = known.features.get(key)
+            features = self._motion(signature, known) if found is None else found
+            known.features[key] = features
         if not self.further:
             return features
+        if self.n_modes:
+            signature = first_modes(signature, self.n_modes)
         waves = self.waves(signature)
         size = surface_size(signature)
         values = [
@@ -169,16 +191,23 @@ class FeatureReader:
         """Numbers of covariates, (features,) float64."""
         return np.array([v for column in self.covariates for v in column.values(covariates)])
 
-    def _motion(self, signature: ModalSignature) -> MotionFeatures:
-        if self.has_axis:
-            n_sized = max(1, self.n_harmonics - 1)
-            is_offset = signature.kind == SignatureKind.OFFSET
-            features = offset_features if is_offset else axis_features
-            parts = features(signature, self.n_harmonics, n_sized, walls=self.walls)
-            if not self.adds_modes:
-                return parts
-            return parts.beside(self.of(signature, motion_of(signature, self)))
-        return self.of(signature, motion_of(signature, self))
+    def _motion(self, signature: ModalSignature, known: KnownFeatures) -> MotionFeatures:
+        if not self.has_axis:
+            return self._of_modes(signature)
+        is_offset = signature.kind == SignatureKind.OFFSET
+        parts = (offset_features if is_offset else axis_features)(
+            signature,
+            self.n_harmonics,
+            max(1, self.n_harmonics - 1),
+            walls=self.walls,
+            n_modes=self.n_modes,
+            motions=known.motions_of(signature),
+        )
+        return parts.beside(self._of_modes(signature)) if self.adds_modes else parts
+
+    def _of_modes(self, signature: ModalSignature) -> MotionFeatures:
+        few = first_modes(signature, self.n_modes) if self.n_modes else signature
+        return self.of(few, motion_of(few, self))
 
     def of(self, signature: ModalSignature, motion: MotionTerms) -> MotionFeatures:
         """Features of a motion whose terms are known, for surfaces of any topology."""

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from modalmotion.signature.making import ModalSignature
 
-# Terms that a smooth motion may hold, for telling it from noise.
-_N_SMOOTH: Final = 3
+N_SMOOTH: Final = 3
+"""Harmonics that a smooth motion may hold, for telling it from noise."""
 
 # Singular values of the design below this share are not determined by the frames.
 _RANK_TOLERANCE: Final = 1e-8
@@ -21,6 +21,8 @@ _RANK_TOLERANCE: Final = 1e-8
 _N_DESIGNS: Final = 32
 # Share of the motion below which the last frame repeats the first: what float32 leaves of it.
 _REPEATED: Final = 1e-4
+# The step from the last frame to the first, and those beside it: from which frame to which.
+_ENDS: Final = np.array([[-1, 1, -1], [0, 0, -2]])
 # Share of its period that a recording must cover for its phases to be told by the period.
 _MOST_OF_PERIOD: Final = 0.75
 # Share by which times may exceed a period: both may have been rounded.
@@ -52,21 +54,42 @@ def one_turn(signature: ModalSignature) -> ModalSignature:
     frame that comes back from one that has almost done so, nor at rest one that is still there.
     The usual recording ends one step before.
     """
-    n = signature.n_frames
-    if n < 4:
-        return signature
-    a = signature.amplitudes[:, 1:].reshape(n, -1)
-    gap, first, last = (
-        float(np.maximum.reduce(np.abs(a[i] - a[j]), initial=0.0))
-        for i, j in ((-1, 0), (1, 0), (-1, -2))
-    )
-    if not gap < min(first, last):
-        return signature
-    limit = _REPEATED * float((np.maximum.reduce(a) - np.minimum.reduce(a)).max(initial=0.0))
-    if not gap < limit < min(first, last):
-        return signature
+    return without_last(signature) if repeats_first(signature.amplitudes)[-1] else signature
+
+
+def without_last(signature: ModalSignature) -> ModalSignature:
+    """Signature without its last frame, as far as motions are read from it."""
     times = None if signature.times is None else signature.times[:-1]
     return replace(signature, amplitudes=signature.amplitudes[:-1], times=times)
+
+
+def repeats_first(amplitudes: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether the last frame repeats the first; see `one_turn`.
+
+    Parameters
+    ----------
+    amplitudes : (frames, modes, n) float64
+
+    Returns
+    -------
+    (modes,) bool
+        As the first mode, the first two and so on say. The first of all moves the whole, and
+        says nothing.
+    """
+    n, n_modes, _ = amplitudes.shape
+    repeats = np.zeros(n_modes, dtype=np.bool_)
+    if n < 4 or n_modes < 2:
+        return repeats
+    a = amplitudes[:, 1:]
+    steps = np.maximum.reduce(np.abs(a[_ENDS[0]] - a[_ENDS[1]]), axis=2)
+    gap, first, last = np.maximum.accumulate(steps, axis=1)
+    least = np.minimum(first, last)
+    if not (gap < least).any():
+        return repeats
+    spread = np.maximum.reduce(np.maximum.reduce(a) - np.minimum.reduce(a), axis=1)
+    limit = _REPEATED * np.maximum.accumulate(spread)
+    repeats[1:] = (gap < limit) & (limit < least)
+    return repeats
 
 
 def elapsed_share(signature: ModalSignature) -> NDArray[np.float64]:
@@ -170,17 +193,29 @@ def smooth_share(
     float
         1 for a smooth motion, 0 for noise; 1 where there are too few frames to tell.
     """
-    n, n_terms = len(share), 2 * _N_SMOOTH
-    total = float(np.vdot(signals, signals))
-    free = n - 1 - n_terms
+    count = N_SMOOTH if is_cycle else 2 * N_SMOOTH
+    followed = followed_squares(share, signals, count, is_cycle=is_cycle)
+    return smooth_share_of(len(share), float(np.vdot(signals, signals)), float(followed.sum()))
+
+
+def followed_squares(
+    share: NDArray[np.float64], signals: NDArray[np.float64], count: int, *, is_cycle: bool
+) -> NDArray[np.float64]:
+    """Sum over time of the squares of what the first terms follow of signals, (signals,)."""
+    followed = _design(share.tobytes(), count, is_cycle=is_cycle).span @ signals
+    squares: NDArray[np.float64] = np.einsum("ij,ij->j", followed, followed)
+    return squares
+
+
+def smooth_share_of(n_frames: int, total: float, followed: float) -> float:
+    """Smooth share of a motion, of the sums of its squares and of what its first terms follow."""
+    free = n_frames - 1 - 2 * N_SMOOTH
     if free < 2 or total == 0.0:
         return 1.0
-    count = _N_SMOOTH if is_cycle else n_terms
-    followed = _design(share.tobytes(), count, is_cycle=is_cycle).span @ signals
     # The part that is not followed; rounding may make it negative.
-    rest = max(0.0, total - float(np.vdot(followed, followed)))
+    rest = max(0.0, total - followed)
     # Of white noise n - 1 - terms of n - 1 parts remain.
-    return max(0.0, 1.0 - rest / free * (n - 1) / total)
+    return max(0.0, 1.0 - rest / free * (n_frames - 1) / total)
 
 
 @lru_cache(maxsize=_N_DESIGNS)

@@ -18,6 +18,7 @@ from modalmotion.classification.features import (
     Column,
     FeatureReader,
     Further,
+    KnownFeatures,
     MotionFeatures,
 )
 from modalmotion.classification.model.card import ModelCard
@@ -161,13 +162,13 @@ class Model(FrozenArrays):
     def read(
         self,
         signature: ModalSignature,
-        known: dict[tuple[object, ...], MotionFeatures] | None = None,
+        known: KnownFeatures | None = None,
     ) -> MotionFeatures:
         """Features of a signature, of all members, one row for each way to read it.
 
         What the domain has read of it, and members read too, is taken from `known`.
         """
-        known = {} if known is None else known
+        known = KnownFeatures() if known is None else known
         parts = [member.reader.read(signature, known) for member in self.members]
         if len(parts) == 1:
             return replace(parts[0], columns=self.columns)

@@ -13,6 +13,7 @@ from modalmotion.choice.parameters import ModeOrder
 from modalmotion.classification.features import (
     FeatureReader,
     Further,
+    KnownFeatures,
     MotionTerms,
     further_values,
     has_axis,
@@ -133,13 +134,15 @@ def case_row(case: TrainingCase, options: TrainingOptions) -> CaseRow:
     axis: dict[tuple[int, bool], AxisValues] = {}
     terms: dict[TermsKey, MotionTerms] = {}
     further: dict[FurtherKey, NDArray[np.float64]] = {}
-    counts = mode_counts(signature)
+    counts, known = mode_counts(signature), KnownFeatures()
     for n in counts:
         few = first_modes(signature, n)
         if has_axis(few):
-            axis[n, False] = _about_axis(few, options, walls=False)
-            if landmarks is not None:
-                axis[n, True] = _about_axis(few, options, walls=True)
+            for walls in (False, True) if landmarks is not None else (False,):
+                reader = FeatureReader(True, True, options.harmonics, walls, n_modes=n)
+                found = reader.read(signature, known)
+                # Without the names, which are the same for all cases.
+                axis[n, walls] = AxisValues(found.values, found.motion, found.smooth_share)
         for is_cycle in (True, False):
             for n_harmonics in harmonic_counts(options.harmonics, is_cycle=is_cycle):
                 reader = FeatureReader(False, is_cycle, n_harmonics, False)
@@ -198,12 +201,6 @@ def _add_further(
         further[FurtherKey(kind, len(signature.modes), is_cycle, walls)] = further_values(
             kind, signature, waves, surface_size(signature), is_cycle=is_cycle
         )
-
-
-def _about_axis(signature: ModalSignature, options: TrainingOptions, *, walls: bool) -> AxisValues:
-    features = FeatureReader(True, True, options.harmonics, walls).read(signature)
-    # Without the names, which are the same for all cases.
-    return AxisValues(features.values, features.motion, features.smooth_share)
 
 
 def zero_is_known(signature: ModalSignature) -> bool:
