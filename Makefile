@@ -72,7 +72,7 @@ bench: $(VENV)/.bench $(VENV)/.kernels
 soak: $(VENV)/.dev $(VENV)/.kernels
 	@failed=0; \
 	$(LEAN) $(BIN)/python -m pytest $(SPREAD) -m "thorough and not soak" || failed=1; \
-	$(LEAN) $(BIN)/python -m pytest -n 2 --dist loadfile -m "soak and not alone" || failed=1; \
+	$(LEAN) $(BIN)/python -m pytest $(SPREAD) -m "soak and not alone" || failed=1; \
 	$(BIN)/python -m pytest -m "soak and alone" || failed=1; \
 	exit $$failed
 

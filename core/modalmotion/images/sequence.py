@@ -110,9 +110,11 @@ def is_of_labels(image: Image) -> bool:
     parts = parts_of(image)
     low = min(float(np.nanmin(part.values)) for part in parts)
     high = max(float(np.nanmax(part.values)) for part in parts)
+    # Slab by slab, so that a large volume needs no more than one beside it; of most the first says.
     return all(
-        bool(((part.values == low) | (part.values == high) | np.isnan(part.values)).all())
+        bool(((slab == low) | (slab == high) | np.isnan(slab)).all())
         for part in parts
+        for slab in part.values
     )
 
 

@@ -29,11 +29,12 @@ def shrunk_solution(
     -----
     The share a is that of Ledoit and Wolf, A well-conditioned estimator for large-dimensional
     covariance matrices, J Multivar Anal, 2004. It needs the products of the cases alone, and so
-    does the solution (Woodbury): features may be many.
+    does the solution (Woodbury): features may be many. Where cases are more, those of the features
+    say the same.
     """
     n, d = residuals.shape
-    gram = residuals @ residuals.T
-    squares = np.diag(gram)
+    gram = residuals @ residuals.T if d > n else residuals.T @ residuals
+    squares = np.einsum("ij,ij->i", residuals, residuals)
     mean = float(squares.sum()) / (n * d)
     if mean == 0.0:
         return right
@@ -48,14 +49,12 @@ def shrunk_solution(
     if scale == 0.0:
         nearest: NDArray[np.float64] = right / floor
         return nearest
-    if d <= n:
-        S = scale * (residuals.T @ residuals)
-        S[np.diag_indices_from(S)] += floor
-        direct: NDArray[np.float64] = np.linalg.solve(S, right)
-        return direct
-    # (c X'X + f I)^-1 = (I - c X' (f I + c X X')^-1 X) / f
     gram *= scale
     gram[np.diag_indices_from(gram)] += floor
+    if d <= n:
+        direct: NDArray[np.float64] = np.linalg.solve(gram, right)
+        return direct
+    # (c X'X + f I)^-1 = (I - c X' (f I + c X X')^-1 X) / f
     inner = np.linalg.solve(gram, residuals @ right)
     solution: NDArray[np.float64] = (right - scale * (residuals.T @ inner)) / floor
     return solution
