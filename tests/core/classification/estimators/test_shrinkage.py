@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from sklearn.covariance import ledoit_wolf
@@ -29,3 +31,13 @@ def test_constant_columns_and_no_variance_at_all_are_solved_with(
     assert np.isfinite(shrunk_solution(X, right)).all()
     # The nearest mean is the best that can be said.
     assert np.array_equal(shrunk_solution(np.zeros((4, 5)), right), right)
+
+
+def test_many_cases_take_memory_by_their_number(rng: np.random.Generator) -> None:
+    X, right = rng.normal(size=(4000, 5)), rng.normal(size=(5, 2))
+    tracemalloc.start()
+    shrunk_solution(X, right)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # All pairs would take 800 times the cases.
+    assert peak < 4 * X.nbytes
