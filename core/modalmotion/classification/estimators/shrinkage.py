@@ -52,8 +52,7 @@ def shrunk_solution(
     gram *= scale
     gram[np.diag_indices_from(gram)] += floor
     if d <= n:
-        direct: NDArray[np.float64] = np.linalg.solve(gram, right)
-        return direct
+        return np.asarray(np.linalg.solve(gram, right), dtype=np.float64)
     # (c X'X + f I)^-1 = (I - c X' (f I + c X X')^-1 X) / f
     inner = np.linalg.solve(gram, residuals @ right)
     solution: NDArray[np.float64] = (right - scale * (residuals.T @ inner)) / floor
