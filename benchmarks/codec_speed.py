@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import statistics
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from functools import partial
 import numpy as np
 from codec_peers import at_error, is_installed, mean_diagonal, sz3, sz3_file, sz3_read, volumes_of
 from measure import Table, Times, in_words, side_by_side
+from threadpoolctl import threadpool_limits
 
 from modalmotion.codec import decode, encode
 from modalmotion.mesh.sequence import MeshSequence
@@ -35,6 +37,9 @@ PROMISED = 2e-3, 12e-6, 0.2e-6
 
 FIRST = 1.5
 """Of the processor time of the first decode of a process, times a later one."""
+
+# Threads of BLAS wait busily for each other, which is processor time for nothing.
+_ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS")}
 
 _FRESH = """
 import sys, time, json
@@ -65,7 +70,8 @@ def speed(name: str, sequence: MeshSequence) -> Table:
         calls["encode SZ3"] = lambda: [sz3_file(volume, found.setting) for volume in volumes]
         calls["decode SZ3"] = lambda: [sz3_read(file) for file in files]
     # Of the processor: what else runs on the machine makes neither of them dearer.
-    times = side_by_side(calls, n_samples=N_SAMPLES, clock=time.process_time)
+    with threadpool_limits(1):
+        times = side_by_side(calls, n_samples=N_SAMPLES, clock=time.process_time)
     n = exact.shape[0] * exact.shape[1]
     table = Table(
         f"{name}: processor time at RMS {SHARE:.1%}, median of {N_SAMPLES} side by side",
@@ -113,7 +119,11 @@ def _first(data: bytes) -> tuple[float, float]:
     firsts, ratios = [], []
     for _ in range(N_SAMPLES):
         done = subprocess.run(  # noqa: S603 (the program itself)
-            [sys.executable, "-c", _FRESH], input=data, stdout=subprocess.PIPE, check=True
+            [sys.executable, "-c", _FRESH],
+            input=data,
+            stdout=subprocess.PIPE,
+            check=True,
+            env={**os.environ, **_ONE_THREAD},
         )
         first, *later = json.loads(done.stdout)
         firsts.append(first)
