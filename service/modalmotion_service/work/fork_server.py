@@ -7,6 +7,7 @@ imports go on beside the server's own.
 from __future__ import annotations
 
 import multiprocessing
+import os
 from multiprocessing import forkserver
 from typing import Final
 
@@ -28,8 +29,18 @@ PRELOADED: Final = [
 """Modules that every worker has from its start."""
 
 
+THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""What says how many threads a product of matrices takes."""
+
+
 def begin_fork_server() -> None:
-    """Begin it, unless it runs."""
+    """Begin it, unless it runs.
+
+    Its workers, one for each core, take one thread each, unless the environment says otherwise:
+    threads of all would wait for one another, busily, a fifth of all processor time.
+    """
+    if not any(name in os.environ for name in THREADS):
+        os.environ.update(dict.fromkeys(THREADS, "1"))
     # Its folder is named to it.
     require_temporary_folder()
     multiprocessing.get_context("forkserver").set_forkserver_preload(PRELOADED)

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import os
 import re
 from multiprocessing import forkserver
 from pathlib import Path
 
+import pytest
+
 import modalmotion
-from modalmotion_service.work.fork_server import PRELOADED, begin_fork_server
+from modalmotion_service.work.fork_server import PRELOADED, THREADS, begin_fork_server
 
 
 def test_workers_have_every_part_of_scipy_that_the_library_uses() -> None:
@@ -27,3 +30,18 @@ def test_it_is_begun_once() -> None:
     pid = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
     begin_fork_server()
     assert pid == forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
+
+
+def test_workers_take_one_thread_each_unless_the_environment_says_otherwise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in THREADS:
+        monkeypatch.setenv(name, "2")
+        monkeypatch.delenv(name)
+    begin_fork_server()
+    assert [os.environ[name] for name in THREADS] == ["1"] * len(THREADS)
+    for name in THREADS[1:]:
+        del os.environ[name]
+    os.environ[THREADS[0]] = "4"
+    begin_fork_server()
+    assert [os.environ.get(name) for name in THREADS] == ["4", *[None] * (len(THREADS) - 1)]
