@@ -43,6 +43,7 @@ from modalmotion_service.errors import (
     SlowClientError,
     WorkerDiedError,
 )
+from modalmotion_service.http.invalid_request import remedy_of
 
 logger = logging.getLogger(__name__)
 
@@ -188,12 +189,13 @@ async def _on_invalid_request(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)  # noqa: S101 (registered for this type alone)
     if hasattr(request.state, "remove_upload"):
         request.state.remove_upload()
+    found = error.errors()
     errors: list[dict[str, Any]] = [
         {"where": ".".join(map(str, item["loc"])), "message": item["msg"]}
-        for item in error.errors()[:_NAMED]
+        for item in found[:_NAMED]
     ]
     first = errors[0] if errors else {"where": "request", "message": "not valid"}
-    members = {"errors": errors, "remedy": "See /docs for the parameters of this call."}
+    members = {"errors": errors, "remedy": remedy_of(found)}
     return _answer(_body(422, "invalid_request", f"{first['where']}: {first['message']}.", members))
 
 
