@@ -17,6 +17,7 @@ _OF_TYPE: Final = {
     **dict.fromkeys(
         ("dict_type", "model_type", "model_attributes_type"), "Send {name} as an object."
     ),
+    "misplaced": "Send {name} in the query; /docs has the names that are read.",
     "missing": "State {name}.",
     "extra_forbidden": "Leave {name} out; /docs has the names that are read.",
     "json_invalid": "Send a body that is JSON.",
@@ -33,7 +34,7 @@ _OF_TYPE: Final = {
     "too_long": "Send {name} of {max_length} entries or fewer.",
     "too_short": "Send {name} of {min_length} entries or more.",
 }
-"""By pydantic's name of the error; the names in braces are those of its context."""
+"""By pydantic's name of the error, or our own; names in braces are those of its context."""
 
 # Of a value that may be of several kinds each has an error, at a place named after the kind.
 _KINDS: Final = {"int", "float", "str", "bool", "constrained-str", "constrained-int"}
@@ -45,7 +46,7 @@ def remedy_of(errors: Sequence[Mapping[str, Any]]) -> str:
     Parameters
     ----------
     errors : sequence of mapping
-        As pydantic gives them: `type`, `loc` and mostly `ctx`.
+        As pydantic gives them: `type`, `loc` and mostly `ctx`; each may be missing.
     """
     if not errors:
         return _ELSE
@@ -55,15 +56,15 @@ def remedy_of(errors: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _place(error: Mapping[str, Any]) -> str:
-    parts = [str(part) for part in error["loc"][1:]]
+    parts = [str(part) for part in error.get("loc", ())[1:]]
     while parts and (parts[-1] in _KINDS or "[" in parts[-1]):
         parts.pop()
     return ".".join(parts)
 
 
 def _remedy(error: Mapping[str, Any], where: str) -> str:
-    text = _OF_TYPE.get(str(error["type"]), _ELSE)
+    text = _OF_TYPE.get(error.get("type", ""), _ELSE)
     try:
-        return text.format(name=where or "the body", **error.get("ctx", {}))
+        return text.format_map({**error.get("ctx", {}), "name": where or "the body"})
     except KeyError:
         return _ELSE

@@ -46,6 +46,7 @@ def test_the_remedy_of_a_query_is_followed(
             {"type": "too_long", "loc": ("body", "ids"), "ctx": {"max_length": 9}},
             "Send ids of 9 entries or fewer.",
         ),
+        ({"msg": "of another kind"}, "See /docs for the parameters of this call."),
         ({"type": "model_type", "loc": ("body",)}, "Send the body as an object."),
         (
             {"type": "value_error", "loc": ("query", "at")},

@@ -77,7 +77,14 @@ def preference_of(request: Request) -> Preference:
     if len(prefer) > LONGEST_PREFER:
         message = f"String should have at most {LONGEST_PREFER} characters"
         raise RequestValidationError(
-            [{"type": "string_too_long", "loc": ("header", "prefer"), "msg": message}]
+            [
+                {
+                    "type": "string_too_long",
+                    "loc": ("header", "prefer"),
+                    "msg": message,
+                    "ctx": {"max_length": LONGEST_PREFER},
+                }
+            ]
         )
     return parse_preference(prefer)
 

@@ -53,6 +53,7 @@ def fields_of(form: FormData, names: tuple[str, ...], *, takes_facts: bool) -> d
             raise RequestValidationError(
                 [
                     {
+                        "type": "misplaced",
                         "loc": ("form", heading[:80]),
                         "msg": f"A form has {may_be}{and_facts}; all else stands in the query, as "
                         f"?{heading[:80]}=...",
