@@ -37,7 +37,7 @@ def begin_fork_server() -> None:
     """Begin it, unless it runs.
 
     Its workers, one for each core, take one thread each, unless the environment says otherwise:
-    threads of all would wait for one another, busily, a fifth of all processor time.
+    threads of all would wait for one another, busily, a sixth of all processor time.
     """
     if not any(name in os.environ for name in THREADS):
         os.environ.update(dict.fromkeys(THREADS, "1"))
