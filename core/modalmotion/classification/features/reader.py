@@ -27,6 +27,7 @@ from modalmotion.classification.features.invariants import (
     waves_of,
 )
 from modalmotion.classification.features.offset_parts import offset_features
+from modalmotion.classification.features.patterns import Patterns, pattern_names
 from modalmotion.classification.features.summary import summary, summary_columns
 from modalmotion.classification.features.temporal import (
     cosines,
@@ -48,7 +49,7 @@ TERMS_PER_HARMONIC = 2
 _LEAST_TOTAL = 1e-2
 
 
-# Fields that the features of the motion depend on, beside the typical one.
+# Fields that the features of the motion depend on, beside what is learned.
 _OF_MOTION: Final = (
     "has_axis",
     "is_cycle",
@@ -113,6 +114,9 @@ class FeatureReader:
         Other features, beside those of the motion.
     covariates : tuple of CovariateColumn
         How covariates become numbers, where `further` names them.
+    patterns : Patterns or None
+        Pieces of motions that are looked for in courses, in the place of what modes do as a whole;
+        none of them before they are learned.
     """
 
     has_axis: bool
@@ -126,6 +130,7 @@ class FeatureReader:
     reads_motion: bool = True
     further: tuple[Further, ...] = ()
     covariates: tuple[CovariateColumn, ...] = ()
+    patterns: Patterns | None = None
 
     @property
     def description(self) -> str:
@@ -136,6 +141,8 @@ class FeatureReader:
         if self.typical is not None:
             how = "turned onto the typical motion" if self.typical.any() else "as they are"
             what += f" and their terms, {how}"
+        if self.patterns is not None:
+            what = "pieces of motions, found in the modes"
         beside = ", ".join(self.further)
         if not self.reads_motion:
             return beside
@@ -162,7 +169,8 @@ class FeatureReader:
         known = KnownFeatures() if known is None else known
         features = _NOTHING
         if self.reads_motion:
-            key = (*(getattr(self, name) for name in _OF_MOTION), id(self.typical))
+            learned = (id(self.typical), id(self.patterns))
+            key = (*(getattr(self, name) for name in _OF_MOTION), *learned)
             found = known.features.get(key)
             features = self._motion(signature, known) if found is None else found
             known.features[key] = features
@@ -219,6 +227,7 @@ class FeatureReader:
             is_cycle=self.is_cycle,
             is_brief=self.is_brief,
             has_terms=self.typical is not None,
+            n_patterns=None if self.patterns is None else len(self.patterns),
         )
         values = self.values(waves, motion)[None]
         return MotionFeatures(columns, values, motion.size, motion.smooth_share)
@@ -229,14 +238,13 @@ class FeatureReader:
 
     def all_values(self, waves: Waves, motions: Sequence[MotionTerms]) -> list[NDArray[np.float64]]:
         """Values of the features of several motions, each (features,) float64."""
-        totals = [float(np.linalg.norm(motion.terms)) for motion in motions]
+        totals = [motion.total for motion in motions]
         # How much moves is one feature; the others say what share of it moves how.
-        shares = np.stack(
-            [
-                m.terms / total if total > 0 else m.terms
-                for m, total in zip(motions, totals, strict=True)
-            ]
-        )
+        shares = np.stack([motion.shares for motion in motions])
+        if self.patterns is not None:
+            sizes = np.log(np.maximum(totals, _LEAST_TOTAL))
+            found = self.patterns.features(shares.real)
+            return list(np.concatenate([sizes[:, None], found], axis=1))
         describe = summary if self.is_brief else invariants
         values = [
             [np.log([max(total, _LEAST_TOTAL)]), describe(terms, waves, is_cycle=self.is_cycle)]
@@ -275,6 +283,17 @@ class MotionTerms:
     terms: NDArray[np.complex128]
     size: float
     smooth_share: float
+
+    @property
+    def total(self) -> float:
+        """Root of the sum of all squares, percent."""
+        return float(np.linalg.norm(self.terms))
+
+    @property
+    def shares(self) -> NDArray[np.complex128]:
+        """Terms over their total, (terms, modes, n); 0 where nothing moves."""
+        total = self.total
+        return self.terms / total if total > 0 else self.terms
 
 
 def motion_of(signature: ModalSignature, reader: FeatureReader) -> MotionTerms:
@@ -322,7 +341,11 @@ def _columns(
     is_cycle: bool,
     is_brief: bool,
     has_terms: bool,
+    n_patterns: int | None,
 ) -> tuple[Column, ...]:
+    if n_patterns is not None:
+        names = ("motion", *pattern_names(n_patterns))
+        return tuple(Column(name, waves.all_modes, 0.0) for name in names)
     name = summary_columns if is_brief else invariant_columns
     n_terms, _, n_directions = shape
     described = name(waves, n_terms, n_directions, is_cycle=is_cycle)

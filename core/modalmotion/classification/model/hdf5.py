@@ -38,6 +38,7 @@ _LARGEST: Final = 512 * 2**20
 # Datasets of the model's own, with their axes; all but these and its texts say what it is.
 _AXES: Final = {
     "typical": "value",
+    "patterns": "value",
     "centre": "feature",
     "scale": "feature",
     "n_scorers": "member",

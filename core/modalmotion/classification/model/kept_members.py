@@ -16,6 +16,7 @@ from modalmotion.classification.features import (
     FeatureReader,
     Further,
 )
+from modalmotion.classification.features.patterns import LENGTH, Patterns
 from modalmotion.classification.model.member import Member
 from modalmotion.classification.options import MOST_HARMONICS
 from modalmotion.hdf5.contents import Contents
@@ -29,7 +30,11 @@ def member_arrays(members: Sequence[Member], n_classes: int) -> dict[str, NDArra
     They have features of their own: their arrays follow one another, row by row.
     """
     scorers = [scorer for member in members for scorer in member.blend.scorers]
+    patterns = [p for m in members if (p := m.reader.patterns) is not None]
+    # A model without patterns has no place for them.
+    found = {"patterns": joined([a for p in patterns for a in p.arrays])} if patterns else {}
     return {
+        **found,
         "typical": joined([t for m in members if (t := m.reader.typical) is not None]),
         "centre": np.concatenate([m.blend.centre for m in members]),
         "scale": np.concatenate([m.blend.scale for m in members]),
@@ -51,6 +56,7 @@ def reader_texts(reader: FeatureReader) -> dict[str, Any]:
     return {
         **{name: getattr(reader, name) for name in (*_FLAGS, "n_harmonics", "n_modes")},
         "typical": None if reader.typical is None else reader.typical.shape,
+        **({} if reader.patterns is None else {"patterns": reader.patterns.pieces.shape[:2]}),
         "further": reader.further,
         "covariates": [[c.name, c.mean, c.words, c.may_be_missing] for c in reader.covariates],
     }
@@ -77,6 +83,9 @@ def members_of(contents: Contents, n: int) -> tuple[Member, ...]:
         Values(contents.array(name, (None,)))
         for name in ("typical", "centre", "scale", "anchors", "weights")
     )
+    patterns = Values(
+        contents.array("patterns", (None,)) if "patterns" in contents.arrays else np.zeros(0)
+    )
     members, place = [], 0
     for j in range(k):
         features = tuple(
@@ -97,14 +106,18 @@ def members_of(contents: Contents, n: int) -> tuple[Member, ...]:
         )
         place += int(n_scorers[j])
         blend = Blend(centre.take(d), scale.take(d), scorers, temperatures[j])
-        members.append(Member(reader_of(readers[j], typical), features, blend, machine, weights[j]))
-    for values in (typical, centre, scale, anchors, coefficients):
+        members.append(
+            Member(reader_of(readers[j], typical, patterns), features, blend, machine, weights[j])
+        )
+    for values in (typical, centre, scale, anchors, coefficients, patterns):
         values.require_end()
     return tuple(members)
 
 
-def reader_of(values: dict[str, Any], typical: Values) -> FeatureReader:
-    """Read a reader from its texts, and its typical motion from the next of the values."""
+def reader_of(
+    values: dict[str, Any], typical: Values, patterns: Values | None = None
+) -> FeatureReader:
+    """Read a reader from its texts, and what it has learned from the next of the values."""
     n_harmonics, n_modes = int(values["n_harmonics"]), int(values["n_modes"])
     if not 1 <= n_harmonics <= MOST_HARMONICS or n_modes < 0:
         raise ValueError(f"it reads {n_harmonics} harmonics of {n_modes} modes")
@@ -112,10 +125,16 @@ def reader_of(values: dict[str, Any], typical: Values) -> FeatureReader:
     if values["typical"] is not None:
         real, imaginary = typical.take(2, *map(int, values["typical"]))
         motion = real + 1j * imaginary
+    pieces = None
+    if values.get("patterns") is not None and patterns is not None:
+        n, n_signals = map(int, values["patterns"])
+        shapes = ((n, n_signals, LENGTH), (n,), (n,), (n,))
+        pieces = Patterns.of_arrays([patterns.take(*shape) for shape in shapes])
     return FeatureReader(
         n_harmonics=n_harmonics,
         n_modes=n_modes,
         typical=motion,
+        patterns=pieces,
         further=tuple(Further(kind) for kind in values["further"]),
         covariates=tuple(
             CovariateColumn(str(name), float(mean), tuple(map(str, words)), bool(may_be_missing))

@@ -292,6 +292,8 @@ def _reader_identity(reader: FeatureReader) -> dict[str, Any]:
     # Left out at their defaults, which older versions had without a name.
     if reader.n_modes:
         values["n_modes"] = reader.n_modes
+    if reader.patterns is not None:
+        values["patterns"] = [_packed(array) for array in reader.patterns.arrays]
     if not reader.reads_motion:
         values["reads_motion"] = False
     if reader.further:

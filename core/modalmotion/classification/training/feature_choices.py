@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.features import FeatureReader, Further, covariate_columns
+from modalmotion.classification.features.patterns import no_patterns
 from modalmotion.classification.options import MODE_COUNTS, Timing, TrainingOptions, Walls
 from modalmotion.classification.training.case_row import (
     CaseRow,
@@ -47,7 +48,8 @@ def feature_choices(
         Timing(options.timing), [True, False] if closes else [False]
     )
     choices: list[FeatureReader] = []
-    for n in sorted(set.intersection(*(set(row.counts) for row in rows))):
+    counts = sorted(set.intersection(*(set(row.counts) for row in rows)))
+    for n in counts:
         if timings[0] and all((n, walls) in row.axis for row in rows):
             choices.append(FeatureReader(True, True, h, walls, n_modes=n))
         if n_topologies > 1:
@@ -60,6 +62,9 @@ def feature_choices(
                 if plain.waves(example).sines.max() < 0:
                     terms = rows[0].terms[TermsKey(n, is_cycle, n_harmonics)].terms
                     choices.append(replace(plain, typical=np.zeros_like(terms)))
+                    finest = n_harmonics == harmonic_counts(h, is_cycle=False)[-1]
+                    if n == counts[0] and finest and not is_cycle:
+                        choices.append(replace(plain, patterns=no_patterns()))
     return tuple(choices)
 
 

@@ -279,7 +279,7 @@ def _fit(
     from modalmotion.classification.estimators.estimator import MotionClassifier
 
     y, n_classes = table.y[rows], len(table.classes)
-    reader = table.fitted(choice, rows, options.pose)
+    reader = table.fitted(choice, rows, options.pose, options.seed)
     values = table.features(reader)
     X = best_readings(values[rows], y, n_classes, table.allowed[rows])
     kind = str(options.estimator)

@@ -20,6 +20,7 @@ from modalmotion.classification.features import (
     powers_of,
 )
 from modalmotion.classification.features.hand import theta_is_of_the_shape
+from modalmotion.classification.features.patterns import learn_patterns
 from modalmotion.classification.features.twins import of_kinds, twin_signs
 from modalmotion.classification.model.domain import Sights, sights_of
 from modalmotion.classification.model.model import Readable
@@ -114,12 +115,15 @@ class CaseTable:
         return len(self.y)
 
     def fitted(
-        self, reader: FeatureReader, rows: NDArray[np.int64], pose: PoseOf | str
+        self, reader: FeatureReader, rows: NDArray[np.int64], pose: PoseOf | str, seed: int
     ) -> FeatureReader:
-        """Give the reader what it learns from some cases: typical motion and covariates."""
+        """Give the reader what it learns from some cases: typical motion, patterns, covariates."""
         if Further.COVARIATES in reader.further:
             learnt = covariate_columns([self.covariates[i] for i in rows])
             reader = replace(reader, covariates=learnt)
+        if reader.patterns is not None:
+            shares = np.stack([self.rows[i].terms[_terms_key(reader)].shares.real for i in rows])
+            reader = replace(reader, patterns=learn_patterns(shares, self.y[rows], seed))
         if reader.typical is None or pose == PoseOf.FIXED:
             return reader
         sample = rows[:: -(-len(rows) // _MOST_TYPICAL)]
@@ -146,7 +150,7 @@ class CaseTable:
     def _motion(self, reader: FeatureReader) -> NDArray[np.float64]:
         if reader.has_axis:
             return np.array([row.axis[reader.n_modes, reader.walls].values for row in self.rows])
-        if reader.typical is not None:
+        if reader.typical is not None or reader.patterns is not None:
             return self._modes(reader)
         # The same in all folds.
         key = (reader.n_modes, reader.is_cycle, reader.n_harmonics, reader.walls, reader.is_brief)

@@ -209,6 +209,9 @@ def _member(table: CaseTable, fit: MemberFit) -> Member:
     if reader.typical is not None:
         typical = rounded(reader.typical.real) + 1j * rounded(reader.typical.imag)
         reader = replace(reader, typical=typical)
+    if (patterns := reader.patterns) is not None:
+        pieces, limits = rounded(patterns.pieces), rounded(patterns.limits)
+        reader = replace(reader, patterns=replace(patterns, pieces=pieces, limits=limits))
     machine = machine_to_bytes(estimator) if estimator.blend_ is None else b""
     return Member(
         reader=reader,

@@ -23,7 +23,7 @@ def test_a_fold_predicts_its_outer_cases_and_says_what_it_chose() -> None:
     np.testing.assert_allclose(held_out.probabilities.sum(axis=1), 1.0)
     assert held_out.judgement.scores.shape == (2, len(CHECKS))
     known = {text.split(" of ")[0].split(",")[0] for text, _ in held_out.choices}
-    assert known <= {"a few numbers", "modes", "modes and their terms"}
+    assert known <= {"a few numbers", "modes", "modes and their terms", "pieces"}
     np.testing.assert_allclose(sum(weight for _, weight in held_out.choices), 1.0)
 
 
