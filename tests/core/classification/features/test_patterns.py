@@ -124,7 +124,9 @@ def test_a_model_of_gestures_keeps_its_patterns() -> None:
         np.testing.assert_array_equal(answer.probabilities, classify(motion, model).probabilities)
     # What is looked for decides what is found.
     of_patterns = next(m for m in model.members if m.reader.patterns is not None)
-    other = replace(of_patterns.reader.patterns, limits=2.0 * of_patterns.reader.patterns.limits)
+    patterns = of_patterns.reader.patterns
+    assert patterns is not None
+    other = replace(patterns, limits=2.0 * patterns.limits)
     changed = tuple(
         replace(m, reader=replace(m.reader, patterns=other)) if m is of_patterns else m
         for m in model.members
