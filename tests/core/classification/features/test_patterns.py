@@ -54,6 +54,9 @@ def test_a_place_is_where_the_piece_was() -> None:
     assert nearest == pytest.approx(0.0, abs=1e-6)
     assert how_often == pytest.approx(0.0, abs=1e-3)
     assert where == pytest.approx(5.0, abs=1e-3)
+    # To a wide limit all of its twelve places are alike.
+    _, how_often, where = replace(patterns, limits=np.array([1e6])).features(terms)[0]
+    assert (how_often, where) == pytest.approx((np.log(12), 5.5))
 
 
 def test_features_do_not_jump_and_are_numbers_at_rest() -> None:
